@@ -13,6 +13,7 @@ import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.model.presliding import loop_elements, maxwell_elements, quasi_static_torque
 from microvib.solve import kernel
+from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.state import steady_state
 
 MICROSTEPS = 6
@@ -300,3 +301,11 @@ def test_a_steady_state_goes_on_with_what_the_elements_remember(presliding):
     record = mv.lines(state.motion(channels=("T_d",)))
     for name in ("drive_1", "drive_2"):
         assert record[name].amplitude_n_m == pytest.approx(mv.lines(state)[name].amplitude_n_m, rel=0.01)
+
+
+def test_the_torque_alone_is_as_accurate_as_with_all_channels_where_friction_remembers(state_1):
+    scenario = state_1.with_si({"friction.presliding": {"stiffness": 2e4}})
+    fine = mv.simulate(scenario.with_si({"solver.refinement": 4}), channels=("T_d",))["T_d"]
+    [alone] = simulate_torques([scenario])
+    deviation = float(np.std(alone.T_d - fine) / np.std(fine))
+    assert deviation < 1e-3  # 1.3 % where what happens inside steps counts as little as without memory

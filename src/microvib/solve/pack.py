@@ -14,6 +14,7 @@ from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, nodes, propagate, propagators, rodas4
 from microvib.solve.noise import roughness, torque_noise
+from microvib.solve.sampling import SHOWN
 from microvib.solve.vector import whole_lanes
 
 FEW = 8
@@ -38,6 +39,7 @@ class Packed:
         """Advance to the time ``stop`` [s]; see ``propagate.advance``, ``rodas4.advance``."""
         n, columns = samples.rows.shape
         assert self.propagators is None or n == 0 or columns in (self.torque_columns, whole_lanes(columns))
+        samples = self._remembered(samples)
         if self.propagators is None:
             return int(rodas4.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
         own = self.state, self.drive, self.propagators
@@ -58,9 +60,20 @@ class Packed:
         often either has come to rest, (k, 2).
         """
         sticks, sticking = np.zeros((len(y), 4)), np.zeros((len(y), 2), dtype=np.int64)
+        samples = self._remembered(samples)
         found, own = (y, begun, steps, stops, sticks, sticking), (self.state, self.drive, self.propagators)
         status = propagate.advance_each(*found, *own, samples, *microsteps, *self.lanes, self.scratch.ravel())
         return int(status), sticks, sticking
+
+    def _remembered(self, samples: Any) -> Any:
+        """Samples with rates that count inside steps at least as where they are sampled, if the drive remembers them.
+
+        Elements of friction and backlash keep the angle at which an event fell, and events fall inside steps: what a torque forgets
+        by the end of a step, they do not.
+        """
+        if not self.drive.elements.size:
+            return samples
+        return samples._replace(rates_shown=max(samples.rates_shown, SHOWN[0]))
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
