@@ -169,7 +169,10 @@ def _off(state: SteadyState) -> tuple[float, str]:
     scenario, band = state.scenario, 0.33 * state.scenario.record.sample_rate
     decay = min(m.decay for m in mv.coupled_modes(scenario) if m.frequency > 0.0)
     duration = max(math.ceil(16.0 * state.frequency), 1) / state.frequency
-    settle = min(max(60.0, DECAYS / decay, DECAYS * state.solver["settling_s"] / math.log(100.0)), LONGEST)
+    ran = (
+        1.5 * state.solver["simulated_s"] if "from_rest_s" not in state.solver else 0.0
+    )  # what rang for long before it settled
+    settle = min(max(60.0, DECAYS / decay, DECAYS * state.solver["settling_s"] / math.log(100.0), ran), LONGEST)
     [run] = simulate_torques([scenario.with_si({"record.settle": settle, "record.duration": duration})])
     if isinstance(run, Exception):
         return math.inf, str(run)

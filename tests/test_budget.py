@@ -21,14 +21,14 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.coupling import transfer_from
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import motion_of
-from microvib.reports.budget import budget_text, draw_budget, draw_cumulative
+from microvib.reports.budget import budget_report, budget_text, draw_budget, draw_cumulative
 from microvib.signals.pointing import level, weight
 from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.budget.figures import figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import of_other
 from microvib.studies.budget.sources import SHORT_WAY_DOUBT, Contribution, Gap, of_run, open_gap
-from microvib.studies.budget.study import Budget, ensemble_of, pointing_budget, with_campaign
+from microvib.studies.budget.study import Budget, ensemble_of, pointing_budget, summary, with_campaign
 from microvib.studies.budget.sums import judged, merged
 from microvib.studies.budget.wheels import in_any_phase
 from microvib.studies.campaign.cases import compute_bytes
@@ -1141,3 +1141,18 @@ def test_a_budget_over_an_orbit_is_that_of_its_worst_angle() -> None:
     for x in (17.0, 101.0, 203.0, 291.0):
         there = pointing_budget(scenario.at_angle(f"{x} deg"), r)
         assert all(a.value <= b.most for a, b in zip(there.judged, found.judged, strict=True))
+
+
+def test_a_budget_says_that_a_drive_without_a_steady_state_was_simulated_from_rest() -> None:
+    scenario = scenario_of(
+        whole.FullCraft(bandwidth=0.2),
+        **{"solver.method": "rodas4", "record.settle": Si(0.5), "record.duration": Si(1.0)},
+    )
+    found = pointing_budget(scenario, steady=True, names=["north"])
+    [told] = found.without_steady
+    assert told.startswith("north: No steady state: solver.method: rodas4")
+    assert told.endswith("Simulated from rest instead.")
+    assert told in budget_text(found)
+    assert told in str(budget_report(found, draw_budget(found)))
+    assert told in summary(found)["notes"]
+    assert not pointing_budget(scenario, names=["north"]).without_steady

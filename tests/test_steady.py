@@ -272,6 +272,23 @@ def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_f
     assert abs(state.invariants.energy_stored) < 1e-3 * state.invariants.energy_dissipated
 
 
+def test_a_slow_mode_beside_a_friction_with_memory_is_not_waited_for(state_1):
+    scenario = state_1.with_si({"friction.presliding": {"stiffness": 1e5}, "array.modes.0.damping": 0.0014})
+    decay = min(m.decay for m in mv.coupled_modes(scenario) if m.frequency > 0.0)
+    state = steady_state(scenario)
+    assert state.solver["simulated_s"] < 6.0 / decay
+    settled = {"record.settle": 7.0 / decay, "record.duration": math.ceil(16.0 * state.frequency) / state.frequency}
+    [run] = simulate_torques([scenario.with_si(settled)])
+    assert np.std(state.T_d) == pytest.approx(np.std(run.T_d), rel=1e-3)
+    wanted = {line.line: line.amplitude_n_m for line in mv.lines(run)}
+    driving = [
+        line for line in mv.lines(state) if line.line in ("drive_1", "drive_2", "full_step_1", "drive_1_minus_1")
+    ]
+    assert len(driving) == 4
+    for line in driving:
+        assert line.amplitude_n_m == pytest.approx(wanted[line.line], rel=2e-3)
+
+
 def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_rates():
     scenario = mv.new_scenario(gear="size 14 ratio 100")
     assert any(error.amplitude > 0.0 for error in scenario.reducer.errors)

@@ -59,7 +59,7 @@ def budget_text(budget: Budget) -> str:
         parts.append(f"What {_name(one)} costs:\n" + text_table(("source", "line", "Hz", f"rms {unit}", share), rows))
     if budget.short_way:
         parts.append(short_way_text(budget))
-    parts.append(_holds(budget))
+    parts += [_holds(budget), *budget.without_steady]
     if budget.judged:  # last, where a terminal shows it, and what is required in words after the figures
         spread = _spread(budget)
         head = ["", "limit", "value", "at most", *spread, "dB", *(["at deg"] if budget.angles else []), "verdict", ""]
@@ -183,7 +183,7 @@ def budget_folder(budget: Budget) -> Contents:
 
 def budget_report(budget: Budget, picture: Figure) -> Document:
     """The report of a budget: decision, requirements and sources on the first page."""
-    notes = [Text(text, note=True) for text in (*_not_judged(budget), _holds(budget))]
+    notes = [Text(text, note=True) for text in (*_not_judged(budget), _holds(budget), *budget.without_steady)]
     caption = (
         "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits one axis, lines about that axis"
         " have a marker of their own, as its legend says. Right, radial rms of all sources over the length"

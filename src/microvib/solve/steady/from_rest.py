@@ -34,9 +34,11 @@ SHORTENED_TO = 0.4
 """Part of a deviation that is left when it is shortened."""
 STALLED = (1.5, 0.8)
 """Decay times in which a deviation must fall at least to this part of itself."""
-MOST_MICROSTEPS = 300_000
-"""Microsteps of a run from rest, at most: some seconds of computing."""
-LONGEST = 1200.0
+MOST_MICROSTEPS = 1_000_000
+"""Microsteps of a run from rest, at most."""
+MOST_STEPS = 5_000_000
+"""Steps of its integration, at most: some seconds of computing."""
+LONGEST = 3000.0
 """Time [s] that it simulates, at most."""
 SETTLED = 5e-4
 """Estimated deviation from a motion that repeats, over the RMS of the torque, at which a run has settled."""
@@ -54,6 +56,20 @@ HIGHEST = 2.0
 """Averages of the torque in a cycle of the fastest mode, at least."""
 SETTLES_WITHIN = 12.0
 """Decay times of the slowest mode in which a run must have settled."""
+SHORTENED_WITHIN = 4.0
+"""The same where deviations may be shortened."""
+FOLLOWED = 4
+"""States in each stretch over which a change is averaged, at most, from which it is seen where a deviation goes."""
+BROUGHT_TO = 0.2
+"""Part of a deviation that is left when a run that is followed is shortened."""
+INDEPENDENT = 1e-3
+"""Part of the largest singular value below which directions of a deviation are noise."""
+BETTER, MISLED = 0.6, 3
+"""Part of a change that may be left after a deviation was shortened, and how often more may be: it goes elsewhere then."""
+DIED_OUT = 0.01
+"""Change, over that of a run that has settled, below which nothing is shortened."""
+FARTHEST = 4.0
+"""Distance to where a deviation goes, over what was seen of it, at most."""
 SLOWEST = 1e-4
 """Rate [1/s] that a decay is taken to have at least."""
 LIGHT = 0.5
@@ -113,6 +129,7 @@ class RunFromRest:
         """Go from rest to the first of the ``parts`` of a period that begins under the rate of the record."""
         period, scenario = self.period, self.period.scenario
         period.rest()
+        self._begun = int(period.packed.state.counters[kernel.STEPS])
         times, _ = scenario.tracking.breakpoints()
         since = float(times[np.searchsorted(times, scenario.record.settle, side="right") - 1]) + scenario.driver.delay
         part = period.microsteps // parts
@@ -188,22 +205,21 @@ class RunFromRest:
         span = max(ringing.cycle, WINDOW / ringing.decay, whole / MOST_PARTS)
         parts = _parts(period.microsteps, whole / span) if span < whole else 1
         chunk = period.microsteps // parts * max(math.ceil(span / whole), 1)
-        multiples = range(1, max(min(MULTIPLES, int(LONGEST_MULTIPLE / whole)), 1) + 1)
-        most = SETTLES_WITHIN / ringing.decay + (multiples[-1] + 2) * whole
-        if most > self._longest:
-            raise NotPeriodic(
-                f"the slowest mode needs {most:.3g} s to die out, too long for a run from rest that shows it"
-                if whole < 0.1 * most
-                else f"the common period of the command and all that repeats with it is {period.microsteps} microsteps"
-                f" ({whole:.3g} s), too long for a run from rest that shows it{_leave_out(period.scenario)}"
-            )
+        decays = (SHORTENED_WITHIN if parts == 1 else SETTLES_WITHIN) / ringing.decay
+        room = min(LONGEST_MULTIPLE, self._longest - decays - 2.0 * whole)
+        multiples = range(1, max(min(MULTIPLES, int(room / whole)), 1) + 1)
+        periods = (multiples[-1] + 2) * whole
+        if decays + periods > self._longest:
+            raise NotPeriodic(self._too_long(decays))
         self.begin(parts)
         lag = max(self._lag(multiple) for multiple in multiples)
         self._torque, self._kept = np.zeros(0), (chunk + (lag + multiples[-1] + 1) * period.microsteps) * self.rows
         looked = math.ceil(GIVEN_UP[0] / (ringing.decay * chunk * period.microstep_time))
-        near, changes = 0, [math.inf] * looked
+        near, changes, decaying = 0, [math.inf] * looked, _Decaying(self) if parts == 1 else None
+        watch = self._watch if decaying is None else decaying.watch
+        most = min(SETTLES_WITHIN / ringing.decay + periods, self._longest)
         while self.simulated < most:
-            self._watch(chunk)
+            watch(chunk)
             multiple, change = self._repeats(chunk * self.rows, multiples)
             near = near + 1 if multiple else 0
             if near >= 2 and (found := self._period(multiple, self.rows * math.ceil(rows / self.rows))):
@@ -211,7 +227,20 @@ class RunFromRest:
             changes.append(change)
             if self.simulated > (multiples[-1] + 1) * whole and change > GIVEN_UP[1] * changes[-1 - looked]:
                 break
-        raise NotPeriodic(NOT_SETTLED)
+            if not near and decaying is not None and decaying.shortened(self._change(chunk * self.rows, 1)):
+                self._torque, changes = np.zeros(0), [math.inf] * looked
+        waited = self.simulated >= most == self._longest
+        raise NotPeriodic(self._too_long(SETTLES_WITHIN / ringing.decay) if waited else NOT_SETTLED)
+
+    def _too_long(self, decays: float) -> str:
+        """Why a run of so many seconds of ``decays``, or of periods, is not made."""
+        period, whole = self.period, 1.0 / self.period.frequency
+        if whole < 0.3 * decays:
+            return f"the slowest mode needs {decays:.3g} s to die out, too long for a run from rest that shows it"
+        return (
+            f"the common period of the command and all that repeats with it is {period.microsteps} microsteps ({whole:.3g} s),"
+            f" too long for a run from rest that shows it{_leave_out(period.scenario)}"
+        )
 
     def _watch(self, microsteps: int) -> None:
         """Advance, and keep the last of the torque."""
@@ -220,21 +249,22 @@ class RunFromRest:
     def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
         """After how many periods of the command the ``last`` of the torque repeats, 0 where it does not; and its least change, over
         the RMS of the torque."""
-        period, least, size = self.period, math.inf, _rms(self._torque)
-
-        def change(periods: int) -> float:
-            lag = periods * period.microsteps * self.rows
-            seen = lag + last <= self._torque.size
-            return _rms(self._torque[-last:] - self._torque[-last - lag : -lag]) / size if seen else math.inf
-
+        least = math.inf
         for multiple in multiples:
-            at_once = change(multiple)
+            at_once = self._change(last, multiple)
             least = min(least, at_once)
             lag = self._lag(multiple)
-            left = -math.expm1(-0.5 * self.ringing.decay * lag / period.frequency)
-            if at_once <= SETTLED and change(lag) <= SETTLED * left:
+            left = -math.expm1(-0.5 * self.ringing.decay * lag / self.period.frequency)
+            if at_once <= SETTLED and self._change(last, lag) <= SETTLED * left:
                 return multiple, at_once
         return 0, least
+
+    def _change(self, last: int, periods: int) -> float:
+        """Change of the ``last`` of the torque from ``periods`` before, over the RMS of the torque; infinite before it is known."""
+        lag = periods * self.period.microsteps * self.rows
+        if lag + last > self._torque.size:
+            return math.inf
+        return _rms(self._torque[-last:] - self._torque[-last - lag : -lag]) / _rms(self._torque)
 
     def _lag(self, multiple: int) -> int:
         """Periods of the command, a multiple of ``multiple``, over which a change shows."""
@@ -277,6 +307,69 @@ class RunFromRest:
         self.simulated += now - begun
         if status != kernel.OK:
             raise NotPeriodic(f"a start from rest does not get there: {stopped(self.period.scenario, status, now)}")
+        if packed.state.counters[kernel.STEPS] - self._begun > MOST_STEPS:
+            raise NotPeriodic(
+                f"a run from rest that shows it takes too many steps, of which {self.simulated:.3g} s had {MOST_STEPS}"
+            )
+
+
+class _Decaying:
+    """A run whose deviation from a motion that repeats with each period of the command is shortened where it decays regularly.
+
+    Where the deviation goes is seen from states at starts of periods, by reduced rank extrapolation (Sidi, Vector Extrapolation
+    Methods, 2017): exact for a motion that is linear about it.
+    """
+
+    def __init__(self, run: RunFromRest) -> None:
+        self.run, self.largest, self._before, self._misled = run, 0.0, math.inf, 0
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._states: list[np.ndarray] = []
+        self._last, self._regular = math.inf, 0
+
+    def watch(self, chunk: int) -> None:
+        """Advance by ``chunk`` microsteps, whole periods, and keep states on the way."""
+        period = self.run.period
+        periods = chunk // period.microsteps
+        pieces = _parts(periods, FOLLOWED)
+        self._span = chunk * period.microstep_time
+        for _ in range(pieces):
+            self.run._watch(chunk // pieces)
+            self._states.append(np.append(self.run._seen(period) / period.sizes, period.packed.state.stick[:2]))
+
+    def shortened(self, change: float) -> bool:
+        """Whether the deviation was shortened, after a ``change`` of the torque from one period to the next was seen."""
+        if math.isinf(change) or self._misled >= MISLED:
+            return False
+        self._misled, self._before = self._misled + (change > BETTER * self._before), math.inf
+        run, self.largest = self.run, max(self.largest, change)
+        rate = math.log(self._last / change) / self._span if change > 0.0 and not math.isinf(self._last) else 0.0
+        low, high = (r * run.ringing.decay for r in REGULAR)
+        self._regular, self._last = self._regular + 1 if low <= rate <= high else 0, change
+        if self._regular < 2 or not DIED_OUT * SETTLED < change <= SHORTENED_BELOW * self.largest:
+            return False
+        goal = self._goal(np.array(self._states[-3 * FOLLOWED - 1 :]))
+        if goal is None:
+            return False
+        period = run.period
+        now, stick = run._seen(period), period.stick_turned(period.packed.state.stick, -run._made)
+        period.put(goal + BROUGHT_TO * (now - goal), stick)
+        run._made, self._before = 0, change
+        self._begin_anew()
+        return True
+
+    def _goal(self, states: np.ndarray) -> np.ndarray | None:
+        """The state to which ``states`` (k, n + 2) decay; None where it is not seen, or where frictions do not stay as they are."""
+        x, modes = states[:, :-2], states[:, -2:]
+        if len(x) < 4 or np.ptp(modes, axis=0).any():
+            return None
+        steps = np.diff(x, axis=0).T
+        goal = x[0] - steps[:, :-1] @ np.linalg.lstsq(np.diff(steps, axis=1), steps[:, 0], rcond=INDEPENDENT)[0]
+        if np.max(np.abs(goal - x[-1])) > FARTHEST * np.max(np.ptp(x, axis=0)):
+            return None
+        result: np.ndarray = goal * self.run.period.sizes
+        return result
 
 
 def _leave_out(scenario: Scenario) -> str:

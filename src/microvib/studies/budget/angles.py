@@ -122,7 +122,11 @@ def _worst(found: Sequence[Budget], angles: np.ndarray, orbit: Orbit | None) -> 
     decides = max(judged, key=rank, default=None)
     at = 0 if decides is None else int(np.argmin(np.abs(angles - (decides.angle or 0.0))))
     notes = () if orbit is None else tuple(orbit.notes())
-    return replace(found[at], judged=tuple(judged), angles=tuple(angles.tolist()), orbit=orbit is not None, notes=notes)
+    without = tuple(dict.fromkeys(why for one in found for why in one.without_steady))
+    whole = replace(
+        found[at], judged=tuple(judged), angles=tuple(angles.tolist()), orbit=orbit is not None, notes=notes
+    )
+    return replace(whole, without_steady=without)
 
 
 def _over(value: float, limit: float) -> float:

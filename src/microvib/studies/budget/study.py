@@ -15,6 +15,7 @@ from microvib.analysis.margins import Verdict, frequency_doubt
 from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
+from microvib.analysis.start import without_steady_state
 from microvib.errors import MicrovibError, OptionError, expect_list
 from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.scenario_file import load_scenario
@@ -74,6 +75,8 @@ class Budget:
     """Whether these stand for all angles between them, too."""
     notes: tuple[str, ...] = ()
     """What is to be known of an orbit, in sentences."""
+    without_steady: tuple[str, ...] = ()
+    """Of each drive that was to start in its steady state and has none, a sentence that says why, and what was done instead."""
 
     def __repr__(self) -> str:
         names = ", ".join(one.source for one in self.contributions)
@@ -148,10 +151,12 @@ def pointing_budget(
     if measured is not None:  # of the settled drive; the run beside it tells what the short way misses
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
+    results = [solve_run(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives]
     runs = [
-        of_run(name, scenario, solve_run(scenario, harmonics=harmonics, progress=progress), other_steps=two)
-        for name, scenario, _ in drives
+        of_run(drive.name, drive.scenario, result, other_steps=two)
+        for drive, result in zip(drives, results, strict=True)
     ]
+    told = [(drive.name, without_steady_state(result.solver)) for drive, result in zip(drives, results, strict=True)]
     if two:
         runs[:2] = [
             (with_mixing(lines, drives[k].scenario, drives[1 - k].scenario), hub)
@@ -182,6 +187,7 @@ def pointing_budget(
         () if required is None else tuple(judged(r, found, rule) for r in required.requirements),
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
+        without_steady=tuple(f"{name}: {why}" for name, why in told if why),
     )
 
 
@@ -464,7 +470,7 @@ def summary(budget: Budget) -> dict[str, Any]:
         "array_angles_deg": [
             math.degrees(x) for x in budget.angles or (craft_in(budget.scenario).spacecraft.array_angle,)
         ],
-        "notes": list(budget.notes),
+        "notes": [*budget.notes, *budget.without_steady],
         "sum": budget.rule,
         "requirements": [
             {**_row(one), "array_angle_deg": budget.angle_of(one)}
