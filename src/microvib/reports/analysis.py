@@ -9,13 +9,11 @@ from microvib.io.tables import columns_csv
 from microvib.reports import figures
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Contents, Document, Fact, Figure, Section, Table, Text, pairs, table
-from microvib.reports.numbers import brief, format_number, milli
+from microvib.reports.numbers import brief, format_number, milli, text_table
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Line, LineTable
 from microvib.studies.analyse import Analysis
 from microvib.units import pretty
-
-_ROW = "{:16s} {:>12s} {:>9s} {:>11s} {:>9s} {:>9s}  {}".format
 
 
 def analysis_text(a: Analysis) -> str:
@@ -25,12 +23,13 @@ def analysis_text(a: Analysis) -> str:
     if a.table is not None:
         if a.clock_ratio is not None:
             rows.append(f"step clock over nominal: {a.clock_ratio:.7f} ± {a.table.clock_ratio_uncertainty:.1g}")
-        rows += ["", _ROW("line", "Hz", "±", "N m", "±", "floor", "status")]
-        rows += [
-            _ROW(x.line, brief(x.frequency_hz, 8), brief(x.frequency_uncertainty_hz, 2), brief(x.amplitude_n_m),
-                 brief(x.amplitude_uncertainty_n_m, 2), brief(x.floor_n_m, 2), x.status)
+        lines = [
+            (x.line, brief(x.frequency_hz, 8), brief(x.frequency_uncertainty_hz, 2), brief(x.amplitude_n_m),
+             brief(x.amplitude_uncertainty_n_m, 2), brief(x.floor_n_m, 2), x.status)
             for x in a.table.notable()
         ]  # fmt: skip
+        head = ("line", "Hz", "±", "N m", "±", "floor", "status")
+        rows += ["", text_table(head, lines, left=1, last_left=True)]
     rows += ["", str(a.spectrum), str(a.density), str(a.waterfall), ""]
     rows.append(f"RMS about the mean: {a.recording[a.channel].std():.4g} {pretty(a.unit)}")
     rows += [f"RMS from {low:g} to {high:g} Hz: {rms:.4g} {pretty(a.unit)}" for low, high, rms in a.bands]

@@ -351,8 +351,25 @@ def _draw_lines(ax: Axes, budget: Budget) -> None:
     what = "amplitude, radial [µrad]" if seen == ["radial"] else "amplitude, radial and by axis [µrad]"
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=what)
     if top:
-        ax.set_ylim(1e6 * 1e-5 * top, 1e6 * 3 * top)
+        ax.set_ylim(1e6 * 1e-5 * top, 1e6 * 60 * top)  # with room for names
+        sheets.name_points(ax, _deciding(budget))
     ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+
+
+def _deciding(budget: Budget) -> list[tuple[float, float, str, bool]]:
+    """The most costly line of each requirement as (frequency [Hz], amplitude [µrad], name, whether it fails), failures first."""
+    largest = {
+        (c.source, name): 1e6 * float(np.hypot(*np.abs(los)))
+        for c in budget.contributions for name, los in zip(c.names, c.los, strict=True)
+    }  # fmt: skip
+    named: dict[str, tuple[float, float, str, bool]] = {}
+    for one in sorted((one for one in budget.judged if one.ranking), key=lambda one: list(_WORDS).index(one.verdict)):
+        top = one.ranking[0]
+        amplitude = largest.get((top.source, top.line), 0.0)
+        text = f"{top.line}\n{brief(top.frequency)} Hz"
+        if amplitude > 0.0:
+            named.setdefault(text, (top.frequency, amplitude, text, one.verdict == "fail"))
+    return list(named.values())
 
 
 def _draw_windows(ax: Axes, budget: Budget) -> None:

@@ -10,7 +10,7 @@ from statistics import median
 from microvib.model.expected import is_sideband, is_unlisted
 from microvib.reports.blocks import overlaid, study
 from microvib.reports.document import Block, Contents, Document, Fact, Mark, Section, Table, Text, pairs, table
-from microvib.reports.numbers import brief, count, format_number, milli, percent
+from microvib.reports.numbers import brief, count, format_number, milli, percent, text_table
 from microvib.reports.typography import file_name
 from microvib.studies.compare import (
     AGREES,
@@ -40,9 +40,8 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
         for mark, s in (("A", a), ("B", b))
         for text in (f"{mark}: {s.name} ({s.kind})", *(f"  {n}" for n in s.notes))
     ]
-    listed: list[tuple[str, ...]] = [
-        ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
-    ]
+    head = ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
+    listed: list[tuple[str, ...]] = []
     for r in shown:
         hz = (brief(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8) for x in (r.a, r.b))
         found = brief(r.a.amplitude), brief(r.b.amplitude), percent(r.error), r.verdict
@@ -51,7 +50,7 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
     lines += [
         clock_sentence(a, b),
         "",
-        *(f"{line:16s}" + "".join(f"{x:>12s}" for x in cells) for line, *cells in listed),
+        text_table(head, listed, left=1),
     ]
     return "\n".join([*lines, "", *misread(a, b, rows), verdict_sentence(shown)])
 

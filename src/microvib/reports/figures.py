@@ -11,7 +11,17 @@ from microvib.analysis.limits import Judgement
 from microvib.analysis.spectra import spectrum
 from microvib.model.linear import coupled_modes
 from microvib.model.presliding import quasi_static_torque
-from microvib.reports.sheets import BLUE, COLOURS, GREY, RED, legend_name, new_figure, one_axes, plain_sheet
+from microvib.reports.sheets import (
+    BLUE,
+    COLOURS,
+    GREY,
+    RED,
+    legend_name,
+    name_points,
+    new_figure,
+    one_axes,
+    plain_sheet,
+)
 from microvib.signals.line_table import FAINT, Line, LineTable
 from microvib.signals.screen import extremes
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum, named
@@ -135,35 +145,28 @@ def draw_amplitudes(
     top = max([a for a in heights if a > 0] or [1.0])
     deciding = [1e3 * x.amplitude_n_m for x in shown if x.line in first and x.amplitude_n_m > 0.0]
     ax.set_ylim(min([top * 1e-4, *(0.5 * a for a in deciding)]), top * 12)
-    _name_lines(ax, shown, highest, first)
-    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
     ax.set_xlim(0, highest)
+    _name_lines(ax, shown, first)
+    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
 
 
 def _made_by(s: Spectrum) -> str:
     return f"{named(s.window)}, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
 
 
-_NAME: dict[str, Any] = {"textcoords": "offset points", "xytext": (4, 4), "fontsize": 7, "rotation": 35, "zorder": 4,
-         "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.7}}  # fmt: skip
-"""How names stand on lines."""
-
-
-def _name_lines(ax: Axes, shown: Sequence[Line], highest: float, first: Sequence[str] = ()) -> None:
+def _name_lines(ax: Axes, shown: Sequence[Line], first: Sequence[str] = ()) -> None:
     """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other: lines that come ``first`` in
     bold, then modes, then the strongest."""
     bottom = ax.get_ylim()[0]
     visible = [x for x in shown if 1e3 * x.amplitude_n_m > bottom and x.status != FAINT]
     _dots(ax, visible, markersize=4, zorder=5)
-    placed: list[float] = []
     top = max((x.amplitude_n_m for x in visible), default=0.0)
     rank = {name: k for k, name in enumerate(first)}
-    for x in sorted(visible, key=lambda x: (rank.get(x.line, len(rank)), not x.is_mode, -x.amplitude_n_m)):
-        clear = all(abs(x.frequency_hz - f) >= 0.055 * highest for f in placed)
-        if clear and (x.line in rank or x.amplitude_n_m >= 1e-3 * top):
-            placed.append(x.frequency_hz)
-            bold: dict[str, Any] = {"fontweight": "bold"} if x.line in rank else {}
-            ax.annotate(f"{x.line}\n{x.frequency_hz:.4g} Hz", (x.frequency_hz, 1e3 * x.amplitude_n_m), **_NAME, **bold)
+    visible.sort(key=lambda x: (rank.get(x.line, len(rank)), not x.is_mode, -x.amplitude_n_m))
+    name_points(ax, [
+        (x.frequency_hz, 1e3 * x.amplitude_n_m, f"{x.line}\n{x.frequency_hz:.4g} Hz", x.line in rank)
+        for x in visible if x.line in rank or x.amplitude_n_m >= 1e-3 * top
+    ])  # fmt: skip
 
 
 def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> None:

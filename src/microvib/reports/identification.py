@@ -14,7 +14,7 @@ from microvib.io.tables import package_versions, to_json
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Section, Table, Text, table
-from microvib.reports.numbers import brief, format_number, percent, plain, signed, with_error
+from microvib.reports.numbers import brief, format_number, percent, plain, signed, text_table, with_error
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Rest
 from microvib.studies.evidence import Evidence, predicted
@@ -51,25 +51,22 @@ OUTSTANDING = 8.0
 """Times of the floor that the highest of thousands of bins of noise hardly reaches, with what a tone loses between bins."""
 
 
-_ESTIMATE_ROW = "{:32s} {:>12s} {:>10s} {:>25s}  {:12s} {}".format
-_FIGURE_ROW = "{:28s} {:>12s} {:>12s} {:>12s} {:>9s} {:>9s}".format
-_OFF_ROW = "{:28s} {:>12s} {:>12s} {:>8s}".format
-
-
 def fit_text(fit: Fit) -> str:
     """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as text."""
     lines = [fit.sentence, *_warnings(fit), *_off_text(fit), ""]
-    lines += [_ESTIMATE_ROW("parameter", "estimate", "std error", "95 % interval", "unit", "verdict")]
+    estimates = []
     for e in fit.parameters:
         error = brief(e.standard_error, 2) or ("withheld" if math.isnan(e.interval[0]) else "-")
-        lines.append(_ESTIMATE_ROW(e.key, f"{e.estimate:.6g}", error, _interval(e), e.unit, e.verdict).rstrip())
+        estimates.append((e.key, f"{e.estimate:.6g}", error, _interval(e), e.unit, e.verdict))
+    head = ("parameter", "estimate", "std error", "95 % interval", "unit", "verdict")
+    lines.append(text_table(head, estimates, left=1, last_left=True))
     lines += [f"as good: {values_text(other)}" for other in fit.alternatives]
     lines += [one.sentence for one in fit.selection]
-    lines += ["", _FIGURE_ROW("observed", "test", "before", "after", "before %", "after %")]
-    lines += [
-        _FIGURE_ROW(name, *(f"{x:.6g}" for x in (test, before, after)), _off_by(before, test), _off_by(after, test))
+    figures = [
+        (name, *(f"{x:.6g}" for x in (test, before, after)), _off_by(before, test), _off_by(after, test))
         for name, test, before, after in _figures(fit)
     ]
+    lines += ["", text_table(("observed", "test", "before", "after", "before %", "after %"), figures, left=1)]
     lines.append("")
     for one in fit.leanings[:3]:
         moves = (f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True))
@@ -154,8 +151,9 @@ def _prepared(fit: Fit) -> list[str]:
 
 
 def _off_text(fit: Fit) -> list[str]:
-    off, rows = _off(fit), [_OFF_ROW("off", "test", "fitted", "sigma")]
-    rows += [_OFF_ROW(_name(fit, d), f"{d.measured:.6g}", f"{d.fitted:.6g}", f"{d.sigma:+.1f}") for d in off[:_MAX_OFF]]
+    off = _off(fit)
+    shown = [(_name(fit, d), f"{d.measured:.6g}", f"{d.fitted:.6g}", f"{d.sigma:+.1f}") for d in off[:_MAX_OFF]]
+    rows = [text_table(("off", "test", "fitted", "sigma"), shown, left=1)]
     rows += [f"and {len(off) - _MAX_OFF} more"] if len(off) > _MAX_OFF else []
     return rows if off else []
 

@@ -12,7 +12,7 @@ from microvib.io.tables import tables_csv
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, Text, table
-from microvib.reports.numbers import brief, brief_milli, count, given, milli, plain, torque
+from microvib.reports.numbers import brief, brief_milli, count, given, milli, plain, text_table, torque
 from microvib.studies.rates import ABOVE, HIDES, RatePlan, Resonance, linear_error
 
 if TYPE_CHECKING:
@@ -28,17 +28,15 @@ def _deg(rate: float) -> str:
     return f"{math.degrees(rate):.5g}"
 
 
-_BEST_ROW, _MET_ROW = "{:>10} {:>11s} {:>17s} {:>19s}".format, "{:>10} {:>9s} {:>9s} {:>10s}  {}".format
-
-
 def plan_text(plan: RatePlan) -> str:
     """Best rates, forbidden bands and the strongest resonances, as text."""
-    lines = [_how(plan), "", _BEST_ROW("microsteps", "best deg/s", "its largest line", "worst of the range")]
+    ranked: list[tuple[str, ...]] = []
     for n in plan.counts:
         best = plan.best(n)
         shown = (_deg(best[0].rate), torque(best[1])) if best else ("none", "")
-        lines.append(_BEST_ROW(n, *shown, torque(plan.worst(n))))
-    lines.append(best_text(plan))
+        ranked.append((str(n), *shown, torque(plan.worst(n))))
+    head = ("microsteps", "best deg/s", "its largest line", "worst of the range")
+    lines = [_how(plan), "", text_table(head, ranked), best_text(plan)]
     if plan.limit is not None or plan.keep_away:
         said = {ABOVE: "{0.line} reaches {1}", HIDES: "{0.why} ({0.line}, up to {1})"}
         what = ((b, said.get(b.why, "{0.why}").format(b, torque(b.largest))) for b in plan.forbidden)
@@ -46,13 +44,11 @@ def plan_text(plan: RatePlan) -> str:
         lines += ["", f"Forbidden, {_criteria(plan)}:", *(bands or ["none"])]
     if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]
-        lines += [_MET_ROW("microsteps", "deg/s", "Hz", "mN m", "line on mode")]
-        lines += [
-            _MET_ROW(
-                r.microsteps, _deg(r.rate), f"{r.frequency:.4g}", brief_milli(r.amplitude), f"{r.line} on {r.mode}"
-            )
+        met = [
+            (str(r.microsteps), _deg(r.rate), f"{r.frequency:.4g}", brief_milli(r.amplitude), f"{r.line} on {r.mode}")
             for r in strongest(plan.resonances, SHOWN)
         ]
+        lines.append(text_table(("microsteps", "deg/s", "Hz", "mN m", "line on mode"), met, last_left=True))
     return "\n".join([*lines, *(text for found in _unsolved(plan) for text in ("", found))])
 
 

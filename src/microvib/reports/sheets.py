@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from microvib.io.writing import Writer
 from microvib.reports.typography import raised
 
@@ -111,6 +113,37 @@ def svg(figure: Figure) -> str:
         figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     figure.set_layout_engine("none")  # its axes have their places, which take a third of a drawing's time to find
     return stream.getvalue()
+
+
+_NAME: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "zorder": 4,
+         "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.85}}  # fmt: skip
+_TURNED = 35.0
+"""Angle of names at points [deg]."""
+_LETTER, _ROW_HEIGHT = 0.6, 1.25
+"""Width of a letter and height of a row, over the size of the type."""
+
+
+def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> list[str]:
+    """Name points (x, y, text, bold), the important ones first; a name that would lie on an earlier one is left out.
+
+    The axes must have their limits. Returns the texts that found room.
+    """
+    angle = np.radians(-_TURNED)
+    along = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    taken: list[np.ndarray] = []
+    said = []
+    for x, y, text, bold in names:
+        rows = text.split("\n")
+        size = _NAME["fontsize"] * np.array([_LETTER * max(map(len, rows)), _ROW_HEIGHT * len(rows)])
+        low = along @ ax.transData.transform((x, y)) * 72.0 / ax.figure.dpi
+        box = np.array([low, low + size])
+        if any(np.all(box[0] < other[1]) and np.all(other[0] < box[1]) for other in taken):
+            continue
+        taken.append(box)
+        said.append(text)
+        weight = "bold" if bold else "normal"
+        ax.annotate(text, (x, y), xytext=(4, 4), rotation=_TURNED, fontweight=weight, **_NAME)
+    return said
 
 
 def png(figure: Figure) -> Writer:

@@ -9,6 +9,7 @@ from microvib.analysis.run import RunResult
 from microvib.analysis.start import without_steady_state
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
+from microvib.reports.numbers import text_table
 from microvib.signals.line_table import LineTable
 from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
 
@@ -28,15 +29,15 @@ def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
     if not any(line.seen for line in table):
         yield "No line stands out: the record is too short, its sample rate too low, or nothing moves."
     rows = compare_with_paper(scenario, table)
-    row = "{:14s} {:>9s} {:>10s} {:>9s} {:>10s} {:>10s} {:>10s} {:>8s} {:>8s}".format
     if rows:
         yield f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(scenario)}:\n"
-        yield row("line", "test Hz", "paper Hz", "ours Hz", "test N m", "paper N m", "ours N m", "paper %", "ours %")
-    for r in rows:
-        yield row(
-            r.line, f"{r.test_hz:.4f}", f"{r.paper_hz:.5f}", f"{r.ours_hz:.4f}", f"{r.test_n_m:.5f}", f"{r.paper_n_m:.6f}",
-            f"{r.ours_n_m:.6f}", f"{100 * r.paper_error:+.1f}", f"{100 * r.our_error:+.1f}",
-        )  # fmt: skip
+        head = ("line", "test Hz", "paper Hz", "ours Hz", "test N m", "paper N m", "ours N m", "paper %", "ours %")
+        cells = [
+            (r.line, f"{r.test_hz:.4f}", f"{r.paper_hz:.5f}", f"{r.ours_hz:.4f}", f"{r.test_n_m:.5f}", f"{r.paper_n_m:.6f}",
+             f"{r.ours_n_m:.6f}", f"{100 * r.paper_error:+.1f}", f"{100 * r.our_error:+.1f}")
+            for r in rows
+        ]  # fmt: skip
+        yield text_table(head, cells, left=1)
     if not rows and paper_state(scenario) not in (None, 1):
         yield "\nThe paper tabulates the lines of state 1 only; for the other states it gives statements."
 

@@ -13,7 +13,7 @@ const PLACES = [18, 2, 32, 46, 60, 74, 92, 110].flatMap((rise) => [[rise, 1], [r
 
 /**
  * Places for names beside points of a picture of `width` and `height`. `names`: {x, y, lines, size}, the most important first, in
- * pixels from the left and from the top; `kept` are boxes that should stay clear of them. Of each that finds room: {...name, ax, ay, xanchor},
+ * pixels from the left and from the top; `kept` are boxes that should stay clear of them, and do of `optional` names. Of each that finds room: {...name, ax, ay, xanchor},
  * where its text goes from its point.
  */
 export function placed(names, area, kept = []) {
@@ -21,7 +21,7 @@ export function placed(names, area, kept = []) {
   return names.flatMap((name) => {
     const boxes = PLACES.map((place) => boxOf(name, place)).filter((box) => inside(box, area));
     const free = boxes.filter((box) => !taken.some((other) => meet(box, other)));
-    const best = free.find((box) => !kept.some((other) => meet(box, other))) ?? free[0];
+    const best = free.find((box) => !kept.some((other) => meet(box, other))) ?? (name.optional ? undefined : free[0]);
     if (!best) return [];
     taken.push(best);
     return [{ ...name, ax: best.side * BESIDE, ay: -best.rise, xanchor: best.side > 0 ? "left" : "right" }];

@@ -5,6 +5,9 @@ import { announce, h, number } from "./dom.js";
 import { follow } from "./jobs.js";
 import { keep, kept } from "./kept.js";
 
+/** What is done of a job: things that are counted as they are, a time to three digits. */
+const amount = (value) => (Number.isInteger(value) ? String(value) : number(value, 3));
+
 /** A row with a bar; `show` takes each state of the job. */
 export function progressRow(name, cancel) {
   const bar = h("progress", { "aria-label": `Progress of ${name}` });
@@ -23,7 +26,7 @@ export function progressRow(name, cancel) {
     const { done, total, unit, text } = progress ?? {};
     if (state === "running" && total) Object.assign(bar, { max: total, value: done ?? 0 });
     else bar.removeAttribute("value");
-    const count = total ? `, ${number(done, 3)} of ${number(total, 3)} ${unit ?? ""}` : done ? `, ${done} ${unit ?? ""}` : "";
+    const count = total ? `, ${amount(done)} of ${amount(total)} ${unit ?? ""}` : done ? `, ${done} ${unit ?? ""}` : "";
     words.textContent = { asked: "asks the server", queued: text || "waits for its turn" }[state] ?? `${text || "working"}${count}`;
   }
 }

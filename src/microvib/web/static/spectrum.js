@@ -218,6 +218,7 @@ function names(run, axes, limit) {
     x: axes.right(line.frequency_hz),
     y: axes.down(line.amplitude_n_m),
     size: SIZE,
+    optional: rank(line) === 2 && !first.includes(line.line),
     lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`],
   }));
   return placed(wanted, axes, dots)
