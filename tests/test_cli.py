@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import json
 import os
@@ -240,6 +241,49 @@ def test_help_does_not_import_numerics(tmp_path):
     code = "import sys; sys.argv = ['microvib', '--help']\nfrom microvib.cli.main import main\ntry: main()\nexcept SystemExit: pass\nprint(sorted(m for m in ('numpy', 'numba', 'scipy', 'xarray', 'matplotlib', 'pint', 'pydantic') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def imported_by(code: str, folder, *names: str) -> list[str]:
+    """Which of the modules ``names`` are there after ``code`` in a process of its own."""
+    asked = f"import sys\n{code}\nprint(sorted(m for m in {names!r} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True, cwd=folder)
+    assert done.stderr == ""
+    return ast.literal_eval(done.stdout.splitlines()[-1])
+
+
+def test_a_run_does_not_import_what_it_does_not_use(tmp_path):
+    words = [
+        "microvib",
+        "run",
+        "state-1",
+        "--set",
+        "record.duration=1 s",
+        "--set",
+        "record.settle=0.5 s",
+        "--out",
+        "out",
+    ]
+    code = f"sys.argv = {words!r}\nfrom microvib.cli.main import main\ntry: main()\nexcept SystemExit: pass"
+    unused = (
+        "mpl_toolkits.mplot3d.axes3d",
+        "microvib.structures.simulator_design",
+        "microvib.structures.fem.structure",
+    )
+    assert imported_by(code, tmp_path, "matplotlib.figure", "xarray", "pint", "numba", *unused) == ["matplotlib.figure"]
+    assert (tmp_path / "out" / "report.html").read_text().count("data:image/svg") >= 4
+
+
+def test_matplotlib_in_a_user_s_own_process_keeps_all_that_it_has(tmp_path):
+    code = """
+import microvib.cli.main
+from microvib.reports.sheets import new_figure
+new_figure(3.0, 2.0)
+from matplotlib.lines import Line2D
+from matplotlib.projections import get_projection_class
+assert "linewidth" in Line2D.set.__doc__
+assert get_projection_class("3d").name == "3d"
+"""
+    assert imported_by(code, tmp_path, "mpl_toolkits.mplot3d.axes3d") == ["mpl_toolkits.mplot3d.axes3d"]
 
 
 def test_the_five_lines_of_a_notebook(motion_1):

@@ -16,6 +16,7 @@ try:
 
     from microvib.cli import budget, campaign, docs, new, rates, scenarios, sensitivity, serve, structures, test_data
     from microvib.cli.streams import status_of
+    from microvib.reports.drawing import import_for_files_alone
 except KeyboardInterrupt:
     raise SystemExit(130) from None
 
@@ -35,6 +36,7 @@ class _Command(click.Group):
         program = not arguments and "args" not in settings  # rather than called from Python with arguments
         if program:
             signals.deliver_all()
+            import_for_files_alone()
         status = status_of(run)
         if program:
             signals.end_at_once()

@@ -20,10 +20,10 @@ from microvib.model.drive_matrices import coordinates
 from microvib.model.rigid import COMPONENTS, about_center, rigid_motions, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface
-from microvib.structures.fem.structure import Beams, Shells, Structure
 
 if TYPE_CHECKING:
     from microvib.structures.fem.modes import Modes
+    from microvib.structures.fem.structure import Structure
 
 SCRIPT = Path(str(resources.files("microvib.reports"))) / "templates" / "shapes.js"
 """What draws them, in reports and on the page."""
@@ -93,6 +93,8 @@ def of_elements(modes: Modes) -> Moving:
 
 def faces_and_lines(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the shells (f, 4) and ends of the beams (b, 2)."""
+    from microvib.structures.fem.structure import Beams, Shells
+
     faces = [part.nodes for part in structure.of(Shells)] or [np.zeros((0, 4), dtype=int)]
     lines = [part.nodes for part in structure.of(Beams)] or [np.zeros((0, 2), dtype=int)]
     return np.concatenate(faces), np.concatenate(lines)

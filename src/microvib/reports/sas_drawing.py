@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from microvib.reports.drawing import import_artists
 from microvib.reports.sheets import BLUE, GREEN, GREY, ORANGE, RED
 from microvib.studies.sas import Setting
 
@@ -22,6 +23,7 @@ _SIDES = (-1, 1)
 
 def draw_simulator(setting: Setting) -> Figure:
     """The simulator at one setting; lengths in mm."""
+    import_artists()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

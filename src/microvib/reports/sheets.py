@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from microvib.io.writing import Writer
+from microvib.reports.drawing import import_artists
 from microvib.reports.typography import raised
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, layout: Literal["constrained"] | None = "constrained"
 ) -> tuple[Figure, Any]:
     """Figure and axes in the project's style, without a global plotting state; without a ``layout`` its margins are to be set."""
+    import_artists()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = _plain_figure()(figsize=(width, height), dpi=110, layout=layout)

@@ -20,13 +20,11 @@ import numpy as np
 from microvib.analysis.lines import lines_among
 from microvib.analysis.seeds import seeds_of
 from microvib.errors import OutputError, SimulationError
-from microvib.io.modal_sources import load_design
 from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import PAPER_LINES, dict_rows, read_table, rows_csv
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques, torque_from_rest
-from microvib.studies.sas import paper_states, size
 
 MODE, UNLISTED = "array_mode_1", "full_step_1"
 DRIVE = ("drive_1", "drive_2", "drive_3")
@@ -113,6 +111,9 @@ class Calibrated:
 @cache
 def _square_arms() -> tuple[float, ...]:
     """(l/l_1)^2 of the simulator sized for the five states."""
+    from microvib.io.modal_sources import load_design
+    from microvib.studies.sas import paper_states, size
+
     first, *others = paper_states()
     design: Any = load_design("reference-sas")
     arms = [setting.design.arm for setting in size(first, others, design, math.radians(2.0)).settings]
@@ -121,6 +122,8 @@ def _square_arms() -> tuple[float, ...]:
 
 def scenario_of(number: int, assumed: Assumed, found: Calibrated) -> Scenario:
     """Test state ``number`` under the assumptions; its mode, seen through the drive, is at the frequency of Table 2."""
+    from microvib.studies.sas import paper_states
+
     wanted = paper_states()[number - 1]
     mode = wanted.frequency
     band = np.array([assumed.lowest, assumed.highest])
