@@ -596,6 +596,26 @@ def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:
     assert found.why == ("percentile: 3 cases have no result",)
 
 
+def test_what_a_slow_record_does_not_show_is_in_what_a_metric_may_be_at_most() -> None:
+    """Full-step, side and driving lines above the passband: a bound on them holds what a fast record shows, and says the way out."""
+    craft = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml"))
+    asked = [
+        {"metric": "rpe", "window": "10 ms", "limit": "6 nrad"},
+        {"metric": "ape", "statistic": "bound", "limit": "153.7 nrad"},
+        {"metric": "ape", "lowest": "15 Hz", "limit": "1 nrad"},
+        {"metric": "ape", "axis": "x", "curve": [{"frequency": f"{f} Hz", "amplitude": "3 nrad"} for f in (20, 1000)]},
+    ]
+    required = Requirements(requirements=[Requirement(name=f"R{k}", **keys) for k, keys in enumerate(asked)])
+    whole = pointing_budget(craft, required, steady=True)
+    for sample_rate in ("40 Hz", "100 Hz"):
+        found = pointing_budget(craft.with_({"record.sample_rate": sample_rate}), required, steady=True)
+        for one, truth in zip(found.judged, whole.judged, strict=True):
+            assert one.most / one.limit >= truth.value / truth.limit
+            assert one.verdict == "not judged"
+            assert "(record.sample_rate >= " in one.why[0]
+            assert truth.verdict == "fail"
+
+
 def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
     """At 8 Hz no driving line is seen, nor the full-step lines, which are the largest."""
     low = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.sample_rate": Si(8.0), "record.duration": Si(30.0)})

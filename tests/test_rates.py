@@ -16,8 +16,20 @@ from microvib.cli.main import main
 from microvib.cli.rates import _counts
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
-from microvib.reports.rates import best_text, found_text
-from microvib.studies.rates import HIDES, RateCase, RateLine, at_rate, full_case, linear_error, plan_rates, rate_grid
+from microvib.reports.rates import best_text, found_text, plan_text
+from microvib.studies.rates import (
+    ABOVE,
+    ABOVE_PASSBAND,
+    HIDES,
+    NOT_LINEAR,
+    RateCase,
+    RateLine,
+    at_rate,
+    full_case,
+    linear_error,
+    plan_rates,
+    rate_grid,
+)
 from microvib.units import Si, band, quantity
 
 DEG = math.pi / 180.0
@@ -325,3 +337,41 @@ def test_a_script_without_a_guard_is_told_so_and_one_worker_needs_none(tmp_path)
     assert runs[0].stdout == "1\n"
     assert "if __name__ == '__main__':" in runs[1].stderr
     assert "Traceback" not in runs[1].stderr
+
+
+def test_a_rate_is_not_allowed_for_lines_above_the_passband(state_1):
+    """Where a slow record shows no line above its passband, one that a fast record shows there forbids the rate, or is not known."""
+    rates, of_band = rate_grid("0.2 deg/s", "0.4 deg/s", 6), (5.0, 100.0)
+    limits = 0.003, 0.015, 0.06
+    whole = plan_rates(state_1, rates, limit="15 mN*m", band="5:100 Hz")
+    for sample_rate in ("40 Hz", "150 Hz"):
+        plan = plan_rates(state_1.with_({"record.sample_rate": sample_rate}), rates, limit="15 mN*m", band="5:100 Hz")
+        for case, truth in zip(plan.cases, whole.cases, strict=True):
+            assert case.rate == truth.rate
+            for limit in limits:
+                assert case.verdict(of_band, limit) or not truth.verdict(of_band, limit)
+        if sample_rate == "40 Hz":
+            assert plan.best() is None
+            said = plan_text(plan)
+            assert "0 failed" not in said
+            assert "failed" not in said
+            assert "not judged: what is above the passband may be above the limit (record.sample_rate >= " in said
+            assert "a full-step line at" in said
+            assert plan.forbidden[0].why.startswith(ABOVE_PASSBAND)
+    assert whole.best() is not None
+
+
+def test_a_linear_plan_allows_no_rate_for_what_it_does_not_have(state_1):
+    rates = rate_grid("0.2 deg/s", "0.4 deg/s", 4)
+    plan = plan_rates(state_1, rates, limit="15 mN*m", band="5:100 Hz", linear=True)
+    assert plan.best() is None
+    assert NOT_LINEAR in plan_text(plan)
+    assert plan_rates(state_1, rates, linear=True).best() is not None
+
+
+def test_a_small_line_in_the_band_is_not_dropped_for_a_large_one_outside(state_1):
+    case = full_case(state_1, Si(0.09 * DEG), 16)
+    top = max(x.amplitude for x in case.lines)
+    small = max((x for x in case.lines if x.amplitude < 1e-3 * top), key=lambda x: x.amplitude)
+    assert small.amplitude > 1e-5 * top
+    assert case.verdict((0.999 * small.frequency, 1.001 * small.frequency), 0.5 * small.amplitude) == ABOVE

@@ -244,7 +244,10 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
         return []
     highest = max(float(one.frequency[there[-1]]) for one, there in large)
     reaches = min(highest + 0.5 * (scenario.driving_frequency or 0.0), limit.high)
-    named = "; ".join(f"{one.what} at {one.frequency[there[0]]:.4g} Hz" for one, there in large[:2])
+    first = dict(reversed([(one.what, one.frequency[there[0]]) for one, there in large]))
+    named = "; ".join(
+        f"{what} at {first[what]:.4g} Hz" for what in list(dict.fromkeys(one.what for one, _ in large))[:2]
+    )
     return [
         f"what is above {start:.4g} Hz (record.sample_rate >= {rounded_up(reaches / PASSBAND)} Hz), such as {named}"
     ]

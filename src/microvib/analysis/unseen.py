@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from microvib.analysis.margins import BEYOND
 from microvib.analysis.start import CALM, calm_for
-from microvib.model.driven import noise_bands, response
+from microvib.model.drive_matrices import coordinates
+from microvib.model.driven import noise_bands
 from microvib.model.expected import SIDEBANDS, angle_errors
-from microvib.model.linear import coupled_modes, dynamic_stiffness, linear_lines, momentum_row, pulls
+from microvib.model.linear import coupled_modes, linear_lines, pulls, torque_by
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
@@ -41,7 +42,26 @@ class Unseen:
     frequency: np.ndarray
     """[Hz], (n,), ascending."""
     most: np.ndarray
-    """[N m], 0-to-peak, (n,)."""
+    """Of T_d [N m], 0-to-peak, (n,)."""
+    pull: np.ndarray
+    """Torques that make them, by which the line of sight follows [N m], (n,)."""
+    on_output: bool = False
+    """Whether these act on the output; else on the rotor."""
+    number: np.ndarray | None = None
+    """How many lines each stands for, (n,); None where that is one."""
+    between: bool = False
+    """Whether there may be lines between these, no larger than their neighbours."""
+
+    def within(self, low: float, high: float) -> Unseen:
+        """Those between two frequencies [Hz], which belong to it."""
+        first = int(np.searchsorted(self.frequency, low))
+        last = int(np.searchsorted(self.frequency, high, "right"))
+        if self.between and self.frequency.size and low <= self.frequency[-1] and high >= self.frequency[0]:
+            first, last = max(first - 1, 0), last + 1
+        part = slice(first, last)
+        number = None if self.number is None else self.number[part]
+        at = np.clip(self.frequency[part], low, high)
+        return replace(self, frequency=at, most=self.most[part], pull=self.pull[part], number=number)
 
 
 def unseen(scenario: Scenario, table: LineTable, start: float, high: float) -> Iterator[Unseen]:
@@ -50,23 +70,31 @@ def unseen(scenario: Scenario, table: LineTable, start: float, high: float) -> I
     ``table`` has the lines of the record.
     """
     modes = [m for m in coupled_modes(scenario) if start < m.frequency <= high]
-    yield from _of_clock(scenario, start, high)
-    yield _going_on(scenario, table, start, high)
+    yield from of_clock(scenario, start, high)
+    yield from _going_on(scenario, table, start, high)
     yield from _by_noise(scenario, start, high)
     if any(x.status == TRANSIENT for x in table):  # in the steady state nothing rings
         return
-    held = scenario.friction.breakaway_torque + scenario.reducer.ratio * scenario.motor.friction.breakaway_torque
-    if held > 0.0:
-        for mode in modes:
-            size = 4.0 / math.pi * held * abs(response(scenario, mode.frequency))
-            yield Unseen(f"stick and slip of {mode.name}", np.array([mode.frequency]), np.array([size]))
+    yield from of_friction(scenario, start, high)
     for mode in modes:
         if mode.damping > 0.0 and mode.decay * calm_for(scenario) < CALM:
-            yield Unseen(f"ringing of {mode.name}", np.array([mode.frequency]), np.array([math.inf]))
+            yield _unbounded(f"ringing of {mode.name}", mode.frequency)
 
 
-def _of_clock(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]:
-    """What the step clock makes: driving lines and their side lines, full-step and electrical lines, lines of the gear train."""
+def of_friction(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]:
+    """Modes between two frequencies [Hz] that stick and slip of either shaft may keep going."""
+    held = scenario.friction.breakaway_torque + scenario.reducer.ratio * scenario.motor.friction.breakaway_torque
+    for mode in coupled_modes(scenario) if held > 0.0 else ():
+        if start < mode.frequency <= high:
+            f, pull = np.array([mode.frequency]), np.array([4.0 / math.pi * held])
+            yield _pulled(scenario, f"stick and slip of {mode.name}", f, pull, on_output=True)
+
+
+def of_clock(scenario: Scenario, start: float, high: float, known: int = 0) -> Iterator[Unseen]:
+    """What the step clock makes: driving lines and their side lines, full-step and electrical lines, lines of the gear train.
+
+    The first ``known`` driving lines are left out.
+    """
     f_d, motor, driver = scenario.driving_frequency, scenario.motor, scenario.driver
     if not f_d:
         return
@@ -75,40 +103,59 @@ def _of_clock(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]
     fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
     end = min(2.0 * max(start, fastest) + 20.0 * f_d, high)
     count = min(math.ceil(end / f_d) + 1, _MAX_ORDERS)
-    found = [x for x in linear_lines(scenario, count) if start < x.frequency <= high]
+    found = [x for x in linear_lines(scenario, count) if start < x.frequency <= high and x.order > known]
     if found:
-        yield Unseen(
-            "a driving line", np.array([x.frequency for x in found]), BEYOND * np.abs([x.amplitude for x in found])
-        )
+        size, order = np.abs([x.amplitude for x in found]), np.array([x.order for x in found])
+        pull = np.abs(pulls(scenario, order))
+        yield Unseen("a driving line", f_d * order, BEYOND * size, BEYOND * pull)
     if motor.detent_torque > 0.0:
         orders = np.arange(1, count + 1)
         k = np.tile(orders, 2 * SIDEBANDS)
         side = np.repeat([j for j in range(-SIDEBANDS, SIDEBANDS + 1) if j], orders.size)
-        yield _pulled(
-            scenario, "a side line of a driving line", k * f_d + side * detent, np.abs(pulls(scenario, k)), start, high
-        )
+        side_lines, by_staircase = k * f_d + side * detent, BEYOND * np.abs(pulls(scenario, k))
+        yield _between(scenario, "a side line of a driving line", side_lines, by_staircase, start, high)
         m = np.arange(1, min(math.ceil(end / detent) + 1, _MAX_ORDERS))
-        yield _pulled(scenario, "a full-step line", m * detent, motor.detent_torque / m, start, high)
+        yield _between(scenario, "a full-step line", m * detent, BEYOND * motor.detent_torque / m, start, high)
     errors = angle_errors(driver, motor.phases)
     if errors:
         at = np.array([e.order * electrical for e in errors])
         pull = np.array([e.amplitude for e in errors]) * motor.electromagnetic_stiffness / motor.rotor_teeth
-        yield _pulled(scenario, "an electrical line", at, pull, start, high)
+        yield _between(scenario, "an electrical line", at, BEYOND * pull, start, high)
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     for e in scenario.reducer.errors:
         f = float(e.order) * f_d / turn
         if e.amplitude > 0.0 and start < f <= high:
-            yield Unseen(e.line, np.array([f]), np.array([math.inf]))
+            yield _unbounded(e.line, f)
+
+
+def _between(
+    scenario: Scenario, what: str, frequency: np.ndarray, pull: np.ndarray, start: float, high: float
+) -> Unseen:
+    """Lines from ``start`` to ``high`` [Hz], of those at ``frequency`` (n,), that torques ``pull`` (n,) [N m] on the rotor make."""
+    there = np.flatnonzero((frequency > start) & (frequency <= high))
+    there = there[np.argsort(frequency[there], kind="stable")]
+    kept = _chosen(scenario, frequency[there])
+    number = np.diff(np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2, [there.size]])[: kept.size + 1])
+    found = _pulled(scenario, what, frequency[there[kept]], pull[there[kept]])
+    return replace(found, number=number, between=kept.size < there.size)
 
 
 def _pulled(
-    scenario: Scenario, what: str, frequency: np.ndarray, pull: np.ndarray, start: float, high: float
+    scenario: Scenario,
+    what: str,
+    frequency: np.ndarray,
+    pull: np.ndarray,
+    *,
+    on_output: bool = False,
 ) -> Unseen:
-    """Lines at each ``frequency`` (n,) [Hz] that torques ``pull`` (n,) [N m] on the rotor make, BEYOND times."""
-    there = np.flatnonzero((frequency > start) & (frequency <= high))
-    there = there[np.argsort(frequency[there], kind="stable")]
-    kept = there[_chosen(scenario, frequency[there])]
-    return Unseen(what, frequency[kept], BEYOND * pull[kept] * _by_rotor(scenario, frequency[kept]))
+    """Lines at each ``frequency`` (n,) [Hz] that torques ``pull`` (n,) [N m] on rotor or output make."""
+    by = by_output if on_output else by_rotor
+    return Unseen(what, frequency, pull * by(scenario, frequency), pull, on_output)
+
+
+def _unbounded(what: str, frequency: float) -> Unseen:
+    """A line that nothing bounds."""
+    return Unseen(what, np.array([frequency]), np.array([math.inf]), np.array([math.inf]))
 
 
 def _chosen(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
@@ -122,30 +169,17 @@ def _chosen(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     return np.unique(np.clip(np.append(near, even), 0, frequency.size - 1))
 
 
-def _by_rotor(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+def by_rotor(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     """T_d over a torque on the rotor at each ``frequency`` (n,) [Hz], by the linearised drive."""
-    return _by_torque(scenario, frequency, 0, 1.0)
+    return torque_by(scenario, frequency, coordinates(scenario.reducer, len(scenario.load.H))[0])
 
 
-def _by_output(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+def by_output(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     """T_d over a torque on the output at each ``frequency`` (n,) [Hz], by the linearised drive."""
-    if scenario.reducer.rigid:
-        return _by_torque(scenario, frequency, 0, 1.0 / abs(scenario.reducer.h))
-    return _by_torque(scenario, frequency, 1, 1.0)
+    return torque_by(scenario, frequency, coordinates(scenario.reducer, len(scenario.load.H))[1])
 
 
-def _by_torque(scenario: Scenario, frequency: np.ndarray, coordinate: int, torque: float) -> np.ndarray:
-    """Size of T_d at each ``frequency`` (n,) [Hz] by a ``torque`` [N m] on one coordinate of the linearised drive."""
-    if not frequency.size:
-        return np.zeros(0)
-    dynamic = dynamic_stiffness(scenario, frequency)
-    pull = torque * np.eye(dynamic.shape[-1])[:, [coordinate]]
-    motion = np.linalg.solve(dynamic, np.broadcast_to(pull, (*dynamic.shape[:-1], 1)))[..., 0]
-    moved = np.sum(momentum_row(scenario, frequency) * motion, axis=-1)
-    return np.asarray((2.0 * math.pi * frequency) ** 2 * np.abs(moved))
-
-
-def _going_on(scenario: Scenario, table: LineTable, start: float, high: float) -> Unseen:
+def _going_on(scenario: Scenario, table: LineTable, start: float, high: float) -> Iterator[Unseen]:
     """What stands in the highest octave of the record, as torques on rotor or output would carry it on.
 
     Such torques have jumps at most, whose lines fall as their frequency rises.
@@ -159,11 +193,11 @@ def _going_on(scenario: Scenario, table: LineTable, start: float, high: float) -
     end = min(2.0 * max(start, modes.max(initial=0.0)), high)
     even = np.geomspace(start, end, 50 if modes.size < _MANY else 10)
     at = np.union1d(even, modes[(modes > start) & (modes < end)])
-    most = np.zeros(at.size)
-    for by in (_by_rotor, _by_output):
+    for on_output, by in ((False, by_rotor), (True, by_output)):
         level = np.max(octave[:, 1] / np.maximum(by(scenario, octave[:, 0]), 1e-300), initial=0.0)
-        most = np.maximum(most, CONTINUES * level * by(scenario, at) * edge / at)
-    return Unseen("a line of what the highest octave has", at, most)
+        pull = CONTINUES * level * edge / at
+        found = _pulled(scenario, "a line of what the highest octave has", at, pull, on_output=on_output)
+        yield replace(found, between=True)
 
 
 def _by_noise(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]:
@@ -171,4 +205,4 @@ def _by_noise(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]
     for mode in coupled_modes(scenario):
         for key, (low, top) in noise_bands(scenario).items():
             if max(start, low) < mode.frequency <= min(high, top):
-                yield Unseen(f"{mode.name}, which {key} drives,", np.array([mode.frequency]), np.array([math.inf]))
+                yield _unbounded(f"{mode.name}, which {key} drives,", mode.frequency)

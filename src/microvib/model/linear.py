@@ -8,6 +8,7 @@ windings take part: a rotor that turns against the command changes the currents 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,6 +24,8 @@ from microvib.model.reducer import Reducer
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import Spacecraft
 
+_MOST_ELEMENTS = 4_000_000
+"""Elements of the matrices that are solved together, at most."""
 MANY = 300  # modes above which the damped eigenproblem, whose work grows with the third power, is not solved as a whole
 
 
@@ -74,13 +77,48 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     if scenario.driver.drive == "voltage":
         by_command = [_by_voltage(scenario, 2j * math.pi * f)[0] for f in frequency.tolist()]
         pull *= np.array(by_command) / scenario.motor.electromagnetic_stiffness
-    lines = []
-    for k, f, on_rotor, row in zip(
-        order.tolist(), frequency.tolist(), pull, momentum_row(scenario, frequency), strict=True
-    ):
-        motion = np.linalg.solve(_dynamic(scenario, *of_drive, f), on_rotor * np.eye(row.size)[0])
-        lines.append(LinearLine(k, f, complex((2.0 * math.pi * f) ** 2 * (row @ motion))))
+    lines: list[LinearLine] = []
+    for part in chunks(frequency.size, of_drive[0].shape[0]):
+        motion = np.linalg.solve(
+            _dynamic(scenario, *of_drive, frequency[part]), pull[part, None, None] * _on(0, of_drive)
+        )
+        moved = np.sum(momentum_row(scenario, frequency[part]) * motion[..., 0], axis=-1)
+        torque = (2.0 * math.pi * frequency[part]) ** 2 * moved
+        lines += map(LinearLine, order[part].tolist(), frequency[part].tolist(), torque.tolist())
     return tuple(lines)
+
+
+def chunks(count: int, size: int) -> Iterator[slice]:
+    """Parts of ``count`` frequencies whose matrices of ``size`` rows are solved together, in little memory."""
+    step = max(_MOST_ELEMENTS // size**2, 1)
+    yield from (slice(first, first + step) for first in range(0, count, step))
+
+
+def _on(coordinate: int, matrices: tuple[np.ndarray, ...]) -> np.ndarray:
+    """A torque of 1 on one coordinate, as a column."""
+    return np.eye(matrices[0].shape[0])[:, [coordinate]]
+
+
+def torque_by(scenario: Scenario, frequency: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Size of T_d by torques on the coordinates of ``matrices`` at each ``frequency`` of (m,) [Hz].
+
+    Parameters
+    ----------
+    frequency : ndarray
+        Frequencies [Hz], (m,).
+    torque : ndarray
+        Torque on each coordinate [N m], (n,).
+
+    Returns
+    -------
+    ndarray
+        Amplitudes of T_d [N m], (m,).
+    """
+    of_drive, found = matrices(scenario), np.zeros(frequency.size)
+    for part in chunks(frequency.size, torque.size):
+        motion = np.linalg.solve(_dynamic(scenario, *of_drive, frequency[part]), torque[:, None])[..., 0]
+        found[part] = np.abs(np.sum(momentum_row(scenario, frequency[part]) * motion, axis=-1))
+    return np.asarray((2.0 * math.pi * frequency) ** 2 * found)
 
 
 def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:

@@ -65,6 +65,9 @@ def best_text(plan: RatePlan) -> str:
         away = f"; {near[0].line} on {near[0].mode} is {far} away"
     end = "; it lies at the end of the range, beyond which there may be better ones" if plan.is_at_end(case) else ""
     in_time = "; not a steady state but time integration" if case.reason else ""
+    beyond = None if plan.linear else case.largest_unseen(plan.band)
+    if beyond is not None and beyond.amplitude > top:
+        in_time += f"; above {case.shown:.4g} Hz, the passband, there may be larger ones, such as {beyond.line}"
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {torque(top)}{away}{in_time}{end}."
     return f"Best: {what}" if found else f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
 
@@ -87,7 +90,7 @@ def found_text(plan: RatePlan) -> str:
     """How the cases were found, counted."""
     if plan.linear:
         return "linearised drive, driving lines only"
-    failed = sum(not case.lines for case in plan.cases)
+    failed = sum(case.failed for case in plan.cases)
     in_time = sum(bool(case.reason) for case in plan.cases) - failed
     parts = [f"{len(plan.cases) - failed - in_time} steady states of the full model"]
     parts += [f"{in_time} time integrations"] if in_time else []
@@ -112,10 +115,10 @@ def _unsolved(plan: RatePlan) -> list[str]:
             f"{count(confirmed, 'steady state')} beside rates at which the drive excites itself (the largest line is of no clock)"
             " confirmed by a run from rest until it has arrived."
         )
-    for solved, what in (
-        (True, "have no steady state and were integrated in time"), (False, "failed"),
+    for failed, what in (
+        (False, "have no steady state and were integrated in time"), (True, "failed"),
     ):  # fmt: skip
-        reasons = [c.reason for c in plan.cases if c.reason and bool(c.lines) is solved]
+        reasons = [c.reason for c in plan.cases if c.reason and c.failed is failed]
         if reasons:
             why = "; ".join(list(dict.fromkeys(reasons))[:4])
             texts.append(f"{len(reasons)} of {len(plan.cases)} cases {what} (see rates.csv): {why}.")
@@ -153,7 +156,7 @@ def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
     for case in plan.cases:
         head = (math.degrees(case.rate), case.microsteps)
         status = "linear" if plan.linear else f"in time: {case.reason}" if case.reason else "steady"
-        if not case.lines:
+        if case.failed:
             yield (*head, "", "", math.nan, math.nan, math.nan, f"failed: {case.reason}")
         for x in case.lines:
             yield (*head, x.line, x.kind, x.order, x.frequency, x.amplitude, status)
@@ -196,8 +199,13 @@ def _facts(plan: RatePlan) -> list[Fact]:
             facts.append(Fact("Pass", "no line at the best rate", "pass"))
     elif least := plan.least():
         case, top = least
+        limit = math.inf if plan.limit is None else plan.limit
+        known_to_fail = sum(x.verdict(plan.band, limit) in ("", ABOVE, "failed") for x in plan.cases)
         where = f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
-        facts = [Fact("None", f"no rate {_criteria(plan)}", "fail"), Fact(torque(top), where)]
+        facts = [
+            Fact("None", f"no rate {_criteria(plan)}", "" if known_to_fail < len(plan.cases) else "fail"),
+            Fact(torque(top), where),
+        ]
     if plan.limit is not None:
         facts.append(Fact(given(plan.limit), f"limit: {count(len(plan.forbidden), 'forbidden band')}"))
     return facts

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 
 import numpy as np
 
-from microvib.analysis.lines import steady
-from microvib.analysis.margins import frequency_doubt, may_have
-from microvib.analysis.start import still_held
+from microvib.analysis.lines import Steady, steady
+from microvib.analysis.margins import BEYOND, frequency_doubt, may_have
+from microvib.analysis.start import has_calmed, rounded_up, still_held
+from microvib.analysis.unseen import Unseen, of_clock, of_friction, unseen
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario, expect_scenario
-from microvib.signals.line_table import FAINT
+from microvib.signals.line_table import DRIVEN, FAINT, Line
 from microvib.solve.integration import Progress
 from microvib.studies.workers import all_cores
 from microvib.units import Band, Given, Si, quantity
@@ -25,8 +27,10 @@ from microvib.units import inside as in_band
 Solve = Callable[[Iterable[tuple[float, int, bool]]], list["RateCase"]]
 """Solves cases (rate, microsteps, whether a run from rest is waited for to its end)."""
 HARMONICS = 8
-LEAST = 1e-3
-"""Lines below this fraction of a case's largest are dropped."""
+LEAST = 1e-6
+"""Lines below this fraction of a case's largest are dropped: rounding."""
+SMALL = 1e-3
+"""Fraction of a case's largest line below which a line that meets a mode is no resonance."""
 LIGHT = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
 BISECTIONS = 8
@@ -34,6 +38,10 @@ BISECTIONS = 8
 
 ABOVE = "a line is above the limit"
 HIDES = "not known: a line is hidden that may be above the limit"
+ABOVE_PASSBAND = "not judged: what is above the passband may be above the limit"
+NOT_LINEAR = (
+    "not judged: lines that the linearised drive does not have may be above the limit (a plan without --linear)"
+)
 NEAR = "too near to a resonance:"
 
 
@@ -64,6 +72,15 @@ class RateCase:
     """Lines of a time integration that a floor or what is beside them hides, with what they may have at most."""
     confirmed: bool = False
     """Whether a run from rest was waited for until it arrived at the steady state (``mv.steady``, ``confirmed``)."""
+    shown: float = math.inf
+    """Highest frequency [Hz] up to which lines were looked for; 0 for the linearised drive, which has driving lines only."""
+    unseen: tuple[Unseen, ...] = field(default=(), compare=False, repr=False)
+    """Lines of which nothing is seen, above ``shown``, with what they may have at most."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether nothing is known of it; a record that shows no line is not that."""
+        return not self.lines and bool(self.reason)
 
     def rings(self, band: tuple[float, float]) -> bool:
         """Whether the largest line within ``band`` [Hz] is of no clock, in a time integration: the drive excites itself."""
@@ -81,12 +98,30 @@ class RateCase:
 
     def verdict(self, band: tuple[float, float], limit: float) -> str:
         """Empty where all lines within ``band`` [Hz] are known to be below ``limit`` [N m]; else ``failed`` or why they are not."""
-        if not self.lines:
+        if self.failed:
             return "failed"
         largest, hidden = self.largest(band), self.largest(band, hidden=True)
         if largest is not None and largest.amplitude > limit:
             return ABOVE
-        return HIDES if hidden is not None and hidden.amplitude > limit else ""
+        if hidden is not None and hidden.amplitude > limit:
+            return HIDES
+        if not any(np.any(one.most > limit) for one in self.unseen_in(band)):
+            return ""
+        return ABOVE_PASSBAND if self.shown > 0.0 else NOT_LINEAR
+
+    def unseen_in(self, band: tuple[float, float]) -> list[Unseen]:
+        """What of the lines of which nothing is seen may lie within ``band`` [Hz]."""
+        return [part for one in self.unseen if (part := one.within(*band)).frequency.size]
+
+    def largest_unseen(self, band: tuple[float, float]) -> RateLine | None:
+        """What may be largest within ``band`` [Hz] of the lines of which nothing is seen; None if there is none."""
+        found = [
+            (float(x.most[k]), float(x.frequency[k]), x.what) for x in self.unseen_in(band) for k in [np.argmax(x.most)]
+        ]
+        if not found:
+            return None
+        most, frequency, what = max(found)
+        return RateLine(f"{what} at {frequency:.4g} Hz", "unseen", math.nan, frequency, most)
 
 
 @dataclass(frozen=True)
@@ -167,7 +202,7 @@ class RatePlan:
         return case.rate in (min(rates), max(rates))
 
     def _solved(self, microsteps: int | None) -> list[RateCase]:
-        return [case for case in self.cases if case.lines and microsteps in (None, case.microsteps)]
+        return [case for case in self.cases if not case.failed and microsteps in (None, case.microsteps)]
 
     def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
         return min(((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None)
@@ -266,20 +301,59 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
     top = max((x.amplitude_n_m for x in seen), default=0.0)
     kept = (x for x in seen if x.amplitude_n_m >= LEAST * top)
     lines = (RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m) for x in kept)
-    unseen = [x for x in result.lines if not x.is_mode and x not in seen] if result.fallback else []
-    hidden = (
-        RateLine(x.line, x.kind, x.expected_hz / f_d, x.expected_hz, most)
-        for x in unseen
-        if (most := may_have(x)) > 0.0
+    shown = PASSBAND * result.lines.sample_rate
+    return RateCase(
+        rate,
+        microsteps,
+        tuple(lines),
+        result.fallback,
+        tuple(_hidden(changed, result, seen)),
+        confirmed and not result.fallback,
+        shown,
+        tuple(unseen(changed, result.lines, shown, math.inf)),
     )
-    return RateCase(rate, microsteps, tuple(lines), result.fallback, tuple(hidden), confirmed and not result.fallback)
+
+
+def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator[RateLine]:
+    """Lines up to the passband without a figure of their own, with what they may have at most in the steady state: those that
+    are not ``seen``, modes that a run in time leaves ringing, and what no line accounts for."""
+    f_d = scenario.driving_frequency or math.nan
+    for x in (x for x in found.lines if x not in seen) if found.fallback else ():
+        most = _most_of_mode(x, found.lines.duration) if x.is_mode else may_have(x)
+        if most > 0.0 and not has_calmed(x, scenario):
+            yield RateLine(x.line, x.kind, x.place_hz / f_d, x.place_hz, most)
+    if (rest := found.lines.rest) is None:
+        return
+    for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
+        if amplitude > 0.0:
+            yield RateLine("a peak that no line accounts for", "other", f / f_d, f, amplitude)
+    if rest.slow > 0.0:
+        for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):
+            yield RateLine("what the record is too short for", "other", f / f_d, float(f), BEYOND * rest.slow)
+
+
+def _most_of_mode(x: Line, duration: float) -> float:
+    """What may last [N m] of a mode in a record of ``duration`` [s]: of one that decays what is left at its end."""
+    if x.status == "growing":
+        return math.inf
+    if x.status == DRIVEN:
+        return max(x.amplitude_n_m, _DRAWS * x.noise_p95_n_m)
+    if not math.isfinite(x.amplitude_n_m):
+        return may_have(x)
+    return x.starting(duration) * math.exp(-x.decay_per_s * duration) if x.status == "decaying" else x.amplitude_n_m
+
+
+_DRAWS = 2.0
+"""Times the 95 % quantile of a line that noise drives, which one in 10^5 draws exceeds."""
 
 
 def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
     """One case with the linearised drive, of which there is nothing to be ``confirmed``."""
-    found = linear_lines(at_rate(scenario, rate, microsteps), HARMONICS)
-    lines = (RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
-    return RateCase(rate, microsteps, tuple(lines))
+    changed = at_rate(scenario, rate, microsteps)
+    found = linear_lines(changed, HARMONICS)
+    lines = tuple(RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
+    others = (*of_clock(changed, 0.0, math.inf, known=HARMONICS), *of_friction(changed, 0.0, math.inf))
+    return RateCase(rate, microsteps, lines, shown=0.0, unseen=others)
 
 
 def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float, int]]:
@@ -327,11 +401,16 @@ def _near(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
 
 def _strongest(meeting: Resonance, cases: Sequence[RateCase]) -> Resonance | None:
     """The meeting at that of its rates at which its line is largest; None where the line is too small to be one."""
-    found = [(line, case.rate) for case in cases for line in case.lines if line.line == meeting.line]
+    found = [(x, case.rate) for case in cases for x in _not_small(case) if x.line == meeting.line]
     if not found:
-        return None if any(case.lines for case in cases) else meeting
+        return meeting if all(case.failed for case in cases) else None
     line, rate = max(found, key=lambda item: item[0].amplitude)
     return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.amplitude)
+
+
+def _not_small(case: RateCase) -> list[RateLine]:
+    top = max((x.amplitude for x in case.lines), default=0.0)
+    return [x for x in case.lines if x.amplitude >= SMALL * top]
 
 
 def _suspicious(cases: Iterable[RateCase], band: tuple[float, float]) -> list[RateCase]:
@@ -359,12 +438,24 @@ def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float],
         members = list(group)
         high = row[-1].rate if members[-1] is row[-1] else next(turns)
         if why:
-            lines = [line for case in members if (line := case.largest(band, hidden=why == HIDES))]
-            top = max(lines, key=lambda line: line.amplitude, default=None)
+            beyond = why in (ABOVE_PASSBAND, NOT_LINEAR)
+            each = (
+                case.largest_unseen(band) if beyond else case.largest(band, hidden=why == HIDES) for case in members
+            )
+            top = max((line for line in each if line is not None), key=lambda line: line.amplitude, default=None)
             text = members[0].reason if why == "failed" else why
+            if why == ABOVE_PASSBAND:
+                such = f", such as {top.line}" if top else ""
+                text = f"{why} ({_way_out(members, band, limit)}){such}"
             bands.append(Forbidden(n, low, high, text, top.line if top else "", top.amplitude if top else math.nan))
         low = high
     return bands
+
+
+def _way_out(cases: Iterable[RateCase], band: tuple[float, float], limit: float) -> str:
+    """The sample rate from which a record shows what may be above the limit [N m]."""
+    above = [x.frequency[x.most > limit] for case in cases for x in case.unseen_in(band)]
+    return f"record.sample_rate >= {rounded_up(float(np.max(np.concatenate(above))) / PASSBAND)} Hz"
 
 
 def rate_grid(low: Given, high: Given, count: int = 200) -> tuple[Si, ...]:

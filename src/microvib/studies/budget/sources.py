@@ -15,10 +15,10 @@ from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recordin
 from microvib.analysis.margins import BEYOND, OWN_ERROR, STIRS, frequency_doubt, may_ring
 from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import RunResult
-from microvib.analysis.start import CALM, calm_for, has_calmed, or_steady, still_held
+from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
+from microvib.analysis.unseen import unseen
 from microvib.model.coupling import (
     MEANINGLESS,
-    chart,
     craft_in,
     density_of_noise,
     into_hub,
@@ -26,6 +26,7 @@ from microvib.model.coupling import (
     short_way,
     source_of,
 )
+from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
@@ -239,7 +240,16 @@ def held_anywhere(scenario: Scenario) -> list[Scenario]:
 
 def by_rotor(scenario: Scenario, f: np.ndarray) -> np.ndarray:
     """Line of sight by a torque on the rotor at frequencies (m,) [Hz], (m, 2) [rad/(N m)]."""
-    los = short_way(scenario, f, source_of(scenario).blocked(f, np.ones(f.size))).los
+    return _by_torque(scenario, f)
+
+
+def by_output(scenario: Scenario, f: np.ndarray) -> np.ndarray:
+    """Line of sight by a torque on the output at frequencies (m,) [Hz], (m, 2) [rad/(N m)]."""
+    return _by_torque(scenario, f, coordinates(scenario.reducer, len(scenario.array.modes))[1])
+
+
+def _by_torque(scenario: Scenario, f: np.ndarray, on: np.ndarray | None = None) -> np.ndarray:
+    los = short_way(scenario, f, source_of(scenario).blocked(f, np.ones(f.size), on)).los
     assert los is not None
     return np.abs(los)
 
@@ -348,45 +358,64 @@ def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -
     if table.rest is None:
         yield open_gap("lines that are not in the table were not sought")
     elif table.rest.frequency.size:
-        craft, at, peaks = craft_in(scenario), table.rest.frequency, table.rest.amplitude
-        torque = np.maximum(np.abs(craft.transfer(craft.loads(), at)[:, :, 0] @ craft.axis), 1e-300)
-        moved = np.abs(craft.transfer(craft.line_of_sight(), at)[:, :, 0])
+        at, peaks = table.rest.frequency, table.rest.amplitude
         known = at >= receiver_of(scenario).lowest
         yield Gap(
             "peaks of T_d that no line accounts for",
             0.0,
             math.inf,
             at[known],
-            (moved * (peaks / torque)[:, None])[known],
+            (_seen_of_torque(scenario, at) * peaks[:, None])[known],
             between=True,
         )
-    top = PASSBAND * record.sample_rate
-    calm = math.inf if steady else calm_for(scenario)
-    rings = [m.name for m in coupled_modes(scenario) if m.frequency > top and m.decay * calm < CALM]
-    if rings:
-        yield open_gap(
-            f"{rings[0]} above {top:.4g} Hz may ring (a higher record.sample_rate{or_steady(scenario)})", top
-        )
-    yield from _above(scenario, top)
+    yield from _slow(scenario, table)
+    yield from _above(scenario, table, PASSBAND * record.sample_rate)
 
 
-def _above(scenario: Scenario, top: float) -> Iterator[Gap]:
-    """Driving lines above the passband, BEYOND times what the linearised drive makes there.
+_COUNTS = 0.01
+"""Part of the largest of some lines above the passband from which a record is to show them."""
 
-    That bounds full-step lines, too, where two driving lines are within: these have long fallen there.
-    """
-    f_d, remedy = scenario.driving_frequency, "a higher record.sample_rate"
-    if not f_d or not scenario.rate:
+
+def _above(scenario: Scenario, table: LineTable, top: float) -> Iterator[Gap]:
+    """What the drive may have above ``top``, the edge of the passband of the lines in the ``table``."""
+    few = ", where not even two driving lines are seen" if top < 2.0 * (scenario.driving_frequency or 0.0) else ""
+    for one in unseen(scenario, table, top, math.inf):
+        if not one.frequency.size:
+            continue
+        by = by_output(scenario, one.frequency) if one.on_output else by_rotor(scenario, one.frequency)
+        with np.errstate(invalid="ignore"):
+            most = np.where(by > 0.0, by * one.pull[:, None], 0.0)
+        if (
+            one.between and one.number is not None
+        ):  # each stands for those beside it, no larger than it or its neighbours
+            beside = np.pad(most, ((1, 1), (0, 0)), mode="edge")
+            most = np.max([beside[:-2], most, beside[2:]], axis=0) * one.number[:, None]
+        size = most.max(axis=1)
+        counts = np.flatnonzero(size >= _COUNTS * size.max())
+        reaches = one.frequency[counts[-1]] + 0.5 * (scenario.driving_frequency or 0.0)
+        remedy = f"record.sample_rate >= {rounded_up(reaches / PASSBAND)} Hz"
+        why = f"what is above {top:.4g} Hz{few}, such as {one.what} at {one.frequency[0]:.4g} Hz ({remedy})"
+        yield Gap(why, top, math.inf, one.frequency, most, between=one.between)
+
+
+def _slow(scenario: Scenario, table: LineTable) -> Iterator[Gap]:
+    """What is below the lowest frequency that a record's length resolves."""
+    if table.rest is None or table.rest.slow <= 0.0 or not table.rest.frequency.size:
         return
-    if top < 2.0 * f_d:
-        yield open_gap(f"lines above {top:.4g} Hz, where not even two driving lines are seen ({remedy})", top)
-        return
-    first = int(top / f_d) + 1
-    found = chart(scenario, np.array([scenario.rate]), harmonics=first + 40)
-    assert found.los is not None
-    orders = slice(first - 1, None)
-    why = f"lines above {top:.4g} Hz ({remedy})"
-    yield Gap(why, top, math.inf, found.frequency[0, orders], BEYOND * np.abs(found.los[0, 0, orders]), between=True)
+    lowest = float(table.rest.frequency.min())
+    f = np.geomspace(1e-3, 1.0, 31) * lowest
+    most = _seen_of_torque(scenario, f) * BEYOND * table.rest.slow
+    known = f >= receiver_of(scenario).lowest
+    why = f"what is below {lowest:.3g} Hz, for which the record is too short (a longer record.duration)"
+    k = int(np.argmax(np.hypot(*np.where(known[:, None], most, 0.0).T)))
+    yield Gap(why, 0.0, lowest, f[[k]], most[[k]])
+
+
+def _seen_of_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+    """Line of sight (m, 2) over T_d, both made by the shaft's motion, at each ``frequency`` (m,) [Hz] [rad/(N m)]."""
+    craft = craft_in(scenario)
+    torque = np.maximum(np.abs(craft.transfer(craft.loads(), frequency)[:, :, 0] @ craft.axis), 1e-300)
+    return np.asarray(np.abs(craft.transfer(craft.line_of_sight(), frequency)[:, :, 0]) / torque[:, None])
 
 
 def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics: int) -> Contribution:
@@ -431,7 +460,7 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
         for x, row, ok in zip(expected, found, seen | faint, strict=True) if not ok
     ]  # fmt: skip
     gaps += below(not np.all(known))
-    gaps += list(_above(scenario, PASSBAND * recording.sample_rate))
+    gaps += list(_above(scenario, table, PASSBAND * recording.sample_rate))
     kept = seen & known
     spread = np.array([_relative(row) for row in found])
     doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0)) + noise[kept] / np.abs(los[kept])
