@@ -175,7 +175,7 @@ def test_what_no_line_accounts_for_is_not_passed(table, scenario):
     left = Rest(np.array([5.0, 80.0]), np.array([0.001, 0.02]))
     one = only(table, "full_step_1", rest=left)
     assert judge(one, limit_of(0.010), scenario).gaps == (
-        "up to 20 mN m at 80 Hz that no line accounts for (a longer record.duration may)",
+        "up to 20 mN m at 80 Hz that no line of the table accounts for (more members of each family, --harmonics N, or a longer record.duration)",
     )
     assert judge(one, limit_of(0.010, 0.0, 20.0), scenario).verdict == "pass"
     assert judge(replace(one, rest=None), limit_of(10.0), scenario).verdict == "not judged"
@@ -310,3 +310,30 @@ def test_the_sentence_of_a_judgement():
     )
     open_ = Judgement(limit_of(0.010), (), (), ("a", "b", "c", "d", "e"))
     assert str(open_) == "Limit 10 mN m: not judged. Not judged: a; b; c; and 2 more."
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "torque", "band"),
+    [
+        ("state-1", {}, "0.4 mN*m", ("532 Hz", "535 Hz")),  # drive_10_plus_1 has 0.519 mN m, and is no row of the table
+        (
+            "state-5",
+            {"tracking.rate": "0.03 deg/s"},
+            "0.54 mN*m",
+            ("214 Hz", "264.5 Hz"),
+        ),  # drive_10_minus_1 0.586 mN m
+    ],
+)
+def test_a_band_that_cuts_off_a_higher_peak_does_not_pass_what_it_hides(name, changes, torque, band):
+    scenario = mv.load_scenario(name, {"record.start": "steady", **changes})
+    table, limit = mv.steady(scenario).lines, mv.Limit(torque, *band)
+    assert mv.judge(table, limit, scenario).verdict == "not judged"
+    assert mv.judge(mv.steady(scenario, harmonics=16).lines, limit, scenario).verdict == "fail"
+
+
+def test_a_small_line_is_known_no_better_than_the_motion_about_it(table, scenario):
+    pair = (replace(table["drive_1"], amplitude_n_m=0.04), replace(table["full_step_1"], amplitude_n_m=2e-5))
+    both = replace(table, lines=pair, rest=NOTHING)
+    near, far = limit_of(2.5e-5, 1.0, 10.0), limit_of(4e-5, 1.0, 10.0)
+    assert judge(both, near, scenario).verdict == "not judged"
+    assert judge(both, far, scenario).verdict == "pass"

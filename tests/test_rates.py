@@ -375,3 +375,11 @@ def test_a_small_line_in_the_band_is_not_dropped_for_a_large_one_outside(state_1
     small = max((x for x in case.lines if x.amplitude < 1e-3 * top), key=lambda x: x.amplitude)
     assert small.amplitude > 1e-5 * top
     assert case.verdict((0.999 * small.frequency, 1.001 * small.frequency), 0.5 * small.amplitude) == ABOVE
+
+
+def test_a_band_without_a_listed_line_is_judged_by_what_no_line_accounts_for():
+    """full_step_13, which is no row of a case's table, has 0.425 mN m in this band."""
+    rates = mv.rate_grid("0.0597 deg/s", "0.0603 deg/s", 2)
+    plan = mv.rates(mv.load_scenario("state-1"), rates, limit="0.3 mN*m", band=("28 Hz", "45 Hz"))
+    assert plan.best() is None
+    assert plan.least()[1] > 4e-4

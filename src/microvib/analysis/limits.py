@@ -219,7 +219,8 @@ def _left(table: LineTable, limit: Limit) -> list[str]:
         return ["lines that are not in the table were not sought"]
     frequency, amplitude = table.rest.within(limit.low, limit.high)
     peak = f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz"
-    told = [f"{peak} that no line accounts for (a longer record.duration may)"] if amplitude > limit.torque else []
+    more = "more members of each family, --harmonics N, or a longer record.duration"
+    told = [f"{peak} that no line of the table accounts for ({more})"] if amplitude > limit.torque else []
     lowest = float(table.rest.frequency.min(initial=math.inf))
     if limit.low < lowest and BEYOND * table.rest.slow > limit.torque:
         ends = f"below {lowest:.3g} Hz" if math.isfinite(lowest) else "between its mean and its highest frequency"

@@ -22,6 +22,9 @@ CLOCK = 1e-4
 """Part by which a clock or speed may be off; assumed."""
 FREQUENCY_SIGMAS = 4.0
 """Standard uncertainties of a frequency within which a line may be on either side of an end of a band: 99.99 %."""
+AT_LEAST_OF = 0.25
+"""Part of the largest line to which an error of integration is relative at the least: it does not fall in proportion with a line
+that is far smaller than the motion about it."""
 BEYOND = 10.0
 """Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
 detent torque add there, and on bins that several lines share."""
@@ -118,7 +121,8 @@ def _doubt(line: Line, table: LineTable) -> float:
     seeds = table.over_seeds(line.line)
     drawn = seeds.deviation_n_m if seeds else line.noise_doubt_n_m
     known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty_n_m, drawn))
-    return 2.0 * math.hypot(*known) + max(OWN_ERROR, table.own_error) * line.amplitude_n_m
+    size = max(line.amplitude_n_m, AT_LEAST_OF * table.largest)
+    return 2.0 * math.hypot(*known) + max(OWN_ERROR, table.own_error) * size
 
 
 def when_settled(line: Line, too_large: float, scenario: Scenario | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -114,6 +115,10 @@ class Line(OfKind):
         return self.amplitude_n_m * fold / -float(np.expm1(-fold)) if abs(fold) > 1e-9 else self.amplitude_n_m
 
 
+TWELFTH_OCTAVE = 2.0 ** (1.0 / 12.0) - 1.0
+"""Width of a twelfth of an octave over its lower end."""
+
+
 @dataclass(frozen=True)
 class Rest:
     """What no line of a table accounts for: the highest peak that is left in each twelfth of an octave, (m,) each."""
@@ -131,19 +136,33 @@ class Rest:
     @classmethod
     def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> Rest:
         """The highest of peaks, or of bins, at each ``frequency`` (n,) above 0."""
-        band = np.floor(12.0 * np.log2(frequency)).astype(int)
+        band = _twelfth_octave(frequency)
         order = np.argsort(band, kind="stable")
         parts = np.split(order, 1 + np.flatnonzero(np.diff(band[order])))
         first = np.array([part[np.argmax(amplitude[part])] for part in parts if part.size], dtype=int)
         return cls(frequency[first], amplitude[first])
 
     def within(self, low: float, high: float) -> tuple[float, float]:
-        """Frequency and amplitude of the highest between two frequencies [Hz]; 0 where nothing is left."""
-        inside = np.flatnonzero((self.frequency >= low) & (self.frequency <= high))
-        if inside.size == 0:
+        """Frequency [Hz] and amplitude [N m] of the highest peak between two frequencies [Hz]; 0 where nothing is left.
+
+        Where an end of the band cuts a twelfth of an octave, only the highest peak of the whole of it is known. A peak inside
+        the band may be as high as that one, which then counts although it may lie just outside.
+        """
+        if high < low:
             return low, 0.0
-        k = inside[np.argmax(self.amplitude[inside])]
+        part = _twelfth_octave(self.frequency)
+        first, last = _twelfth_octave(np.array([low, high]))
+        overlapping = np.flatnonzero((part >= first) & (part <= last))
+        if overlapping.size == 0:
+            return low, 0.0
+        k = overlapping[np.argmax(self.amplitude[overlapping])]
         return float(self.frequency[k]), float(self.amplitude[k])
+
+
+def _twelfth_octave(frequency: np.ndarray) -> np.ndarray:
+    """Number of the twelfth of an octave in which each frequency [Hz] lies, as a float: infinite at 0 and at infinity."""
+    with np.errstate(divide="ignore"):
+        return np.floor(12.0 * np.log2(frequency))
 
 
 @dataclass(frozen=True)
@@ -199,6 +218,11 @@ class LineTable:
     def duration(self) -> float:
         """Length of the record [s]."""
         return self.samples / self.sample_rate
+
+    @cached_property
+    def largest(self) -> float:
+        """Amplitude of the largest line that has one [N m]; 0 without any."""
+        return max((x.amplitude_n_m for x in self.lines if math.isfinite(x.amplitude_n_m)), default=0.0)
 
     def __iter__(self) -> Iterator[Line]:
         return iter(self.lines)

@@ -17,7 +17,7 @@ from microvib.errors import OptionError, SimulationError, expect_list, whole_num
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario, expect_scenario
-from microvib.signals.line_table import DRIVEN, FAINT, Line
+from microvib.signals.line_table import DRIVEN, FAINT, TWELFTH_OCTAVE, Line
 from microvib.solve.integration import Progress
 from microvib.studies.workers import all_cores
 from microvib.units import Band, Given, Si, quantity
@@ -55,6 +55,8 @@ class RateLine:
     """Frequency over the driving frequency."""
     frequency: float
     amplitude: float
+    away: float = 0.0
+    """How far from its frequency [Hz] another line may lie that it stands for."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class RateCase:
         inside = [
             x
             for x in (self.hidden if hidden else self.lines)
-            if in_band(x.frequency, *band, frequency_doubt(x.frequency))
+            if in_band(x.frequency, *band, max(frequency_doubt(x.frequency), x.away))
         ]
         return max(inside, key=lambda line: line.amplitude, default=None)
 
@@ -208,8 +210,8 @@ class RatePlan:
         return min(((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None)
 
     def _top(self, case: RateCase) -> float:
-        line = case.largest(self.band)
-        return line.amplitude if line is not None else 0.0
+        known = (case.largest(self.band), case.largest(self.band, hidden=True))
+        return max((line.amplitude for line in known if line is not None), default=0.0)
 
     def worst(self, microsteps: int) -> float:
         """Largest line over all rates of one microstep count [N m]; NaN where all cases failed."""
@@ -326,7 +328,7 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
         return
     for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
         if amplitude > 0.0:
-            yield RateLine("a peak that no line accounts for", "other", f / f_d, f, amplitude)
+            yield RateLine("a peak that no line accounts for", "other", f / f_d, f, amplitude, TWELFTH_OCTAVE * f)
     if rest.slow > 0.0:
         for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):
             yield RateLine("what the record is too short for", "other", f / f_d, float(f), BEYOND * rest.slow)
