@@ -8,9 +8,11 @@ import pytest
 import microvib as mv
 from microvib.studies.evidence import chosen, evidence_of
 from microvib.studies.identify import parse_fit
+from microvib.studies.identify import search as search_module
+from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.lacking import CHAIN, lacking, moved_by
 from microvib.studies.identify.problem import Problem, Trust, cost
-from microvib.studies.identify.search import Optimum, local_at
+from microvib.studies.identify.search import Optimum, least_misfit, local_at
 from microvib.testdata.recording import Recording
 from microvib.testdata.response import Stage, response, without_response
 
@@ -39,7 +41,7 @@ def test_few_lines_do_not_rule_out_a_chain_of_filters_unless_it_is_stated(made):
     (few,) = chosen([evidence], scenario, ["0.5:60 Hz"])
     _, why = judged(scenario, few, simulated=False)
     assert why.startswith(
-        f"not identifiable without {CHAIN}, which the evidence does not rule out and which moves it by -"
+        f"not identifiable: the evidence does not rule out {CHAIN}, which would move it by -"
     )
     stated = replace(few, prepared=replace(few.prepared, response_known=True))
     assert judged(scenario, stated, simulated=False)[1] == ""
@@ -53,7 +55,7 @@ def test_effects_of_the_drive_are_looked_at_too(made):
     one = replace(one, observations=tuple(o for o in one.observations if (o.line, o.form) == ("drive_1", "amplitude")))
     found, why = judged(scenario, one, simulated=True)
     assert {"driver.supply_voltage", "friction.presliding", "reducer.backlash"} <= {each.effect for each in found}
-    assert why.startswith("not identifiable without ")
+    assert why.startswith("not identifiable: the evidence does not rule out ")
 
 
 def test_a_chain_may_be_stated_as_flat():
@@ -63,3 +65,51 @@ def test_a_chain_may_be_stated_as_flat():
     told = without_response(recording, flat)
     assert np.array_equal(told["Mz"], recording["Mz"])
     assert "stated as flat" in told.notes[-1]
+
+
+def test_no_frequency_is_fitted_along_where_the_scenario_has_it_right(made):
+    """Amplitudes are wrong by 3 % where 0.4 % was stated: no fit explains them, and another frequency hardly helps."""
+    scenario, evidence = made
+    random = np.random.default_rng(2)
+    wrong = [
+        replace(o, value=o.value * random.lognormal(0.0, 0.03)) if o.form == "amplitude" else o
+        for o in evidence.observations
+    ]
+    key = parse_fit(scenario, "motor.friction.viscous")
+    problem = Problem(scenario, [(replace(evidence, observations=tuple(wrong)), {})], [key], Trust(0.004))
+    wider = problem.along()
+    assert wider is not None
+    starts = [Optimum(x, r, cost(r)) for x in (wider.start,) for r in wider.residuals([x])]
+    asked, found = least_misfit(wider, starts, seed=1)
+    assert not goodness(asked, found[0].r).explained
+    assert [one.key for one in asked.keys] == ["motor.friction.viscous"]
+    assert key.value(float(found[0].x[0])) == pytest.approx(scenario["motor.friction.viscous"], rel=0.1)
+    off = scenario.with_si({"array.modes.0.frequency": 1.05 * float(scenario["array.modes.0.frequency"])})
+    needed = problem.again(scenario=off).along()
+    assert needed is not None
+    starts = [Optimum(x, r, cost(r)) for x in (needed.start,) for r in needed.residuals([x])]
+    kept, _ = least_misfit(needed, starts, seed=1)
+    assert [one.along for one in kept.keys] == [False, True]
+
+
+def test_a_search_that_failed_with_the_scenarios_frequency_is_made_again_from_what_explained(made, monkeypatch):
+    """The first round misses the fit that explains the evidence at the scenario's own frequency, the second finds it."""
+    scenario, evidence = made
+    key = parse_fit(scenario, "motor.friction.viscous")
+    problem = Problem(scenario, [(evidence, {})], [key], Trust(0.004))
+    rounds, round_ = [], search_module._round
+
+    def missing(posed, *asked):
+        rounds.append([one.key for one in posed.keys])
+        if len(rounds) > 1:
+            return round_(posed, *asked)
+        x = posed.start + 0.5
+        (r,) = posed.residuals([x])
+        return [Optimum(x, r, cost(r))]
+
+    monkeypatch.setattr(search_module, "_round", missing)
+    monkeypatch.setattr(search_module, "images", lambda *_: [])
+    found, optima = search_module.search(problem, seed=1, starts=8, finishes=1)
+    assert [len(keys) for keys in rounds] == [1, 2]
+    assert [one.key for one in found.keys] == ["motor.friction.viscous"]
+    assert goodness(found, optima[0].r).explained

@@ -91,8 +91,9 @@ class Fit:
         """What comes first: how good the fit is, and whether it identifies anything."""
         if not self.goodness.explained or any(e.identifiable for e in self.parameters):
             return self.goodness.sentence
-        reasons = list(dict.fromkeys(e.verdict.removeprefix("not identifiable: ") for e in self.parameters))
-        why = f": {reasons[0]}" if len(reasons) == 1 else ""
+        verdicts = (e.verdict.removesuffix(verdict.ALONG) for e in self.parameters)
+        reasons = list(dict.fromkeys(one.removeprefix("not identifiable") for one in verdicts))
+        why = reasons[0] if len(reasons) == 1 else ""
         value = f"chi-square {self.goodness.ratio:.3g} per degree of freedom, {self.goodness.counted}"
         return (
             f"Nothing is identified{why}. That the figures are as the model's ({value}) does not make it right: other values, or"
@@ -307,7 +308,7 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
     yield Findings(problem, optima[0])
     explained = goodness(problem, optima[0].r).explained
     if not explained:
-        optima = least_misfit(problem, optima, seed)
+        problem, optima = least_misfit(problem, optima, seed)
         problem = problem.within(optima[0].x)
         explained = goodness(problem, optima[0].r).explained
         yield Findings(problem, optima[0])
@@ -351,10 +352,13 @@ def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bo
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
-    errors = () if found.misread else needed_error(problem, best.r)
-    notes += (
+    doubts = [f"{one.name}: {doubt}." for one in tests for doubt in one.doubts]
+    errors = () if doubts or found.misread else needed_error(problem, best.r)
+    notes = (
+        *doubts,
         *found.misread,
         *errors,
+        *notes,
         *hints(problem.tests, after, off),
         *((found.note,) if found.note else ()),
     )

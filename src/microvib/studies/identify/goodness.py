@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.evidence import predicted
+from microvib.studies.evidence import Observation, predicted
 from microvib.studies.identify.problem import SIZES, Problem
 
 REJECTED = 1e-3
@@ -129,6 +129,11 @@ def needed_error(problem: Problem, r: np.ndarray) -> Iterator[str]:
     yield f"No model_error up to {100.0 * ERRORS[-1]:.0f} percent would make it explain them{also}."
 
 
+def _beside(o: Observation, value: float) -> float:
+    """A model's figure beside a measured one: an angle within half a turn of it."""
+    return o.value + math.remainder(value - o.value, math.tau) if o.is_angle and math.isfinite(value) else value
+
+
 def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
     """All figures beside the model's at ``x``."""
     tables = problem.lines(x)
@@ -136,7 +141,7 @@ def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
     return tuple(
         Deviation(
             problem.tests[k][0].name, o.line, o.form, o.value,
-            math.nan if tables is None else predicted(tables[k], o), float(s),
+            math.nan if tables is None else _beside(o, predicted(tables[k], o)), float(s),
         )
         for (k, o), s in zip(problem.observed, sigma, strict=True)
     )  # fmt: skip

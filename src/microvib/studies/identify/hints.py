@@ -32,8 +32,7 @@ def hints(
     tests: Sequence[tuple[Evidence, Scenario]], after: Sequence[Simulated], deviations: Sequence[Deviation]
 ) -> tuple[str, ...]:
     """Sentences on what the model, whose lines of each test are ``after``, seems to lack."""
-    found = [f"{one.name}: {doubt}." for one, _ in tests for doubt in one.doubts]
-    found += [sentence for each in zip(tests, after, strict=True) for sentence in other_period(*each)]
+    found = [sentence for each in zip(tests, after, strict=True) for sentence in other_period(*each)]
     for one, scenario in tests:
         if loose(one, scenario):
             found.append(f"{one.name}: {_of_noise(one.noise)}")

@@ -34,6 +34,8 @@ DAMPINGS, RESONANCES = (0.003, 0.02, 0.1), np.geomspace(20.0, 4e3, 80)
 """Dampings and frequencies [Hz] of a resonance of the table."""
 CHAIN, TABLE = "the chain's response", "a resonance of the table"
 FLUX = "harmonics of the motor's flux (or a driver.table)"
+STATED = "; state it in the preparation file (response; 'response: flat' where there is none)"
+"""What is to be done about the measuring chain."""
 STIFF = 1e4
 """Stiffness [N m/rad] that presliding is compared with where the reducer has none."""
 
@@ -48,11 +50,13 @@ class Lacking:
 
     def text(self, value: float, moved: float) -> str:
         """Why an estimate is not identifiable that it moves to another value."""
-        by = f"by {100.0 * (moved / value - 1.0):+.2g} %" if value else "away from 0"
-        remedy = (
-            "; state it (response, in the preparation file; flat if it is)" if self.effect in (CHAIN, TABLE) else ""
-        )
-        return f"not identifiable without {self.effect}, which the evidence does not rule out and which moves it {by}{remedy}"
+        change = moved / value - 1.0 if value else math.inf
+        by = f"by {100.0 * change:+.2g} %"
+        if not abs(change) < 1.0:
+            by = f"by a factor of {moved / value:.2g}" if value and moved / value > 0.0 else f"to {moved:.3g}"
+        remedy = STATED if self.effect in (CHAIN, TABLE) else ""
+        return f"not identifiable: the evidence does not rule out {self.effect}, which would move it {by}{remedy}"
+
 
 
 def lacking(problem: Problem, best: Optimum, local: Local, simulated: bool = True) -> tuple[Lacking, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.identify.goodness import goodness
+from microvib.studies.identify.goodness import REJECTED, goodness
 from microvib.studies.identify.images import images
 from microvib.studies.identify.keys import WIDENINGS
 from microvib.studies.identify.problem import ROBUST, Ledger, Problem, cost
@@ -228,8 +228,10 @@ def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequen
     return optima
 
 
-def least_misfit(problem: Problem, optima: Sequence[Optimum], seed: int) -> list[Optimum]:
+def least_misfit(problem: Problem, optima: Sequence[Optimum], seed: int) -> tuple[Problem, list[Optimum]]:
     """Ends of local fits where no fit explains the evidence, the least chi-square first, at the scale of what is left.
+
+    With the problem, which has lost a frequency that is fitted along where its start leaves hardly more.
 
     Against errors that are stated too small nearly every figure is far off, and counts in proportion only: a search then ends at
     any of many corners. With all standard deviations as much larger as the best so far asks for, the same squares are smooth.
@@ -253,7 +255,27 @@ def least_misfit(problem: Problem, optima: Sequence[Optimum], seed: int) -> list
         points = []
         if _squares(problem, found[0].r) > (1.0 - SCALED_GAIN) * before:
             break
-    return found
+    return _hardly_more(problem, found)
+
+
+def _hardly_more(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
+    """Without the frequencies that are fitted along, where their starts leave no more than chance would over what is left."""
+    from scipy.stats import chi2
+
+    own = np.array([not key.along for key in problem.keys])
+    if np.all(own):
+        return problem, optima
+    asked = problem.again([key for key in problem.keys if not key.along])
+    starts = [o.x[own] for o in optima[:AT_ONCE]]
+    starts += images(asked, starts[0])
+    rest = goodness(problem, optima[0].r)
+    scaled = asked.looser(np.full(asked.figures, math.sqrt(max(rest.ratio, 1.0))))
+    ends = [o.x for o in descend_all(scaled, starts)]
+    found = [Optimum(x, r, cost(r)) for x, r in zip(ends, asked.residuals(ends), strict=True)]
+    found.sort(key=lambda o: _squares(asked, o.r))
+    chance = float(chi2.isf(REJECTED, int(np.sum(~own)))) * max(rest.ratio, 1.0)
+    as_good = _squares(asked, found[0].r) <= rest.chi_square + chance
+    return (asked, found) if as_good or goodness(asked, found[0].r).explained else (problem, optima)
 
 
 def _scaled(problem: Problem, r: np.ndarray) -> Problem:

@@ -31,6 +31,8 @@ NUDGE = 0.01
 ASSUMED_TIME = 0.1
 """Relative error of a settling time that nobody measured."""
 SETTLE = "record.settle"
+ALONG = "; fitted as well, since no fit with the scenario's value explained the evidence"
+"""What is said of a mode's frequency that nobody asked for."""
 ODDS = 2.0 * math.log(1.0 / REJECTED)
 """Cost above the best's up to which an optimum elsewhere explains the data as well: odds of a thousand to one."""
 
@@ -121,7 +123,7 @@ def estimate(findings: Findings, k: int) -> Estimate:
         known = f"{SETTLE} being right within {findings.problem.trust.settle:g} s (one standard deviation)"
         verdict += f"; which phase is which, and so its sign, rests on {known}"
     if key.along:
-        verdict += "; fitted as well, since no fit with the scenario's value explained the evidence"
+        verdict += ALONG
     if findings.intervals is None:
         return Estimate(key.label, key.unit, value, math.nan, key.low, key.high, good, verdict, recording=key.recording)
     i = findings.intervals[k]
