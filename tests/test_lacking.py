@@ -40,9 +40,7 @@ def test_few_lines_do_not_rule_out_a_chain_of_filters_unless_it_is_stated(made):
     scenario, evidence = made
     (few,) = chosen([evidence], scenario, ["0.5:60 Hz"])
     _, why = judged(scenario, few, simulated=False)
-    assert why.startswith(
-        f"not identifiable: the evidence does not rule out {CHAIN}, which would move it by -"
-    )
+    assert why.startswith(f"not identifiable: the evidence does not rule out {CHAIN}, which would move it by -")
     stated = replace(few, prepared=replace(few.prepared, response_known=True))
     assert judged(scenario, stated, simulated=False)[1] == ""
     assert judged(scenario, evidence, simulated=False)[1] == ""  # all lines rule it out

@@ -53,10 +53,9 @@ class Lacking:
         change = moved / value - 1.0 if value else math.inf
         by = f"by {100.0 * change:+.2g} %"
         if not abs(change) < 1.0:
-            by = f"by a factor of {moved / value:.2g}" if value and moved / value > 0.0 else f"to {moved:.3g}"
+            by = "by more than a factor of two" if value else "away from 0"  # slopes tell no more
         remedy = STATED if self.effect in (CHAIN, TABLE) else ""
         return f"not identifiable: the evidence does not rule out {self.effect}, which would move it {by}{remedy}"
-
 
 
 def lacking(problem: Problem, best: Optimum, local: Local, simulated: bool = True) -> tuple[Lacking, ...]:
