@@ -235,7 +235,7 @@ MARKS: Sequence[tuple[re.Pattern[str], str]] = (
     (re.compile(r"\bsimulated in [\d.]+ (?:ms|s|min)"), "simulated in TIME"),
     (re.compile(r"\bin [\d.]+ (?:ms|s|min)\b(?=[.;,]?\s*(?:$|\n|Written))"), "in TIME"),
     (re.compile(r"[\d.]+ cases/s"), "SPEED"),
-    (re.compile(r'("(?:times_real_time|simulate|total)": )[\d.eE+-]+'), r"\1TIME"),
+    (re.compile(r'("(?:times_real_time|wall_s|simulate|total)": )[\d.eE+-]+'), r"\1TIME"),
     (re.compile(r'("microvib(?:_version)?": )"[^"]*"'), r'\1"VERSION"'),
 )
 
