@@ -807,6 +807,33 @@ def test_a_band_that_an_order_passes_within_one_speed_is_judged() -> None:
         assert judged(requirement(**band, limit=Si(part * size)), [wide], "rss").verdict == verdict
 
 
+@pytest.mark.parametrize(
+    "second",
+    [
+        {"speed": "3000 rpm", "speed_to": "3010 rpm"},
+        {"speed": "3000.1 rpm", "speed_to": "3010 rpm"},  # a hundredth of a hertz away at most
+        {"speed": "2900 rpm", "speed_to": "3000 rpm"},
+        {"speed": "3000 rpm"},
+    ],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_wheels_whose_ranges_touch_may_have_one_speed(second, turned) -> None:
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2))
+    given = {"axis": [0, 0, 1], "harmonics": [{"order": 1.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}]}
+
+    def wheel(name: str, **speeds: str) -> Contribution:
+        at = ["0 m", "0.1 m", "0 m"]
+        return of_other(OtherSource(name=name, wheel={**given, **speeds}, position=at), craft, NO_FILES)
+
+    first = {"speed": "3000 rpm", "speed_to": "3010 rpm"} if second["speed"] == "2900 rpm" else {
+        "speed": "2990 rpm", "speed_to": "3000 rpm"
+    }  # fmt: skip
+    ranges = [wheel("a", **first), wheel("b", **second)]
+    together = [wheel("a", speed="3000 rpm"), wheel("b", speed="3000 rpm")]
+    found = judged(requirement(lowest="20 Hz"), ranges[::-1] if turned else ranges, "rss")
+    assert found.most >= 0.999 * judged(requirement(lowest="20 Hz"), together, "bound").value
+
+
 def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     full = whole.FullCraft(bandwidth=0.2)
     scenario = scenario_of(full)

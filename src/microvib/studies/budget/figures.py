@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.analysis.margins import frequency_doubt
 from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import (
     EVERYWHERE,
@@ -206,8 +207,10 @@ def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 def _meeting(r: Requirement, swept: np.ndarray, size: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, and its amplitudes there."""
-    met = (f >= swept[0]) & (f <= swept[-1]) & inside(r, f)
+    """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, or comes so near to that the two add for as
+    long as any window lasts, and its amplitudes there."""
+    near = np.maximum(SLOW, frequency_doubt(f))
+    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & inside(r, f)
     right = np.clip(np.searchsorted(swept, f[met]), 1, swept.size - 1)
     return met, np.maximum(size[right - 1], size[right])
 

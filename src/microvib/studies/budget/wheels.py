@@ -156,7 +156,7 @@ class WheelOnCraft:
         """Frequencies [Hz] that resolve every resonance, ascending, (m,)."""
         low, high = (float(x) for x in self.frequencies(np.array(self.speeds))[[0, 1], [0, -1]])
         low, high = low * (1.0 - 2.0 * CLOCK), high * (1.0 + 2.0 * CLOCK)
-        found = [np.geomspace(low, high, int(math.log(high / low) / _GRID) + 3)]
+        found = [np.geomspace(low, high, int(math.log(high / low) / _GRID) + 3), self._ends]
         for mode in coupled_modes(self.scenario):
             damping = max(mode.damping, 1e-6)
             reach = math.asinh(max(30.0, 2.0 * _GRID / damping))
@@ -165,6 +165,12 @@ class WheelOnCraft:
             )
         grid = np.unique(np.concatenate(found))
         return grid[(grid >= low) & (grid <= high)]
+
+    @property
+    def _ends(self) -> np.ndarray:
+        """Frequencies [Hz] at which an order begins and ends, and how far they may be off: two ranges may meet just there."""
+        ends = self.frequencies(np.array(self.speeds)).ravel()
+        return np.concatenate([ends * (1.0 - CLOCK), ends, ends * (1.0 + CLOCK)])
 
     @cached_property
     def amplitudes(self) -> np.ndarray:
