@@ -158,8 +158,10 @@ def test_long_results_are_packed_and_files_are_not(client, finished):
 
 def test_a_rate_plan_and_its_bad_options(client):
     asked = {"scenario": spec(), "from": "0.02 deg/s", "to": "0.2 deg/s", "count": 5, "linear": True}
-    found = result(client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"])
+    found = result(client, client.post("/api/rates", json=asked).json()["id"])
     assert found["best"]["largest"] == min(max(x["amplitude"] for x in case["lines"]) for case in found["cases"])
+    limited = result(client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"])
+    assert limited["best"] is None  # the linearised drive has driving lines only
     for more, key in (
         ({"from": "1 m"}, "from"), ({"to": "0.01 deg/s"}, "from"), ({"limit": "-1 N*m"}, "limit"), ({"band": "5"}, "band"),
         ({"count": 2000, "microsteps": [8, 16, 32]}, "count"), ({"microsteps": [0]}, "microsteps.0"),
