@@ -92,7 +92,8 @@ def column(found: Table, title: str, unit: str | None = None) -> list[str]:
 def test_the_spectrum_names_the_line_that_decides_the_verdict_first(motion_1):
     """A line that is small beside its neighbours, above its limit, or the one nearest to the limit where none is above."""
     table = mv.lines(motion_1)
-    small = min((x for x in table if x.seen and x.kind == "full step"), key=lambda x: abs(x.frequency_hz - 53.0))
+    known = (x for x in table if x.seen and x.kind == "full step" and x.amplitude_n_m > 1e-4)
+    small = min(known, key=lambda x: x.amplitude_n_m)
     for factor in (0.2, 5.0):
         limit = limit_of(factor * small.amplitude_n_m, small.frequency_hz - 0.1, small.frequency_hz + 0.1)
         judged = judge(table, limit, motion_1.scenario)
@@ -187,9 +188,8 @@ def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
 
 
 def test_a_small_line_above_a_small_limit_is_listed(motion_1, lines_1, undrawn):
-    small = min((x for x in lines_1 if x.status == "ok"), key=lambda x: x.amplitude_n_m)
-    assert small not in lines_1.notable()
-    strict = run_report(motion_1, lines_1, limit=limit_of(0.5 * small.amplitude_n_m))
+    small = max((x for x in lines_1 if x.status == "ok" and x not in lines_1.notable()), key=lambda x: x.amplitude_n_m)
+    strict = run_report(motion_1, lines_1, limit=limit_of(0.1 * small.amplitude_n_m))
     (listed,) = tables(section(strict, "All lines").blocks)
     assert small.line in column(listed, "line")
     assert listed.rows[column(listed, "line").index(small.line)].cells[-1] == "FAIL"
