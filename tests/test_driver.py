@@ -416,16 +416,15 @@ def fitted(errors, seed, late=0.0, **how):
     truth = driver_scenario(**errors).with_si(
         SHORT | {"record.settle": SHORT["record.settle"] + late, "tracking.clock_ratio": 0.9962}
     )
-    fit = identify(
+    return identify(
         baseline().with_si(SHORT), [recorded(truth, seed)], [f"driver.imperfections.{key}" for key in errors], **how
     )
-    assert fit.usable
-    return fit
 
 
 def estimates(errors, seed, **how):
     """Errors with their signs, where the time before the recording is known; all must be identifiable."""
     fit = fitted(errors, seed, settle_error="50 ms", **how)
+    assert fit.usable
     assert all(e.identifiable for e in fit.estimates), [e.verdict for e in fit.estimates]
     return {e.key.rpartition(".")[2]: e for e in fit.estimates}
 
