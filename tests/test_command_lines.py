@@ -15,6 +15,7 @@ PAGES = ["README.md", *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "d
 SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],
     "--angles 0:180:15": [*SHORT, "--angles", "0:180:90"],
+    "--angles 0:330:30": [*SHORT, "--angles", "0,120"],
     "--orbit": [*SHORT, "--angles", "30:60:30"],
     "microvib rates": ["--count", "2", "--linear", "--from", "0.1 deg/s", "--microsteps", "16,32"],
     "microvib modes": ["--count", "3"],
