@@ -5,13 +5,13 @@ import pytest
 
 import microvib as mv
 from microvib.studies.evidence import Evidence, Observation, at_parts, evidence_of
-from microvib.studies.identify import parse_fit
+from microvib.studies.identify import WholeKey, parse_fit
 from microvib.studies.identify.goodness import deviations
 from microvib.studies.identify.hints import LARGE, hints
 from microvib.studies.identify.intervals import Interval, profiles
 from microvib.studies.identify.problem import Problem, Trust, cost
 from microvib.studies.identify.search import Local, Optimum, local_at
-from microvib.studies.identify.verdict import Findings, estimate
+from microvib.studies.identify.verdict import Findings, Whole, estimate
 from microvib.testdata.recording import Recording
 
 
@@ -40,6 +40,26 @@ def judged(problem):
     local = Local(np.ones((problem.figures + 1, 1)), np.array([[1e-4]]), 1.0)
     found = Findings(problem, best, local, True, (Interval(best.x[0] - 0.02, best.x[0] + 0.02),))
     return estimate(found, 0).verdict
+
+
+def test_fewer_figures_than_parameters_identify_none_of_them(short):
+    """Ranges and the prior would tell the rest, and they are no evidence."""
+    rows = tuple(Observation(name, "amplitude", 0.01, 1e-4) for name in ("drive_1", "drive_2"))
+    keys = [parse_fit(short, key) for key in ("reducer.stiffness", "reducer.damping", "array.rigid_inertia")]
+
+    def verdict(figures, fitted, wholes=0):
+        tests = [(Evidence("made", rows[:figures], 1.0, 8.0, 4096.0), {})]
+        problem, m = Problem(short, tests, keys[:fitted], Trust(0.004)), fitted
+        best = Optimum(problem.start, np.zeros(figures + m), 0.0)
+        local = Local(np.ones((figures + m, m)), 1e-4 * np.eye(m), 1.0)
+        intervals = tuple(Interval(x - 0.02, x + 0.02) for x in best.x)
+        whole = (Whole(WholeKey("driver.imperfections.dac_bits", 4, 14), 8, (8,)),) * wholes
+        found = Findings(problem, best, local, True, intervals, whole=whole)
+        return estimate(found, 0).verdict
+
+    assert verdict(2, 3) == "not identifiable: 2 figures cannot tell 3 parameters; fit fewer"
+    assert verdict(1, 1, wholes=1) == "not identifiable: 1 figure cannot tell 2 parameters; fit fewer"
+    assert verdict(2, 2) == "identifiable, if the model holds"
 
 
 def torque_of(scenario):

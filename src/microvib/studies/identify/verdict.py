@@ -143,6 +143,9 @@ def refusal(findings: Findings) -> str:
         return "not identifiable: the recording may not be of this drive at this rate"
     if not fit.explained:
         return "not identifiable: the model does not explain the data"
+    parameters = fit.parameters + len(findings.whole)
+    if fit.figures < parameters:
+        return f"not identifiable: {_counted(fit.figures, 'figure')} cannot tell {_counted(parameters, 'parameter')}; fit fewer"
     if fit.doubtful:
         return "not identifiable: few figures check the model, and they speak against it"
     if not findings.converged or findings.intervals is None:
@@ -152,6 +155,10 @@ def refusal(findings: Findings) -> str:
     if any(loose(one, scenario) for one, scenario in findings.problem.tests):
         return "not identifiable without friction.torque_noise: the floor may be such noise, which would move the lines"
     return ""
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
