@@ -94,16 +94,12 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
         numeric = [c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"]
         names = [c.name for c in numeric]
         began = {c.path: c.properties.get("wf_start_time") for c in numeric if len(c)}
-        times = [np.datetime64(t, "us") for t in began.values() if t is not None]
-        first = min(times, default=None)
+        times = {path: np.datetime64(t, "us") for path, t in began.items() if t is not None}
+        first = min(times.values(), default=np.datetime64(0, "us"))
         columns = []
         for c in numeric:
             if len(c):
-                clock = (
-                    0.0
-                    if began[c.path] is None
-                    else (np.datetime64(began[c.path], "us") - first) / np.timedelta64(1, "s")
-                )
+                clock = (times.get(c.path, first) - first) / np.timedelta64(1, "s")
                 columns.append(replace(_tdms_column(c, names.count(c.name) > 1), clock=float(clock)))
         return recording_of(columns, hints)
 

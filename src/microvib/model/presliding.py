@@ -135,7 +135,7 @@ def _cut(loop: Rows) -> tuple[np.ndarray, np.ndarray, bool]:
     span = float(np.ptp(angle)) if angle.size else 0.0
     if angle.size < 5 or not np.all(np.isfinite([angle, torque])) or span == 0.0:
         raise ValueError("loop: at least 5 rows are expected, all finite, of a shaft that is turned")
-    ends = [np.flatnonzero(side * angle >= (side * angle).max() - 0.02 * span) for side in (1.0, -1.0)]
+    ends = [np.flatnonzero(side * angle >= np.max(side * angle) - 0.02 * span) for side in (1.0, -1.0)]
     one, other = sorted(ends, key=lambda found: found[0])
     closed = bool(one[-1] > other[0])
     start = one[np.argmax(np.abs(angle[one[one < other[0]]] - angle[other[0]]))] if closed else 0

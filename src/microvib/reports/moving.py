@@ -234,9 +234,9 @@ def array_modes(array: Array, kinds: Sequence[str] | None) -> dict[str, list[Any
     Effective masses and inertias are those of six directions, or of the drive axis alone where no other is known.
     """
     mass, participation, axis = array.mass, array.interface, "xyz".index(array.drive_axis)
-    directions = np.arange(6)
+    directions = list(range(6))
     if mass is None or participation is None:
-        mass, participation, directions = np.diag([array.inertia]), array.H[None, :], np.array([3 + axis])
+        mass, participation, directions = np.diag([array.inertia]), array.H[None, :], [3 + axis]
     effective, whole = participation**2, np.diag(mass)[:, None]
     if kinds is None:  # the direction in which it takes part most
         fraction = np.divide(effective, whole, out=np.zeros_like(effective), where=whole > 0.0)

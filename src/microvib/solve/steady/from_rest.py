@@ -131,7 +131,8 @@ class RunFromRest:
         period.rest()
         self._begun = int(period.packed.state.counters[kernel.STEPS])
         times, _ = scenario.tracking.breakpoints()
-        since = float(times[np.searchsorted(times, scenario.record.settle, side="right") - 1]) + scenario.driver.delay
+        now = int(np.searchsorted(times, scenario.record.settle, side="right")) - 1
+        since = float(times[now]) + scenario.driver.delay
         part = period.microsteps // parts
         self._made = part * math.ceil((since - period.start) / (part * period.microstep_time) + 1e-6)
         stop = self._time(self._made)

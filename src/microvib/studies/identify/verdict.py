@@ -197,8 +197,8 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
     half = 0.5 * (key.value(interval.high) - key.value(interval.low))
     if interval.open_low or interval.open_high or half > Z * WIDE * abs(value):
         correlation = np.abs(np.where(np.arange(findings.best.x.size) == k, 0.0, correlations(findings.local)[k]))
-        if correlation.max() > TIED:
-            return False, f"not identifiable apart from {findings.problem.keys[int(correlation.argmax())].label}"
+        if np.max(correlation) > TIED:
+            return False, f"not identifiable apart from {findings.problem.keys[int(np.argmax(correlation))].label}"
         return False, "not identifiable: the evidence hardly changes with it"
     settle = findings.problem.scenario.record.settle
     late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE), 0.0)
