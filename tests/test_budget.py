@@ -77,8 +77,8 @@ def test_unknown_phases_decide_nothing(limit: str, verdict: str) -> None:
 
 @pytest.mark.parametrize("one_source", [False, True])
 def test_lines_that_beat_slowly_may_be_in_step_for_an_observation(one_source: bool) -> None:
-    """Two drives whose clocks are a part in 10 000 apart are in step for minutes: 2 urad 0-to-peak and not 1.41."""
-    lines = ((3.3333, 1.0, 0.0), (3.3333 * 1.0001, 1.0, 0.0))
+    """Two drives whose clocks are a part in 1000 apart are in step for minutes: 2 urad 0-to-peak and not 1.41."""
+    lines = ((3.3333, 1.0, 0.0), (3.3333 * 1.001, 1.0, 0.0))
     pair = [source("a", *lines)] if one_source else [source(name, line) for name, line in zip("ab", lines, strict=True)]
     for limit, verdict in ((1.45, "pass"), (1.2, "not judged"), (0.9, "fail")):
         one = judged(requirement(axis="x", limit=Si(limit * URAD)), pair, "rss")
@@ -90,6 +90,119 @@ def test_lines_that_beat_slowly_may_be_in_step_for_an_observation(one_source: bo
     assert judged(requirement(axis="x", limit=None, curve=points), pair, "rss").verdict == "not judged"
     apart = [source("a", (3.3, 1.0, 0.0), (3.32, 1.0, 0.0))]
     assert judged(requirement(axis="x", limit=Si(1.2 * URAD)), apart, "rss").verdict == "pass"
+
+
+@pytest.mark.parametrize("statistic", ["rms", "level", "bound"])
+def test_lines_of_two_sources_may_be_of_one_frequency_where_clocks_say_so(statistic: str) -> None:
+    """A part in 10 000 apart, each known to 1e-4: they may add, or cancel but for 0.2 urad; lines of one table are two lines."""
+    lines = ((300.0, 1.0, 0.0), (300.03, 0.8, 0.0))
+    full = 1.0 if statistic == "bound" else math.sin(0.5 * math.pi * 0.997) if statistic == "level" else math.sqrt(0.5)
+    keys = {"axis": "x", "statistic": statistic}
+    pair = [source("a", lines[0]), source("b", lines[1])]
+    one = judged(requirement(**keys), pair, "rss")
+    assert one.least <= 0.2 * full * URAD * (1.0 + 1e-9)
+    assert one.most >= 1.8 * full * URAD * (1.0 - 1e-9)
+    if statistic == "rms":
+        clocked = [replace(x, clock="both") for x in pair]
+        for sources in ([source("a", *lines)], clocked):
+            assert judged(requirement(**keys), sources, "rss").least == pytest.approx(math.sqrt(0.82) * URAD)
+
+
+def _of_phases(orders: np.ndarray, A: np.ndarray, part: float, window: float | None = None) -> tuple[float, float]:
+    """Least and largest level over the phases of harmonics of 1 Hz with amplitudes ``A``, searched for; of the error or in windows."""
+    from scipy.optimize import minimize
+
+    t = np.arange(1501) / 1501
+    moved = np.exp(2j * np.pi * np.outer(t, orders))
+    if window is not None:  # rows are windows and instants in them
+        tau = window * (np.arange(15) + 0.5) / 15
+        own = np.exp(2j * np.pi * np.outer(tau, orders)) - np.sinc(orders * window) * np.exp(
+            1j * np.pi * orders * window
+        )
+        moved = (moved[::5, None] * own).reshape(-1, orders.size)
+
+    def of(phases: np.ndarray) -> float:
+        return float(np.quantile(np.abs((moved @ (A * np.exp(1j * phases))).real), part))
+
+    rng, found = np.random.default_rng(0), []
+    for k in range(3):
+        start = rng.uniform(0.0, 2.0 * np.pi, orders.size) * bool(k)
+        for sign in (1.0, -1.0):
+            searched = minimize(lambda x, s=sign: s * of(x), start, method="Nelder-Mead", options={"maxfev": 400})
+            found.append(of(searched.x))
+    return min(found), max(found)
+
+
+@pytest.mark.parametrize("window", [None, 0.3])
+@pytest.mark.parametrize("part", [0.5, 0.68, 0.95, 0.997])
+@pytest.mark.parametrize(
+    ("orders", "A"),
+    [((1, 2), (1.0, 0.7)), ((1, 3, 5), (1.0, 1 / 3, 0.2)), ((1, 3), (1.0, 0.15)), ((1, 2, 3, 4, 5, 6), (1.0,) * 6)],
+)
+def test_a_level_lies_between_its_least_and_most_whatever_the_phases(
+    orders: tuple[int, ...], A: tuple[float, ...], part: float, window: float | None
+) -> None:
+    """Against a search over the phases that nobody stated, of harmonics in one source and in sources of their own."""
+    lines = [(7.0 * n, a, 0.0) for n, a in zip(orders, A, strict=True)]
+    keys = {} if window is None else {"metric": "rpe", "window": Si(window / 7.0)}
+    r = requirement(axis="x", statistic="level", confidence=part, **keys)
+    low, high = (URAD * x for x in _of_phases(np.array(orders), np.array(A), part, window))
+    for sources in ([source("a", *lines)], [source(f"s{k}", line) for k, line in enumerate(lines)]):
+        one = judged(r, sources, "rss")
+        assert one.least <= 1.003 * low
+        assert one.most >= 0.997 * high
+        assert one.least <= one.value <= one.most
+    if part == 0.997 and window is None:  # where it matters most the search reaches it
+        assert one.most < 1.005 * high
+
+
+def test_harmonics_without_phases_do_not_pass_a_level_that_they_exceed_in_step(tmp_path: Path) -> None:
+    """Ten harmonics of 25 Hz, 0.1 urad each: 0.64 urad where phases are unrelated, 1 urad where all crest together."""
+    craft, names = scenario_of(whole.FullCraft()), "frequency_hz,los_x_rad,los_y_rad"
+    rows = [f"{25.0 * n},1e-7,0" for n in range(1, 11)]
+    (tmp_path / "bare.csv").write_text("\n".join([names, *rows]))
+    phased = [f"{names},los_x_phase_rad,los_y_phase_rad", *(f"{row},0,0" for row in rows)]
+    (tmp_path / "phased.csv").write_text("\n".join(phased))
+    bare, clocked = (
+        of_other(OtherSource(name=name, lines=f"{name}.csv", clock=clock), craft, FileAccess(tmp_path))
+        for name, clock in (("bare", ""), ("phased", "own"))
+    )
+    r = requirement(axis="x", statistic="level", limit="0.8 urad")
+    assert judged(r, [clocked], "rss").verdict == "fail"
+    one = judged(r, [bare], "rss")
+    assert one.verdict == "not judged"
+    assert "bare: phases between lines are not known" in one.why[0]
+    assert one.value < 0.7 * URAD < 0.99 * URAD < one.most
+    assert judged(r.model_copy(update={"limit": 1.01e-6}), [bare], "rss").verdict == "pass"
+    assert judged(r.model_copy(update={"limit": 0.2e-6}), [bare], "rss").verdict == "fail"
+
+
+def test_orders_of_a_wheel_and_lines_of_no_clock_may_crest_together() -> None:
+    """Three orders of a wheel; a drive's line of no clock beside those of its clock; two drives."""
+    given = [("a", (f, 1.0, 0.0)) for f in (10.0, 20.0, 30.0)]
+    lines = [line for _, line in given]
+    wheel = source("a", *lines, phased=False)
+    loose = source("a", *lines, clock="a", unlocked=np.array([False, True, True]))
+    drives = [source(f"d{k}", line, clock=f"d{k}") for k, line in enumerate(lines)]
+    r = requirement(axis="x", statistic="level", limit="2.9 urad")
+    for sources in ([wheel], [loose], drives):
+        one = judged(r, sources, "rss")
+        assert one.verdict == "not judged"
+        assert one.most > 2.99 * URAD
+    locked = judged(r, [source("a", *lines, clock="a")], "rss")
+    assert locked.verdict == "fail"
+
+
+def test_many_small_lines_of_one_clock_are_no_noise() -> None:
+    """Three hundred lines of 0.25 % of the largest, in step with it, reach 0.75 of it; as noise they would have 0.1."""
+    lines = [(float(n), 0.0025 if n > 1 else 1.0, 0.0) for n in range(1, 302)]
+    f = np.array([line[0] for line in lines])
+    t = np.arange(0.0, 1.0, 1.0 / 40_000)
+    true = np.quantile(
+        np.abs(sum(line[1] * np.cos(2.0 * np.pi * x * t) for x, line in zip(f, lines, strict=True))), 0.999
+    )
+    r = requirement(axis="x", statistic="level", confidence=0.999)
+    assert judged(r, [source("a", *lines, clock="a")], "rss").value == pytest.approx(true * URAD, rel=0.01)
 
 
 def test_instants_many_periods_apart_do_not_pass_by_a_zero_of_their_weight() -> None:
@@ -141,7 +254,8 @@ def test_lines_of_one_clock_keep_their_phases_in_a_level() -> None:
         one, other = (judged(r, [source("a", *lines, clock=clock)], "rss") for clock in ("a", ""))
         assert one.value == pytest.approx(true, rel=5e-3)
         assert one.verdict == "fail"
-        assert other.verdict == "pass"
+        assert other.value < 0.98 * true
+        assert other.verdict == "not judged"  # for these phases are among those that it may have
 
 
 def test_a_line_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -43,6 +44,8 @@ _INSTANTS, _PERIODS = (
     1e4,
 )  # a prime number of instants, of so many periods of the lowest line that keeps its phase
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
+_AT_ONCE = 4_000_000  # instants times lines that are summed at a time
+_HALVINGS = 60  # of the interval in which a level lies
 MIDDLES, EVERYWHERE = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
 """Instants in half a window."""
 
@@ -167,6 +170,39 @@ def radial(mean_squares: np.ndarray) -> np.ndarray:
 # ---- Statistics: a line is at its amplitude most of the time, noise hardly ever beyond three sigma ----
 
 
+@dataclass(frozen=True)
+class Distribution:
+    """How the sum of lines and noise is spread over time, in rows: equal shares of the time with amplitudes of their own."""
+
+    angle: np.ndarray
+    """[rad], ascending from 0, (m,), up to what is hardly ever passed."""
+    inside: np.ndarray
+    """Part of the time within each angle, (n, m)."""
+
+    def within(self, confidence: float, beside: np.ndarray | float = 0.0) -> float:
+        """Angle [rad] that it stays within for a part ``confidence`` of the time.
+
+        ``beside`` (n,) [rad] is what there is at most besides, of which neither phases nor frequencies are known: the angle then is
+        the one that all together surely stay within; where ``beside`` is negative, the one that they surely pass for the rest of
+        the time, 0 where there is none.
+        """
+        if not 0.0 < confidence < 1.0:
+            raise MicrovibError(f"confidence: {confidence:g} is not allowed; a part between 0 and 1 is expected")
+        other = np.broadcast_to(beside, len(self.inside))
+        low, high = 0.0, max(float(self.angle[-1] + other.max()), 0.0)
+        if self._part(0.0, other) >= confidence:
+            return 0.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._part(middle, other) < confidence else (low, middle)
+        return high
+
+    def _part(self, angle: float, beside: np.ndarray) -> float:
+        """Part of the time within an angle, less what is ``beside`` (n,)."""
+        rows = zip(angle - beside, self.inside, strict=True)
+        return float(np.mean([np.interp(x, self.angle, row) if x >= 0.0 else 0.0 for x, row in rows]))
+
+
 def level(
     amplitudes: Sequence[float] | np.ndarray,
     sigma: float,
@@ -177,54 +213,81 @@ def level(
 ) -> float:
     """Angle [rad] that the sum of lines and Gaussian noise stays within for a part ``confidence`` of the time.
 
+    Of lines and noise as ``distribution`` takes them.
+    """
+    return distribution(amplitudes, sigma, frequency=frequency, clock=clock).within(confidence)
+
+
+def distribution(
+    amplitudes: Sequence[float] | np.ndarray,
+    sigma: float,
+    *,
+    frequency: np.ndarray | None = None,
+    clock: np.ndarray | None = None,
+) -> Distribution:
+    """How the sum of lines and Gaussian noise is spread over time.
+
     ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of the noise. Several rows (n, k)
     are equal shares of the time with amplitudes of their own. The densities are convolved as products of their characteristic
     functions, J_0(x A) and exp(-(x sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle.
     Lines of one ``clock`` (k,), a number of 0 or more, keep their phases to each other, as harmonics do: with their complex
     amplitudes and their ``frequency`` (k,) [Hz] the density of their sum takes the place of theirs.
     """
-    if not 0.0 < confidence < 1.0:
-        raise MicrovibError(f"confidence: {confidence:g} is not allowed; a part between 0 and 1 is expected")
     moved = np.atleast_2d(np.asarray(amplitudes))
     lines = np.abs(moved)
-    small = lines.max(axis=0, initial=0.0) < _SMALL * lines.max(initial=0.0)
+    f, of = (np.full(lines.shape[1], -1) if x is None else np.asarray(x) for x in (frequency, clock))
+    small = _small(lines, of)
     sigma = math.hypot(sigma, math.sqrt(0.5 * float(np.mean(np.sum(lines[:, small] ** 2, axis=1)))))
-    lines, moved = lines[:, ~small], moved[:, ~small]
-    reach = float(lines.sum(axis=1).max(initial=0.0)) + 8.0 * sigma
+    lines, moved, f, of = lines[:, ~small], moved[:, ~small], f[~small], of[~small]
+    reach = 1.02 * (float(lines.sum(axis=1).max(initial=0.0)) + 8.0 * sigma)
     if reach == 0.0:
-        return 0.0
-    if sigma == 0.0 and lines.shape == (1, 1):
-        return float(lines[0, 0] * math.sin(0.5 * math.pi * confidence))
+        return Distribution(np.zeros(1), np.ones((len(lines), 1)))
+    if sigma == 0.0 and lines.shape[1] == 1:
+        angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
+        over = angle / np.maximum(lines, 1e-300)
+        return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)))
     from scipy.special import j0
 
     # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi n/L; its integral from -x to x.
     n = np.arange(1, _TERMS_OF_LEVEL)
-    at = np.pi * n / (1.02 * reach)
-    f, of = (np.full(small.size, -1) if x is None else np.asarray(x) for x in (frequency, clock))
-    f, of = f[~small], of[~small]
+    at = np.pi * n / reach
     locked = [np.flatnonzero(of == one) for one in np.unique(of) if one >= 0 and np.sum(of == one) > 1]
     alone = np.setdiff1d(np.arange(of.size), np.concatenate([np.zeros(0, dtype=int), *locked]))
     each = np.ones((lines.shape[0], at.size))
     for k in alone:
         each *= j0(np.outer(lines[:, k], at))
     for group in locked:
-        each = each * _transform_of_sum(f[group], moved[:, group], 1.02 * reach)
-    transform = each.mean(axis=0)
-    shares = np.zeros(2 * _TERMS_OF_LEVEL)
-    shares[1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * transform * np.exp(-0.5 * (at * sigma) ** 2)
+        each = each * _transform_of_sum(f[group], moved[:, group], reach)
+    shares = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
+    shares[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each * np.exp(-0.5 * (at * sigma) ** 2)
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
-    inside = x - np.fft.fft(shares)[:_TERMS_OF_LEVEL].imag
-    return float(1.02 * reach * np.interp(confidence, np.maximum.accumulate(inside), x))
+    inside = x - np.fft.fft(shares, axis=1)[:, :_TERMS_OF_LEVEL].imag
+    return Distribution(reach * x, np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0))
+
+
+def _small(lines: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Which of the lines (n, k) count as noise of their mean square, (k,): of a ``clock`` (k,) only as many as together, at their
+    crests, are that small, for they may all crest at once."""
+    crests = lines.max(axis=0, initial=0.0)
+    most = _SMALL * crests.max(initial=0.0)
+    small = np.asarray(crests < most)
+    for one in np.unique(clock[clock >= 0]):
+        its = np.flatnonzero(clock == one)
+        order = its[np.argsort(crests[its])]
+        small[order] = np.cumsum(crests[order]) < most
+    return small
 
 
 def _transform_of_sum(frequency: np.ndarray, rows: np.ndarray, half: float) -> np.ndarray:
     """Even part of the characteristic function of the sum of lines that keep their phases, at pi n/``half``, of each row (m, k)."""
     # A prime number of instants: no harmonic that counts has one phase at all of them.
-    cycles = np.outer(np.arange(_INSTANTS) / _INSTANTS * _PERIODS, frequency / frequency.min())
-    moved = np.exp(2j * np.pi * (cycles % 1.0))
+    times = np.arange(_INSTANTS) / _INSTANTS * _PERIODS
+    ratio = frequency / frequency.min()
+    parts = np.array_split(times, max(_INSTANTS * ratio.size // _AT_ONCE, 1))
+    sums = np.vstack([(np.exp(2j * np.pi * (np.outer(part, ratio) % 1.0)) @ rows.T).real for part in parts])
     cells, found = 2 * _TERMS_OF_LEVEL, []
-    for row in rows:
-        place = ((moved @ row).real / half + 1.0) * _TERMS_OF_LEVEL
+    for moved in sums.T:
+        place = (moved / half + 1.0) * _TERMS_OF_LEVEL
         left = np.floor(place).astype(int)
         share = place - left
         density = np.bincount(left, 1.0 - share, cells) + np.bincount((left + 1) % cells, share, cells)

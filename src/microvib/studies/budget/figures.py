@@ -13,7 +13,9 @@ from microvib.analysis.pointing import SAME
 from microvib.signals.pointing import (
     EVERYWHERE,
     MIDDLES,
+    Distribution,
     bound,
+    distribution,
     in_window,
     level,
     mean_square_of_density,
@@ -31,7 +33,7 @@ AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 _OFF = np.r_[0.0, np.sin(np.arange(100.0) ** 2)]
 """Parts of what a frequency may be off that are tried, unlike each other: after many periods they decide where a window ends."""
 RISES = 0.95
-"""Confidence from which a level rises with the amplitude of each line; below, a line may also take others from their crests."""
+"""Confidence from which what nothing bounds is left out of a level's least; below, it may take lines from their crests."""
 
 
 @dataclass(frozen=True)
@@ -63,20 +65,18 @@ def figure(
     *,
     surely: bool = False,
     clock: np.ndarray | None = None,
-    nominal: np.ndarray | None = None,
 ) -> float:
     """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities.
 
     What both axes reach together is a bound, since they need not do so at once; ``surely`` it is what one of them does. A level
-    depends on the phases that lines of one ``clock`` (k, 2) keep, of complex amplitudes at the frequencies ``nominal`` (k,), of
-    which ``frequency`` may be off: that shifts them in time, together.
+    depends on the phases that lines of one ``clock`` (k, 2) keep, of complex amplitudes; those of all others count as unrelated.
     """
     r, axes = requirement, AXES[requirement.axis]
-    window = r.window or r.apart or 1.0
+    window = _window(r)
     counts = inside(r, frequency)
     f, tones = frequency[counts], amplitude[counts]
     A = np.abs(tones)
-    squares = np.array([sum((_of_density(r, window, f_S, S[:, k]) for f_S, S in densities), 0.0) for k in axes])
+    squares = np.array(_noise(r, densities))[axes]
     if r.statistic == "rms":
         total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
         return math.sqrt(total + float(squares.sum()))
@@ -86,15 +86,13 @@ def figure(
             for k, s in zip(axes, squares, strict=True)
         ]
     else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
-        part = r.confidence if surely else 1.0 - (1.0 - r.confidence) / len(axes)
-        at = f if nominal is None else nominal[counts]
+        part = 1.0 - (1.0 - r.confidence) / len(axes)
         of = np.full(A.shape, ALONE) if clock is None else clock[counts]
         halves = np.r_[-MIDDLES[::-1], MIDDLES] if np.any(of != ALONE) else MIDDLES
         each = []
         for k, s in zip(axes, squares, strict=True):
-            rows = np.abs(in_window(r.metric, f, A[:, k], window, r.apart, halves)).astype(complex)
-            rows *= np.exp(1j * np.angle(in_window(r.metric, at, tones[:, k], window, r.apart, halves)))
-            each.append(level(rows, math.sqrt(s), part, frequency=at, clock=of[:, k]))
+            rows = in_window(r.metric, f, tones[:, k], window, r.apart, halves)
+            each.append(level(rows, math.sqrt(s), part, frequency=f, clock=of[:, k]))
     return max(each) if surely else math.hypot(*each)
 
 
@@ -104,32 +102,166 @@ def of_tones(r: Requirement, tones: Tones, densities: Sequence[tuple[np.ndarray,
 
 
 def ends(
-    r: Requirement, tones: Tones, gaps: Sequence[Gap], densities: Sequence[tuple[np.ndarray, np.ndarray]]
+    r: Requirement,
+    tones: Tones,
+    gaps: Sequence[Gap],
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    moving: Moving | None = None,
 ) -> tuple[float, float]:
     """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
+    if r.statistic == "level":
+        return _ends_of_level(r, tones, gaps, densities, moving or Moving(tones))
     lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
-    hidden_at = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
-    hidden = np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
-    f, bounded = np.concatenate([upper, hidden_at]), bool(np.all(np.isfinite(hidden)))
-    if r.statistic != "level":
-        least = figure(r, lower, tones.least, densities, surely=True)
-        return least, figure(r, f, np.vstack([tones.most, hidden]), densities) if bounded else math.inf
-    # A level may fall as a line grows, where others keep their phases to it or below RISES, but changes by no more than what the
-    # line adds at its crests.
-    falls = (tones.clock != ALONE) | (r.confidence < RISES)
-    change = np.where(falls, np.maximum(tones.most - tones.value, tones.value - tones.least), 0.0)
-    if r.confidence < RISES:
-        change, hidden = np.vstack([change, hidden]), 0.0 * np.nan_to_num(hidden)
-    crests = r.model_copy(update={"statistic": "bound"})
-    reach = figure(crests, f[: len(change)], change) if np.all(np.isfinite(change)) else math.inf
-    nominal, clock = (
-        np.concatenate([tones.frequency, hidden_at]),
-        np.vstack([tones.clock, np.full(hidden.shape, ALONE)]),
+    hidden_at, hidden = _hidden(gaps)
+    least = figure(r, lower, tones.least, densities, surely=True)
+    if not np.all(np.isfinite(hidden)):
+        return least, math.inf
+    if moving is not None and r.statistic == "bound":
+        return least, _crests(r, moving, Gap("", 0.0, math.inf, hidden_at, hidden), densities)
+    f, most = np.concatenate([upper, hidden_at]), np.vstack([tones.most, hidden])
+    return least, figure(r, f, most, densities)
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Lines of which some are at one of several places, such as those of a wheel at a speed: what crests there may be at most."""
+
+    others: Tones
+    """Lines of all sources that are at one place."""
+    x: float = 0.0
+    y: float = 0.0
+    together: float = 0.0
+    """Most that lines of the others reach about either axis and about the required ones together, wherever they are [rad]."""
+
+    def beside(self, axes: Sequence[int], of_others: Callable[[Sequence[float]], list[float]]) -> float:
+        """Most of all lines about ``axes``; ``of_others`` is that of the others about each, by what is beside them."""
+        crests = [(self.x, self.y)[k] for k in axes]
+        return min(math.hypot(*of_others(crests)), math.hypot(*of_others([0.0 for _ in axes])) + self.together)
+
+
+def _crests(r: Requirement, moving: Moving, hidden: Gap, densities: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """The bound of all lines and densities, wherever those are that move."""
+    upper = _shifted(r, moving.others, np.argmax)
+    frequency = np.concatenate([upper, hidden.frequency])
+    amplitude = np.vstack([moving.others.most, hidden.most])
+    each = [r.model_copy(update={"axis": "xy"[k]}) for k in AXES[r.axis]]
+    found = [figure(one, frequency, amplitude, densities) for one in each]
+    return moving.beside(AXES[r.axis], lambda more: np.add(found, more).tolist())
+
+
+def _hidden(gaps: Sequence[Gap]) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (m,) [Hz] of the lines that gaps may hide, and their largest amplitudes (m, 2) [rad]."""
+    at = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
+    return at, np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
+
+
+# ---- Levels: between which they lie over all phases that nobody stated ----
+
+
+def _ends_of_level(
+    r: Requirement,
+    tones: Tones,
+    gaps: Sequence[Gap],
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    moving: Moving,
+) -> tuple[float, float]:
+    """Least and most of a level.
+
+    Lines of one clock keep their phases. Of all others neither phases nor the exact ratios of frequencies are known: harmonics may
+    crest together or make each other's crests lower. So the largest group of known phases has its distribution, and everything
+    beside it adds its crests in *most* and takes them off in *least*. What is beside may be as large as the group; then the mean
+    square tells more, which does not depend on phases: above x for a part 1 - c of the time it is (1 - c) x^2 at the least.
+    """
+    at, hidden = _hidden([gap for gap in gaps if not gap.of_squares])
+    bounded = np.all(np.isfinite(hidden), axis=1)
+    if r.confidence < RISES and not bounded.all():
+        return 0.0, math.inf
+    axes = AXES[r.axis]
+    both_within = 1.0 - (1.0 - r.confidence) / len(axes)
+    known = Gap("", 0.0, math.inf, at[bounded], hidden[bounded])
+    found = [_by_largest_group(r, tones, known, densities, k) for k in axes]
+    least = max(spread.within(r.confidence, -beside) for spread, beside in found)
+    least = max(least, _by_mean_square(r, tones, known, densities))
+    if not bounded.all():
+        return least, math.inf
+    _, squares = ends(r.model_copy(update={"statistic": "rms"}), tones, gaps, densities)
+    if moving.together:
+        found = [_by_largest_group(r, moving.others, known, densities, k) for k in axes]
+    most = moving.beside(
+        axes,
+        lambda more: [spread.within(both_within, beside + x) for x, (spread, beside) in zip(more, found, strict=True)],
     )
-    less, more = (np.where(falls, tones.value, one) * tones.turn for one in (tones.least, tones.most))
-    least = figure(r, lower, less, densities, surely=True, clock=tones.clock, nominal=tones.frequency)
-    most = figure(r, f, np.vstack([more, hidden]), densities, clock=clock, nominal=nominal) if bounded else math.inf
-    return max(least - reach, 0.0), most + reach
+    return least, min(most, squares / math.sqrt(1.0 - r.confidence))
+
+
+def _by_largest_group(
+    r: Requirement, tones: Tones, hidden: Gap, densities: Sequence[tuple[np.ndarray, np.ndarray]], axis: int
+) -> tuple[Distribution, np.ndarray]:
+    """The largest group of lines with known phases, or the largest line, with noise; and what is beside it at most, (n,) [rad].
+
+    Rows are instants in a window.
+    """
+    halves = np.r_[-MIDDLES[::-1], MIDDLES]
+
+    def moved(f: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+        rows = in_window(r.metric, f, amplitude[:, axis], _window(r), r.apart, halves)
+        return rows * inside(r, f)
+
+    lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
+    given = moved(tones.frequency, tones.value * tones.turn)
+    low, high = np.abs(moved(lower, tones.least)), np.abs(moved(upper, tones.most))
+    group = _largest_group(tones.clock[:, axis], high.max(axis=0, initial=0.0))
+    doubt = np.maximum(high - np.abs(given), np.abs(given) - low)[:, group]
+    beside = high[:, ~group].sum(axis=1) + doubt.sum(axis=1)
+    beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
+    sigma = math.sqrt(_noise(r, densities)[axis])
+    clock = np.zeros(int(group.sum()), dtype=int)
+    return distribution(given[:, group], sigma, frequency=tones.frequency[group], clock=clock), beside
+
+
+def _largest_group(clock: np.ndarray, crest: np.ndarray) -> np.ndarray:
+    """Which lines (k,) are of the ``clock`` (k,) with the largest sum of crests (k,); or the largest line, where that is larger."""
+    if not crest.size:
+        return np.zeros(0, dtype=bool)
+    groups = [clock == one for one in np.unique(clock[clock != ALONE])]
+    groups.append(np.arange(crest.size) == np.argmax(crest))
+    return max(groups, key=lambda group: float(crest[group].sum()))
+
+
+def _by_mean_square(
+    r: Requirement, tones: Tones, hidden: Gap, densities: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> float:
+    """Below which no level is, whatever the phases [rad].
+
+    Lines of other frequencies have the mean square R^2 together. While the sum s of lines is beyond a level x, a part 1 - c of the
+    time, it has no more than its crests S, and the noise n what it has beyond its own level:
+    R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + sqrt(T) sigma)^2. Nor is a level below that of the noise alone.
+    """
+    from scipy.special import ndtri
+
+    z = float(ndtri(0.5 * (1.0 + r.confidence)))
+    rest = 1.0 - r.confidence
+    tail = rest + 2.0 * z * math.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
+    f, most = np.concatenate([upper, hidden.frequency]), np.vstack([tones.most, hidden.most])
+    noise, found = _noise(r, densities), []
+    for axis in {"x", "y", "radial"} if r.axis == "radial" else {r.axis}:
+        own = r.model_copy(update={"axis": axis})
+        squares = float(sum(noise[k] for k in AXES[axis]))
+        lines = figure(own.model_copy(update={"statistic": "rms"}), lower, tones.least) ** 2
+        crests = figure(own.model_copy(update={"statistic": "bound"}), f, most)
+        beyond = (math.sqrt(rest) * crests + math.sqrt(tail * squares)) ** 2
+        found.append(math.sqrt(max(lines + squares - beyond, 0.0) / r.confidence))
+    return max(*found, z * math.sqrt(max(noise[k] for k in AXES[r.axis])))
+
+
+def _window(r: Requirement) -> float:
+    return r.window or r.apart or 1.0
+
+
+def _noise(r: Requirement, densities: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
+    """Mean squares [rad^2] of densities about both axes."""
+    return [sum((_of_density(r, _window(r), f, S[:, k]) for f, S in densities), 0.0) for k in range(2)]
 
 
 def _shifted(r: Requirement, tones: Tones, extreme: Callable[..., np.ndarray]) -> np.ndarray:
@@ -173,25 +305,42 @@ def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Cont
             elif met.any():
                 by = weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
                 worst = [int(np.argmax(by * np.sum((A[met] * a)[:, AXES[r.axis]], axis=1)))]
-                yield Gap(why, 0.0, math.inf, f[met][worst], np.sqrt(2.0 * A[met] * a)[worst])
+                more, apart = np.sqrt(2.0 * A[met] * a)[worst], r.statistic == "level"
+                yield Gap(why, 0.0, math.inf, f[met][worst], more, of_squares=apart)
 
 
 def beats(r: Requirement, one: Contribution, others: Iterable[Contribution]) -> Iterator[Gap]:
-    """What lines of ``one`` source and of ``others`` add while those nearer than SLOW are in step; as ``crossings``."""
+    """What lines of ``one`` source and of ``others`` add while those nearer than SLOW are in step; as ``crossings``.
+
+    Those of two sources may be nearer than they are given, even of one frequency, by what their clocks may be off.
+    """
     if r.statistic == "bound":
         return
     for other in others:
         f, g = np.meshgrid(one.frequency, other.frequency, indexing="ij")
         apart = g - f if other is one else np.abs(g - f)  # of one source each pair once
-        near = (apart > SAME * f) & (apart < SLOW) & inside(r, f) & np.outer(one.settled, other.settled)
+        reach = np.maximum(SLOW, nearer_by(one, other)) if other is not one else SLOW
+        near = (apart > SAME * f) & (apart < reach) & inside(r, f) & np.outer(one.settled, other.settled)
         i, j = np.nonzero(near)
-        if i.size:
-            A, a = np.abs(one.los[i]), np.abs(other.los[j])
-            most = A + a if r.curve is not None else np.sqrt(2.0 * A * a)
-            whom = "each other" if other is one else f"those of {other.source}"
-            yield Gap(
-                f"its lines beat with {whom}, more slowly than once in {1.0 / SLOW:g} s", 0.0, math.inf, f[near], most
-            )
+        if not i.size:
+            continue
+        A, a = np.abs(one.los[i]), np.abs(other.los[j])
+        most = A + a if r.curve is not None else np.sqrt(2.0 * A * a)
+        whom = "each other" if other is one else f"those of {other.source}"
+        why = f"its lines beat with {whom}, more slowly than once in {1.0 / SLOW:g} s"
+        if np.any(apart[near] >= SLOW):
+            why = f"its lines may be of one frequency with {whom}, by what frequencies may be off"
+        # in a level the crests of lines of unknown phases are counted anyway
+        counted = r.statistic == "level" and not (one.clock and one.clock == other.clock)
+        yield Gap(why, 0.0, math.inf, f[near], most, of_squares=counted)
+
+
+def nearer_by(one: Contribution, other: Contribution) -> np.ndarray:
+    """By how much lines of two sources may be nearer to each other [Hz], (k, j), than they are given: of one clock by what is not
+    the clock's."""
+    f, g = np.meshgrid(one.frequency, other.frequency, indexing="ij")
+    off = np.add.outer(one.off, other.off)
+    return off - frequency_doubt(f) - frequency_doubt(g) if one.clock and one.clock == other.clock else off
 
 
 def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:

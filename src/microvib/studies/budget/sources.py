@@ -60,6 +60,8 @@ class Gap:
     """Their largest amplitudes [rad], (m, 2); infinite where nothing bounds them."""
     between: bool = False
     """Whether lines between these, ascending, are no larger than their neighbours; else there are none."""
+    of_squares: bool = False
+    """Whether they add to mean squares alone, since their crests are those of lines that are counted anyway."""
 
     def inside(self, low: float, high: float) -> Gap:
         """What it may hide from ``low`` to ``high`` [Hz]."""
@@ -113,6 +115,8 @@ class Contribution:
     """[rad], (k, 2)."""
     clock: str = ""
     """Sources of one clock: their lines of one frequency keep their phases to each other; empty where there is none."""
+    unlocked: np.ndarray | None = None
+    """Which lines are not the clock's, (k,): their phases to the others are those of one record; None where all are."""
     rings: np.ndarray | None = None
     """Which lines ring and die away, or are driven by noise, (k,): no part of the settled motion."""
     density: tuple[np.ndarray, np.ndarray] | None = None
@@ -122,6 +126,9 @@ class Contribution:
     """Relative doubt of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where less and more do."""
     frequency_doubt: np.ndarray | None = None
     """By how much its frequencies may be off [Hz], (k,), where that is more than clocks are."""
+    crests: tuple[float, float, float] | None = None
+    """Of one of several the most that lines of any reach about x, about y and about both as required [rad], at any instant of a
+    window; None where its own lines tell that."""
     phased: bool = True
     """Whether its lines have phases; those that have none keep none to each other, whatever is asked for."""
     scenario: Scenario | None = None
@@ -150,6 +157,12 @@ class Contribution:
         return np.asarray(frequency_doubt(self.frequency)) if self.frequency_doubt is None else self.frequency_doubt
 
     @property
+    def clocks(self) -> list[str]:
+        """Of each line the clock to which it keeps its phase; empty where it keeps none."""
+        loose = np.zeros(len(self.names), dtype=bool) if self.unlocked is None else self.unlocked
+        return ["" if x else self.clock for x in loose.tolist()]
+
+    @property
     def settled(self) -> np.ndarray:
         """Which lines belong to the settled motion, (k,)."""
         return np.ones(len(self.names), dtype=bool) if self.rings is None else ~self.rings
@@ -176,6 +189,7 @@ def of_run(
         found.names,
         found.frequency,
         np.nan_to_num(found.los) * np.where(rings, np.nan_to_num(start, nan=1.0), 1.0)[:, None],
+        unlocked=np.array([not x.of_clock for x in own], dtype=bool),
         rings=rings,
         density=density_of_noise(scenario),
         gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),

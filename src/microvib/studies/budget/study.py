@@ -344,6 +344,7 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
     less, more = (lambda one: one.doubts[0] * np.abs(one.los)), (lambda one: one.doubts[1] * np.abs(one.los))
     doubt = np.array([amplitude(added(less)), amplitude(added(more))])
     rings = amplitude(added(lambda one: np.abs(one.los) * ~one.settled[:, None]))
+    loose = amplitude(added(lambda one: np.abs(one.los) * np.array([x != first.clock for x in one.clocks])[:, None]))
     size = amplitude(lines)
     return replace(
         first,
@@ -351,6 +352,7 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
         names=lines.names,
         frequency=lines.frequency,
         los=np.nan_to_num(lines.los),
+        unlocked=np.any(loose > 0.0, axis=1),
         rings=np.any(rings > 0.0, axis=1),
         frequency_doubt=np.array(
             [

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_line
 from microvib.studies.budget.figures import (
     ALONE,
     AXES,
+    Moving,
     Tones,
     beats,
     crossings,
@@ -83,31 +84,43 @@ class Judged:
         return self.limit / self.value if self.value > 0.0 else math.inf
 
 
-_Part = tuple[float, np.ndarray, str | int, np.ndarray, bool, float]
-"""A line: frequency, both angles, clock (of a line without one a number of its own), doubts of both (less, more; 2, 2), whether
-it belongs to the settled motion, and by how much the frequency may be off."""
+class _Part(NamedTuple):
+    """A line of a source."""
+
+    frequency: float
+    los: np.ndarray
+    clock: str | int
+    """Of a line without one a number of its own."""
+    doubts: np.ndarray
+    """Of both angles, less and more, (2, 2)."""
+    settled: bool
+    """Whether it belongs to the settled motion."""
+    off: float
+    """By how much the frequency may be off."""
+    source: int
 
 
 def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
     own = count()
     parts = [
-        (
+        _Part(
             float(f),
             one.los[k],
-            "all" if rule == "coherent" and one.phased else one.clock or next(own),
+            _clock_of(one, k, rule) or next(own),
             doubts[:, k] if doubtful else 0.0 * doubts[:, k],
             bool(one.settled[k]),
             float(one.off[k]),
+            source,
         )
-        for one in contributions
+        for source, one in enumerate(contributions)
         for doubts in (one.doubts,)
         for k, f in enumerate(one.frequency)
     ]
-    parts.sort(key=lambda part: part[0])
+    parts.sort(key=lambda part: part.frequency)
     groups: list[list[_Part]] = []
     for part in parts:
-        if groups and part[0] - groups[-1][0][0] <= SAME * part[0]:
+        if groups and part.frequency - groups[-1][0].frequency <= SAME * part.frequency:
             groups[-1].append(part)
         else:
             groups.append([part])
@@ -117,9 +130,59 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
     whose = [clock for _, _, clocks in found for clock in clocks]
     numbers = {clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))}
     clock = np.array([numbers.get(x, ALONE) if isinstance(x, str) else ALONE for x in whose], dtype=int).reshape(-1, 2)
-    frequency = np.array([group[0][0] for group in groups])
-    off = np.array([max(part[-1] for part in group) for group in groups])
-    return Tones(frequency, rows[:, 0], rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off)
+    frequency = np.array([group[0].frequency for group in groups])
+    off = np.array([max(part.off for part in group) for group in groups])
+    least = _least_of_meeting(groups, rows[:, 0], rows[:, 2]) if doubtful else rows[:, 0]
+    return Tones(frequency, least, rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off)
+
+
+def _clock_of(one: Contribution, k: int, rule: Rule) -> str:
+    """The clock to which a line of a source keeps its phase; empty where it keeps none."""
+    if rule == "coherent" and one.phased and (one.unlocked is None or not one.unlocked[k]):
+        return "all"
+    return one.clocks[k]
+
+
+def _least_of_meeting(groups: Sequence[Sequence[_Part]], least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Least amplitudes (k, 2) of lines, of which those of several sources may be of one frequency, and cancel.
+
+    Of lines that may meet, one after another, the largest counts, less what those may have that may meet it.
+    """
+    frequency, off = (np.array([getattr(group[0], key) for group in groups]) for key in ("frequency", "off"))
+    off = np.maximum(off, [max(part.off for part in group) for group in groups])
+    meets: list[list[int]] = []
+    for k, group in enumerate(groups):
+        near = np.flatnonzero(np.abs(frequency - frequency[k]) <= off + off[k])
+        meets.append([j for j in near.tolist() if j != k and _may_meet(group, groups[j])])
+    found, told = least.copy(), set[int]()
+    for k in range(len(groups)):
+        if k in told or not meets[k]:
+            continue
+        cluster = _reached(k, meets)
+        told.update(cluster)
+        left = np.array([least[j] - most[meets[j]].sum(axis=0) for j in cluster])
+        found[cluster] = 0.0
+        for axis, first in enumerate(np.argmax(left, axis=0)):
+            found[cluster[first], axis] = max(left[first, axis], 0.0)
+    return found
+
+
+def _reached(start: int, meets: Sequence[Sequence[int]]) -> list[int]:
+    """Numbers of lines that ``start`` meets, those that these meet, and so on."""
+    found, new = [start], [start]
+    while new:
+        new = sorted({j for k in new for j in meets[k]} - set(found))
+        found += new
+    return found
+
+
+def _may_meet(one: Sequence[_Part], other: Sequence[_Part]) -> bool:
+    """Whether lines of two sources may be of one frequency, by what these may be off; of one clock they are known."""
+    return any(
+        a.source != b.source and a.clock != b.clock and abs(a.frequency - b.frequency) <= a.off + b.off
+        for a in one
+        for b in other
+    )
 
 
 def _of_group(group: Sequence[_Part], rule: Rule) -> tuple[np.ndarray, np.ndarray, list[str | int]]:
@@ -127,10 +190,10 @@ def _of_group(group: Sequence[_Part], rule: Rule) -> tuple[np.ndarray, np.ndarra
     the largest line about each axis that line, (2,), and its name."""
     clocks: dict[str | int, np.ndarray] = {}
     doubt, ringing = np.zeros((2, 2)), np.zeros(2)
-    for _, los, clock, doubts, settled, _ in group:
-        size = np.abs(los)
-        clocks[clock] = clocks.get(clock, 0.0) + (los if settled else 0.0 * los)
-        doubt, ringing = doubt + doubts * size, ringing + (0.0 * size if settled else size)
+    for part in group:
+        los, size = part.los, np.abs(part.los)
+        clocks[part.clock] = clocks.get(part.clock, 0.0) + (los if part.settled else 0.0 * los)
+        doubt, ringing = doubt + part.doubts * size, ringing + (0.0 * size if part.settled else size)
     given = np.abs(list(clocks.values()))
     total = given.sum(axis=0)
     least = np.maximum(2.0 * given.max(axis=0) - total - doubt[0], 0.0)
@@ -157,10 +220,10 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
     chosen = _with_gaps(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
     value = of_tones(requirement, tones, densities)
-    least, most = ends(requirement, tones, gaps, densities)
+    least, most = ends(requirement, tones, gaps, densities, _moving(chosen, rule))
     cases = _values(requirement, chosen, rule, densities)
     lacking = _lacking(requirement, chosen, cases)
-    why = [*_reasons(requirement, chosen, value), *lacking]
+    why = [*_reasons(requirement, chosen, value), *_not_in_step(requirement, chosen, rule, value), *lacking]
     spread = None if cases is None else (quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99))
     if requirement.percentile is not None:
         wanted = NONE if lacking or cases is None else quantile(cases, requirement.percentile)
@@ -179,6 +242,15 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
         figure(requirement, np.zeros(0), np.zeros((0, 2)), densities), limit, verdict,
         tuple(why or [NEAR]) if verdict == "not judged" else (), *_costs(requirement, chosen), spread=spread,
     )  # fmt: skip
+
+
+def _moving(chosen: Sequence[Contribution], rule: Rule) -> Moving | None:
+    """What is known of those sources whose lines are at one of several places; None without any."""
+    crests = [one.crests for one in chosen if one.crests is not None]
+    if not crests:
+        return None
+    x, y, together = np.sum(crests, axis=0).tolist()
+    return Moving(merged([one for one in chosen if one.crests is None], rule), x, y, together)
 
 
 def costliest(requirement: Requirement, one: Contribution) -> Contribution:
@@ -253,6 +325,26 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
             remedy = f"a longer record.settle{or_steady(one.scenario)}"
             found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")
     return found
+
+
+def _not_in_step(r: Requirement, chosen: Sequence[Contribution], rule: Rule, value: float) -> list[str]:
+    """Why a level is not known where lines have no known phases to each other, a sentence without a stop."""
+    if r.statistic != "level":
+        return []
+    whose: dict[str | int, str] = {}
+    own = count()
+    for one in chosen:
+        for k in np.flatnonzero(one.settled & inside(r, one.frequency)):
+            size = figure(r.model_copy(update={"statistic": "bound"}), one.frequency[[k]], one.los[[k]])
+            if size**2 > WORTH * value**2:
+                whose[_clock_of(one, int(k), rule) or next(own)] = one.source
+    if len(whose) < 2:
+        return []
+    names = ", ".join(dict.fromkeys(whose.values()))
+    return [
+        f"{names}: phases between lines are not known, and all may crest together"
+        " (give phases and a clock where they are known; statistic: rms does not depend on them)"
+    ]
 
 
 NEAR = "nearer to the limit than phases, amplitudes and frequencies are known"
@@ -350,7 +442,13 @@ def _values(
         return None
     more = drawn.cases.shape[1] - len(drawn.names)
     phases, found = np.vstack([np.exp(1j * np.angle(drawn.los)), np.ones((more, 2))]), []
-    own = replace(drawn, rings=np.append(~drawn.settled, np.zeros(more, dtype=bool)), doubt=0.0)
+    loose = np.array([not clock for clock in drawn.clocks], dtype=bool)
+    own = replace(
+        drawn,
+        rings=np.append(~drawn.settled, np.zeros(more, dtype=bool)),
+        unlocked=np.append(loose, np.ones(more, dtype=bool)),
+        doubt=0.0,
+    )
     at = [drawn.frequency] * len(drawn.cases) if drawn.cases_frequency is None else drawn.cases_frequency
     for f, case in zip(at, drawn.cases, strict=True):
         one = replace(own, frequency=f, los=case * phases)

@@ -208,9 +208,28 @@ class WheelOnCraft:
         best = each[int(np.argmax(sizes))]
         if max(sizes) == 0.0:
             best = replace(best, gaps=(*best.gaps, *self._beyond(figure)))
-        ratio = max(one.upper / one.value if one.value > 0.0 else 1.0 + TOLERANCE for one in found)
+        own = float(scores[0].at(self.frequencies(np.array([self._speed_of(best)])))[0])
+        ratio = found[0].upper / own if own > 0.0 else 1.0 + TOLERANCE
         less, more = best.doubts + self._beside(best.frequency, np.zeros(self.orders.size))
+        if r.curve is None and r.statistic != "rms":
+            best = replace(best, crests=self._crests(r, 1.0 + more.max(axis=0, initial=0.0)))
         return replace(best, doubt=np.array([less, (1.0 + more) * max(ratio, 1.0) - 1.0]))
+
+    def _speed_of(self, one: Contribution) -> float:
+        """[rad/s]."""
+        return float(2.0 * np.pi * one.frequency[0] / self.orders[0])
+
+    def _crests(self, r: Requirement, factor: np.ndarray) -> tuple[float, float, float]:
+        """Most that its lines reach at any speed and instant about x, about y and both [rad], times a ``factor`` for either axis.
+
+        What is worst for all sources together need not be so for the wheel alone: nor its speed, nor the axis, nor the instant.
+        """
+        found = [0.0, 0.0]
+        for axis in _AXES[r.axis]:
+            score = _Crest(self, r.model_copy(update={"axis": "xy"[axis]}))
+            found[axis] = float(factor[axis]) * _maximum(self, score).upper
+        together = float(factor.max()) * _maximum(self, _Crest(self, r)).upper
+        return found[0], found[1], together
 
     def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Gap, ...]:
         """What lines add that are in the band only at a speed just beyond the range."""
