@@ -90,7 +90,7 @@ def _of_record(
 
     What a line may be at most decides that it passes, whatever its status; only a line that neither decays nor is hidden can fail.
     """
-    amplitude, doubt = line.amplitude_n_m, _doubt(line, table)
+    amplitude, doubt = line.amplitude_n_m, amplitude_doubt(line, table)
     if line.status == DRIVEN:
         return amplitude, "not judged", f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
     if line.status == FAINT:
@@ -116,7 +116,7 @@ def _of_record(
     return amplitude, "not judged", f"so near the limit that ringing may decide; {remedy}"
 
 
-def _doubt(line: Line, table: LineTable) -> float:
+def amplitude_doubt(line: Line, table: LineTable) -> float:
     """By how much an amplitude may be off [N m]: twice its spread over records and draws, and the integration's error."""
     seeds = table.over_seeds(line.line)
     drawn = seeds.deviation_n_m if seeds else line.noise_doubt_n_m

@@ -293,7 +293,8 @@ def _windows(budget: Budget) -> Table:
 
 def _sources(budget: Budget) -> Table:
     rows = [
-        [c.source, c.how, str(len(c.names)), "; ".join(gap.why for gap in c.gaps[:6])] for c in budget.contributions
+        [c.source, c.how, str(len(c.names)), "; ".join(list(dict.fromkeys(gap.why for gap in c.gaps))[:6])]
+        for c in budget.contributions
     ]
     return table(["source", "how it was found", "lines [1]", "what is not known about it"], rows)
 

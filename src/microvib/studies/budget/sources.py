@@ -12,7 +12,7 @@ import numpy as np
 
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
-from microvib.analysis.margins import BEYOND, OWN_ERROR, STIRS, frequency_doubt, may_ring
+from microvib.analysis.margins import BEYOND, STIRS, amplitude_doubt, frequency_doubt, may_ring
 from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
@@ -203,12 +203,15 @@ def of_run(
 
 def _doubt_of_run(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
     """Relative doubt of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and of a floor that hides them."""
-    T, least = table.duration, max(OWN_ERROR, table.own_error) + (HELD_DOUBT if craft_in(scenario).second else 0.0)
+    T, held = table.duration, HELD_DOUBT if craft_in(scenario).second else 0.0
     stirs = (x for x in table if x.status == DRIVEN or (x.seen and may_ring(x, table, scenario)))
     rings = STIRS * sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(T) for x in stirs)
     size = np.maximum([x.amplitude_n_m for x in lines], 1e-300)
     hidden = np.array([x.hidden_n_m for x in lines])
-    more = least + np.minimum(rings / size, STIRS) + np.maximum(hidden / size - 1.0, 0.0)
+    own = (
+        np.array([amplitude_doubt(x, table) for x in lines]) / size
+    )  # of small lines, too, as the run's own verdict has it
+    more = own + held + np.minimum(rings / size, STIRS) + np.maximum(hidden / size - 1.0, 0.0)
     less = np.where(hidden > 0.0, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
@@ -393,6 +396,7 @@ _COUNTS = 0.01
 def _above(scenario: Scenario, table: LineTable, top: float) -> Iterator[Gap]:
     """What the drive may have above ``top``, the edge of the passband of the lines in the ``table``."""
     few = ", where not even two driving lines are seen" if top < 2.0 * (scenario.driving_frequency or 0.0) else ""
+    found, reaches = [], dict[str, float]()
     for one in unseen(scenario, table, top, math.inf):
         if not one.frequency.size:
             continue
@@ -406,10 +410,13 @@ def _above(scenario: Scenario, table: LineTable, top: float) -> Iterator[Gap]:
             most = np.max([beside[:-2], most, beside[2:]], axis=0) * one.number[:, None]
         size = most.max(axis=1)
         counts = np.flatnonzero(size >= _COUNTS * size.max())
-        reaches = one.frequency[counts[-1]] + 0.5 * (scenario.driving_frequency or 0.0)
-        remedy = f"record.sample_rate >= {rounded_up(reaches / PASSBAND)} Hz"
-        why = f"what is above {top:.4g} Hz{few}, such as {one.what} at {one.frequency[0]:.4g} Hz ({remedy})"
-        yield Gap(why, top, math.inf, one.frequency, most, between=one.between)
+        what = f"{one.what} at {one.frequency[0]:.4g} Hz"
+        highest = float(one.frequency[counts[-1]]) + 0.5 * (scenario.driving_frequency or 0.0)
+        reaches[what] = max(highest, reaches.get(what, 0.0))  # what may act on either shaft is told once, for both
+        found.append((what, Gap("", top, math.inf, one.frequency, most, between=one.between)))
+    for what, gap in found:
+        remedy = f"record.sample_rate >= {rounded_up(reaches[what] / PASSBAND)} Hz"
+        yield replace(gap, why=f"what is above {top:.4g} Hz{few}, such as {what} ({remedy})")
 
 
 def _slow(scenario: Scenario, table: LineTable) -> Iterator[Gap]:

@@ -479,7 +479,10 @@ def summary(budget: Budget) -> dict[str, Any]:
             for one in budget.judged
         ],
         "sources": [
-            {"source": one.source, "how": one.how, "lines": len(one.names), "not_known": [gap.why for gap in one.gaps]}
+            {
+                "source": one.source, "how": one.how, "lines": len(one.names),
+                "not_known": list(dict.fromkeys(gap.why for gap in one.gaps)),
+            }
             for one in budget.contributions
         ],
         "windows": [

@@ -324,7 +324,7 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
             names = ", ".join(np.array(one.names)[ringing])
             remedy = f"a longer record.settle{or_steady(one.scenario)}"
             found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")
-    return found
+    return list(dict.fromkeys(found))
 
 
 def _not_in_step(r: Requirement, chosen: Sequence[Contribution], rule: Rule, value: float) -> list[str]:
