@@ -38,6 +38,30 @@ def test_numbers_and_plain_texts_are_as_they_were(text: str) -> None:
     assert guarded(text) == unguarded(text) == text
 
 
+INSIDE = ("x;=1+1", "x; =1+1", 'x;"=1+1"', "x;'=1+1", "=1;=1", ";@SUM(1)", "a;b;\t=1", "x;-2+3", "x;\"'=1", "x;\uff1d1")
+
+
+@pytest.mark.parametrize("text", INSIDE)
+def test_a_formula_behind_a_semicolon_is_text_and_comes_back(text: str) -> None:
+    """As a spreadsheet reads the table whose language parts cells at semicolons."""
+    table = rows_csv(["name", "n"], [[text, 1.0]])
+    cells = [cell for row in csv.reader(io.StringIO(table, newline=""), delimiter=";") for cell in row]
+    assert not [cell for cell in cells if TAKES.match(cell)]
+    assert unguarded(guarded(text)) == text
+    (read,) = [row[0] for row in csv.reader(io.StringIO(table, newline=""))][1:]
+    assert unguarded(read) == text
+
+
+@pytest.mark.parametrize("text", ["a;b", "N m; 2 of 3", "ok; a=b", "'; x"])
+def test_semicolons_of_plain_texts_stay(text: str) -> None:
+    assert guarded(text) == unguarded(text) == text
+
+
+@given(st.text("a1;=+-@' \"\t\n", max_size=12))
+def test_any_text_of_such_characters_comes_back(text: str) -> None:
+    assert unguarded(guarded(text)) == text
+
+
 @given(st.text(max_size=20))
 def test_any_text_comes_back(text: str) -> None:
     assert unguarded(guarded(text)) == text

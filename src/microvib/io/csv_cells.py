@@ -1,29 +1,37 @@
 """Texts in cells of CSV files that a spreadsheet would take for formulas, and the way back.
 
 A name such as ``=HYPERLINK(...)`` in somebody's file must not become a formula in the table of results. Such a text gets an
-apostrophe in front, by which spreadsheets know text; numbers stay numbers.
+apostrophe in front, by which spreadsheets know text; numbers stay numbers. Where a spreadsheet's language parts cells at
+semicolons, a cell also begins after one inside a text: there the apostrophe stands behind the semicolon.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
 
 _FORMULAS = "=+-@\uff1d\uff0b\uff0d\uff20"
 """First characters of a formula, those of full width among them."""
 _CONTROLS = "\t\r\n"
 MARK = "'"
+_INSIDE = re.compile(rf""";(?=['"\s]*[{re.escape(_FORMULAS)}]|['"]*[{_CONTROLS}])""")
+"""A semicolon behind which a formula begins, whatever quotes and blanks stand between."""
+_MARKED = re.compile(_INSIDE.pattern.replace(";", f";{MARK}", 1))
+"""The same as ``guarded`` writes it."""
 
 
 def guarded(text: str) -> str:
     """A text for a cell that no spreadsheet computes; numbers and single characters are as they were."""
-    return MARK + text if _is_formula(text.lstrip(MARK)) and not _is_number(text) else text
+    begins = _is_formula(text.lstrip(MARK)) and not _is_number(text)
+    return (MARK if begins else "") + _INSIDE.sub(f";{MARK}", text)
 
 
 def unguarded(text: str) -> str:
     """The text that ``guarded`` was given."""
-    return text[1:] if text.startswith(MARK) and _is_formula(text.lstrip(MARK)) else text
+    begins = text.startswith(MARK) and _is_formula(text.lstrip(MARK))
+    return _MARKED.sub(";", text[1:] if begins else text)
 
 
 def csv_text(rows: Iterable[Sequence[str]]) -> str:
