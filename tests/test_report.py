@@ -266,7 +266,7 @@ def test_phasors_of_the_budget_add_up(document, lines_1):
 def test_invariants_have_a_verdict_in_words(motion_1, lines_1, document, undrawn):
     (held,) = tables(section(document, "Can it be trusted?").blocks)
     assert set(column(held, "verdict")) == {"holds"}
-    broken = replace(motion_1, invariants=replace(motion_1.invariants, energy_mechanical=0.5))
+    broken = replace(motion_1, invariants=replace(motion_1.invariants, energy=5e-4, energy_mechanical=0.5))
     bad = run_report(broken, lines_1)
     (found,) = tables(section(bad, "Can it be trusted?").blocks)
     assert column(found, "verdict")[3] == "does NOT hold"

@@ -181,15 +181,16 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("microvib.studies.campaign.design.CHECKED", (0.5,))
     campaign = made(tmp_path, study(vary={"tracking.rate": rates, "motor.winding_resistance": spread},
                                     sampling={"method": "random", "count": 8}))  # fmt: skip
-    real = computing.lines_of_samples
+    real = computing.lines_of
     broken = campaign.design.scenario(0).motor.winding_resistance
 
-    def sometimes(x, sample_rate, scenario, harmonics):
+    def sometimes(torque, harmonics):
+        scenario = torque.scenario
         if scenario.motor.winding_resistance == broken and scenario.tracking.rate < np.radians(0.065):
             raise ZeroDivisionError("deliberate")
-        return real(x, sample_rate, scenario, harmonics)
+        return real(torque, harmonics=harmonics)
 
-    monkeypatch.setattr(computing, "lines_of_samples", sometimes)
+    monkeypatch.setattr(computing, "lines_of", sometimes)
     compute_missing(campaign, Fragile())
     merge(campaign)
     results = open_results(campaign)
@@ -233,10 +234,10 @@ def test_workers_that_cannot_start_are_no_fault_of_the_cases(tmp_path):
 def test_a_case_that_wants_too_much_memory_costs_one_case(tmp_path, monkeypatch):
     real = computing.simulate_torques
 
-    def simulate(scenarios):
+    def simulate(scenarios, **keys):
         if any(scenario.driver.microsteps == 16 for scenario in scenarios):
             raise MemoryError
-        return real(scenarios)
+        return real(scenarios, **keys)
 
     levels = {"vary": {"driver.microsteps": [4, 8, 16, 32]}}
     whole, short = made(tmp_path, study(**levels), "whole"), made(tmp_path, study(**levels), "short")
@@ -256,9 +257,9 @@ def test_cases_that_take_longer_than_they_may_end_their_worker(tmp_path, monkeyp
     monkeypatch.setattr(computing, "STARTING", 0.0)
     real = computing.simulate_torques
 
-    def slow(scenarios):
+    def slow(scenarios, **keys):
         ended.wait(5.0)
-        return real(scenarios)
+        return real(scenarios, **keys)
 
     monkeypatch.setattr(computing, "simulate_torques", slow)
     computing.compute_bytes(made(tmp_path, study(time_limit="0.05 s")).work(0))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from microvib.errors import SimulationError, expect
+from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.integration import again
 from microvib.solve.motion import Motion
@@ -106,6 +107,16 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
 def noted(table: LineTable, found: Accuracy | None) -> LineTable:
     """A table that knows how far it is off, so that a limit is judged by it."""
     return replace(table, own_error=0.0 if found is None else found.doubt)
+
+
+def unsound(broken: Sequence[str], scenario: Scenario | None) -> str:
+    """Why nothing that a motion shows is taken for known, and what to do: invariants that do not hold, by name; empty if all do."""
+    if not broken:
+        return ""
+    own = 1 if scenario is None else scenario.solver.refinement
+    names = " and ".join(name.replace("_", " ") for name in dict.fromkeys(broken))
+    finer = f"solver.refinement={4 * own}" if 4 * own <= MAX_REFINEMENT else "a smaller solver.accuracy"
+    return f"the motion itself, whose balance of {names} does not hold (finer steps, {finer})"
 
 
 def account(solver: Mapping[str, Any], found: Accuracy | None) -> dict[str, Any]:

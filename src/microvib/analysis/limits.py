@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from microvib.analysis.accuracy import unsound
 from microvib.analysis.lines import clock_doubts
 from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, frequency_doubt, margin, may_have, when_settled
 from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
@@ -126,7 +127,7 @@ def judge(
 
     The ``scenario`` of the table says what may be above the passband and how long a start rings; without it, nothing above the
     passband is judged. Where it has a second wing that is driven, the ``second`` table has that drive's lines, which are judged
-    too.
+    too. Lines of a motion whose invariants do not hold neither pass nor fail.
     """
     expect(table, LineTable, "a table of lines (mv.lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
@@ -148,6 +149,9 @@ def judge(
     if scenario is not None and scenario.rate is None:
         gaps.append("lines of the step clock, since the rate changes within the record (a record at one rate)")
     gaps += _above_passband(table, limit, scenario)
+    if why := unsound(table.broken, scenario):
+        margins = [replace(m, verdict="not judged", why=f"{m.line.line} ({why})") for m in margins]
+        gaps.insert(0, why)
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     other = None if scenario is None else scenario.driven_wing
     return judged if other is None else _both(judged, second, other.alone)

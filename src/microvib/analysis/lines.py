@@ -90,7 +90,7 @@ def steady(
     expect_scenario(scenario)
     whole_number("harmonics", harmonics, *MEMBERS)
     state, why = find_steady(scenario, whole=False, confirmed=confirmed)  # of T_d, which is the first drive's
-    source = state or torque_from_rest(scenario, progress)
+    source = state or torque_from_rest(scenario, progress, balanced=True)
     return Steady(lines(source, harmonics=harmonics), source, why)
 
 
@@ -118,7 +118,8 @@ def lines(
         source = source.source
     if isinstance(source, SteadyState):
         table = _of_steady_state(source, channel or "T_d", harmonics)
-        return replace(table, unit=unit_of(channel or "T_d"), harmonics=harmonics)
+        broken = source.invariants.broken
+        return replace(table, unit=unit_of(channel or "T_d"), harmonics=harmonics, broken=broken)
     if isinstance(source, Recording):
         name, source = channel or f"M{scenario.array.drive_axis if scenario else 'z'}", source.in_si()
         check(source, name, _SHORTEST)
@@ -126,7 +127,8 @@ def lines(
         return replace(table, unit=source.units[name])
     x, rate, unit = samples_of(source, channel, f"a steady state (mv.steady), {SAMPLED}")
     table = lines_of_samples(x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d"))
-    return replace(table, unit=unit)
+    broken = source.broken if isinstance(source, Torque) else source.invariants.broken
+    return replace(table, unit=unit, broken=broken)
 
 
 def lines_of_samples(

@@ -109,6 +109,8 @@ def _of_source(state: SteadyState | None, motion: Motion | None, harmonics: int)
     if motion is not None:
         found = accuracy(motion, table)
         table, solver = noted(table, found), account(solver, found)
+        if state is not None:  # lines are the steady state's, and the motion shows whether it is one
+            table = replace(table, broken=tuple(dict.fromkeys((*table.broken, *motion.invariants.broken))))
         motion = replace(motion, solver=account(motion.solver, found), beside=None if second is None else second.motion)
     return RunResult(source.scenario, table, source.invariants, solver, motion, state, second=second)
 

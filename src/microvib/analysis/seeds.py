@@ -48,16 +48,19 @@ def with_seeds(
     rest = scenario.with_({"record.start": "rest"})
     names = [line.line for line in table if line.kind != "other"]
     found: dict[str, list[Line]] = {name: [] for name in names}
+    broken = dict.fromkeys(table.broken)
     for k in range(number):
         (torque,) = simulate_torques([rest.with_(seeds_of(scenario, k))])
         if not isinstance(torque, Torque):
             raise torque
+        broken |= dict.fromkeys(torque.broken)
         for line in lines_among(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):
             if line.line in found and math.isfinite(line.amplitude_n_m):
                 found[line.line].append(line)
         if progress:
             progress(k + 1)
-    return replace(table, seeds=tuple(_over(rows) for rows in found.values() if len(rows) > 0.9 * number))
+    over = tuple(_over(rows) for rows in found.values() if len(rows) > 0.9 * number)
+    return replace(table, seeds=over, broken=tuple(broken))
 
 
 def _over(rows: list[Line]) -> SeedLine:

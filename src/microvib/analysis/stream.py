@@ -50,6 +50,7 @@ def lines_of_stream(
     t = scenario.record.settle + np.arange(begun.size) / rate
     motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
     found = accuracy(motion, table)
+    table = replace(table, broken=run.invariants.broken)
     return noted(table, found), run.invariants, account(run.solver, found) | {"line_blocks": len(tables)}
 
 

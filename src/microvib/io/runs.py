@@ -102,6 +102,7 @@ def summary(
         "doubts": list(scenario.doubts()),
         "left_by_lines": left,
         "own_error": table.own_error,
+        "broken_invariants": list(table.broken),
         "harmonics": table.harmonics,
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
         "versions": package_versions(),
@@ -148,7 +149,8 @@ def read_run(folder: Path | str) -> Run:
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
             rest=left and _rest(left),
-            own_error=said.get("own_error", 0.0), harmonics=said.get("harmonics", 8),
+            own_error=said.get("own_error", 0.0), broken=tuple(said.get("broken_invariants", first[0].broken)),
+            harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
     return Run(motion, table, versions, limit)

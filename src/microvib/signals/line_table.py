@@ -205,6 +205,8 @@ class LineTable:
     """What is left; None where that was not looked at."""
     own_error: float = field(default=0.0, compare=False)
     """Part of every amplitude that the record itself is known to be off, as by its integration."""
+    broken: tuple[str, ...] = field(default=(), compare=False)
+    """Invariants of the motion that do not hold, by name: no limit is judged by these lines."""
     seeds: tuple[SeedLine, ...] = field(default=(), compare=False)
     """The lines over many draws of the noise, of which this table is the first; empty where none were run."""
 

@@ -20,6 +20,15 @@ OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
 
 
+BAR = 1e-3
+"""What a balance of momentum or of energy may leave over at most; forms of one torque may differ by ``ROUNDING``."""
+ROUNDING = 1e-9
+JOULE_HEAT = 5e-6
+"""Part of the electrical energy that its balance may leave over besides, however little passes the shaft: supply and Joule heat are
+sums of powers over the steps, each with its own error. Of 600 random drives at most 2.9e-6 where that counts
+(benchmarks/invariants.py)."""
+
+
 @dataclass(frozen=True)
 class Invariants:
     """Balances that hold for any parameters, and how well they did."""
@@ -35,6 +44,22 @@ class Invariants:
     energy_in: float
     energy_dissipated: float
     energy_stored: float
+
+    @property
+    def bars(self) -> dict[str, float]:
+        """What each may be at most; of ``energy_mechanical`` more where hardly any energy passes the shaft, by ``JOULE_HEAT``."""
+        supplied = self.energy_mechanical / self.energy if self.energy > 0.0 else 0.0  # over what passes the shaft
+        return {
+            "torque_forms": ROUNDING,
+            "momentum": BAR,
+            "energy": BAR,
+            "energy_mechanical": BAR + JOULE_HEAT * supplied,
+        }
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """Names of those that do not hold, or are not known."""
+        return tuple(name for name, bar in self.bars.items() if not getattr(self, name) <= bar)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
+from microvib.analysis.accuracy import unsound
 from microvib.analysis.lines import Steady, steady
 from microvib.analysis.margins import BEYOND, frequency_doubt, may_have
 from microvib.analysis.start import has_calmed, rounded_up, still_held
@@ -298,6 +299,8 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
         return RateCase(rate, microsteps, (), str(why))
     if result.fallback and (held := still_held(changed)):
         return RateCase(rate, microsteps, (), held)
+    if broken := unsound(result.lines.broken, changed):
+        return RateCase(rate, microsteps, (), broken)
     f_d = changed.driving_frequency or math.nan
     seen = [x for x in result.lines if not x.is_mode and x.status != FAINT and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)

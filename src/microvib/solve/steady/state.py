@@ -92,24 +92,30 @@ class SteadyState:
     @property
     def channels(self) -> dict[str, np.ndarray]:
         """All channels by name, (n,) each, from one more run over the period, made when they are first needed."""
-        return self._period[0]
-
-    @property
-    def invariants(self) -> Invariants:
-        """Invariants of that run over the period."""
-        return self._period[1]
+        return self._sampled
 
     @cached_property
-    def _period(self) -> tuple[dict[str, np.ndarray], Invariants]:
+    def invariants(self) -> Invariants:
+        """Invariants of a run over the period, with the energies and both forms of the torque, in which nothing is sampled."""
         period = PeriodMap(self.scenario, self.microsteps)
-        packed, n = period.packed, self.T_d.size
-        rows = np.zeros((n, packed.columns))
+        packed = period.packed
         period.put(self.state, self.stick)
         before, momentum = packed.snapshot(), packed.momentum
-        width = 1.0 / (self.frequency * n)
-        period.go_on(samples_into(rows, period.start, width))
-        invariants = balance(packed, before, momentum, 1.0 / self.frequency)
-        return channels_of(rows[:, : packed.channels], packed.drive.H.size) | {"T_d": self.T_d}, invariants
+        self._run(period, np.zeros((0, packed.columns)))
+        return balance(packed, before, momentum, 1.0 / self.frequency)
+
+    @cached_property
+    def _sampled(self) -> dict[str, np.ndarray]:
+        period = PeriodMap(self.scenario, self.microsteps)
+        packed = period.packed
+        rows = np.zeros((self.T_d.size, packed.columns))
+        period.put(self.state, self.stick)
+        self._run(period, rows)
+        return channels_of(rows[:, : packed.channels], packed.drive.H.size) | {"T_d": self.T_d}
+
+    def _run(self, period: PeriodMap, rows: np.ndarray) -> None:
+        """The period from where it is, into ``rows`` of all channels; as many as they are."""
+        period.go_on(samples_into(rows, period.start, 1.0 / (self.frequency * self.T_d.size)))
 
     @property
     def time(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from microvib.analysis.accuracy import unsound
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
 from microvib.analysis.margins import BEYOND, STIRS, amplitude_doubt, frequency_doubt, may_ring
@@ -178,6 +179,9 @@ def of_run(
     assert found.los is not None
     rows = {line.line: line for line in result.table}
     own = [rows[name] for name in found.names]
+    broken = [name for drive in result.drives.values() for name in drive.table.broken]
+    unknown = unsound(broken, scenario)
+    doubt = _doubt_of_run(scenario, result.table, own) + _beside_modes(scenario, own, found.frequency, other_steps)
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
     # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by the mode's damping.
     T, decay = result.table.duration, {m.name: m.decay for m in coupled_modes(scenario)}
@@ -192,8 +196,8 @@ def of_run(
         unlocked=np.array([not x.of_clock for x in own], dtype=bool),
         rings=rings,
         density=density_of_noise(scenario),
-        gaps=tuple(_gaps(scenario, result.table, found, result.state is not None)),
-        doubt=_doubt_of_run(scenario, result.table, own) + _beside_modes(scenario, own, found.frequency, other_steps),
+        gaps=(*([open_gap(unknown)] if unknown else ()), *_gaps(scenario, result.table, found, result.state is not None)),
+        doubt=np.maximum(doubt, 1.0) if unknown else doubt,
         frequency_doubt=frequency_doubt(
             found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty_hz for x in own])
         ),

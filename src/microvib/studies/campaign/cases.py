@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from microvib.analysis.accuracy import unsound
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import judge
 from microvib.analysis.lines import lines as lines_of
-from microvib.analysis.lines import lines_of_samples, steady
+from microvib.analysis.lines import steady
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
@@ -216,7 +217,7 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
 def _torques(scenarios: list[Scenario]) -> list[Torque | Exception]:
     """Torques of cases together or, where they fail together, one by one: one case may want more memory than there is."""
     try:
-        return list(simulate_torques(scenarios))
+        return list(simulate_torques(scenarios, balanced=True))
     except Exception as error:
         if len(scenarios) == 1:
             return [error]
@@ -233,7 +234,7 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
         if isinstance(torque, Exception):
             raise torque
         if torque is not None:
-            table = lines_of_samples(torque.T_d, torque.sample_rate, scenario, work.study.harmonics)
+            table = lines_of(torque, harmonics=work.study.harmonics)
             second = _second(work, scenario)
             return _result(work.study, scenario, table, torque.T_d, torque.stuck_output, second=second)
         if _looks(scenario):
@@ -266,7 +267,7 @@ def _second(work: Work, scenario: Scenario) -> LineTable | None:
         (torque,) = _torques([other])
         if isinstance(torque, Exception):
             raise torque
-        return lines_of_samples(torque.T_d, torque.sample_rate, other, work.study.harmonics)
+        return lines_of(torque, harmonics=work.study.harmonics)
 
 
 def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
@@ -292,7 +293,12 @@ def _result(
     note: str = "",
     second: LineTable | None = None,
 ) -> _Result:
-    """A case whose lines are known, with those of a ``second`` wing's drive, judged as its run would be."""
+    """A case whose lines are known, with those of a ``second`` wing's drive, judged as its run would be.
+
+    One whose motion is not sound has failed: it counts as a case of which nothing is known.
+    """
+    if why := unsound((*table.broken, *(() if second is None else second.broken)), scenario):
+        return _Result(reason=why)
     verdict, gaps, limit = 0, "", limit_of(study)
     if limit is not None:
         judgement = judge(table, limit, scenario, second)
