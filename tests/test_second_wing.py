@@ -39,6 +39,7 @@ from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
 from microvib.studies.campaign.results import merge
 from microvib.studies.orbit import check_orbit, over_orbit
+from microvib.studies.rates import ABOVE, full_case, linear_case
 from microvib.units import Si
 
 OPPOSITE = np.array([0.35, -0.9, -0.2])
@@ -588,3 +589,28 @@ def test_over_an_orbit_both_drives_step(wing: dict[str, Any], monkeypatch: pytes
 def test_an_orbit_needs_both_rates(changes: dict[str, Any], key: str) -> None:
     with pytest.raises(mv.MicrovibError, match=f"^{key}.*a constant rate"):
         check_orbit(quick().with_si(changes))
+
+
+@pytest.mark.parametrize("linear", [True, False])
+def test_a_rate_plan_judges_both_drives(linear: bool) -> None:
+    """A second drive with half the microsteps has larger lines: a limit between the two allows no rate by the first's lines alone."""
+    one = both(wing={"drive": "driven"})
+    microsteps = one.driver.microsteps
+    coarse = {**one.driver.model_dump(), "microsteps": microsteps // 4}
+    craft = both(wing={"drive": "driven", "driver": coarse})
+    rate = craft.rate
+    assert rate is not None
+    solve = linear_case if linear else full_case
+    case, alone = (solve(x, Si(rate), microsteps) for x in (craft, craft.alone))
+    assert not case.failed
+    sizes = {x.line: x.amplitude for x in case.lines}
+    second = max(x for name, x in sizes.items() if name.startswith("wing_2 "))
+    first = max(x.amplitude for x in alone.lines)
+    own = max(x for name, x in sizes.items() if not name.startswith("wing_2 "))
+    assert own == pytest.approx(first, rel=1e-9)
+    other = craft.driven_wing
+    assert other is not None
+    expected = solve(other.alone, Si(other.rate or 0.0), other.driver.microsteps)
+    assert second == pytest.approx(max(x.amplitude for x in expected.lines), rel=1e-6)
+    assert second > 1.3 * first
+    assert case.verdict((0.0, math.inf), math.sqrt(first * second)) == ABOVE

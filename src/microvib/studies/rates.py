@@ -18,6 +18,7 @@ from microvib.errors import OptionError, SimulationError, expect_list, whole_num
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import DRIVEN, FAINT, TWELFTH_OCTAVE, Line
 from microvib.solve.integration import Progress
 from microvib.studies.workers import all_cores
@@ -41,7 +42,7 @@ ABOVE = "a line is above the limit"
 HIDES = "not known: a line is hidden that may be above the limit"
 ABOVE_PASSBAND = "not judged: what is above the passband may be above the limit"
 NOT_LINEAR = (
-    "not judged: lines that the linearised drive does not have may be above the limit (a plan without --linear)"
+    "not judged: lines that the linearised drive lacks may be above the limit (a plan without --linear judges them)"
 )
 NEAR = "too near to a resonance:"
 
@@ -291,8 +292,22 @@ def at_rate(scenario: Scenario, rate: Given, microsteps: int) -> Scenario:
 
 
 def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
-    """One case with the full model, its steady state ``confirmed`` by a run from rest that is waited for to its end."""
+    """One case with the full model, its steady state ``confirmed`` by a run from rest that is waited for to its end.
+
+    Where a second wing is driven, lines of both drives.
+    """
     changed = at_rate(scenario, rate, microsteps)
+    first = _full_case(changed, rate, microsteps, confirmed)
+    other = changed.driven_wing
+    return (
+        first
+        if other is None or other.rate == 0.0
+        else _both(first, _full_case(other.alone, rate, microsteps, confirmed))
+    )
+
+
+def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) -> RateCase:
+    """Of the drive of a scenario at its own rate; ``rate`` and ``microsteps`` are those of the plan."""
     try:
         result = steady(changed, harmonics=HARMONICS, confirmed=confirmed)
     except SimulationError as why:  # loss of synchronism, for one
@@ -355,10 +370,38 @@ _DRAWS = 2.0
 def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
     """One case with the linearised drive, of which there is nothing to be ``confirmed``."""
     changed = at_rate(scenario, rate, microsteps)
+    first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
+    return first if other is None or other.rate == 0.0 else _both(first, _linear_case(other.alone, rate, microsteps))
+
+
+def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
+    """As ``_full_case``."""
     found = linear_lines(changed, HARMONICS)
     lines = tuple(RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
     others = (*of_clock(changed, 0.0, math.inf, known=HARMONICS), *of_friction(changed, 0.0, math.inf))
     return RateCase(rate, microsteps, lines, shown=0.0, unseen=others)
+
+
+def _both(first: RateCase, second: RateCase) -> RateCase:
+    """A case of two drives on one craft, the second's lines called so; nothing is known where one of them failed."""
+    for case, whose in ((first, ""), (second, f"{SECOND_DRIVE}: ")):
+        if case.failed:
+            return replace(first, lines=(), hidden=(), unseen=(), reason=f"{whose}{case.reason}")
+
+    def called(lines: Iterable[RateLine]) -> tuple[RateLine, ...]:
+        return tuple(replace(x, line=f"{SECOND_DRIVE} {x.line}") for x in lines)
+
+    reasons = [first.reason] if first.reason else []
+    reasons += [f"{SECOND_DRIVE}: {second.reason}"] if second.reason else []
+    return replace(
+        first,
+        lines=(*first.lines, *called(second.lines)),
+        reason="; ".join(reasons),
+        hidden=(*first.hidden, *called(second.hidden)),
+        confirmed=first.confirmed and second.confirmed,
+        shown=min(first.shown, second.shown),
+        unseen=(*first.unseen, *(replace(x, what=f"{SECOND_DRIVE}, {x.what}") for x in second.unseen)),
+    )
 
 
 def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float, int]]:
