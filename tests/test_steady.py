@@ -21,7 +21,7 @@ from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import CONVERGED
-from microvib.solve.steady.state import steady_state
+from microvib.solve.steady.state import find_steady, steady_state
 from microvib.studies.rates import plan_rates, rate_grid
 
 
@@ -295,6 +295,27 @@ def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_
     plan = plan_rates(scenario, rate_grid("0.04 deg/s", "0.1 deg/s", 4))
     assert plan.cases
     assert not [case.reason for case in plan.cases if case.reason]
+
+
+@pytest.mark.parametrize("name", ["state-1", "state-3"])
+def test_a_deviation_that_is_as_linear_as_a_small_one_is_not_waited_for(name):
+    scenario = mv.load_scenario(name)
+    decay = min(m.decay for m in mv.coupled_modes(scenario) if m.frequency > 0.0)
+    quick, waited = (steady_state(scenario, confirmed=confirmed) for confirmed in (False, True))
+    assert quick.solver["from_rest_s"] < 0.5 / decay
+    assert waited.solver["from_rest_s"] > 2.0 / decay
+    assert np.array_equal(quick.T_d, waited.T_d)
+
+
+@pytest.mark.parametrize("seed", [9, 16, 36])
+def test_a_start_from_rest_that_leads_elsewhere_is_seen_before_it_is_there(seed):
+    """Small deviations from the motion that the search finds die out; that of a start from rest is none, and stays."""
+    scenario = heavy_scenario(seed)
+    quick, waited = (find_steady(scenario, confirmed=confirmed) for confirmed in (False, True))
+    assert (quick[0] is None) == (waited[0] is None)
+    if quick[0] is not None:
+        assert "from_rest_s" not in quick[0].solver
+        assert float(np.std(quick[0].T_d)) == pytest.approx(float(np.std(waited[0].T_d)), rel=0.01)
 
 
 def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():

@@ -197,7 +197,7 @@ def lines_in(
     """The expected lines in one channel, in their order; with the ``table`` of T_d, modes ring as there."""
     rate, samples = source.scenario.record.sample_rate, source.scenario.record.samples
     if isinstance(source, SteadyState):
-        series = source.harmonics(channel)[: int(PASSBAND * rate / source.frequency) + 1]
+        series = source.harmonics(channel, int(PASSBAND * rate / source.frequency) + 1)
         found = lines_of_series(series, source.frequency, source.microsteps, expected, samples, rate)
     else:
         found = lines_at_known_clock(source[channel], rate, expected, table)

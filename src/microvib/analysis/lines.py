@@ -402,5 +402,5 @@ def _of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTa
         series_of(state.channels, channel, state.scenario, state.time)
     record = state.scenario.record
     expected = expected_in(state.scenario, record.sample_rate, harmonics)
-    series = state.harmonics(channel)[: int(PASSBAND * record.sample_rate / state.frequency) + 1]
+    series = state.harmonics(channel, int(PASSBAND * record.sample_rate / state.frequency) + 1)
     return lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)

@@ -39,7 +39,9 @@ def lines_of_series(
     figures = Figures(
         lines, tuple(status.tolist()), frequency + sharp, amplitude, np.angle(tone) + sharp, sharp, sharp, *bins
     )
-    left = np.setdiff1d(np.arange(1, series.size), np.rint(frequency / base).astype(int))
+    rest = np.ones(series.size, dtype=bool)
+    rest[[0, *(k for k in np.rint(frequency / base).astype(int).tolist() if 0 <= k < series.size)]] = False
+    left = np.flatnonzero(rest)
     rows = figures.rows(Uncertainty(sharp, sharp, sharp, sharp))
     return LineTable(rows, 1.0, 0.0, samples, sample_rate, rest=Rest.of(left * base, sizes[left]))
 
@@ -56,9 +58,9 @@ def _others(
     """Orders without a name, from a hundredth of the largest, the strongest first, as ``estimate_lines`` lists them."""
     unnamed = sizes.copy()
     unnamed[[0, *named]] = 0.0
-    strong = np.argsort(-unnamed, kind="stable")[:MAX_OTHERS]
-    least = 0.01 * float(np.max(sizes[1:], initial=0.0))
-    for number, k in enumerate(strong[unnamed[strong] > least].tolist(), 1):
+    strong = np.flatnonzero(unnamed > 0.01 * float(np.max(sizes[1:], initial=0.0)))
+    strong = strong[np.argsort(-unnamed[strong], kind="stable")][:MAX_OTHERS]
+    for number, k in enumerate(strong.tolist(), 1):
         origin = orders.name(k * base, 1e-6 * base) if orders else None
         origin = origin or f"{Fraction(k, microsteps)} of the driving frequency"
         yield ExpectedLine(f"other_{number}", "other", k * base, k * base, k * base, origin)

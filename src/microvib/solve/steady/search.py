@@ -14,7 +14,7 @@ A solution repeats with the command, but need not be what the drive does. Three 
 - ``_check_stable``: an unstable motion solves the equations as well; the drive leaves it.
 - ``_check_settles``: a stable motion that takes minutes to settle, because friction feeds an array mode, is not what a run shows.
 - ``_check_from_rest``: beside the motion there may be others, such as slips that are long and short in turn or a mode that
-  friction keeps ringing; a start from rest must arrive at this one (``microvib.solve.steady.from_rest``).
+  friction keeps ringing; a start from rest must lead to this one (``microvib.solve.steady.arrival``).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import numpy as np
 
 from microvib.model.record import PASSBAND
 from microvib.solve import kernel
+from microvib.solve.steady.arrival import Found, confirm
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 from microvib.solve.steady.segments import Ends, Segments
@@ -193,13 +194,15 @@ class Search:
 
         The eigenvalues of the derivatives' product are too coarse near 1, since the derivatives are powers of one part's. For the
         slow ones, a deviation along all their right eigenvectors is therefore simulated, and the left eigenvectors, which see
-        one direction each, read off what is left in every segment.
+        one direction each, read off what is left in every segment. Those at the start are kept, ``_slow``.
         """
         from scipy.linalg import eig  # slow to import, and runs from rest need none of it
 
         values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
         slow = (size > SLOW) & (values.imag >= 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._slow = (left / np.sum(left * right.conj(), axis=0))[:, slow].conj().T
         if np.any(slow):
             along, seen = [right[:, slow]], [left[:, slow].conj().T]
             for derivative in derivatives[:-1]:
@@ -219,7 +222,7 @@ class Search:
         run = RunFromRest(period)
         T_d = self.segments.advance(self.x * period.sizes, bounds[:-1], bounds[1:], run.rows).T_d
         decay = -math.log(max(self.multiplier, 1e-9)) * period.frequency
-        run.leads_to(self.x[0] * period.sizes, T_d, decay, shortened=not self.confirmed)
+        confirm(run, Found(self.x[0] * period.sizes, T_d, decay, self._slow / period.sizes), waited=self.confirmed)
         self.from_rest = run.simulated
         period.evaluations += run.simulated * period.frequency
 

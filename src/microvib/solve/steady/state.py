@@ -29,9 +29,11 @@ from microvib.solve.integration import (
 )
 from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.sampling import samples_into
-from microvib.solve.steady.from_rest import NotReached, RunFromRest
+from microvib.solve.steady.arrival import NotReached
+from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
 from microvib.solve.steady.search import NotShown, Search, sample_rows
+from microvib.solve.steady.settling import Settling
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods simulated beforehand."""
@@ -124,14 +126,15 @@ class SteadyState:
         middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
         return middles
 
-    def harmonics(self, name: str = "T_d") -> np.ndarray:
+    def harmonics(self, name: str = "T_d", count: int | None = None) -> np.ndarray:
         """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0, 1, ..., (n // 2,).
 
         Phases are those of cosines at the first sample of the record, ``record.settle``. The droop of interval means is corrected.
+        With a ``count`` only so many are made: of a long period most are beyond any band.
         """
         x = self[name]
         n = x.shape[0]
-        k = np.arange(n // 2)
+        k = np.arange(n // 2)[:count]
         series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
         series[0] *= 0.5
         shift = 2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
@@ -194,8 +197,8 @@ def find_steady(scenario: Scenario, *, whole: bool = True, confirmed: bool = Fal
 def _settled(period: PeriodMap, spent: float, begun: float) -> SteadyState:
     """The motion that a run from rest settles to, after searches simulated ``spent`` [s] in vain."""
     run = RunFromRest(period)
-    found = run.settled(sample_rows(period))
-    period, simulated = found.period, spent + found.simulated
+    found = Settling(run).followed(sample_rows(period))
+    period, simulated = found.period, spent + run.simulated
     multiplier = math.exp(-run.ringing.decay / period.frequency)
     solver = {
         **method_of(period.scenario),

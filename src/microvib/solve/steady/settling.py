@@ -1,0 +1,285 @@
+"""The motion that a run from rest settles to, where none can be searched for.
+
+The run is looked at in stretches. It has settled when the torque of the last stretch repeats, that is when it is what it was a
+period of the command before, or a few periods. Where it repeats with each period, its deviation from where it goes is shortened
+instead of waited for (``_Decaying``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from microvib.model.scenario import Scenario
+from microvib.solve.steady.from_rest import RunFromRest, rms
+from microvib.solve.steady.period import NotPeriodic, PeriodMap
+
+STRETCH = 0.15
+"""Decay times in a stretch, or a cycle of the slowest mode if that is longer."""
+MOST_PARTS = 64
+"""Parts of a long period at whose ends it is asked whether the run has settled."""
+SETTLED = 5e-4
+"""Estimated deviation from a motion that repeats, over the RMS of the torque, at which a run has settled."""
+GIVEN_UP = (3.0, 0.8)
+"""Decay times in which what changes from period to period must fall at least to this part of itself."""
+SEEN_OVER = 0.7
+"""Decay times, at least, over which a change is looked at: what decays slowly changes little from period to period."""
+MULTIPLES = 6
+"""Periods of the command after which the motion of a run may repeat, at most."""
+LONGEST_MULTIPLE = 200.0
+"""Time [s] beyond which such multiples are not looked for."""
+SETTLES_WITHIN = 12.0
+"""Decay times of the slowest mode in which a run must have settled."""
+SHORTENED_WITHIN = 4.0
+"""The same where deviations may be shortened."""
+REGULAR = (0.5, 2.5)
+"""Rate of the decay, over that of the slowest mode, within which a deviation may be shortened."""
+SHORTENED_BELOW = 0.5
+"""Part of its largest value below which a deviation may be shortened: above it, each start is its own."""
+FOLLOWED = 4
+"""States in each stretch over which a change is averaged, at most, from which it is seen where a deviation goes."""
+BROUGHT_TO = 0.2
+"""Part of a deviation that is left when a run that is followed is shortened."""
+INDEPENDENT = 1e-3
+"""Part of the largest singular value below which directions of a deviation are noise."""
+BETTER, MISLED = 0.6, 3
+"""Part of a change that may be left after a deviation was shortened, and how often more may be: it goes elsewhere then."""
+DIED_OUT = 0.01
+"""Change, over that of a run that has settled, below which nothing is shortened."""
+FARTHEST = 4.0
+"""Distance to where a deviation goes, over what was seen of it, at most."""
+
+NOT_SETTLED = (
+    "a run from rest does not settle to a motion that repeats with the command: friction keeps a mode ringing, or slips vary from"
+    " period to period (a longer record.settle and record.duration show what they settle to)"
+)
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The motion that a run from rest settled to."""
+
+    period: PeriodMap
+    state: np.ndarray
+    """At the start of the period, seen from the command."""
+    stick: np.ndarray
+    """Modes and memory of the frictions there (``PeriodMap.stick_turned``)."""
+    T_d: np.ndarray
+    """Interval means of the disturbance torque over a period [N m]."""
+    stuck_output: float
+    """Time [s] in the period that the output sticks."""
+    distance: float
+    """Change of the state over the period, over what a microstep moves."""
+
+
+class Settling:
+    """A run from rest that is followed until its torque repeats."""
+
+    def __init__(self, run: RunFromRest) -> None:
+        self.run, self.whole = run, 1.0 / run.period.frequency
+        self.parts, self.stretch = _cut(run)
+        self.decaying = _Decaying(self) if self.parts == 1 else None
+        self.multiples = self._multiples()
+        longest = max(self._lag(multiple) for multiple in self.multiples)
+        kept = self.stretch + (longest + self.multiples[-1] + 1) * run.period.microsteps
+        self._torque, self._kept = np.zeros(0), kept * run.rows
+
+    def followed(self, rows: int) -> Settled:
+        """The motion that the run settles to, with at least ``rows`` means of the torque in each microstep.
+
+        Raises NotPeriodic where it has not settled to one that repeats after a few periods of the command.
+        """
+        most = self._most()
+        self.run.begin(self.parts)
+        rows = self.run.rows * math.ceil(rows / self.run.rows)
+        looked = math.ceil(GIVEN_UP[0] / (self.run.ringing.decay * self.stretch * self.run.period.microstep_time))
+        near, changes = 0, [math.inf] * looked
+        while self.run.simulated < most:
+            self._go_on()
+            multiple, change = self._repeats(self.stretch * self.run.rows, self.multiples)
+            near = near + 1 if multiple else 0
+            if near >= 2 and (found := self._period(multiple, rows)):
+                return found
+            changes.append(change)
+            if self._knows_all_multiples() and change > GIVEN_UP[1] * changes[-1 - looked]:
+                raise NotPeriodic(NOT_SETTLED)
+            if not near and self._shortened():
+                self._torque, changes = np.zeros(0), [math.inf] * looked
+        raise NotPeriodic(self._too_long(self._decays(SETTLES_WITHIN)) if most == self.run.longest else NOT_SETTLED)
+
+    def _multiples(self) -> range:
+        """Periods of the command after which the motion may repeat."""
+        room = min(LONGEST_MULTIPLE, self.run.longest - self._expected() - 2.0 * self.whole)
+        return range(1, max(min(MULTIPLES, int(room / self.whole)), 1) + 1)
+
+    def _decays(self, times: float) -> float:
+        """So many decay ``times`` of the slowest mode [s]."""
+        return times / self.run.ringing.decay
+
+    def _expected(self) -> float:
+        """Time [s] that the run takes to settle."""
+        return self._decays(SHORTENED_WITHIN if self.decaying is not None else SETTLES_WITHIN)
+
+    def _most(self) -> float:
+        """Time [s] in which it must have settled; NotPeriodic where that is too long."""
+        periods = (self.multiples[-1] + 2) * self.whole
+        if self._expected() + periods > self.run.longest:
+            raise NotPeriodic(self._too_long(self._expected()))
+        return min(self._decays(SETTLES_WITHIN) + periods, self.run.longest)
+
+    def _too_long(self, decays: float) -> str:
+        """Why a run of so many seconds of ``decays``, or of periods, is not made."""
+        period = self.run.period
+        if self.whole < 0.3 * decays:
+            return f"the slowest mode needs {decays:.3g} s to die out, too long for a run from rest that shows it"
+        return (
+            f"the common period of the command and all that repeats with it is {period.microsteps} microsteps"
+            f" ({self.whole:.3g} s), too long for a run from rest that shows it{_leave_out(period.scenario)}"
+        )
+
+    def _go_on(self) -> None:
+        """Advance by a stretch."""
+        if self.decaying is None:
+            self.watch(self.stretch)
+        else:
+            self.decaying.watch(self.stretch)
+
+    def watch(self, microsteps: int) -> None:
+        """Advance, and keep the last of the torque."""
+        torque, _ = self.run.advance(microsteps, self.run.rows)
+        self._torque = np.concatenate([self._torque, torque])[-self._kept :]
+
+    def _knows_all_multiples(self) -> bool:
+        """Whether enough has been simulated to see a motion that repeats after as many periods as may be."""
+        return self.run.simulated > (self.multiples[-1] + 1) * self.whole
+
+    def _shortened(self) -> bool:
+        """Whether the deviation from a motion that repeats with each period was shortened."""
+        if self.decaying is None:
+            return False
+        return self.decaying.shortened(self._change(self.stretch * self.run.rows, 1))
+
+    def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
+        """After how many periods of the command the ``last`` of the torque repeats, 0 where it does not; and its least change, over
+        the RMS of the torque."""
+        least = math.inf
+        for multiple in multiples:
+            at_once = self._change(last, multiple)
+            least = min(least, at_once)
+            lag = self._lag(multiple)
+            left = -math.expm1(-0.5 * self.run.ringing.decay * lag * self.whole)
+            if at_once <= SETTLED and self._change(last, lag) <= SETTLED * left:
+                return multiple, at_once
+        return 0, least
+
+    def _change(self, last: int, periods: int) -> float:
+        """Change of the ``last`` of the torque from ``periods`` before, over the RMS of the torque; infinite before it is known."""
+        lag = periods * self.run.period.microsteps * self.run.rows
+        if lag + last > self._torque.size:
+            return math.inf
+        return rms(self._torque[-last:] - self._torque[-last - lag : -lag]) / rms(self._torque)
+
+    def _lag(self, multiple: int) -> int:
+        """Periods of the command, a multiple of ``multiple``, over which a change shows."""
+        return multiple * math.ceil(self._decays(SEEN_OVER) / (self.whole * multiple))
+
+    def _period(self, multiple: int, rows: int) -> Settled | None:
+        """The motion over the ``multiple`` periods that come next, if it is throughout what it was before."""
+        run, own = self.run, self.run.period
+        period = own if multiple == 1 else PeriodMap(own.scenario, multiple * own.microsteps)
+        ahead = round((own.start - period.start) / own.microstep_time)
+        self.watch((-run.made - ahead) % period.microsteps)
+        begun, stick = run.seen(period, ahead), run.stick(ahead)
+        T_d, output = run.advance(period.microsteps, rows)
+        means = T_d.reshape(-1, rows // run.rows).mean(axis=1)
+        self._torque = np.concatenate([self._torque, means])
+        if not self._repeats(means.size, [multiple])[0]:
+            return None
+        distance = float(np.max(np.abs(run.seen(period, ahead) - begun) / period.sizes))
+        stuck = float(np.sum(output)) * period.microsteps * period.microstep_time / T_d.size
+        return Settled(period, begun, stick, T_d, stuck, distance)
+
+
+class _Decaying:
+    """A run whose deviation from a motion that repeats with each period of the command is shortened where it decays regularly.
+
+    Where the deviation goes is seen from states at starts of periods, by reduced rank extrapolation (Sidi, Vector Extrapolation
+    Methods, 2017): exact for a motion that is linear about it.
+    """
+
+    def __init__(self, settling: Settling) -> None:
+        self.settling, self.run = settling, settling.run
+        self.largest, self._before, self._misled = 0.0, math.inf, 0
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._states: list[np.ndarray] = []
+        self._last, self._regular = math.inf, 0
+
+    def watch(self, stretch: int) -> None:
+        """Advance by a ``stretch`` of microsteps, whole periods, and keep states on the way."""
+        period = self.run.period
+        pieces = _parts(stretch // period.microsteps, FOLLOWED)
+        self._span = stretch * period.microstep_time
+        for _ in range(pieces):
+            self.settling.watch(stretch // pieces)
+            self._states.append(np.append(self.run.seen() / period.sizes, period.packed.state.stick[:2]))
+
+    def shortened(self, change: float) -> bool:
+        """Whether the deviation was shortened, after a ``change`` of the torque from one period to the next was seen."""
+        if math.isinf(change) or self._misled >= MISLED:
+            return False
+        self._note(change)
+        if self._regular < 2 or not DIED_OUT * SETTLED < change <= SHORTENED_BELOW * self.largest:
+            return False
+        goal = self._goal(np.array(self._states[-3 * FOLLOWED - 1 :]))
+        if goal is None:
+            return False
+        self.run.go_on_from(goal + BROUGHT_TO * (self.run.seen() - goal), self.run.stick())
+        self._before = change
+        self._begin_anew()
+        return True
+
+    def _note(self, change: float) -> None:
+        """Note whether a ``change`` fell where the deviation was shortened before, and whether it falls regularly."""
+        self._misled, self._before = self._misled + (change > BETTER * self._before), math.inf
+        self.largest = max(self.largest, change)
+        rate = math.log(self._last / change) / self._span if change > 0.0 and not math.isinf(self._last) else 0.0
+        low, high = (r * self.run.ringing.decay for r in REGULAR)
+        self._regular, self._last = self._regular + 1 if low <= rate <= high else 0, change
+
+    def _goal(self, states: np.ndarray) -> np.ndarray | None:
+        """The state to which ``states`` (k, n + 2) decay; None where it is not seen, or where frictions do not stay as they are."""
+        x, modes = states[:, :-2], states[:, -2:]
+        if len(x) < 4 or np.ptp(modes, axis=0).any():
+            return None
+        steps = np.diff(x, axis=0).T
+        goal = x[0] - steps[:, :-1] @ np.linalg.lstsq(np.diff(steps, axis=1), steps[:, 0], rcond=INDEPENDENT)[0]
+        if np.max(np.abs(goal - x[-1])) > FARTHEST * np.max(np.ptp(x, axis=0)):
+            return None
+        result: np.ndarray = goal * self.run.period.sizes
+        return result
+
+
+def _cut(run: RunFromRest) -> tuple[int, int]:
+    """Into how many parts a period is cut at whose ends the run is looked at, and the microsteps from one look to the next."""
+    period, ringing = run.period, run.ringing
+    whole = 1.0 / period.frequency
+    span = max(ringing.cycle, STRETCH / ringing.decay, whole / MOST_PARTS)
+    parts = _parts(period.microsteps, whole / span) if span < whole else 1
+    return parts, period.microsteps // parts * max(math.ceil(span / whole), 1)
+
+
+def _leave_out(scenario: Scenario) -> str:
+    """What makes the common period long, as keys to leave out; empty where it is the driver's alone."""
+    keys = [f"reducer.train.{k}.errors" for k, stage in enumerate(scenario.reducer.train) if stage.errors]
+    keys += ["reducer.transmission_error"] if scenario.reducer.transmission_error else []
+    return f" ({', '.join(f'{key}: []' for key in keys)} leaves out what makes it long)" if keys else ""
+
+
+def _parts(microsteps: int, most: float) -> int:
+    """The largest number of equal parts of whole microsteps that is at most ``most`` and MOST_PARTS."""
+    return next(k for k in range(min(int(most), MOST_PARTS), 0, -1) if microsteps % k == 0)
