@@ -1,10 +1,10 @@
-"""Lines of random legal sets by both methods of integration, against rodas4 with ``solver.refinement`` 4.
+"""Lines of random legal sets against RODAS4 (``tests/support/rodas4``) with ``solver.refinement`` 4.
 
 ``python benchmarks/random_sets.py [--sets 372] [--seed 0] [--settle 1] [--record 4]``
 
 Printed is each set in which a line of at least a hundredth of the largest is off by more than 0.5 %, with whether the reference
 itself agrees with one of refinement 8; then how many there are, the median of the worst lines, and the processor time of
-``simulate`` and of the torque alone over rodas4's.
+``simulate`` and of the torque alone over RODAS4's with all channels.
 
 Nothing is asserted. Machines differ: only ratios and deviations mean something elsewhere.
 """
@@ -24,6 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support import rodas4
 from support.line_errors import worst_change
 from support.scenarios import random_scenario
 
@@ -31,8 +32,6 @@ import microvib as mv
 from microvib.analysis.accuracy import BOUND
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import torque_from_rest
-
-METHODS = ("propagators", "rodas4")
 
 
 def main() -> None:
@@ -44,35 +43,32 @@ def main() -> None:
     parser.add_argument("--record", type=float, default=4.0)
     arguments = parser.parse_args()
     record = {"record.settle": arguments.settle, "record.duration": arguments.record}
-    for method in METHODS:  # loads what was compiled
-        _solved(random_scenario(0).with_si(record | {"solver.method": method}))
+    _measured(random_scenario(0).with_si(record))  # loads what was compiled
     worst, times = [], []
     for k in range(arguments.seed, arguments.seed + arguments.sets):
         scenario = random_scenario(k).with_si(record)
-        exact = mv.lines(mv.simulate(scenario.with_si({"solver.method": "rodas4", "solver.refinement": 4})))
-        found = [_solved(scenario.with_si({"solver.method": method})) for method in METHODS]
-        off = [worst_change(table, exact) for table, *_ in found]
-        worst.append([line for line, _ in off])
-        times.append([(seconds, alone) for _, seconds, alone in found])
-        if max(worst[-1]) > BOUND:
-            finest = mv.lines(mv.simulate(scenario.with_si({"solver.method": "rodas4", "solver.refinement": 8})))
-            said = ", ".join(f"{m} {100 * x:.3g} % ({name})" for m, (x, name) in zip(METHODS, off, strict=True))
-            print(
-                f"set {k:4d}: {said}; the reference changes by {100 * worst_change(exact, finest)[0]:.2g} %", flush=True
-            )
-    print(f"\n{arguments.sets} sets; off by more than {100 * BOUND:g} %, median of the worst lines")
-    for method, lines in zip(METHODS, np.array(worst).T, strict=True):
-        print(f"{method:12s} {np.sum(lines > BOUND):4d}   {100 * np.median(lines):.4f} %")
-    ratios = np.array(times)[:, 0] / np.array(times)[:, 1]
-    for what, ratio in zip(("all channels", "torque alone"), ratios.T, strict=True):
-        print(f"processor time over rodas4's, {what}: median {np.median(ratio):.2f}, worst {ratio.max():.2f}")
+        exact = mv.lines(rodas4.simulate(scenario.with_si({"solver.refinement": 4})))
+        table, seconds = _measured(scenario)
+        off, name = worst_change(table, exact)
+        worst.append(off)
+        times.append(seconds)
+        if off > BOUND:
+            finest = mv.lines(rodas4.simulate(scenario.with_si({"solver.refinement": 8})))
+            changes = worst_change(exact, finest)[0]
+            print(f"set {k:4d}: {100 * off:.3g} % ({name}); the reference changes by {100 * changes:.2g} %", flush=True)
+    lines = np.array(worst)
+    print(f"\n{arguments.sets} sets; {np.sum(lines > BOUND)} off by more than {100 * BOUND:g} %")
+    print(f"median of the worst lines {100 * np.median(lines):.4f} %")
+    for what, ratio in zip(("all channels", "torque alone"), np.array(times).T, strict=True):
+        print(f"processor time over RODAS4's, {what}: median {np.median(ratio):.2f}, worst {ratio.max():.2f}")
 
 
-def _solved(scenario: mv.Scenario) -> tuple[LineTable, float, float]:
-    """Lines, and processor time of the motion and of the torque alone [s], the least of three each."""
+def _measured(scenario: mv.Scenario) -> tuple[LineTable, tuple[float, float]]:
+    """Lines, and processor time of the motion and of the torque alone over RODAS4's, the least of three each."""
     motion, moved = _timed(mv.simulate, scenario)
     _, alone = _timed(torque_from_rest, scenario)
-    return mv.lines(motion), moved, alone
+    _, reference = _timed(rodas4.simulate, scenario)
+    return mv.lines(motion), (moved / reference, alone / reference)
 
 
 def _timed(solve: Callable[[mv.Scenario], Any], scenario: mv.Scenario) -> tuple[Any, float]:

@@ -59,7 +59,6 @@ def test_without_backlash_nothing_changes(state_1):
     [
         ({"reducer.backlash": 1e-4, "reducer.stiffness": "rigid"}, "backlash: flanks of a rigid reducer"),
         ({"reducer.backlash": -1e-4}, "backlash: -0.0001"),
-        ({"reducer.backlash": 1e-4, "solver.method": "rodas4"}, "solver.method: rodas4 knows no .*backlash"),
     ],
 )
 def test_what_backlash_does_not_go_with_is_told(state_1, changes, sentence):

@@ -32,7 +32,7 @@ def channels(q):
 
 def released(changes, index, offset):
     """A drive that holds still but for one state."""
-    scenario = scenario_with({"tracking.rate": 0.0, "solver.tolerance": 1e-12}, changes)
+    scenario = scenario_with({"tracking.rate": 0.0, "solver.accuracy": 2.5e-11}, changes)
     q = pack(scenario)
     q.state.y[index] += offset
     kernel.initial_friction(q.state, q.drive)
@@ -67,9 +67,9 @@ def test_rotor_and_rigid_load_swing_on_the_electromagnetic_spring(detent, inerti
 
 
 @pytest.mark.parametrize("stiffness", [8400.0, "rigid"])
-@pytest.mark.parametrize(("tolerance", "close"), [(1e-12, 1e-10), (2e-5, 1e-8)])
-def test_array_mode_decays_at_its_clamped_frequency_behind_a_stuck_shaft(stiffness, tolerance, close):
-    scenario, q = released({"reducer.stiffness": stiffness, "solver.tolerance": tolerance}, kernel.MODES, 1e-3)
+@pytest.mark.parametrize(("accuracy", "close"), [(2.5e-11, 1e-10), (5e-4, 1e-8)])
+def test_array_mode_decays_at_its_clamped_frequency_behind_a_stuck_shaft(stiffness, accuracy, close):
+    scenario, q = released({"reducer.stiffness": stiffness, "solver.accuracy": accuracy}, kernel.MODES, 1e-3)
     t = np.arange(1, 400) * 0.05
     eta, shaft = [], set()
     for stop in t:
@@ -120,7 +120,6 @@ def test_wound_up_shaft_breaks_away_above_the_breakaway_torque_only(way, share, 
     held_rotor = {"motor.friction.coulomb": 1.0, "motor.friction.breakaway": 1.0}
     windup = way * share * LIMIT / 8400.0
     scenario, q = released(held_rotor, kernel.TL, windup)
-    q.drive.scale[:] *= 1e-7  # of no account here
     advance(scenario, q, 60.0)
     assert (q.state.y[kernel.TL] == windup) == holds
     if holds:
@@ -140,7 +139,7 @@ def test_wound_up_shaft_breaks_away_above_the_breakaway_torque_only(way, share, 
     ids=["compliant", "no slip ring", "rigid", "rigid, friction on the rotor too"],
 )
 def test_tracking_breaks_away_at_the_breakaway_torque(changes, limit):
-    scenario = scenario_with({"solver.tolerance": 1e-8}, changes)
+    scenario = scenario_with({"solver.accuracy": 2.5e-7}, changes)
 
     def at(t):
         q = pack(scenario)
@@ -202,7 +201,7 @@ def test_what_is_conserved(changes):
     ids=["compliant", "rigid", "three modes", "both frictions"],
 )
 def test_balances_close_with_the_tolerance(changes):
-    tight = {"solver.tolerance": 1e-9}
+    tight = {"solver.accuracy": 2.5e-8}
     invariants = mv.simulate(scenario_with(SHORT, changes, tight), channels=("T_d",)).invariants
     assert invariants.torque_forms < 1e-12
     assert invariants.momentum < 1e-8

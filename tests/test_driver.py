@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support import rodas4
 from support.scenarios import NO_FRICTION, baseline, recorded
 
 import microvib as mv
@@ -194,7 +195,7 @@ def test_the_steady_state_is_that_of_a_run(distorted, steady_distorted):
 def test_reference_integration_finds_the_same_lines(distorted):
     changes = {"record.settle": 4.0, "driver.microstep_ramp": 0.5}
     exact = distorted.with_si(changes)
-    other = mv.lines(mv.simulate(exact.with_si({"solver.method": "rodas4"}), channels=("T_d",)))
+    other = mv.lines(rodas4.simulate(exact, channels=("T_d",)))
     found = mv.lines(mv.simulate(exact, channels=("T_d",)))
     for name in ("electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_2"):
         assert found[name].amplitude_n_m == pytest.approx(other[name].amplitude_n_m, rel=1e-3), name

@@ -57,11 +57,6 @@ def test_what_does_not_go_together_is_a_sentence(state_1, changes, said):
         state_1.with_si({"friction.presliding": changes})
 
 
-def test_the_reference_method_says_that_it_knows_no_memory(presliding):
-    with pytest.raises(mv.SimulationError, match="use propagators"):
-        mv.simulate(presliding.with_({"solver.method": "rodas4"}))
-
-
 def test_an_independent_integration_from_event_to_event_agrees(presliding):
     scenario = presliding.with_si(
         {"motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "solver.accuracy": 1e-5}

@@ -89,8 +89,6 @@ def test_what_is_not_noise_is_a_sentence(state_1, changes, said):
 
 def test_what_cannot_take_noise_says_so(state_1):
     noisy = state_1.with_si({"friction.torque_noise": NOISE})
-    with pytest.raises(mv.SimulationError, match="use propagators"):
-        mv.simulate(noisy.with_({"solver.method": "rodas4"}))
     with pytest.raises(mv.SimulationError, match="does not repeat"):
         steady_state(noisy)
     with pytest.raises(mv.SimulationError, match="lower friction"):

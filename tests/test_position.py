@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from support import rodas4
 from support.automaton import Automaton, both
 from support.stopped import rows_at
 
@@ -79,9 +80,7 @@ def test_both_integrations_and_batches_take_it(state_1, rigid):
     changes = {"friction.position": FIELD, "record.settle": 0.3, "record.duration": 0.5}
     scenario = state_1.with_({"reducer.stiffness": "rigid"} if rigid else {}).with_si(changes)
     motion = mv.simulate(scenario)
-    reference = mv.simulate(scenario.with_si({"solver.method": "rodas4", "solver.refinement": 2}), channels=("T_d",))[
-        "T_d"
-    ]
+    reference = rodas4.simulate(scenario.with_si({"solver.refinement": 2}), channels=("T_d",))["T_d"]
     plain = mv.simulate(scenario.with_si({"friction.position": None}), channels=("T_d",))["T_d"]
     effect = np.std(plain - reference)
     assert effect > 0.01 * np.std(reference)

@@ -451,3 +451,9 @@ def test_every_usual_size_is_allowed():
         assert 0.0 < low < high
         assert quantity.doubt(low) == quantity.doubt(high) == ""
         assert quantity.le is None or high <= quantity.le
+
+
+@pytest.mark.parametrize(("key", "value"), [("method", "propagators"), ("tolerance", "1e-6")])
+def test_a_removed_key_says_what_to_do_instead(key, value):
+    with pytest.raises(mv.ScenarioError, match=rf"solver.{key}: this key was removed; .*leave the key out"):
+        mv.load_scenario("state-1").with_({f"solver.{key}": value})

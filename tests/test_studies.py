@@ -324,7 +324,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
         ("tracking.rate", "moves the step clock"),
         ("reducer.ratio=90:110", "moves the step clock"),
         ("record.duration", "belongs to the recording"),
-        ("solver.tolerance", "is a setting of the solver"),
+        ("solver.accuracy", "is a setting of the solver"),
     ],
 )
 def test_bad_fit_keys_are_one_sentence(start, text, complaint):

@@ -13,7 +13,7 @@ from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import pack
+from microvib.solve.pack import Packed, pack
 from microvib.solve.sampling import no_samples
 from support import craft as whole
 from support.scenarios import in_si
@@ -98,9 +98,11 @@ def shafts_of(row: np.ndarray) -> np.ndarray:
     return row[[kernel.CHANNELS.index(name) for name in names]]
 
 
-def instants(scenario: Scenario, times: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def instants(
+    scenario: Scenario, times: np.ndarray, packed: Packed | None = None
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Modes, their rates and shafts at instants of a run from rest."""
-    packed, command, now, found = pack(scenario), Command(scenario), 0.0, []
+    packed, command, now, found = packed or pack(scenario), Command(scenario), 0.0, []
     nothing = no_samples(packed.channels)._replace(width=0.0)
     for stop in times:
         assert packed.advance(stop, nothing, *command.microsteps(now, stop)) == kernel.OK

@@ -86,8 +86,8 @@ class Entry(Function):
 class Unit:
     """The compiled functions of one module, made and kept together."""
 
-    def __init__(self, module: str, *sources: str, types: str | None = None) -> None:
-        """``sources`` are files of its folder that the code is made from, and with each what its own unit is made from.
+    def __init__(self, module: str, *sources: str | Unit, types: str | None = None) -> None:
+        """``sources`` are files of its folder, or other units, that the code is made from, and with each what that is made from.
 
         ``types`` is a module that numba needs, unless that of one of those units.
         """
@@ -95,9 +95,9 @@ class Unit:
         self.file = Path(str(sys.modules[module].__file__)).with_suffix(".llvm")
         self.sources = [self.file.with_suffix(".py")]
         for name in sources:
-            unit = self._imported(name)
+            unit = name if isinstance(name, Unit) else self._imported(name)
             self.types = self.types or (unit.types if unit else None)
-            self.sources += unit.sources if unit else [self.file.parent / name]
+            self.sources += unit.sources if unit else [self.file.parent / str(name)]
         self.sources += [Path(__file__).parent / name for name in _OWN]
         self.sources = list(dict.fromkeys(self.sources))
         self.entries: dict[str, Entry] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
@@ -35,6 +35,8 @@ class Part(_Base):
     """A frozen set of parameters; values are SI floats, given as text with a unit, or as ``Si`` numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    removed_keys: ClassVar[dict[str, str]] = {}
+    """Keys of the release before that are refused, and what to do instead."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Nothing can be set: pydantic's refusal, as a sentence."""

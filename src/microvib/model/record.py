@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -47,23 +47,17 @@ class Record(Part):
 
 
 class Solver(Part):
-    """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it.
+    """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it."""
 
-    ``accuracy`` is that of propagators, ``tolerance`` that of rodas4; a tolerance below its default makes propagators
-    as much finer.
-    """
+    removed_keys: ClassVar[dict[str, str]] = {
+        "method": "there is one method of integration now; leave the key out",
+        "tolerance": "solver.accuracy says how accurate a step is; leave the key out",
+    }
 
-    method: Literal["propagators", "rodas4"] = Field(
-        default="propagators",
-        description="exact propagation of what is linear, or RODAS4 steps as a reference",
-    )
     accuracy: Annotated[
         float,
         Quantity("", "error of a step over what a microstep moves", gt=0, le=0.1, usual=(1e-8, 1e-2)),
     ] = 5e-4
-    tolerance: Annotated[
-        float, Quantity("", "local error over the size of each state", gt=0, le=0.01, usual=(1e-10, 1e-3))
-    ] = 2e-5
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
     refinement: Annotated[
         int, Field(ge=1, le=64, strict=True, description="makes every step this many times finer")

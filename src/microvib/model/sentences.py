@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -52,6 +53,8 @@ class _Place(NamedTuple):
     """Meaning and unit, in parentheses."""
     number: str = "a whole number"
     """What is expected where whole numbers are."""
+    removed_keys: Mapping[str, str] = MappingProxyType({})
+    """Keys of the release before, and what to do instead."""
 
 
 def _place(root: type[BaseModel], where: list[str]) -> _Place:
@@ -63,12 +66,13 @@ def _place(root: type[BaseModel], where: list[str]) -> _Place:
         field = part.model_fields[name]
         part = part_in(field.annotation)
     keys = () if part is None else tuple(part.model_fields)
+    removed_keys = getattr(part, "removed_keys", {})
     if field is None:
-        return _Place(keys)
+        return _Place(keys, removed_keys=removed_keys)
     quantity = None if where[-1].isdigit() else quantity_in(field)
     unit = f", in {quantity.display or quantity.unit}" if quantity and quantity.unit else ""
     meaning = f"{quantity.meaning}{unit}" if quantity else field.description
-    return _Place(keys, f" ({meaning})" if meaning else "", whole_numbers(field) or "a whole number")
+    return _Place(keys, f" ({meaning})" if meaning else "", whole_numbers(field) or "a whole number", removed_keys)
 
 
 def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
@@ -77,7 +81,10 @@ def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
     key = ".".join(where) or root.__name__.lower()
     kind, found, context, place = item["type"], item.get("input"), item.get("ctx", {}), _place(root, where)
     if kind == "extra_forbidden":
-        allowed = _place(root, where[:-1]).keys
+        parent = _place(root, where[:-1])
+        if where[-1] in parent.removed_keys:
+            return f"{key}: this key was removed; {parent.removed_keys[where[-1]]}"
+        allowed = parent.keys
         known = [".".join([*where[:-1], name]) for name in allowed]
         return f"{key}: unknown key; {_near(key, known, root)}allowed here are {', '.join(allowed) or 'none'}"
     if kind == "missing":

@@ -26,10 +26,7 @@ from microvib.solve.vector import whole_lanes
 Progress = Callable[[float, float], None]
 CHUNK_TIME, CHUNK_STEPS = 16.0, 1_000_000
 """Simulated seconds between two reports of progress, and microsteps, at most."""
-METHODS = {
-    "propagators": "exact propagation of what is linear, with located friction events",
-    "rodas4": "RODAS4, order 4(3), with located friction events",
-}
+METHOD = "exact propagation of what is linear, with located friction events"
 FOLLOWING, SHORT = 16.0, 0.02
 """Microsteps over which the energies of a run of the torque alone are balanced, and the part of the run that they are at most."""
 SECOND_WING = "spacecraft.second_wing"
@@ -301,10 +298,9 @@ def chunk_rows(columns: int, longest: int) -> int:
 def method_of(scenario: Scenario) -> dict[str, Any]:
     """The method of integration and its settings, as a report says them."""
     solver = scenario.solver
-    exact = solver.method == "propagators"
     return {
-        "method": METHODS[solver.method],
-        **({"accuracy": solver.accuracy} if exact else {"tolerance": solver.tolerance}),
+        "method": METHOD,
+        "accuracy": solver.accuracy,
         "max_step_s": solver.max_step,
         "refinement": solver.refinement,
     }

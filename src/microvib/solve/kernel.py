@@ -1,8 +1,7 @@
-"""The drive's equations: motion, friction with exact stick and slip, channels. Both integrations take them from here.
+"""The drive's equations: motion, friction with exact stick and slip, channels. Every integration takes them from here.
 
 Between two events (a microstep of the command, a friction that sticks, breaks away or reverses) the motion is smooth, and is
-advanced by ``microvib.solve.propagate`` or, as a reference, by ``microvib.solve.rodas4``. Events end a step, so that no step
-crosses one.
+advanced by ``microvib.solve.propagate``. Events end a step, so that no step crosses one.
 
 Friction is set-valued: a stuck body has exactly zero velocity, and no smoothed friction law appears anywhere. docs/theory has the
 equations, docs/numerics.md the methods.
@@ -122,7 +121,6 @@ class Drive(NamedTuple):
     D: Vector
     Lam: Vector
     te: Vector  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
-    scale: Vector  # 1 / (tolerance x size) of each state
 
 
 class State(NamedTuple):
@@ -600,7 +598,7 @@ def noise_at(t, p):
 #     stuck:     breakaway torque - |hold torque|    ends where friction can no longer hold the body
 #
 # Where a margin is negative inside a step or at its end, the step is made to end where it is just spent (by
-# ``microvib.solve.ends`` or ``microvib.solve.rodas4``). There ``decide_friction`` sets the rate to exactly zero and chooses the
+# ``microvib.solve.ends``). There ``decide_friction`` sets the rate to exactly zero and chooses the
 # next mode from the hold torque, and the next step starts in that mode.
 
 

@@ -10,15 +10,16 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
-from microvib.model.record import Solver
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel, nodes, propagate, propagators, rodas4
+from microvib.solve import kernel, nodes, propagate, propagators
 from microvib.solve.noise import roughness, torque_noise
 from microvib.solve.sampling import SHOWN
 from microvib.solve.vector import whole_lanes
 
 FEW = 8
 """Sums of channels that are made in every step, rather than picked from all channels' samples."""
+SCRATCH_ROWS = 19
+"""Rows of a run's scratch."""
 SHORTEST = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
 
@@ -30,18 +31,17 @@ class Packed:
     drive: Any
     state: Any
     propagators: Any
-    """None where ``solver.method`` is rodas4."""
+    sizes: np.ndarray
+    """What one microstep moves, of each state; inf for what no gain moves."""
     scratch: np.ndarray
     lanes: tuple[np.ndarray, np.ndarray, np.ndarray]
     """Scratch of the propagators."""
 
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
-        """Advance to the time ``stop`` [s]; see ``propagate.advance``, ``rodas4.advance``."""
+        """Advance to the time ``stop`` [s]; see ``propagate.advance``."""
         n, columns = samples.rows.shape
-        assert self.propagators is None or n == 0 or columns in (self.torque_columns, whole_lanes(columns))
+        assert n == 0 or columns in (self.torque_columns, whole_lanes(columns))
         samples = self._remembered(samples)
-        if self.propagators is None:
-            return int(rodas4.advance(stop, self.state, self.drive, samples, steps_t, steps_ref, self.scratch))
         own = self.state, self.drive, self.propagators
         return int(propagate.advance(stop, *own, samples, steps_t, steps_ref, *self.lanes, self.scratch.ravel()))
 
@@ -89,18 +89,16 @@ class Packed:
     @property
     def torque_columns(self) -> int:
         """Number of columns of samples of the torque alone (``torque_of``)."""
-        return self.channels if self.propagators is None else 2
+        return 2
 
     def torque_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Disturbance torque [N m] and the output's stick in such samples, (n,) each."""
-        if self.propagators is None:
-            return rows[:, kernel.T_D], rows[:, kernel.CHANNELS.index("stuck_output")]
         return rows[:, 0], rows[:, 1]
 
     @property
     def columns(self) -> int:
         """Number of columns of samples of all channels; propagators fill whole lanes."""
-        return self.channels if self.propagators is None else whole_lanes(self.channels)
+        return whole_lanes(self.channels)
 
     def mixes(self, mix: np.ndarray) -> bool:
         """Whether it pays, and is allowed, to sample sums of channels, (columns, channels), instead of the channels.
@@ -108,7 +106,7 @@ class Packed:
         Energies add up over steps, which no sum of one step shows.
         """
         energies = mix[:, kernel.POWERS : kernel.N_CHANNELS]
-        return self.propagators is not None and len(mix) <= FEW and not np.any(energies)
+        return len(mix) <= FEW and not np.any(energies)
 
     @property
     def momentum(self) -> float:
@@ -135,24 +133,19 @@ def pack(scenario: Scenario) -> Packed:
     )
     width = max(kernel.N_CHANNELS + size, 32)
     _hold(scenario, drive, state)
-    exact = scenario.solver.method == "propagators"
-    if (drive.elements.size or drive.noise.size) and not exact:
-        raise SimulationError(
-            "solver.method: rodas4 knows no friction with memory, backlash and torque noise (friction.presliding,"
-            " motor.friction.presliding, reducer.hysteresis, reducer.backlash, friction.torque_noise); use propagators"
-        )
-    tables = _propagators(scenario, drive, state) if exact else None
+    sizes = _state_sizes(scenario)
+    tables = _propagators(scenario, drive, state, sizes)
     if scenario.record.rotor_offset != 0.0:
         _hold(scenario, drive, state, scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor))
     lanes = np.zeros((75 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
     by_node = np.zeros((4, whole_lanes(kernel.N_CHANNELS + size - kernel.MODES)))
-    return Packed(drive, state, tables, np.zeros((rodas4.SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
+    return Packed(drive, state, tables, sizes, np.zeros((SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
 
 
-def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
+def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) -> Any:
     """Tables of ``microvib.solve.propagate`` for a drive, at rest in ``state``."""
     n, s, solver = kernel.MODES, drive.H.size, scenario.solver
-    per_size = drive.scale * solver.tolerance / solver.refinement**4  # 0 for what no gain moves
+    per_size = 1.0 / sizes  # 0 for what no gain moves
     A, longest = _linear_part(drive, state), solver.max_step / solver.refinement
     fastest = float(
         np.max(np.sum(np.abs(A) * per_size[:n, None] / np.where(per_size[:n] > 0.0, per_size[:n], np.inf), axis=2))
@@ -162,8 +155,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any) -> Any:
         (drive.l_stribeck, drive.l_inv_rate, max(drive.J_L, drive.J_m if drive.rigid else 0.0)),
     ):
         fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
-    usual = Solver.model_fields["tolerance"].default
-    accuracy = solver.accuracy * min(1.0, solver.tolerance / usual) / solver.refinement**4
+    accuracy = solver.accuracy / solver.refinement**4
     shortest = SHORTEST
     if math.isfinite(drive.U_max):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
         shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
@@ -353,7 +345,6 @@ def _drive(scenario: Scenario) -> Any:
         D=load.D,
         Lam=load.Lambda,
         te=_transmission_error(scenario),
-        scale=_scale(scenario),
     )
 
 
@@ -372,11 +363,8 @@ def _transmission_error(scenario: Scenario) -> np.ndarray:
     return np.array(rows, dtype=float).ravel()
 
 
-def _scale(scenario: Scenario) -> np.ndarray:
-    """1 / (tolerance x size) of each state; sizes are what one microstep moves.
-
-    The method has order 4 and its error estimate order 3, whose local error goes with the fourth power of the step.
-    """
+def _state_sizes(scenario: Scenario) -> np.ndarray:
+    """What one microstep moves, of each state; inf for what no gain moves."""
     motor, driver, array = scenario.motor, scenario.driver, scenario.array
     step = driver.microstep(motor)
     turned = scenario.rotor_inertia
@@ -392,11 +380,9 @@ def _scale(scenario: Scenario) -> np.ndarray:
         motor.winding_resistance * motor.axis_current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
     )
     H = np.maximum(np.hypot(scenario.load.H, scenario.load.V_l / scenario.load.Omega), 1e-3 * math.sqrt(array.inertia))
-    sizes = np.concatenate(
+    return np.concatenate(
         [
             [motor.axis_current, motor.axis_current, integral, integral, step, step * rotor_rate, angle, rate],
             np.column_stack([H * angle, H * rate]).ravel(),
         ]
     )
-    tolerance = scenario.solver.tolerance / scenario.solver.refinement**4
-    return 1.0 / (tolerance * sizes)

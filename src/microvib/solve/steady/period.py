@@ -52,8 +52,6 @@ class PeriodMap:
         f_d = scenario.driving_frequency
         if not f_d:
             raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
-        if scenario.solver.method != "propagators":
-            raise NotPeriodic(f"solver.method: {scenario.solver.method} is a reference for runs in time")
         if scenario.friction.torque_noise is not None:
             raise NotPeriodic(
                 "torque noise does not repeat with the command (friction.torque_noise: null leaves it out)"
@@ -79,7 +77,7 @@ class PeriodMap:
         step = driver.microstep(motor)
         self._begun, self._step = gone * step, turned * step
         self._references = np.column_stack(self.references(self.angle(np.arange(-1, microsteps + 1))))
-        self.sizes = _sizes(self.packed.drive.scale, scenario)
+        self.sizes = np.where(np.isfinite(self.packed.sizes), self.packed.sizes, 1.0)
         p = self.packed.drive
         self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
         self.unseen = no_samples(self.packed.channels)._replace(width=0.0)
@@ -212,12 +210,6 @@ def interrupted(status: int) -> NotPeriodic:
     if status == kernel.LOST_SYNCHRONISM:
         return NotPeriodic("a trial of the search lost synchronism, which says nothing about the drive itself")
     return NotPeriodic("the solution is not finite, or its step became too small")
-
-
-def _sizes(scale: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """What one microstep moves, for each state (from the scales of the error test)."""
-    tolerance = scenario.solver.tolerance / scenario.solver.refinement**4
-    return 1.0 / np.where(scale > 0.0, scale * tolerance, 1.0)
 
 
 def _turning_currents(p: Any, omega: float) -> tuple[complex, complex]:

@@ -1,10 +1,10 @@
-"""Reference integration: RODAS4 steps (``microvib.solve.rosenbrock``) with located friction events.
+"""RODAS4 steps (``support.rodas4.rosenbrock``) with located friction events.
 
 Friction events end a step: each is located by repeating the step with other lengths until it ends on the event. Nothing here
-rests on what is linear in a drive, so that this checks ``microvib.solve.propagate`` (``solver.method``).
+rests on what is linear in a drive, so that this checks ``microvib.solve.propagate``.
 
 Read from the end: ``advance`` is the loop, and calls what stands above it, section by section: the search for an event
-(``first_trial``, ``next_trial``), samples (``_record``) and the length of steps. docs/numerics.md has the method in words.
+(``first_trial``, ``next_trial``), samples (``_record``) and the length of steps.
 """
 
 import math
@@ -49,7 +49,7 @@ from microvib.solve.kernel import (
     references_after,
     take_microstep,
 )
-from microvib.solve.rosenbrock import (
+from support.rodas4.rosenbrock import (
     STAGES,
     Work,
     dense,
@@ -76,15 +76,15 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 
 
 @code.inner(**COMPILE)
-def first_trial(which, h, e_hi, x, p, w, search):
+def first_trial(which, h, e_hi, x, p, w):
     """Begin the search for the length, below ``h``, at which the margin ``which`` is just spent; returns the first trial.
 
     ``e_hi`` < 0 is the margin at the end of the step of length ``h``, whose continuous extension supplies the trial, by false
     position. The search starts with the bracket [0, h]. The event counts as found where the margin is at most ``enough`` below
     zero: a thousandth of the tolerance in rate, or a millionth of the breakaway torque.
     """
-    slips = x.stick[which] != 0.0
-    enough = 1e-3 / p.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h, 1.0)[which]
+    search, slips = w.search, x.stick[which] != 0.0
+    enough = 1e-3 / w.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h, 1.0)[which]
     e_lo = margins(x.y, 0.0, x.stick, p)[which]
     search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi
@@ -144,7 +144,7 @@ def _shorten_to_event(which, h, e_hi, x, p, w):
     An error above 1 ends the search: where friction falls steeply with the rate, a shorter step may be singular although the
     longer one was not.
     """
-    trial = first_trial(which, h, e_hi, x, p, w, w.search)
+    trial = first_trial(which, h, e_hi, x, p, w)
     while True:
         error = step(trial, x, p, w)
         x.counters[EVENT_STEPS] += 1
@@ -287,7 +287,9 @@ def _accepted_step(left, x, p, w):
 
 
 @code.entry(**COMPILE)
-def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, steps_ref: Matrix, scratch: Matrix) -> int:
+def advance(
+    stop: float, x: State, p: Drive, scale: Vector, out: Samples, steps_t: Vector, steps_ref: Matrix, scratch: Matrix
+) -> int:
     """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
 
     Each turn of the loop either takes a microstep that is due (new current references, and a step short enough for the
@@ -300,7 +302,7 @@ def advance(stop: float, x: State, p: Drive, out: Samples, steps_t: Vector, step
     n, s = x.y.size, p.H.size
     w = Work(
         scratch[0, :n], scratch[1, :n], scratch[2, :n], scratch[3, :n], scratch[4], scratch[5], scratch[6],
-        scratch[7], scratch[8], scratch[9, : N_CHANNELS + 2 * s], scratch[10 : 10 + STAGES, :n], scratch[16:18, :n], scratch[18],
+        scratch[7], scratch[8], scratch[9, : N_CHANNELS + 2 * s], scratch[10 : 10 + STAGES, :n], scratch[16:18, :n], scratch[18], scale,
     )  # fmt: skip
     clock, coming, stalled = x.clock, 0, 0
     while clock[NOW] < stop:

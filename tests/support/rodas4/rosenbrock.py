@@ -1,7 +1,7 @@
 """A RODAS4 step: its Jacobian, the linear systems of its stages, and its continuous extension.
 
 RODAS4 is an L-stable Rosenbrock method of order 4(3) with an embedded error estimate (E. Hairer, G. Wanner, *Solving Ordinary
-Differential Equations II*, section IV.7). ``microvib.solve.rodas4`` makes a run of such steps.
+Differential Equations II*, section IV.7). ``support.rodas4.loop`` makes a run of such steps.
 """
 
 import math
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.compiled import Matrix, Unit, Vector
+from microvib.solve import kernel
 from microvib.solve.kernel import (
     FORCED,
     IA,
@@ -35,7 +36,7 @@ from microvib.solve.kernel import (
 )
 from microvib.solve.vector import sincos, where
 
-code = Unit(__name__, "kernel.py")
+code = Unit(__name__, kernel.code)
 
 
 class Work(NamedTuple):
@@ -54,6 +55,7 @@ class Work(NamedTuple):
     K: Matrix  # stages, (STAGES, n)
     dense: Matrix  # coefficients of the continuous extension, (2, n)
     search: Vector
+    scale: Vector  # 1 / (tolerance x size) of each state
 
 
 # ---- The method ----
@@ -330,7 +332,7 @@ def step(h, x, p, w):
     error = 0.0
     for j in range(n):  # y1 still is the argument of the last stage; that stage itself is the error estimate
         y1[j] += K[STAGES - 1, j]
-        part = K[STAGES - 1, j] * p.scale[j]
+        part = K[STAGES - 1, j] * w.scale[j]
         error += part * part
     # The mean is over 10 states, those of a drive with one mode: many modes must not dilute the error of the drive.
     return math.sqrt(error / 10.0)
