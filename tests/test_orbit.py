@@ -157,7 +157,7 @@ def test_command_writes_what_it_says(tmp_path: Path) -> None:
     assert float(rows[-1]["time_s"]) == pytest.approx(40.0 / 0.0626)
     size = [float(row["ape_radial_rad"]) for row in rows]
     assert said["windows"][0]["worst_rad"] == pytest.approx(max(size), rel=1e-6)
-    assert f"{said['windows'][0]['rms_rad']:.4g}" in done.output
+    assert f" {1e6 * said['windows'][0]['rms_rad']:.4g} " in done.output
     lines = list(csv.DictReader((tmp_path / "o" / "orbit_lines.csv").read_text().splitlines()))
     first = [row for row in lines if row["time_s"] == "0"]
     squares = sum(float(row["los_x_rad"]) ** 2 + float(row["los_y_rad"]) ** 2 for row in first)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from support.page import PAGE, QUICK, run
+from support.page import PAGE, QUICK, run, until
 
 from microvib.solve.channels import KNOWN
 from microvib.units import pretty
@@ -41,6 +41,11 @@ def test_units_are_printed_as_in_reports(visit: Callable[..., Any]) -> None:
         " [quantity(0.0366, 'N*m'), quantity(1e-5, 'mV'), quantity(2e-6, 'rad'), quantity(0.5, 'percent')])"
     )
     assert shown == ["36.6 mN m", "1.00e−5 mV", "2.00 µrad", "0.500 %"]
+    figures = page.evaluate(
+        "() => import('/static/dom.js').then(({ number, percent }) =>"
+        " [number(99.97, 2), percent(5.9e-7), percent(-1e-6), percent(-0.0123), percent(0.5), percent(null)])"
+    )
+    assert figures == ["100", "+0.00 %", "+0.00 %", "−1.23 %", "+50.0 %", "–"]
 
 
 def test_figures_are_whole_on_a_phone_and_a_tab_shows_its_results(visit: Callable[..., Any]) -> None:
@@ -55,3 +60,26 @@ def test_figures_are_whole_on_a_phone_and_a_tab_shows_its_results(visit: Callabl
     page.click("#tab-rates")
     button = page.locator("#rates button.primary").bounding_box()
     assert button["y"] + button["height"] <= 844  # where a person sees it without scrolling
+
+
+BROKEN = """() => [...document.querySelectorAll("#rates tbody td")].filter((cell) => {
+  const range = document.createRange();
+  range.selectNodeContents(cell);
+  const wide = cell.getBoundingClientRect().width - range.getBoundingClientRect().width;
+  return cell.previousElementSibling && cell.dataset.label.length > 2 && wide < 24;
+}).map((cell) => cell.dataset.label)"""
+
+
+def test_diagrams_and_names_of_figures_follow_a_window_that_becomes_narrow(visit: Callable[..., Any]) -> None:
+    page = visit()
+    page.click("#tab-rates")
+    page.fill("#rates-count", "12")
+    page.fill("#rates-limit", "30 mN*m")
+    page.check("#rates-linear")
+    page.locator("#rates button.primary").click()
+    rows = "document.querySelector('#campbell-plot')?.layout?.grid?.rows"
+    until(page, f"{rows} === 1")
+    page.set_viewport_size({"width": 390, "height": 844})
+    until(page, f"{rows} === 2")
+    assert page.locator("#rates tbody td[data-key=why]").count()
+    assert page.evaluate(BROKEN) == []

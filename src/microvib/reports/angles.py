@@ -13,7 +13,7 @@ from microvib.model.coupling import chart, craft_in
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, table
-from microvib.reports.numbers import angle_text, text_table, window_text
+from microvib.reports.numbers import angle_text, angle_unit, brief, text_table, window_text
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.angles import AngleSweep
@@ -43,16 +43,21 @@ def fallbacks(sweep: AngleSweep) -> list[str]:
 def angles_table(sweep: AngleSweep) -> tuple[list[str], list[list[str]]]:
     """Head, unit at the end of each name, and rows: the largest line and the rms at each angle, then over all of them."""
     windows = sweep.lines[0].windows
-    columns = {"ape": sweep.rms("ape", 1.0)} | {f"rpe {window_text(w)}": sweep.rms("rpe", w) for w in windows}
-    head = ["angle deg", "largest line", "Hz", "its amplitude rad", *(f"{name} rad" for name in columns)]
+    columns = {"APE": sweep.rms("ape", 1.0)} | {f"RPE {window_text(w)}": sweep.rms("rpe", w) for w in windows}
+    unit, one_unit = angle_unit([float(np.max(columns["APE"], initial=0.0))])
+
+    def sized(values: Iterable[float]) -> list[str]:
+        return [brief(x / one_unit) for x in values]
+
+    head = ["angle deg", "largest line", "Hz", f"its amplitude {unit}", *(f"{name} {unit}" for name in columns)]
     rows = []
     for k, (angle, one) in enumerate(zip(sweep.angles, sweep.lines, strict=True)):
         size = np.linalg.norm(one.amplitude, axis=1)
         top = int(np.argmax(size)) if size.size else -1
-        largest = [one.names[top], f"{one.frequency[top]:.4g}", f"{size[top]:.4g}"] if top >= 0 else ["none", "", ""]
-        rows.append([f"{math.degrees(angle):g}", *largest, *(f"{x[k]:.4g}" for x in columns.values())])
-    rows.append(["all", "rms over angles", "", "", *(f"{math.sqrt(np.mean(x**2)):.4g}" for x in columns.values())])
-    rows.append(["worst", "", "", "", *(f"{x.max():.4g}" for x in columns.values())])
+        largest = [one.names[top], f"{one.frequency[top]:.4g}", *sized(size[[top]])] if top >= 0 else ["none", "", ""]
+        rows.append([f"{math.degrees(angle):g}", *largest, *sized(x[k] for x in columns.values())])
+    rows.append(["all", "rms over angles", "", "", *sized(math.sqrt(np.mean(x**2)) for x in columns.values())])
+    rows.append(["worst", "", "", "", *sized(x.max() for x in columns.values())])
     return head, rows
 
 
@@ -94,11 +99,9 @@ def angles_report(sweep: AngleSweep, picture: Figure) -> Document:
         Fact(angle_text(math.sqrt(np.mean(ape**2))), "rms over all angles, each for the same time"),
     ]
     head, rows = angles_table(sweep)
-    said: Table = table([bracketed(x) for x in head], rows)
-    brief = table(
-        ["angle [deg]", "largest line", "all lines, rms [nrad]"],
-        [[r[0], r[1], f"{1e9 * float(r[4]):.4g}"] for r in rows],
-    )
+    heads = [bracketed(x) for x in head]
+    said: Table = table(heads, rows)
+    first = table([*heads[:2], f"all lines, {heads[4]}"], [[r[0], r[1], r[4]] for r in rows])
     caption = (
         "Left, lines of the line of sight, radial, 0-to-peak; dotted, driving lines of the linearised drive. Right, rms of all"
         " lines."
@@ -106,7 +109,7 @@ def angles_report(sweep: AngleSweep, picture: Figure) -> Document:
     title = sweep.scenario.title or "drive"
     return study(
         "Angles", f"Angles of the array: {title}", f"{len(sweep.angles)} angles, one run each", facts=facts,
-        first_page=(brief, drawn(picture, "Lines over the array's angle", caption)), sections=[Section("Every angle", (said,))],
+        first_page=(first, drawn(picture, "Lines over the array's angle", caption)), sections=[Section("Every angle", (said,))],
         scenario=sweep.scenario,
     )  # fmt: skip
 
@@ -114,7 +117,7 @@ def angles_report(sweep: AngleSweep, picture: Figure) -> Document:
 def bracketed(text: str) -> str:
     """A head of the text table as a report writes it, unit in brackets."""
     stem, _, unit = text.rpartition(" ")
-    return f"{stem} [{unit}]" if unit in ("deg", "rad") else "frequency [Hz]" if text == "Hz" else text
+    return f"{stem} [{unit}]" if unit in ("deg", "mrad", "µrad", "nrad") else "frequency [Hz]" if text == "Hz" else text
 
 
 def draw_angles(sweep: AngleSweep) -> Figure:

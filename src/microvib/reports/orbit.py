@@ -12,7 +12,7 @@ from microvib.reports import sheets
 from microvib.reports.angles import SHOWN, draw_rms, label, lines_csv
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Text, table
-from microvib.reports.numbers import text_table
+from microvib.reports.numbers import angle_unit, brief, text_table
 from microvib.solve.channels import LOAD_COLUMNS
 from microvib.studies.orbit import NOT_QUASI_STATIC, TOLERANCE, Orbit
 
@@ -41,12 +41,14 @@ def _travel(orbit: Orbit) -> str:
 
 
 def _windows(orbit: Orbit) -> tuple[list[str], list[list[str]]]:
-    head = ["metric", "window s", "worst rad", "at deg", "at s", "rms over orbit rad", "turning %"]
-    return head, [
-        [w.metric, "" if w.metric == "ape" else f"{w.window:g}", f"{w.worst:.4g}", f"{math.degrees(orbit.sweep.angles[w.at]):.4g}",
-         f"{orbit.time[w.at]:.4g}", f"{w.rms:.4g}", f"{100 * w.turning:.2g}"]
-        for w in orbit.windows
-    ]  # fmt: skip
+    unit, size = angle_unit([w.worst for w in orbit.windows])
+    head = ["metric", "window s", f"worst {unit}", "at deg", "at s", f"rms over orbit {unit}", "turning %"]
+    rows = []
+    for w in orbit.windows:
+        window = "" if w.metric == "ape" else f"{w.window:g}"
+        at = [f"{math.degrees(orbit.sweep.angles[w.at]):.4g}", f"{orbit.time[w.at]:.4g}"]
+        rows.append([w.metric, window, brief(w.worst / size), *at, brief(w.rms / size), f"{100 * w.turning:.2g}"])
+    return head, rows
 
 
 def _how(orbit: Orbit) -> list[str]:

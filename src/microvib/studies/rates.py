@@ -42,7 +42,7 @@ ABOVE = "a line is above the limit"
 HIDES = "not known: a line is hidden that may be above the limit"
 ABOVE_PASSBAND = "not judged: what is above the passband may be above the limit"
 NOT_LINEAR = (
-    "not judged: lines that the linearised drive lacks may be above the limit (a plan without --linear judges them)"
+    "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full model judges them)"
 )
 NEAR = "too near to a resonance:"
 

@@ -37,7 +37,7 @@ function show({ table, notes, drawing, files }) {
   const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
   const links = Object.entries(files).map(([name, text]) => h("button", { type: "button", onclick: () => save(text, name) }, name));
   result.replaceChildren(
-    card("Lines over the array's angle", h("img", { src: drawing, alt: "Largest lines and rms in each window over the angle" })),
+    card("Lines over the array's angle", h("div", { class: "wide" }, h("img", { src: drawing, alt: "Largest lines and rms in each window over the angle" }))),
     card("Every angle", notes.map((text) => h("p", { class: "soft" }, text)), plain(table, "Angles"), h("div", { class: "bar" }, "Download", links)),
   );
 }

@@ -55,7 +55,7 @@ function makeBase() {
   scenario.onCheck(() => {
     const name = scenario.baseName();
     $("option[data-uploaded]", select)?.remove();
-    if (name === null) select.append(h("option", { value: "", "data-uploaded": true }, "uploaded file"));
+    if (name === null) select.append(h("option", { value: "", "data-uploaded": true }, "my file"));
     select.value = name ?? "";
   });
 }

@@ -40,7 +40,7 @@ export const DASH = "–";
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
   if (value === 0) return "0";
-  const size = Math.abs(value);
+  const size = Math.abs(Number(value.toPrecision(digits)));
   const text =
     size < 1e-4
       ? value.toExponential(digits - 1)
@@ -48,6 +48,14 @@ export function number(value, digits = 4) {
         ? value.toFixed(0)
         : value.toPrecision(digits);
   return text.replaceAll("-", "−");
+}
+
+/** A relative difference in per cent, to a tenth of one, or below ten a hundredth, as in reports. */
+export function percent(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
+  const text = (100 * value).toFixed(Math.abs(value) >= 0.1 ? 1 : 2);
+  const shown = Number(text) === 0 ? "0.00" : text;
+  return `${shown.startsWith("-") ? "" : "+"}${shown} %`.replace("-", "−");
 }
 
 export const fixed = (value, digits) => (value === null || value === undefined ? DASH : value.toFixed(digits).replace("-", "−"));

@@ -1,7 +1,7 @@
 // Identification: which parameters, within which ranges; what came out, and taking it over into the form.
 
 import { post } from "./api.js";
-import { announce, h, number, unitText } from "./dom.js";
+import { announce, h, number, percent, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
@@ -99,7 +99,6 @@ async function identify(evidence) {
 
 function shown({ parameters, rows, scenario_changes: changes, text, usable, goodness }) {
   const value = (x, row) => `${number(x, 4)} ${unitText(row.unit)}`;
-  const percent = (x) => (x === null ? "–" : `${x > 0 ? "+" : ""}${number(100 * x, 3)} %`);
   const found = table(
     [
       { key: "key", title: "parameter" },

@@ -149,6 +149,13 @@ function partTitle(inner) {
   return words.join(" ");
 }
 
+/** The beginning of a meaning, whole words of it, for a label; up to what it says further behind a semicolon or comma. */
+function brief(meaning) {
+  if (meaning.length <= LONG) return meaning;
+  const [first] = meaning.split(/[;,] /);
+  return first.length <= LONG ? first : `${meaning.slice(0, meaning.lastIndexOf(" ", LONG))}…`;
+}
+
 function makeRow(key) {
   const field = scenario.fieldOf(key) ?? { meaning: "", kind: "text", optional: true };
   const id = `field-${key}`;
@@ -162,12 +169,12 @@ function makeRow(key) {
     "label",
     { for: id, title: `${key}: ${field.meaning}` },
     field.symbol ? symbol(field.symbol) : null,
-    h("span", {}, field.meaning.length > LONG ? `${field.meaning.slice(0, LONG)}…` : field.meaning || name),
+    h("span", {}, brief(field.meaning) || name),
     status,
   );
   const parts = scenario.partsOf(key);
   const facts = [
-    field.meaning.length > LONG ? `${field.meaning}. ` : "",
+    brief(field.meaning) === field.meaning ? "" : `${field.meaning}. `,
     h("code", {}, key),
     field.range ? ` ${field.range}.` : "",
     field.unit ? ` Unit: ${field.unit}, or a compatible one.` : "",

@@ -41,6 +41,9 @@ const inputs = Object.fromEntries(
 const linear = h("input", { type: "checkbox", id: "rates-linear" });
 const place = h("div", {});
 const result = h("div", { class: "figures" });
+const narrow = matchMedia("(max-width: 600px)");
+let redraw = () => {};
+narrow.addEventListener("change", () => redraw());
 const task = makeTask("rates", place, show);
 
 export function makeRates(tab) {
@@ -89,7 +92,8 @@ async function show(plan) {
     ),
     card("Resonances", "Where a line of the step clock meets a mode; the strongest.", resonances(plan)),
   );
-  await Promise.all([drawCampbell(campbell, plan, counts), drawLargest(largest, plan, counts)]);
+  redraw = () => drawCampbell(campbell, plan, counts);
+  await Promise.all([redraw(), drawLargest(largest, plan, counts)]);
 }
 
 const card = (title, words, ...content) =>
@@ -98,7 +102,7 @@ const card = (title, words, ...content) =>
 const told = ({ text }) => `${text} Dashed: modes through the drive; rings: where a line meets one.`;
 
 function drawCampbell(place, plan, counts) {
-  const columns = Math.min(counts.length, matchMedia("(max-width: 600px)").matches ? 1 : 2);
+  const columns = Math.min(counts.length, narrow.matches ? 1 : 2);
   place.style.height = `${(PANEL + 80) * Math.ceil(counts.length / columns) + 40}px`;
   const top = plan.cases.flatMap((item) => item.lines).reduce((most, line) => Math.max(most, line.amplitude), 1e-12);
   const seen = frequencies(plan, top);

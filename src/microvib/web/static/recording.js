@@ -1,7 +1,7 @@
 // The Recording tab: a test's file, what is in it, beside the current run, and parameters from it.
 
 import { post, upload } from "./api.js";
-import { announce, h, number, onDrop, quantity, unitText } from "./dom.js";
+import { announce, h, number, onDrop, percent, quantity, unitText } from "./dom.js";
 import { makeFit } from "./fit.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
@@ -171,7 +171,6 @@ function compare() {
 }
 
 function showComparison({ a, b, rows }, context) {
-  const off = (value) => (value === null ? "–" : `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`);
   comparison.replaceChildren(
     h("p", { class: "soft" }, `${a.name} (${a.kind}) and ${b.name} (${b.kind}).`),
     shortTable(
@@ -181,7 +180,7 @@ function showComparison({ a, b, rows }, context) {
         { key: "b_hz", title: "run", unit: "Hz", show: hz },
         { key: "a_n_m", title: "recording", unit: "mN m", show: milli(4) },
         { key: "b_n_m", title: "run", unit: "mN m", show: milli(4) },
-        { key: "error", title: "run against recording", show: off },
+        { key: "error", title: "run against recording", show: percent },
       ],
       rows,
       (row) => context.notable.includes(row.line),

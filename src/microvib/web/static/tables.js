@@ -62,12 +62,13 @@ export function plain({ header, rows }, caption) {
   const values = rows.map((row) => Object.fromEntries(row.map((value, k) => [k, isNumber(value) ? Number(value) : value])));
   const texts = new Map(values.map((value, k) => [value, rows[k]]));
   return table(
-    columns.map((column) => ({ ...column, show: (_, row) => texts.get(row)[column.key] })),
+    columns.map((column) => ({ ...column, show: (value, row) => minus(value, texts.get(row)[column.key]) })),
     values,
     { caption },
   );
 }
 
+const minus = (value, text) => (typeof value === "number" ? text.replaceAll("-", "−") : text);
 const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
 
 /** The rows that matter, with a button that shows all. */
