@@ -14,6 +14,8 @@ import microvib
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
 
+os.environ["COLUMNS"] = "96"  # tables that are printed on a page fold to what it has room for
+
 project = "microvib"
 author = "The microvib developers"
 copyright = author

@@ -159,6 +159,11 @@ def bare(text: str) -> str:
     return re.sub(r"\d+", "#", re.sub(r"\s", "", text))
 
 
+def same(narrow: str, wide: str) -> bool:
+    """Whether each word of one text is in the other; columns of a folded table stand one below the other."""
+    return all(bare(word) in bare(other) for text, other in ((narrow, wide), (wide, narrow)) for word in text.split())
+
+
 def checked(commands: dict[str, list[str]], copied: Path, tmp_path: Path) -> None:
     """40 columns: nothing of a bar is left, no figure is broken at the edge, no traceback; and a pipe gets the same."""
     shutil.copytree(copied, tmp_path / "pipe")
@@ -168,7 +173,8 @@ def checked(commands: dict[str, list[str]], copied: Path, tmp_path: Path) -> Non
         assert said, name
         for unwanted in ("Traceback", "bug in microvib", "━", "\x1b", " of 2 s", "computing", "searching"):
             assert unwanted not in said, (name, said)
-        assert (status, bare(said)) == (in_pipe[name][0], bare(in_pipe[name][1])), name
+        assert status == in_pipe[name][0], name
+        assert same(said, in_pipe[name][1]), name
 
 
 def test_every_command_in_a_narrow_terminal_says_what_a_pipe_gets(copied, tmp_path):

@@ -12,8 +12,8 @@ import microvib as mv
 from microvib.reports import sheets
 from microvib.reports.budget import draw_budget
 from microvib.reports.comparison import comparison_text
-from microvib.reports.numbers import text_table
 from microvib.studies.compare import compare
+from microvib.text_tables import text_table
 
 CRAFT = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
 REQUIREMENT = """

@@ -143,7 +143,7 @@ def show(scenario: str, settings: tuple[str, ...]) -> None:
     for text in derived(loaded):
         click.echo(f"#   {text}")
     click.echo("\n# Orders:")
-    for text in order_lines(loaded):
+    for text in order_lines(loaded, indent=4):
         click.echo(f"#   {text}")
 
 

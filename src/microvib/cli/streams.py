@@ -6,7 +6,6 @@ import io
 import os
 import signal
 import sys
-import textwrap
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from typing import Any
 import click
 
 from microvib.errors import MicrovibError, OptionError, missing_library
+from microvib.text_tables import columns, set_columns, wrapped
 
 FAILED, BUG, INTERRUPTED = 1, 70, 128 + signal.SIGINT
 CLOSED_PIPE = 128 + 13  # as the shell counts a program that SIGPIPE ended
@@ -24,6 +24,7 @@ TRACEBACK = "MICROVIB_TRACEBACK"  # environment variable that asks for the trace
 def status_of(command: Callable[[], Any]) -> int:
     """Run a command to its exit status; whatever ends it is said in sentences on standard error."""
     with _streams():
+        set_columns(max(_columns(sys.stdout), 20) if sys.stdout.isatty() else None)
         try:
             status = command() or 0
             sys.stdout.flush()
@@ -89,12 +90,13 @@ def echo(text: str, err: bool = False) -> None:
     """Print; where a terminal is narrower than a line, the line is broken between words and not inside figures."""
     stream = sys.stderr if err else sys.stdout
     if stream.isatty():
-        width = max(_columns(stream), 20)
-        fold = textwrap.TextWrapper(
-            width, subsequent_indent="    ", replace_whitespace=False, break_long_words=False, break_on_hyphens=False
-        )
-        text = "\n".join(line if len(line) <= width else fold.fill(line) for line in text.split("\n"))
+        width = max(columns() or _columns(stream), 20)
+        text = "\n".join(part for line in text.split("\n") for part in _fitting(line, width))
     click.echo(text, err=err)
+
+
+def _fitting(line: str, width: int) -> list[str]:
+    return [line] if len(line) <= width else wrapped(line, width, indent=4)
 
 
 def _columns(stream: Any) -> int:

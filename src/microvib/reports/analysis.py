@@ -9,10 +9,11 @@ from microvib.io.tables import columns_csv
 from microvib.reports import figures
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Contents, Document, Fact, Figure, Section, Table, Text, pairs, table
-from microvib.reports.numbers import brief, format_number, milli, text_table
+from microvib.reports.numbers import brief, format_number, milli
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Line, LineTable
 from microvib.studies.analyse import Analysis
+from microvib.text_tables import text_table
 from microvib.units import pretty
 
 

@@ -13,10 +13,11 @@ from microvib.model.coupling import chart, craft_in
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, table
-from microvib.reports.numbers import angle_text, angle_unit, brief, text_table, window_text
+from microvib.reports.numbers import angle_text, angle_unit, brief, window_text
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.angles import AngleSweep
+from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,11 +13,12 @@ from microvib.io.tables import tables_csv, to_json
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Section, Status, Table, Text, table
-from microvib.reports.numbers import angle_text, angle_unit, brief, count, text_table
+from microvib.reports.numbers import angle_text, angle_unit, brief, count
 from microvib.signals.pointing import Metric, mean_square_of_density, weight
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Judged, merged
 from microvib.studies.campaign.statistics import NONE
+from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from statistics import median
 from microvib.model.expected import is_sideband, is_unlisted
 from microvib.reports.blocks import overlaid, study
 from microvib.reports.document import Block, Contents, Document, Fact, Mark, Section, Table, Text, pairs, table
-from microvib.reports.numbers import brief, count, format_number, milli, percent, text_table
+from microvib.reports.numbers import brief, count, format_number, milli, percent
 from microvib.reports.typography import file_name
 from microvib.studies.compare import (
     AGREES,
@@ -25,6 +25,7 @@ from microvib.studies.compare import (
     comparison_csv,
     misread,
 )
+from microvib.text_tables import text_table
 
 _MAX_FIRST_PAGE = 10
 """Lines on the first page."""
@@ -40,7 +41,7 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
         for mark, s in (("A", a), ("B", b))
         for text in (f"{mark}: {s.name} ({s.kind})", *(f"  {n}" for n in s.notes))
     ]
-    head = ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "B/A %")
+    head = ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "bin B/A %")
     listed: list[tuple[str, ...]] = []
     for r in shown:
         hz = (brief(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8) for x in (r.a, r.b))

@@ -18,7 +18,7 @@ from microvib.model.spacecraft import CENTER, SECOND, Interface, SecondWing, Spa
 from microvib.reports.blocks import drawn
 from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
 from microvib.reports.moving import box_corners
-from microvib.reports.numbers import count, format_number, window_text
+from microvib.reports.numbers import count, format_number, plain, window_text
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
 from microvib.signals.pointing import METRICS, cumulative_rms, radial
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
@@ -55,7 +55,7 @@ def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
     rms = float(radial(hub.sums("rpe", window).sum(axis=0)))
     die = np.array([name in hub.rings for name in hub.names], dtype=bool)
     part = float(hub.mean_squares("rpe", window)[die].sum()) / rms**2 if rms else 0.0
-    rings = f", {100 * part:.2g} % of its square ringing after the start" if part > RINGS else ""
+    rings = f", {plain(100 * part, 2)} % of its square ringing after the start" if part > RINGS else ""
     return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {window_text(window)}{rings}"),)
 
 

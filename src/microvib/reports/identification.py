@@ -14,11 +14,12 @@ from microvib.io.tables import package_versions, to_json
 from microvib.reports import figures, sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Section, Table, Text, table
-from microvib.reports.numbers import brief, format_number, percent, plain, signed, text_table, with_error
+from microvib.reports.numbers import brief, format_number, percent, plain, signed, with_error
 from microvib.reports.typography import file_name
 from microvib.signals.line_table import Rest
 from microvib.studies.evidence import Evidence, predicted
 from microvib.studies.identify import Deviation, Estimate, Fit
+from microvib.text_tables import text_table
 from microvib.units import pretty
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from microvib.model.rigid import COMPONENTS
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Block, Contents, Document, Fact, Live, Section, Text, table
 from microvib.reports.moving import AZIMUTH, ELEVATION, MOST_NODES, faces_and_lines, markup, of_elements
-from microvib.reports.numbers import count, signed, text_table
+from microvib.reports.numbers import count, signed
 from microvib.reports.parameters import parameter_table
 from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
@@ -24,6 +24,7 @@ from microvib.structures.fem.structure import Structure
 from microvib.structures.modal import ModalModel
 from microvib.structures.modal_checks import ENOUGH
 from microvib.structures.simulator_design import SimulatorDesign
+from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

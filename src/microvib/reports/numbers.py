@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 
 def brief(value: float, digits: int = 4) -> str:
@@ -89,19 +89,3 @@ def count(n: int, what: str) -> str:
 def short(text: str, most: int) -> str:
     """The text, cut where it is too long for its place."""
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
-
-
-def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 0, last_left: bool = False) -> str:
-    """A table for the terminal, cells to the right under their heads, each column as wide as its widest cell; words may stand
-    to the ``left`` in so many columns at the beginning, and in the last one (``last_left``)."""
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    if last_left:
-        widths[-1] = 0
-
-    def line(row: Sequence[str]) -> str:
-        cells = [
-            cell.ljust(w) if k < left else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        return "  ".join(cells).rstrip()
-
-    return "\n".join(line(row) for row in [header, *rows])

@@ -12,9 +12,10 @@ from microvib.reports import sheets
 from microvib.reports.angles import SHOWN, draw_rms, label, lines_csv
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Text, table
-from microvib.reports.numbers import angle_unit, brief, text_table
+from microvib.reports.numbers import angle_unit, brief
 from microvib.solve.channels import LOAD_COLUMNS
 from microvib.studies.orbit import NOT_QUASI_STATIC, TOLERANCE, Orbit
+from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,6 +18,7 @@ from microvib.model.orders import drive_orders
 from microvib.model.part import Part, entries
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Block, Row, Table, Text, pairs, table
+from microvib.text_tables import text_table
 from microvib.units import Quantity
 
 _STATUS = (
@@ -217,16 +218,19 @@ def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
     return rows
 
 
-def order_lines(scenario: Scenario) -> list[str]:
-    """Orders of the drive as a table of text: name, cycles per turn of the output, frequency, what it is and which mode is near."""
+def order_lines(scenario: Scenario, indent: int = 0) -> list[str]:
+    """Orders of the drive as a table of text: name, cycles per turn of the output, frequency, what it is and which mode is near.
+
+    The lines leave room for an ``indent`` of so many columns.
+    """
     rate = "rate changes" if scenario.rate is None else f"Hz at {math.degrees(scenario.rate):.6g} deg/s"
-    rows = [("name", "per output turn", rate, "what it is")]
+    rows = []
     for order in drive_orders(scenario):
         near = f" <- near {', '.join(order.near)}" if order.near else ""
         at = "-" if math.isnan(order.frequency) else f"{order.frequency:.7g}"
         rows.append((order.name, f"{order.per_turn:.9g}", at, f"{order.words}{near}"))
-    wide = [max(len(row[k]) for row in rows) for k in range(3)]
-    return [f"{a:{wide[0]}s}  {b:>{wide[1]}s}  {c:>{wide[2]}s}  {d}" for a, b, c, d in rows]
+    header = ("name", "per output turn", rate, "what it is")
+    return text_table(header, rows, left=1, last_left=True, indent=indent).splitlines()
 
 
 def derived(scenario: Scenario) -> list[str]:

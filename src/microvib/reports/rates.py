@@ -12,8 +12,9 @@ from microvib.io.tables import tables_csv
 from microvib.reports import sheets
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Table, Text, table
-from microvib.reports.numbers import brief, brief_milli, count, given, milli, plain, text_table, torque
+from microvib.reports.numbers import brief, brief_milli, count, given, milli, plain, torque
 from microvib.studies.rates import ABOVE, HIDES, RatePlan, Resonance, linear_error
+from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +41,9 @@ def plan_text(plan: RatePlan) -> str:
     if plan.limit is not None or plan.keep_away:
         said = {ABOVE: "{0.line} reaches {1}", HIDES: "{0.why} ({0.line}, up to {1})"}
         what = ((b, said.get(b.why, "{0.why}").format(b, torque(b.largest))) for b in plan.forbidden)
-        bands = [f"{b.microsteps:10d}  {_deg(b.low)} to {_deg(b.high)} deg/s  {text}" for b, text in what]
-        lines += ["", f"Forbidden, {_criteria(plan)}:", *(bands or ["none"])]
+        bands = [(str(b.microsteps), f"{_deg(b.low)} to {_deg(b.high)}", text) for b, text in what]
+        table = text_table(("microsteps", "deg/s", "why"), bands, last_left=True) if bands else "none"
+        lines += ["", f"Forbidden, {_criteria(plan)}:", table]
     if plan.resonances:
         lines += ["", "Where lines meet modes, strongest first:"]
         met = [

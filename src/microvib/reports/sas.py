@@ -9,11 +9,11 @@ from microvib.io.scenario_file import dump_part
 from microvib.io.tables import rows_csv, to_json
 from microvib.reports.blocks import drawn, study
 from microvib.reports.document import Contents, Document, Fact, Section, Text, table
-from microvib.reports.numbers import text_table
 from microvib.reports.parameters import parameter_table
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.studies.sas import Setting, Sizing, tolerance
 from microvib.studies.sizing import Sized
+from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 from microvib.model.scenario import Scenario
-from microvib.reports.numbers import text_table
 from microvib.studies.sensitivity import Effect, Ranking
+from microvib.text_tables import text_table
 
 _HEAD = ("value", "d ln/d ln", "mN m over its range", "range")
 
@@ -17,12 +17,10 @@ def ranking_text(found: Ranking, scenario: Scenario) -> str:
     rows: list[str] = []
     for line in found:
         rows += ["", f"{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m: {line.verdict}"]
-        head, *told = text_table(
-            _HEAD, [_row(effect, scenario) for effect in line.effects], left=1, last_left=True
-        ).splitlines()
-        rows.append(f"  {head}")
-        for effect, row in zip(line.effects, told, strict=True):
-            rows += [f"  {row}", *_notes(effect, scenario)]
+        effects = [_row(effect, scenario) for effect in line.effects]
+        told = text_table(_HEAD, effects, left=1, last_left=True, indent=2)
+        rows += [f"  {row}".rstrip() for row in told.splitlines()]
+        rows += [note for effect in line.effects for note in _notes(effect, scenario)]
     for case in found.failed:
         rows += ["", f"No run with {case.key} {scenario.shown(case.key, case.value)}: {case.reason}"]
     rows += ["", "Not ranked:"] if found.left_out else []
@@ -44,7 +42,7 @@ def _jumps(effect: Effect) -> bool:
 def _notes(effect: Effect, scenario: Scenario) -> Iterator[str]:
     for value, amplitude in effect.between:
         at = scenario.shown(effect.key, value)
-        yield f"    {1e3 * amplitude:.4g} mN m at {at}, where the linearised drive has an extreme"
+        yield f"  {effect.key}: {1e3 * amplitude:.4g} mN m at {at}, where the linearised drive has an extreme"
     if _jumps(effect):
         below, above = effect.slopes
-        yield f"    * {below:.3g} below and {above:.3g} above: the line jumps or bends there"
+        yield f"  * {effect.key}: {below:.3g} below and {above:.3g} above: the line jumps or bends there"

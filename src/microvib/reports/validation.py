@@ -8,6 +8,7 @@ from microvib.reports.blocks import overlaid, study
 from microvib.reports.document import Contents, Document, Fact, Mark, Row, Section, Table, Text, table
 from microvib.reports.numbers import brief
 from microvib.studies.validate import Check, SimulatedState, checks_csv
+from microvib.text_tables import text_table
 
 _LEAD = (
     "Calibrated rows were fitted to the test's lines of state 1 and are not evidence. Assumed rows say what predictions rest on,"
@@ -19,15 +20,13 @@ _LEAD = (
 
 def validation_text(checks: list[Check]) -> str:
     """All checks as a table, and how many hold."""
-    width = max(len(check.item) for check in checks)
-    row = f"{{:{width}s}} {{:>9s}} {{:>9s}} {{:>10s}} {{:>8s}}  {{:5s}} {{:>6s}} {{:>6s}} {{:>9s}} {{:10s}} {{}}".format
-    rows = [row("item", "paper", "test", "ours", "error %", "holds", "spread", "single", "without", "status", "bar")]
-    rows += [
-        row(c.item, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 5), brief(c.error_percent, 3), _holds(c),
-            _part(c.over_spread), _part(c.single_records), brief(c.without, 4), c.status, c.bar)
+    header = ("item", "paper", "test", "ours", "error %", "holds", "spread", "single", "without", "status", "bar")
+    rows = [
+        (c.item, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 5), brief(c.error_percent, 3), _holds(c),
+         _part(c.over_spread), _part(c.single_records), brief(c.without, 4), c.status, c.bar)
         for c in checks
     ]  # fmt: skip
-    return "\n".join([*rows, "", summary(checks)])
+    return "\n".join([text_table(header, rows, left=1, last_left=True), "", summary(checks)])
 
 
 def _holds(c: Check) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from microvib.errors import LineError, did_you_mean, shown
 from microvib.model.expected import ExpectedLine, OfKind
+from microvib.text_tables import text_table
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ _SEEN = ("ok", "decaying", "growing", DRIVEN)
 _IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
 """Deviation of one part of a complex Gaussian over that of its magnitude."""
 
-_ROW = "{} {:>12s} {:>12s} {:>12s} {:>10s} {:>12s}  {}".format
-_SEED_ROW = "{:16s} {:>6} {:>12s} {:>12s} {:>12s}  {}".format
 
 _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
 """What the ends of a line's fields say of their units."""
@@ -304,22 +303,23 @@ class LineTable:
         return self._text(self.notable() if notable else self.lines, "in lines.csv")
 
     def _text(self, shown: Sequence[Line], where: str) -> str:
-        cells = list(self._cells(shown))
-        wide = max(16, *(len(name) for name, *_ in cells))
-        rows = [_ROW(name.ljust(wide), *rest) for name, *rest in cells]
-        return "\n".join([*rows, *filter(None, [self._left_out(shown, where)]), *self._seed_rows(shown)])
+        header, *rows = self._cells(shown)
+        table = text_table(header, rows, left=1, last_left=True)
+        return "\n".join(filter(None, [table, self._left_out(shown, where), self._over_seeds(shown)]))
 
-    def _seed_rows(self, shown: Sequence[Line]) -> Iterator[str]:
+    def _over_seeds(self, shown: Sequence[Line]) -> str:
         """Mean, deviation and 95 % quantile over the draws of the noise."""
         names = {line.line for line in shown}
-        rows = [seed for seed in self.seeds if seed.line in names]
-        if rows:
-            yield ""
-            yield _SEED_ROW("line", "draws", "mean", "deviation", "95 %", f"95 % lies within ({pretty(self.unit)})")
-        for x in rows:
-            high = "?" if np.isnan(x.p95_high_n_m) else f"{x.p95_high_n_m:.4e}"
-            figures = (f"{figure:.4e}" for figure in (x.mean_n_m, x.deviation_n_m, x.p95_n_m))
-            yield _SEED_ROW(x.line, x.draws, *figures, f"{x.p95_low_n_m:.4e} to {high}")
+        rows = []
+        for x in self.seeds:
+            if x.line in names:
+                high = "?" if np.isnan(x.p95_high_n_m) else f"{x.p95_high_n_m:.4e}"
+                figures = (f"{figure:.4e}" for figure in (x.mean_n_m, x.deviation_n_m, x.p95_n_m))
+                rows.append((x.line, str(x.draws), *figures, f"{x.p95_low_n_m:.4e} to {high}"))
+        if not rows:
+            return ""
+        header = ("line", "draws", "mean", "deviation", "95 %", f"95 % lies within ({pretty(self.unit)})")
+        return f"\n{text_table(header, rows, left=1, last_left=True)}"
 
     def _cells(self, shown: Sequence[Line]) -> Iterator[Sequence[str]]:
         """A head and a row for each line."""

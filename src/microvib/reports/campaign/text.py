@@ -28,13 +28,14 @@ from microvib.reports.campaign.report import (
     shown,
 )
 from microvib.reports.document import Contents
-from microvib.reports.numbers import brief_milli, text_table
+from microvib.reports.numbers import brief_milli
 from microvib.reports.sheets import png
 from microvib.studies.campaign.cases import FIGURES, Chunk, compute
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING
 from microvib.studies.campaign.slurm import job_state
 from microvib.studies.campaign.statistics import ANY, Estimate, LineStatistics
+from microvib.text_tables import text_table
 
 
 def state_text(campaign: Campaign, reasons: bool = False) -> str:
@@ -71,8 +72,7 @@ def report_text(s: Summary) -> str:
             median, p95, p99, top = map(brief_milli, (r.median.value, r.p95.value, r.p99.value, r.largest))
             row = [r.line, hertz(r), median, p95, interval(r.p95), p99, top, str(r.worst)]
             rows.append(row + ([] if s.limit is None else [above_limit(r)]))
-        first, *rest = text_table(rows[0], rows[1:]).splitlines()
-        lines += ["", f"{first}   mN m, 0-to-peak", *rest]
+        lines += ["", "Lines in mN m, 0-to-peak:", text_table(rows[0], rows[1:])]
     if s.rows and s.several:
         text = "Each line at the level at which it is largest. The largest line level by level, highest first:"
         lines += ["", text, "", *(_level_text(r) for r in s.by_level[:MAX_LEVELS])]

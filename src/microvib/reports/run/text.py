@@ -9,9 +9,10 @@ from microvib.analysis.run import RunResult
 from microvib.analysis.start import without_steady_state
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
-from microvib.reports.numbers import text_table
+from microvib.reports.numbers import angle_text
 from microvib.signals.line_table import LineTable
 from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
+from microvib.text_tables import text_table
 
 _COSTS = 4
 """Lines that are told of the line of sight."""
@@ -64,8 +65,8 @@ def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
     for fact in pointing_facts(result.hub):
         assert result.hub is not None
         window = max(result.hub.windows)
-        costs = (f"{name} {angle:.3g}" for name, angle in result.hub.ranking("rpe", window)[:_COSTS])
-        yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; lines that cost most, rad rms: {', '.join(costs)}."
+        costs = (f"{name} {angle_text(angle, 3)}" for name, angle in result.hub.ranking("rpe", window)[:_COSTS])
+        yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; lines that cost most, rms: {', '.join(costs)}."
     if limit is not None:
         yield f"\n{judge(result.table, limit, scenario, None if second is None else second.table)}"
     if told := without_steady_state(result.solver):
