@@ -1,10 +1,11 @@
 """The steady solver against time integration: speed and lines, on states 1-5 and on random parameter sets.
 
-``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500] [--any 300]``
+``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500] [--any 300] [--rates 30]``
 
 ``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps. ``--heavy`` takes slow sets in which
 friction weighs much instead, and compares the RMS of the torque with that of a run from rest. ``--any`` takes drives of all kinds
-and compares RMS and largest lines with those of a run from rest of eight decay times of the slowest mode.
+and compares RMS and largest lines with those of a run from rest of eight decay times of the slowest mode. ``--rates`` plans rates
+of such drives with a limit that half of them pass, and looks at what a run from rest has at each rate that is allowed.
 
 Nothing is asserted. Machines differ: only the ratios and deviations mean something elsewhere.
 """
@@ -30,9 +31,12 @@ from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_k
 from support.steady_lines import long_run, settled_motion, slowest, worst_deviation
 
 import microvib as mv
+from microvib.signals.line_table import Line
 from microvib.solve.batch import simulate_torques
 from microvib.solve.steady.period import NotPeriodic
 from microvib.solve.steady.state import SteadyState, find_steady, steady_state
+from microvib.studies.rates import at_rate, plan_rates, rate_grid
+from microvib.units import Si
 
 STATES = ("state-1", "state-2", "state-3", "state-4", "state-5")
 
@@ -45,7 +49,11 @@ def main() -> None:
     parser.add_argument("--chart", type=int, default=0)
     parser.add_argument("--heavy", type=int, default=0)
     parser.add_argument("--any", type=int, default=0)
+    parser.add_argument("--rates", type=int, default=0)
     arguments = parser.parse_args()
+    if arguments.rates:
+        allowed_rates(range(arguments.seed, arguments.seed + arguments.rates))
+        return
     if arguments.any:
         of_any_kind(range(arguments.seed, arguments.seed + arguments.any))
         return
@@ -159,6 +167,8 @@ def of_any_kind(seeds: Sequence[int]) -> None:
         if off > FALSE:
             false += 1
             print(f"set {seed}: {what} off by {100 * off:.3g} %", flush=True)
+        if (seed + 1) % 25 == 0:
+            print(f"up to set {seed}: {found} found, {false} of them false", flush=True)
     print(f"\nsteady states found: {found} of {len(seeds)}, {false} of them false; {1e3 * np.mean(times):.0f} ms each")
     for reason, count in reasons.most_common():
         print(f"{count:5d} fall back: {reason}")
@@ -167,12 +177,8 @@ def of_any_kind(seeds: Sequence[int]) -> None:
 def _off(state: SteadyState) -> tuple[float, str]:
     """Largest deviation of RMS and of the six largest lines in the record's band from a run from rest, and of what."""
     scenario, band = state.scenario, 0.33 * state.scenario.record.sample_rate
-    decay = min(m.decay for m in mv.coupled_modes(scenario) if m.frequency > 0.0)
     duration = max(math.ceil(16.0 * state.frequency), 1) / state.frequency
-    ran = (
-        1.5 * state.solver["simulated_s"] if "from_rest_s" not in state.solver else 0.0
-    )  # what rang for long before it settled
-    settle = min(max(60.0, DECAYS / decay, DECAYS * state.solver["settling_s"] / math.log(100.0), ran), LONGEST)
+    settle = _settling(state)
     [run] = simulate_torques([scenario.with_si({"record.settle": settle, "record.duration": duration})])
     if isinstance(run, Exception):
         return math.inf, str(run)
@@ -187,6 +193,50 @@ def _off(state: SteadyState) -> tuple[float, str]:
     off = np.abs(np.abs(turned @ run.T_d) * 2.0 / run.T_d.size - lines[largest]) / np.max(lines)
     rms = abs(float(np.sqrt(np.sum(lines**2) / 2.0)) / in_time - 1.0)
     return (rms, "RMS") if rms > np.max(off) else (float(np.max(off)), f"{frequency[largest[np.argmax(off)]]:.4g} Hz")
+
+
+def _settling(state: SteadyState) -> float:
+    """Time [s] in which a run from rest has settled."""
+    decay = min(m.decay for m in mv.coupled_modes(state.scenario) if m.frequency > 0.0)
+    slow = DECAYS * max(1.0 / decay, state.solver["settling_s"] / math.log(100.0))
+    ran = 0.0 if "from_rest_s" in state.solver else 1.5 * state.solver["simulated_s"]  # it may have rung for long
+    return min(max(60.0, slow, ran), LONGEST)
+
+
+RATES = 6
+"""Rates of each drive that is planned, from a third to three times its own."""
+
+
+def allowed_rates(seeds: Sequence[int]) -> None:
+    """Print the rates that a plan allows and at which a run from rest has a line above the limit."""
+    band, allowed, false, steady = (0.1, 300.0), 0, 0, 0
+    for seed in seeds:
+        scenario = scenario_of_any_kind(seed)
+        rate = abs(math.degrees(float(scenario.rate or 0.0)))
+        grid = rate_grid(f"{rate / 3.0} deg/s", f"{3.0 * rate} deg/s", RATES)
+        bands = f"{band[0]}:{band[1]} Hz"
+        first = plan_rates(scenario, grid, band=bands, workers=1)
+        tops = [line.amplitude for case in first.cases if (line := case.largest(band)) is not None]
+        limit = float(np.median(tops))
+        plan = plan_rates(scenario, grid, limit=f"{limit} N*m", band=bands, workers=1)
+        for case in (case for case in plan.cases if plan.is_allowed(case)):
+            allowed += 1
+            turning = at_rate(scenario, Si(case.rate), case.microsteps)
+            state, _ = find_steady(turning)
+            if state is None:
+                continue
+            steady += 1
+            late = turning.with_si({"record.settle": _settling(state), "record.duration": 16.0})
+            inside = [x.amplitude_n_m for x in mv.lines(mv.simulate(late, channels=("T_d",))) if _in(x, band)]
+            if max(inside, default=0.0) > (1.0 + FALSE) * limit:
+                false += 1
+                print(f"set {seed}, {math.degrees(case.rate):.6g} deg/s: {max(inside):.4g} N m, limit {limit:.4g}")
+        print(f"up to set {seed}: {allowed} allowed, {steady} with a steady state, {false} false", flush=True)
+
+
+def _in(line: Line, band: tuple[float, float]) -> bool:
+    """Whether a line of a run has an amplitude and lies within a ``band`` [Hz]."""
+    return band[0] <= line.frequency_hz <= band[1] and line.amplitude_n_m > 0.0
 
 
 def chart_point(k: int) -> mv.Scenario:

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from support.scenarios import heavy_scenario, random_scenario
+from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind
 from support.steady_lines import long_run, settled_motion, worst_deviation
 
 import microvib as mv
@@ -176,6 +176,7 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
         random_scenario(30),  # friction that falls with the rate: smooth slip, and an oscillation that sticks
         heavy_scenario(327),
         heavy_scenario(436),
+        scenario_of_any_kind(36),  # slips that vary repeat after seven periods of the command
     ],
 )
 def test_of_several_motions_the_one_that_a_start_from_rest_leads_to_is_found(scenario):

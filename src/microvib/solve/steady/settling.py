@@ -27,9 +27,9 @@ GIVEN_UP = (3.0, 0.8)
 """Decay times in which what changes from period to period must fall at least to this part of itself."""
 SEEN_OVER = 0.7
 """Decay times, at least, over which a change is looked at: what decays slowly changes little from period to period."""
-MULTIPLES = 6
+MULTIPLES = 16
 """Periods of the command after which the motion of a run may repeat, at most."""
-LONGEST_MULTIPLE = 200.0
+LONGEST_MULTIPLE = 300.0
 """Time [s] beyond which such multiples are not looked for."""
 SETTLES_WITHIN = 12.0
 """Decay times of the slowest mode in which a run must have settled."""
@@ -160,27 +160,28 @@ class Settling:
         """Whether the deviation from a motion that repeats with each period was shortened."""
         if self.decaying is None:
             return False
-        return self.decaying.shortened(self._change(self.stretch * self.run.rows, 1))
+        change = self._change(self.stretch * self.run.rows, 1)
+        return self.decaying.shortened(change / rms(self._torque))
 
     def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
         """After how many periods of the command the ``last`` of the torque repeats, 0 where it does not; and its least change, over
         the RMS of the torque."""
-        least = math.inf
+        least, size = math.inf, rms(self._torque)
         for multiple in multiples:
-            at_once = self._change(last, multiple)
+            at_once = self._change(last, multiple) / size
             least = min(least, at_once)
             lag = self._lag(multiple)
             left = -math.expm1(-0.5 * self.run.ringing.decay * lag * self.whole)
-            if at_once <= SETTLED and self._change(last, lag) <= SETTLED * left:
+            if at_once <= SETTLED and self._change(last, lag) / size <= SETTLED * left:
                 return multiple, at_once
         return 0, least
 
     def _change(self, last: int, periods: int) -> float:
-        """Change of the ``last`` of the torque from ``periods`` before, over the RMS of the torque; infinite before it is known."""
+        """Change [N m] of the ``last`` of the torque from ``periods`` before; infinite before it is known."""
         lag = periods * self.run.period.microsteps * self.run.rows
         if lag + last > self._torque.size:
             return math.inf
-        return rms(self._torque[-last:] - self._torque[-last - lag : -lag]) / rms(self._torque)
+        return rms(self._torque[-last:] - self._torque[-last - lag : -lag])
 
     def _lag(self, multiple: int) -> int:
         """Periods of the command, a multiple of ``multiple``, over which a change shows."""
