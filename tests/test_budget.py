@@ -663,6 +663,25 @@ def test_pictures_name_limits_and_sum_lines_where_they_are() -> None:
         assert between == pytest.approx((0.04 if rising else 0.02) / math.sqrt(2.0))
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "one",
+    [
+        source("a", (10.0, 0.0, 0.0)),
+        source("a"),
+        source("a", (10.0, 1.0, 1.0), rings=np.array([True])),
+        source("a", density=(np.array([0.0, 10.0]), np.zeros((2, 2)))),
+    ],
+    ids=["zero", "none", "ringing", "density"],
+)
+def test_what_does_not_move_can_be_drawn(tmp_path: Path, one: Contribution) -> None:
+    """A recording of zeros: logarithmic scales without a number above 0."""
+    required = tuple(judged(r, [one], "rss") for r in (requirement(), requirement(metric="rpe", window="10 ms")))
+    budget = Budget(mv.load_scenario("state-1"), None, "rss", (one,), merged([one], "rss"), required, ())
+    for k, draw in enumerate((draw_budget, draw_cumulative)):
+        draw(budget).savefig(tmp_path / f"{k}.png")
+
+
 def test_percentiles_over_cases() -> None:
     """Amplitudes 0 to 1 urad in even steps: P95 between order statistics, and too few draws say nothing."""
     cases = np.zeros((1000, 1, 2))
@@ -717,9 +736,14 @@ class _Cases:
         return np.where(self._there | (line == "drive_1"), self._status, "").astype(object)
 
 
-def test_a_percentile_counts_lines_that_only_some_cases_have() -> None:
-    """In a fifth of the cases an unlisted line is there: P95 has it, the median not; each at its own frequency."""
-    one = with_campaign(replace(source("a", (5.0, 1.0, 0.0)), names=("drive_1",)), _Cases())
+@pytest.mark.parametrize("off", [None, np.array([1e-4])])
+def test_a_percentile_counts_lines_that_only_some_cases_have(off: np.ndarray | None) -> None:
+    """In a fifth of the cases an unlisted line is there: P95 has it, the median not; each at its own frequency.
+
+    The drive may say by how much its own lines' frequencies are off, as that of a run does.
+    """
+    drive = source("a", (5.0, 1.0, 0.0), frequency_doubt=off)
+    one = with_campaign(replace(drive, names=("drive_1",)), _Cases())
     assert one.cases_lack == ""
     assert sorted(set(one.cases_frequency[:, -1].tolist()))[0] == pytest.approx(2.03)
     found = judged(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss")
@@ -1178,6 +1202,12 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     own = hub_lines(result.motion, result.table)
     for name in ("drive_1", "full_step_1"):
         assert cases[1, one.names.index(name)] == pytest.approx(own.amplitude[own.names.index(name)], rel=1e-6)
+    asked = Requirements(requirements=[{"metric": "ape", "limit": "1 mrad", "percentile": "50 percent"}])
+    whole_budget = pointing_budget(scenario, asked, campaign=tmp_path / "c", sources=None, harmonics=1)
+    drive = whole_budget.contributions[0]
+    assert drive.cases is not None
+    assert drive.cases.shape[1] > len(drive.names)  # of lines that only the campaign has
+    assert "percentile: P50 needs 6 cases, and the campaign has 3" in whole_budget.judged[0].why
     with pytest.raises(mv.MicrovibError, match="another scenario: tracking differs"):
         ensemble_of(scenario.with_si({"tracking.rate": 1e-3}), tmp_path / "c")
 
@@ -1296,6 +1326,14 @@ def test_a_table_of_a_budget_keeps_what_is_not_settled(tmp_path: Path) -> None:
     one = of_other(OtherSource(name="p", lines="l.csv"), scenario_of(whole.FullCraft()), FileAccess(tmp_path))
     assert one.settled.tolist() == [False, True]
     assert judged(requirement(), [one], "rss").verdict == "not judged"
+
+
+def test_sources_that_are_none_are_a_sentence() -> None:
+    scenario = scenario_of(whole.FullCraft())
+    with pytest.raises(mv.MicrovibError, match="sources: 5 is not a list; one is expected"):
+        pointing_budget(scenario, sources=5)  # type: ignore[arg-type]
+    with pytest.raises(mv.MicrovibError, match=r"sources: \{'name': 'w'\} is not an OtherSource"):
+        pointing_budget(scenario, sources=[{"name": "w"}])  # type: ignore[list-item]
 
 
 def test_drives_of_another_craft_are_refused() -> None:

@@ -351,6 +351,9 @@ def _draw_lines(ax: Axes, budget: Budget) -> None:
         label = _name(required) if axis == "radial" else f"{_name(required)}: los_{axis} ({_MARKERS[axis][2]})"
         ax.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
     what = "amplitude, radial [µrad]" if seen == ["radial"] else "amplitude, radial and by axis [µrad]"
+    if not top and not curves:  # logarithmic scales need numbers above 0
+        ax.set(xlim=(1.0, 1e3), ylim=(1e-3, 1.0))
+        ax.text(0.5, 0.5, "no settled lines above 0", transform=ax.transAxes, ha="center", fontsize=6.5)
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=what)
     if top:
         ax.set_ylim(1e6 * 1e-5 * top, 1e6 * 60 * top)  # with room for names
@@ -393,6 +396,7 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
             style: dict[str, Any] = (
                 {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}
             )  # smear lies on it
+            rms[rms == 0.0] = np.nan  # which logarithmic scales do not have
             ax.plot(T, 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
             for _, window, limit, name in (one for one in limits if one[0] == axis):
                 ax.plot(window, limit, marker, color=sheets.COLOURS[k], markersize=4)

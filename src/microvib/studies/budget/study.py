@@ -16,7 +16,7 @@ from microvib.analysis.pointing import SAME, HubLines
 from microvib.analysis.run import solve_run
 from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
 from microvib.analysis.start import without_steady_state
-from microvib.errors import MicrovibError, OptionError, expect_list
+from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, shown
 from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import craft_in, into_hub, source_of
@@ -109,7 +109,7 @@ def pointing_budget(
     scenarios: Scenario | str | Sequence[Scenario | str],
     requirements: Requirements | str | Path | None = None,
     *,
-    sources: str | Path | Sequence[OtherSource] = (),
+    sources: str | Path | Sequence[OtherSource] | None = (),
     campaign: str | Path | None = None,
     recording: Recording | None = None,
     rule: Rule = "rss",
@@ -243,9 +243,15 @@ def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> Non
                 )
 
 
-def _others(sources: str | Path | Sequence[OtherSource], scenario: Scenario) -> list[Contribution]:
+def _others(sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario) -> list[Contribution]:
     """What moves the line of sight besides: of a file, whose own files are relative to it, or of a list."""
+    if sources is None:
+        return []
     if not isinstance(sources, str | Path):
+        expect_list(sources, "sources", "[OtherSource(name='wheel', wheel=...)], or the name of a file of sources")
+        for source in sources:
+            if not isinstance(source, OtherSource):
+                raise ObjectError(f"sources: {shown(source)} is not an OtherSource; one for each source is expected")
         return [of_other(source, scenario, WORKING_FOLDER) for source in sources]
     path = Path(sources)
     return [of_other(source, scenario, WORKING_FOLDER.beside(str(path))) for source in read_file(path, Sources).sources]

@@ -448,6 +448,7 @@ def _values(
         rings=np.append(~drawn.settled, np.zeros(more, dtype=bool)),
         unlocked=np.append(loose, np.ones(more, dtype=bool)),
         doubt=0.0,
+        frequency_doubt=None,  # of the nominal lines alone, and a case counts as it was found
     )
     at = [drawn.frequency] * len(drawn.cases) if drawn.cases_frequency is None else drawn.cases_frequency
     for f, case in zip(at, drawn.cases, strict=True):
