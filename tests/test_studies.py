@@ -96,9 +96,19 @@ def test_identification_finds_the_truth(fit):
 def test_all_figures_are_shown_and_nothing_is_green_that_nothing_checks(fit):
     assert fit_report(fit).facts[0].status == "pass"
     ((evidence, _),) = fit.before
-    shown = [o for o in evidence.observations if not o.is_angle]
+    shown = evidence.observations
     assert any("plus_" in o.line for o in shown)
+    assert any(o.is_angle for o in shown)
     assert all(f"{o.line} {o.form}" in fit_text(fit) for o in shown)
+    (figures,) = (s for s in fit_report(fit).sections if s.title == "Before and after")
+    table = next(block for block in figures.blocks if isinstance(block, Table))
+    rows = {row.cells[0]: row.cells for row in table.rows}
+    assert set(rows) == {f"{o.line} {o.form}" for o in shown}
+    angle = next(o for o in shown if o.is_angle)
+    unit, test, _, after, *off = rows[f"{angle.line} {angle.form}"][1:]
+    assert (unit, off) == ("deg", ["", ""])
+    assert float(test.replace("−", "-")) == pytest.approx(math.degrees(angle.value), rel=1e-3)
+    assert abs(float(after.replace("−", "-")) - float(test.replace("−", "-"))) < 30.0
     amplitudes = [o.line for o in shown if o.form == "amplitude"]
     drawing = draw_before_and_after(fit)
     assert [label.get_text() for ax in drawing.axes for label in ax.get_xticklabels()] == amplitudes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from microvib.reports.typography import file_name
 from microvib.signals.line_table import Rest
 from microvib.studies.evidence import Evidence, predicted
 from microvib.studies.identify import Deviation, Estimate, Fit
+from microvib.studies.identify.goodness import beside
 from microvib.text_tables import text_table
 from microvib.units import pretty
 
@@ -64,8 +65,7 @@ def fit_text(fit: Fit) -> str:
     lines += [f"as good: {values_text(other)}" for other in fit.alternatives]
     lines += [one.sentence for one in fit.selection]
     figures = [
-        (name, *(f"{x:.6g}" for x in (test, before, after)), _off_by(before, test), _off_by(after, test))
-        for name, test, before, after in _figures(fit)
+        (f.name, *(f"{x:.6g}" for x in f.values), _off_by(f.before, f), _off_by(f.after, f)) for f in _figures(fit)
     ]
     lines += ["", text_table(("observed", "test", "before", "after", "before %", "after %"), figures, left=1)]
     lines.append("")
@@ -172,27 +172,38 @@ def _interval(e: Estimate) -> str:
     return f"{low:.5g} to {high:.5g}" if math.isfinite(low) else "withheld"
 
 
-def _figures(fit: Fit) -> list[tuple[str, float, float, float]]:
-    """All fitted figures of the tests but angles, with their values before and after."""
+class _Figure(NamedTuple):
+    """A fitted figure: what it is called, in which form, and what test and model give for it, before and after the fit."""
+
+    name: str
+    is_angle: bool
+    test: float
+    before: float
+    after: float
+
+    @property
+    def values(self) -> tuple[float, float, float]:
+        """Of the test, before and after the fit."""
+        return self.test, self.before, self.after
+
+
+def _figures(fit: Fit) -> list[_Figure]:
+    """All fitted figures of the tests, with their values before and after."""
     several = len(fit.before) > 1
-    each = [
-        (evidence, o, before, after)
+    return [
+        _Figure(
+            f"{o.line} {o.form}" + (f" [{file_name(evidence.name)}]" if several else ""), o.is_angle,
+            o.value, beside(o, predicted(before, o)), beside(o, predicted(after, o)),
+        )
         for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True)
         for o in evidence.observations
-        if not o.is_angle
-    ]
-    return [
-        (
-            f"{o.line} {o.form}" + (f" [{file_name(evidence.name)}]" if several else ""),
-            o.value, predicted(before, o), predicted(after, o),
-        )
-        for evidence, o, before, after in each
     ]  # fmt: skip
 
 
-def _off_by(value: float, test: float) -> str:
-    """Relative difference from the test's figure in per cent; empty where that is 0, as the decay of what seems to last."""
-    return percent(value / test - 1.0) if test else ""
+def _off_by(value: float, figure: _Figure) -> str:
+    """Relative difference from the test's figure in per cent; empty for angles, and where that is 0, as the decay of what
+    seems to last."""
+    return percent(value / figure.test - 1.0) if figure.test and not figure.is_angle else ""
 
 
 def fit_json(fit: Fit) -> dict[str, Any]:
@@ -357,11 +368,20 @@ def _before_and_after(fit: Fit) -> Table:
     header = ["figure", "unit", "test [1]", "before [1]", "after [1]", "before against test [%]",
               "after against test [%]"]  # fmt: skip
     rows = []
-    for name, *values in _figures(fit):
-        unit, digits, scale = ("mN m", 4, 1e3) if _is_torque(name) else ("Hz" if "frequency" in name else "1/s", 6, 1.0)
-        shown = [format_number(value, digits, scale) for value in values]
-        rows.append([name, unit, *shown, *(_off_by(value, values[0]) for value in values[1:])])
+    for f in _figures(fit):
+        unit, digits, scale = _shown_in(f)
+        shown = [format_number(value, digits, scale) for value in f.values]
+        rows.append([f.name, unit, *shown, _off_by(f.before, f), _off_by(f.after, f)])
     return table(header, rows)
+
+
+def _shown_in(figure: _Figure) -> tuple[str, int, float]:
+    """Unit of a figure in the report, its digits, and the unit's parts in one of SI."""
+    if figure.is_angle:
+        return "deg", 4, math.degrees(1.0)
+    if _is_torque(figure.name):
+        return "mN m", 4, 1e3
+    return ("Hz", 6, 1.0) if "frequency" in figure.name else ("1/s", 6, 1.0)
 
 
 def _is_torque(figure_name: str) -> bool:
@@ -370,12 +390,12 @@ def _is_torque(figure_name: str) -> bool:
 
 def draw_before_and_after(fit: Fit) -> Drawing:
     """Amplitudes of all lines of the test, before and after the fit, in as many rows as they need."""
-    amplitudes = [f for f in _figures(fit) if _is_torque(f[0])]
+    amplitudes = [f for f in _figures(fit) if _is_torque(f.name)]
     rows = [amplitudes[k : k + _IN_A_ROW] for k in range(0, len(amplitudes), _IN_A_ROW)] or [[]]
     drawing, each = sheets.panels(len(rows), 3.0 if len(rows) > 1 else 3.4, columns=1)
     for ax, row in zip(each, rows, strict=True):
-        groups = {name: [float(f[k]) for f in row] for k, name in enumerate(("test", "before", "after"), 1)}
-        figures.draw_pairs(ax, [f[0].removesuffix(" amplitude") for f in row], groups)
+        groups = {name: [f.values[k] for f in row] for k, name in enumerate(("test", "before", "after"))}
+        figures.draw_pairs(ax, [f.name.removesuffix(" amplitude") for f in row], groups)
     return drawing
 
 

@@ -72,7 +72,7 @@ def report_text(s: Summary) -> str:
             median, p95, p99, top = map(brief_milli, (r.median.value, r.p95.value, r.p99.value, r.largest))
             row = [r.line, hertz(r), median, p95, interval(r.p95), p99, top, str(r.worst)]
             rows.append(row + ([] if s.limit is None else [above_limit(r)]))
-        lines += ["", "Lines in mN m, 0-to-peak:", text_table(rows[0], rows[1:])]
+        lines += ["", "Lines in mN m, 0-to-peak:", text_table(rows[0], rows[1:], left=1)]
     if s.rows and s.several:
         text = "Each line at the level at which it is largest. The largest line level by level, highest first:"
         lines += ["", text, "", *(_level_text(r) for r in s.by_level[:MAX_LEVELS])]

@@ -129,7 +129,7 @@ def needed_error(problem: Problem, r: np.ndarray) -> Iterator[str]:
     yield f"No model_error up to {100.0 * ERRORS[-1]:.0f} percent would make it explain them{also}."
 
 
-def _beside(o: Observation, value: float) -> float:
+def beside(o: Observation, value: float) -> float:
     """A model's figure beside a measured one: an angle within half a turn of it."""
     return o.value + math.remainder(value - o.value, math.tau) if o.is_angle and math.isfinite(value) else value
 
@@ -141,7 +141,7 @@ def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
     return tuple(
         Deviation(
             problem.tests[k][0].name, o.line, o.form, o.value,
-            math.nan if tables is None else _beside(o, predicted(tables[k], o)), float(s),
+            math.nan if tables is None else beside(o, predicted(tables[k], o)), float(s),
         )
         for (k, o), s in zip(problem.observed, sigma, strict=True)
     )  # fmt: skip
