@@ -1,6 +1,7 @@
 """Lines driven by noise: closed form against draws, what turns a verdict round, quantiles over seeds, a start off the command."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +10,13 @@ from support.automaton import Automaton, both
 from support.scenarios import NO_FRICTION, limit_of
 
 import microvib as mv
-from microvib.analysis.limits import judge
+from microvib.analysis.limits import judge, unsettled
+from microvib.analysis.margins import margin
 from microvib.analysis.seeds import quantile_bounds
 from microvib.model.driven import driven_lines, noise_density, response
 from microvib.reports.document import Text
 from microvib.reports.run.first_page import first_page
-from microvib.signals.line_table import DRIVEN
+from microvib.signals.line_table import DRIVEN, SeedLine
 from microvib.solve.pack import pack
 
 NOISE = {"density": 2e-4, "lowest": 0.3, "highest": 5.0, "seed": 1}
@@ -176,3 +178,51 @@ def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
     table = mv.run(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table
     assert table["drive_10"].amplitude_n_m > 0.0
     assert table.over_seeds("drive_10") is not None
+
+
+@pytest.fixture(scope="module")
+def few():
+    """State 1 with noise that scatters its lines of the clock, over as few draws as there may be."""
+    noise = {"friction.torque_noise": {"density": 2e-4}, "record.settle": 15.0, "record.duration": 8.0}
+    scenario = mv.load_scenario("state-1").with_si(noise)
+    return scenario, mv.run(scenario, lines_only=True, seeds=2).table
+
+
+def test_few_draws_do_not_pass_a_line_of_the_clock_that_noise_scatters(few) -> None:
+    """With 200 draws the 95 % quantile of the first driving line lies between 15.8 and 17.4 mN m."""
+    scenario, table = few
+    line, seeds = table["drive_1"], table.over_seeds("drive_1")
+    assert math.isnan(seeds.p95_high_n_m)
+    for limit in (0.015, 0.0156, 0.0164, 0.02):
+        found = judge(table, limit_of(limit, 52.0, 54.0), scenario).of(line)
+        assert found.verdict == "not judged"
+    assert "59 seeds or more" in found.why
+    far = judge(table, limit_of(0.5, 52.0, 54.0), scenario)
+    assert far.of(line).verdict == "pass"
+
+
+def test_few_draws_are_not_said_to_bound_the_quantile(few, drawn, noisy) -> None:
+    scenario, table = few
+    (told,) = (x for x in unsettled(table, scenario) if x.startswith("array_mode_1"))
+    assert "95 % of them below" not in told
+    assert "59 or more" in told
+    (enough,) = (x for x in unsettled(drawn, noisy) if x.startswith("array_mode_1"))
+    assert "95 % of them below" in enough
+
+
+@pytest.mark.parametrize("draws", [2, 3, 5, 20])
+def test_a_bound_from_few_draws_holds_as_often_as_it_says(few, draws: int) -> None:
+    """A line with noise on it, of which noise is all: limits at its true 95 % quantile pass once in twenty times at most."""
+    _, table = few
+    line = replace(table["drive_1"], amplitude_n_m=1e-6, amplitude_uncertainty_n_m=0.0, floor_n_m=0.0, status="ok")
+    rng, passed, trials = np.random.default_rng(draws), 0, 400
+    for _ in range(trials):
+        values = np.sort(rng.rayleigh(0.01, draws))
+        seeds = SeedLine(
+            line.line, 53.0, draws, float(values.mean()), float(values.std(ddof=1)), float(np.quantile(values, 0.95)),
+            0.0, math.nan, 0.0,
+        )  # fmt: skip
+        one = replace(table, lines=(line,), seeds=(seeds,), own_error=0.0)
+        most = 0.01 * math.sqrt(-2.0 * math.log(0.05))
+        passed += margin(line, 0.999 * most, one, [], None).verdict == "pass"
+    assert passed <= 0.05 * trials + 3.0 * math.sqrt(0.05 * 0.95 * trials)

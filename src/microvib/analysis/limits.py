@@ -9,7 +9,17 @@ import numpy as np
 
 from microvib.analysis.accuracy import unsound
 from microvib.analysis.lines import clock_doubts
-from microvib.analysis.margins import BEYOND, ONE_DRAW, Margin, Verdict, frequency_doubt, margin, may_have, when_settled
+from microvib.analysis.margins import (
+    BEYOND,
+    ONE_DRAW,
+    SEEDS_NEEDED,
+    Margin,
+    Verdict,
+    frequency_doubt,
+    margin,
+    may_have,
+    when_settled,
+)
 from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
 from microvib.analysis.unseen import unseen
 from microvib.errors import OptionError, expect
@@ -204,10 +214,10 @@ def _drawn(line: Line, table: LineTable) -> str:
     """What is known of a line of which the record is one draw."""
     seeds = table.over_seeds(line.line)
     if seeds is not None:
-        return (
-            f"{line.line}: {DRIVEN}; over {seeds.draws} seeds {1e3 * seeds.mean_n_m:.4g} ± {1e3 * seeds.deviation_n_m:.2g} mN m,"
-            f" 95 % of them below {1e3 * seeds.p95_n_m:.4g} mN m."
-        )
+        told = f"{line.line}: {DRIVEN}; over {seeds.draws} seeds {1e3 * seeds.mean_n_m:.4g} ± {1e3 * seeds.deviation_n_m:.2g} mN m"
+        if math.isnan(seeds.p95_high_n_m):
+            return f"{told}; so few draws do not bound what 95 % stay below, {SEEDS_NEEDED} or more do."
+        return f"{told}, 95 % of them below {1e3 * seeds.p95_n_m:.4g} mN m."
     alone = (
         f" the linearised drive gives {1e3 * line.noise_mean_n_m:.3g} ± {1e3 * line.noise_deviation_n_m:.2g} mN m by noise alone,"
         f" 95 % of the draws below {1e3 * line.noise_p95_n_m:.3g} mN m;"

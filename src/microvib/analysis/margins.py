@@ -35,6 +35,11 @@ _LIMITED = 3.0
 _LEFT = 1.5
 """Times what noise alone gives a mode, above which its mean over draws holds something that decays."""
 ONE_DRAW = "driven by noise, one draw of many"
+SEEDS_NEEDED = 59
+"""Draws from which their largest is, with 95 % confidence, no less than their 95 % quantile: the least n with 0.95**n <= 0.05."""
+_RAYLEIGH = 1.823
+"""Standard deviations by which the 95 % quantile of an envelope of noise lies above its mean; that of a line with noise on it, by
+less."""
 
 
 def frequency_doubt(frequency: Any, uncertainty: Any = 0.0) -> Any:
@@ -76,6 +81,8 @@ def margin(line: Line, most: float, table: LineTable, ringing: Sequence[Line], s
         amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
     else:
         amplitude, verdict, why = _of_record(line, most, table, ringing, scenario)
+        if verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high_n_m):
+            verdict, why = _by_few_seeds(line, seeds, most)
     if verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
         verdict = "not judged"
         why = "may be an array mode that rings, which the record is too short to show; a longer record.settle"
@@ -94,7 +101,7 @@ def _of_record(
     if line.status == DRIVEN:
         return amplitude, "not judged", f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
     if line.status == FAINT:
-        amplitude = max(amplitude, line.hidden_n_m)
+        amplitude = max(amplitude + doubt if math.isfinite(amplitude) else 0.0, line.hidden_n_m)
         return amplitude, "pass" if amplitude <= most else "not judged", "hidden by its floor; a longer record.duration"
     if line.status in ("decaying", "growing"):
         amplitude = line.starting(table.duration)
@@ -151,11 +158,32 @@ def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> t
         return seeds.p95_n_m, "fail", ""
     high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
     if math.isnan(seeds.p95_high_n_m):
-        high, needed = "an unknown amplitude", "59 seeds or more"
+        high, needed = "an unknown amplitude", f"{SEEDS_NEEDED} seeds or more"
     why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
     if seeds.p95_high_n_m * (1.0 + doubt) <= most:
         why = "hidden by its floor in some draws; a longer record.duration"
     return seeds.p95_n_m, "not judged", why
+
+
+def _by_few_seeds(line: Line, seeds: SeedLine, most: float) -> tuple[Verdict, str]:
+    """Verdict and reason of a line that passes by its record, where fewer draws were run than bound its quantile by their largest.
+
+    Their mean and scatter bound it with the same confidence, as a tolerance bound of a normal distribution does: by many deviations
+    where the draws are few.
+    """
+    from scipy.stats import nct  # slow to import, and seldom needed
+
+    n = seeds.draws
+    if n < 2:
+        return "not judged", f"found in {n} draw of the noise, which does not bound it; {SEEDS_NEEDED} seeds or more"
+    reach = float(nct.ppf(0.95, n - 1, _RAYLEIGH * math.sqrt(n))) / math.sqrt(n)
+    largest = seeds.mean_n_m + reach * seeds.deviation_n_m
+    if max(largest, seeds.hidden_n_m) <= most:
+        return "pass", ""
+    why = (
+        f"{n} draws of the noise bound its 95 % quantile to {1e3 * largest:.4g} mN m only; {SEEDS_NEEDED} seeds or more"
+    )
+    return "not judged", why
 
 
 def may_have(line: Line) -> float:
