@@ -430,6 +430,21 @@ def _spectrum(column: Column, over: Column) -> str:
 
 def _rate(column: Column, hints: Hints, said: list[str]) -> float:
     """Sample rate on which all statements agree; the preparation's settles which one is right."""
+    stated = _stated_rates(column, hints, said)
+    if hints.sample_rate is not None:
+        return _rate_as_prepared(hints.sample_rate, stated, said)
+    if not stated:
+        raise RecordingError(
+            f"has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz: add to the"
+            " preparation file sample_rate: 4096 Hz, with your rate, or time: with the name of the column"
+            f" that is the time axis; there are {column.name}",
+            remedy="prepare",
+        )
+    return _rate_as_stated(column, stated, said)
+
+
+def _stated_rates(column: Column, hints: Hints, said: list[str]) -> dict[str, float]:
+    """What the file says of a column's sample rate [Hz], by what says so."""
     stated = dict(column.rates)
     for name, value in stated.items():
         if not 0.0 < value < math.inf:
@@ -443,31 +458,39 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
         stated |= _rate_of_axis(column.time, hints, said)
     if column.axis is not None:
         stated |= _rate_of_step(column.axis, hints, said)
-    given = hints.sample_rate
-    if not stated and given is None:
-        raise RecordingError(
-            f"has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz: add to the"
-            " preparation file sample_rate: 4096 Hz, with your rate, or time: with the name of the column"
-            f" that is the time axis; there are {column.name}",
-            remedy="prepare",
-        )
-    if not stated:
-        return float(given or 0.0)
+    return stated
+
+
+def _listed(stated: dict[str, float]) -> str:
+    return ", ".join(f"{value:.6g} Hz by {name}" for name, value in stated.items())
+
+
+def _agreed(stated: dict[str, float]) -> bool:
+    return max(stated.values()) <= min(stated.values()) * (1.0 + SAME_RATE)
+
+
+def _rate_as_prepared(given: float, stated: dict[str, float], said: list[str]) -> float:
+    """The preparation's sample rate, unless all that the file states is another."""
     values = list(stated.values())
-    agreed = max(values) <= min(values) * (1.0 + SAME_RATE)
-    listed = ", ".join(f"{value:.6g} Hz by {name}" for name, value in stated.items())
-    if given is not None:
-        if all(abs(1e3 * value / given - 1.0) <= SAME_RATE for value in values):
-            said.append(f"sample rate {given:g} Hz as the preparation says; the file says {listed}, which is kilohertz")
-            return given
-        if all(abs(value / given - 1.0) > SAME_RATE for value in values):
-            raise RecordingError(f"has a sample rate of {listed}, but the preparation says {given:g} Hz")
-        if not agreed:
-            said.append(f"sample rate {given:g} Hz as the preparation says; the file says {listed}")
+    if not values:
         return given
-    if not agreed:
+    if all(abs(1e3 * value / given - 1.0) <= SAME_RATE for value in values):
+        said.append(
+            f"sample rate {given:g} Hz as the preparation says; the file says {_listed(stated)}, which is kilohertz"
+        )
+    elif all(abs(value / given - 1.0) > SAME_RATE for value in values):
+        raise RecordingError(f"has a sample rate of {_listed(stated)}, but the preparation says {given:g} Hz")
+    elif not _agreed(stated):
+        said.append(f"sample rate {given:g} Hz as the preparation says; the file says {_listed(stated)}")
+    return given
+
+
+def _rate_as_stated(column: Column, stated: dict[str, float], said: list[str]) -> float:
+    """The one sample rate that the file states."""
+    values = list(stated.values())
+    if not _agreed(stated):
         raise RecordingError(
-            f"contradicts itself, its sample rate is {listed}; add the right one to the preparation file,"
+            f"contradicts itself, its sample rate is {_listed(stated)}; add the right one to the preparation file,"
             f" such as sample_rate: {values[0]:.6g} Hz",
             remedy="prepare",
         )
@@ -476,8 +499,9 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
         runs = column.time or column.axis
         axis = "time" if runs is None else in_yaml(runs.name)
         raise RecordingError(
-            f"has a sample rate of {listed}; {PLAUSIBLE[0]:g} Hz to {1e-6 * PLAUSIBLE[1]:g} MHz is expected. Add the right rate to"
-            f" the preparation file, such as sample_rate: 4096 Hz, or the unit of the time axis, such as units: {{{axis}: ms}}",
+            f"has a sample rate of {_listed(stated)}; {PLAUSIBLE[0]:g} Hz to {1e-6 * PLAUSIBLE[1]:g} MHz is expected."
+            f" Add the right rate to the preparation file, such as sample_rate: 4096 Hz,"
+            f" or the unit of the time axis, such as units: {{{axis}: ms}}",
             remedy="prepare",
         )
     said.append(note)

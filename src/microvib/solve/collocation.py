@@ -15,7 +15,7 @@ are the four lanes of a vector (``microvib.solve.vector``), so that f is evaluat
 term of r, peak to peak over what a microstep moves, is the error estimate.
 
 Wherever a step has to end, at a microstep or where a friction sticks or breaks away, its solution is taken there
-(``_evaluate``): the propagators of shorter and shorter lengths lead to any instant of it. So an event costs no further step.
+(``solution_at``): the propagators of shorter and shorter lengths lead to any instant of it. So an event costs no further step.
 
 The modes of the array are no part of A, so that their number costs no more than their sum: they move as free oscillators, driven by
 the cubic through the output's rate at the nodes, and their torque is a part of f.
@@ -25,7 +25,7 @@ import math
 from typing import NamedTuple
 
 from microvib.compiled import Matrix, Unit, Vector
-from microvib.solve.frame import _off, _pattern
+from microvib.solve.frame import reference_offset, stick_pattern
 from microvib.solve.kernel import (
     FORCED,
     IA,
@@ -118,7 +118,7 @@ FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHAN
 def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
     """States at the nodes not seen from the command, the derivative there, and the deficits ``w.r``; of a step of length ``T``."""
     at, y, f = rows(w.at, 0, N, 1), rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1)
-    r, sums, A = rows(w.r, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1), t.A[_pattern(x.stick, p)]
+    r, sums, A = rows(w.r, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1), t.A[stick_pattern(x.stick, p)]
     a0, a1, a2, a3, a4, a5, a6, a7 = at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]
     i_d, x_d, angle = a0 + t.current, a2 + t.windup, x.clock[THETA_E] * p.inv_z
     y[IA], y[IB] = i_d * c - a1 * s, a1 * c + i_d * s
@@ -126,7 +126,7 @@ def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
     y[TM], y[WM], y[TL], y[WL] = a4 + angle, a5, a6 - angle * p.inv_h, a7
     dt = T * rows(t.fractions, 0, 1, 1)[0]
     if not p.ideal:
-        off_A, off_B = _off(dt, x.clock, s, c)
+        off_A, off_B = reference_offset(dt, x.clock, s, c)
         y[IA], y[IB] = y[IA] + off_A, y[IB] + off_B
     noise = rows(w.noise, 0, 1, 1)[0]
     drive_derivative(y, modal - noise, on_rotor, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
@@ -159,7 +159,7 @@ def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
 
 
 @code.inner(**INLINE)
-def _nothing(t):
+def _zero_lanes(t):
     """Lanes of zeros, of numbers that are finite whatever an iteration came to."""
     return rows(t.fractions, 0, 1, 1)[0] * 0.0
 
@@ -171,7 +171,7 @@ def _free_modes(level, x, p, t, w):
         rows(w.sums, 0, N_SUMS, 1),
         rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS),
     )
-    torque = momentum = on_rotor = _nothing(t)
+    torque = momentum = on_rotor = _zero_lanes(t)
     for k in range(p.H.size):
         eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
         torque += modes[k, M_TORQUE] * eta + modes[k, M_TORQUE + 1] * rate
@@ -182,7 +182,7 @@ def _free_modes(level, x, p, t, w):
 
 
 @code.inner(**INLINE)
-def _listen(T, x, p, w):
+def _noise_at_nodes(T, x, p, w):
     """Torque noise at the nodes of a step of length ``T``."""
     if p.noise.size > 0:
         for j in range(4):
@@ -190,28 +190,28 @@ def _listen(T, x, p, w):
 
 
 @code.inner(**FORCED)
-def _iterate(level, afresh, s, c, x, p, t, w):
+def solve_collocation(level, afresh, s, c, x, p, t, w):
     """Solve the step's equation; the last change of the deficits, over what a microstep moves.
 
     It begins from the deficits in ``w.r`` or, ``afresh``, from those at the start of the step, taken for all of it.
     """
     r, before, sums = rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
-    T, block = t.longest * 0.5**level, (_pattern(x.stick, p) * t.levels + level) * NODE_ROWS
+    T, block = t.longest * 0.5**level, (stick_pattern(x.stick, p) * t.levels + level) * NODE_ROWS
     E, K = rows(t.nodes, block, N * N, N), rows(t.nodes, block + N * N, 24 * N, N)
     coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
     _free_states(E, t, w)
     _free_modes(level, x, p, t, w)
     last, change, first = math.inf, math.inf, 0 if afresh else 1
     if afresh:
-        _listen(0.0, x, p, w)
+        _noise_at_nodes(0.0, x, p, w)
     else:
-        _listen(T, x, p, w)
+        _noise_at_nodes(T, x, p, w)
     for n in range(first, ITERATIONS + 1):
         if n == 0:
             modal, on_rotor = _at_start(x, p, t, w)
         else:
             if n == 1:
-                _weigh(x, p, t, w)  # by the start of the step
+                set_error_weights(x, p, t, w)  # by the start of the step
             _states_at_nodes(K, x, p, t, w)
             modal, on_rotor = sums[FREE_TORQUE], sums[FREE_ON_ROTOR]
             for j in range(4):
@@ -225,7 +225,7 @@ def _iterate(level, afresh, s, c, x, p, t, w):
         # One copy of the equations serves both: it is most of what is compiled.
         _evaluate_deficits(T if n > 0 else 0.0, s, c, modal, on_rotor, x, p, t, w)
         if n == 0:
-            _listen(T, x, p, w)
+            _noise_at_nodes(T, x, p, w)
             continue
         x.counters[ITERATIONS_MADE] += 1
         largest = math.fabs(r[0] - before[0]) * w.per_size[0]
@@ -245,7 +245,7 @@ def _iterate(level, afresh, s, c, x, p, t, w):
 def _at_start(x, p, t, w):
     """States at the nodes as at the start of the step; torques of the modes there."""
     at = rows(w.at, 0, N, 1)
-    nothing, rate = _nothing(t), output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
+    nothing, rate = _zero_lanes(t), output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
     for i in range(N):
         at[i] = nothing + w.x[i]
     modal, on_rotor = modal_torques(x.y, rate, p)
@@ -253,7 +253,7 @@ def _at_start(x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _plus(a, M, m, value):
+def _add_products(a, M, m, value):
     """Eight sums with one product more each; side by side, because each addition waits for the one before."""
     return (
         a[0] + M[m, 0] * value, a[1] + M[m, 1] * value, a[2] + M[m, 2] * value, a[3] + M[m, 3] * value,
@@ -264,10 +264,10 @@ def _plus(a, M, m, value):
 @code.inner(**FORCED)
 def _free_states(E, t, w):
     """States at the nodes without deficits."""
-    free, nothing = rows(w.free, 0, N, 1), _nothing(t)
+    free, nothing = rows(w.free, 0, N, 1), _zero_lanes(t)
     a = nothing, nothing, nothing, nothing, nothing, nothing, nothing, nothing
     for j in range(N):
-        a = _plus(a, E, j, w.x[j])
+        a = _add_products(a, E, j, w.x[j])
     free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7] = a
 
 
@@ -278,13 +278,13 @@ def _states_at_nodes(K, x, p, t, w):
     a = free[0], free[1], free[2], free[3], free[4], free[5], free[6], free[7]
     for k in range(t.inputs):
         for j in range(4):
-            a = _plus(a, K, 4 * k + j, w.r[k, j])
+            a = _add_products(a, K, 4 * k + j, w.r[k, j])
     at[0], at[1], at[2], at[3], at[4], at[5], at[6] = a[0], a[1], a[2], a[3], a[4], a[5], a[6]
     at[7] = output_rate(a[4] + x.clock[THETA_E] * p.inv_z, a[5], a[7], p)
 
 
 @code.inner(**INLINE)
-def _error(level, t, w, out):
+def error_estimate(level, t, w, out):
     """The highest Legendre term of the deficits, peak to peak, over what a microstep moves; weighted, that of rates and currents.
 
     The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only where the motion itself is.
@@ -305,7 +305,7 @@ def _error(level, t, w, out):
 
 
 @code.inner(**INLINE)
-def _grown(rate, stribeck, inv_rate, inertia, alpha):
+def _error_growth(rate, stribeck, inv_rate, inertia, alpha):
     """How much an error of a rate grows while friction falls or rises on the way out of its layer or into it.
 
     There an error grows as the acceleration does, which changes by the Stribeck excess.
@@ -316,16 +316,18 @@ def _grown(rate, stribeck, inv_rate, inertia, alpha):
 
 
 @code.inner(**INLINE)
-def _weigh(x, p, t, w):
+def set_error_weights(x, p, t, w):
     """Sizes over which errors count: near a stop less, by what an error grows; at most the rate that friction takes to fall."""
     grown_m = grown_l = 1.0
     if x.stick[0] != 0.0:
         J = p.J_m + p.inv_h * p.inv_h * p.J_L if p.rigid else p.J_m
-        grown_m = _grown(w.at[WM, 3], p.m_stribeck, p.m_inv_rate, J, w.f[WM, 3])
+        grown_m = _error_growth(w.at[WM, 3], p.m_stribeck, p.m_inv_rate, J, w.f[WM, 3])
         if p.rigid:
-            grown_m = max(grown_m, _grown(w.at[WL, 3], p.l_stribeck * math.fabs(p.inv_h), p.l_inv_rate, J, w.f[WM, 3]))
+            grown_m = max(
+                grown_m, _error_growth(w.at[WL, 3], p.l_stribeck * math.fabs(p.inv_h), p.l_inv_rate, J, w.f[WM, 3])
+            )
     if x.stick[1] != 0.0 and not p.rigid:
-        grown_l = _grown(w.at[WL, 3], p.l_stribeck, p.l_inv_rate, p.J_L, w.f[WL, 3])
+        grown_l = _error_growth(w.at[WL, 3], p.l_stribeck, p.l_inv_rate, p.J_L, w.f[WL, 3])
     for k in range(6):
         w.per_size[k] = t.per_size[k]
     w.per_size[2] = min(t.per_size[2] * grown_m, t.per_layer[2])
@@ -333,7 +335,7 @@ def _weigh(x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _continue(how, t, w):
+def extrapolate_deficits(how, t, w):
     """Deficits of another step, from those of the last."""
     r, by = rows(w.r, 0, 6, 1), rows(t.onwards, 4 * how, 4, 1)
     for k in range(t.inputs):
@@ -341,7 +343,7 @@ def _continue(how, t, w):
 
 
 @code.inner(**FORCED)
-def _judge(p, x, w):
+def margins_at_nodes(p, x, w):
     """Margins of both frictions, momentum and disturbance torque at the nodes."""
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
     sums, margins = rows(w.sums, 0, N_SUMS, 1), rows(w.margins, 0, w.margins.shape[0], 1)
@@ -354,7 +356,7 @@ def _judge(p, x, w):
 
 
 @code.inner(**FORCED)
-def _momentum(level, p, t, w):
+def fit_momentum(level, p, t, w):
     """Momentum at the nodes, and the polynomial of degree 7 through it and the torque, into ``w.poly``."""
     at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
     coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)

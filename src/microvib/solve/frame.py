@@ -30,7 +30,7 @@ code = Unit(__name__, "kernel.py")
 
 
 @code.inner(**INLINE)
-def _see_references(s, c, x, p):
+def references_in_command_frame(s, c, x, p):
     """How the references are off those of an ideal driver, seen from the command, and how fast they ramp."""
     clock = x.clock
     clock[SEEN_D] = clock[REF_A] * c + clock[REF_B] * s - p.current
@@ -40,14 +40,14 @@ def _see_references(s, c, x, p):
 
 
 @code.inner(**INLINE)
-def _off(dt, clock, s, c):
+def reference_offset(dt, clock, s, c):
     """How the references of both phases are off those of an ideal driver, ``dt`` after now."""
     d, q = clock[SEEN_D] + dt * clock[SEEN_RATE_D], clock[SEEN_Q] + dt * clock[SEEN_RATE_Q]
     return d * c - q * s, q * c + d * s
 
 
 @code.inner(**INLINE)
-def _see(x, p, t, w):
+def to_command_frame(x, p, t, w):
     """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding drive is 0 there.
 
     Currents are counted from their references, also where these are not ideal or ramp, so that the loop's integral is linear.
@@ -58,14 +58,14 @@ def _see(x, p, t, w):
     w.x[XA], w.x[XB] = y[XA] * c + y[XB] * s - t.windup, y[XB] * c - y[XA] * s
     w.x[TM], w.x[WM], w.x[TL], w.x[WL] = y[TM] - angle, y[WM], y[TL] + angle * p.inv_h, y[WL]
     if not p.ideal:
-        _see_references(s, c, x, p)
+        references_in_command_frame(s, c, x, p)
         w.x[IA] -= x.clock[SEEN_D]
         w.x[IB] -= x.clock[SEEN_Q]
     return s, c
 
 
 @code.inner(**INLINE)
-def _uncount(v, dt, x, p):
+def add_reference_offset(v, dt, x, p):
     """Count the currents in ``v`` from those of the ideal driver again, ``dt`` after now."""
     if not p.ideal:
         v[IA] += x.clock[SEEN_D] + dt * x.clock[SEEN_RATE_D]
@@ -73,7 +73,7 @@ def _uncount(v, dt, x, p):
 
 
 @code.inner(**INLINE)
-def _unsee(v, y, x, p, t):
+def from_command_frame(v, y, x, p, t):
     """The drive's state ``y`` from ``v``, as seen from its command; the angle of what sticks stays what it was, to the last bit."""
     s, c = sincos(x.clock[THETA_E])
     i_d, x_d, angle = v[IA] + t.current, v[XA] + t.windup, x.clock[THETA_E] / p.z
@@ -86,20 +86,20 @@ def _unsee(v, y, x, p, t):
 
 
 @code.inner(**INLINE)
-def _pattern(stick, p):
+def stick_pattern(stick, p):
     """Which bodies stick; those with elements where most of their stiffness does."""
     if p.rigid:
         return 2 if stick[0] == 0.0 else 0
     on_rotor, on_output = stick[0] == 0.0, stick[1] == 0.0
     if p.m_elements > 0:
-        on_rotor = _mostly(0, stick, p)
+        on_rotor = _mostly_sticks(0, stick, p)
     if p.l_elements > 0:
-        on_output = _mostly(1, stick, p)
+        on_output = _mostly_sticks(1, stick, p)
     return (2 if on_rotor else 0) + (1 if on_output else 0)
 
 
 @code.inner(**COMPILE)
-def _mostly(body, stick, p):
+def _mostly_sticks(body, stick, p):
     """Whether more than half the stiffness of a body's elements sticks."""
     balance = 0.0
     for e in elements_of(body, p):

@@ -111,7 +111,9 @@ class Drive(NamedTuple):
     elements: Matrix  # (m_elements + l_elements + g_elements, 2), and a row for backlash
     noise: Vector  # torque noise of the output's friction: value and slope at each knot
     noise_rate: float  # knots per second
-    grip: Vector  # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
+    friction_harmonics: (
+        Vector  # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
+    )
     rough: Vector  # what is random in it: value and slope at each knot of a turn
     rough_rate: float  # knots per radian
     H: Vector  # (s,)
@@ -156,7 +158,7 @@ class Samples(NamedTuple):
 
 
 @code.inner(**INLINE)
-def _friction(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
+def friction_torque(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
     """Friction torque and its slope by the rate while slipping in the direction ``sign`` (Eq. 5-7); continued past zero rate."""
     torque, slope = slide, viscous
     if some(stribeck != 0.0):
@@ -188,7 +190,7 @@ def elements_of(body, p):
 
 
 @code.inner(**COMPILE)
-def springs(body, angle, stick, p):
+def maxwell_slip_torque(body, angle, stick, p):
     """Torque of the elements of a body that stick, and the share of the limit at which the others slip, with their direction."""
     torque, share, count = 0.0 * angle, 0.0, p.elements.shape[0]
     for e in elements_of(body, p):
@@ -202,12 +204,12 @@ def springs(body, angle, stick, p):
 @code.inner(**COMPILE)
 def gear_hysteresis(twist, stick, p):
     """Torque of the elements beside the gear's spring."""
-    torque, share = springs(2, twist, stick, p)
+    torque, share = maxwell_slip_torque(2, twist, stick, p)
     return torque + share * p.g_limit
 
 
 @code.inner(**COMPILE)
-def flank(stick, p):
+def backlash_side(stick, p):
     """Which flanks of teeth with backlash touch: 1 or -1, 0 in the gap; 1 without backlash."""
     return stick[1 + p.elements.shape[0]] if p.gap > 0.0 else 1.0
 
@@ -219,7 +221,7 @@ def gear_torque(twist, slip, stick, p):
     if p.g_elements > 0:
         T_g = T_g + gear_hysteresis(twist, stick, p)
     if p.gap > 0.0:
-        side = flank(stick, p)
+        side = backlash_side(stick, p)
         T_g = T_g - (0.0 * twist + p.K_g * p.gap * side if side != 0.0 else p.K_g * twist + p.C_g * slip)
     return T_g
 
@@ -267,21 +269,21 @@ def _cubic_at(x, table):
 @code.inner(**INLINE)
 def varies(p):
     """Whether the output's friction varies with its angle."""
-    return p.grip.size + p.rough.size > 0
+    return p.friction_harmonics.size + p.rough.size > 0
 
 
 @code.inner(**COMPILE)
-def grip(theta_l, p):
+def friction_angle_factor(theta_l, p):
     """What the output's friction is multiplied by at an angle, and its slope: harmonics and roughness of slip ring and bearing.
 
     Never negative.
     """
     value, slope = 1.0 + 0.0 * theta_l, 0.0 * theta_l
-    for j in range(p.grip.size // 3):
-        n = p.grip[3 * j]
+    for j in range(p.friction_harmonics.size // 3):
+        n = p.friction_harmonics[3 * j]
         s, c = sincos(n * theta_l)
-        value += p.grip[3 * j + 1] * c + p.grip[3 * j + 2] * s
-        slope += n * (p.grip[3 * j + 2] * c - p.grip[3 * j + 1] * s)
+        value += p.friction_harmonics[3 * j + 1] * c + p.friction_harmonics[3 * j + 2] * s
+        slope += n * (p.friction_harmonics[3 * j + 2] * c - p.friction_harmonics[3 * j + 1] * s)
     if p.rough.size > 0:
         more, rise = _cubic_at(theta_l * p.rough_rate, p.rough)
         value, slope = value + more, slope + rise * p.rough_rate
@@ -294,11 +296,11 @@ def _grip_in(y, p):
     if p.rigid:
         e0, _, _, _ = transmission_error(y[TM], p.te)
         angle = e0 - y[TM] * p.inv_h
-    return grip(angle, p)[0]
+    return friction_angle_factor(angle, p)[0]
 
 
 @code.inner(**INLINE)
-def grip_in(y, p):
+def friction_factor_in(y, p):
     """The same in the state ``y``; 1 where friction does not vary."""
     value = 0.0 * y[TM] + 1.0
     if varies(p):
@@ -307,20 +309,20 @@ def grip_in(y, p):
 
 
 @code.inner(**COMPILE)
-def with_memory(theta_m, omega_m, theta_l, omega_l, e0, gripped, stick, p, T_fm, T_f):
+def with_memory(theta_m, omega_m, theta_l, omega_l, e0, friction_factor, stick, p, T_fm, T_f):
     """Friction of rotor and output with generalised Maxwell-slip elements; it stays where there are none.
 
-    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide. ``gripped``
-    is the part of its mean that the output's friction has there.
+    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide.
+    ``friction_factor`` is the output's friction there over its mean.
     """
     turned = e0 - theta_m * p.inv_h
     if p.m_elements > 0:
-        torque, share = springs(0, theta_m, stick, p)
+        torque, share = maxwell_slip_torque(0, theta_m, stick, p)
         viscous = p.m_viscous * omega_m
         T_fm = torque + math.fabs(share) * (T_fm - viscous) + viscous
     if p.l_elements > 0:
-        torque, share = springs(1, turned if p.rigid else theta_l, stick, p)
-        viscous = gripped * p.l_viscous * omega_l
+        torque, share = maxwell_slip_torque(1, turned if p.rigid else theta_l, stick, p)
+        viscous = friction_factor * p.l_viscous * omega_l
         T_f = torque + math.fabs(share) * (T_f - viscous) + viscous
     return T_fm, T_f
 
@@ -341,7 +343,7 @@ def transmission_error(theta_m, te):
 
 
 @code.inner(**INLINE)
-def _winding(i, x, reference, back_emf, p):
+def winding_rates(i, x, reference, back_emf, p):
     """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3); anti-windup by back-calculation."""
     demand, dx = p.K_P * (reference - i) + p.K_I * x + p.K_V * reference, reference - i
     di = (demand - p.R * i + back_emf) * p.inv_L_D
@@ -403,8 +405,8 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     """The same of the drive alone, with the torques of the modes on its output, ``modal``, less torque noise, and on its rotor."""
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
-    u_A, f[IA], f[XA], _ = _winding(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
-    u_B, f[IB], f[XB], _ = _winding(y[IB], y[XB], references[1], -p.K_m * omega_m * c, p)
+    u_A, f[IA], f[XA], _ = winding_rates(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
+    u_B, f[IB], f[XB], _ = winding_rates(y[IB], y[XB], references[1], -p.K_m * omega_m * c, p)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * detent_sine(theta_m, s, c, p)
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
@@ -413,13 +415,13 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     sign_m, sign_l = stick[0], follower(stick[0], p) if p.rigid else stick[1]
     if p.elements.shape[0] > 0:
         sign_m, sign_l = sliding_signs(stick, p)
-    T_fm, _ = _friction(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
-    T_f, _ = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
-    gripped = grip_in(y, p)
+    T_fm, _ = friction_torque(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
+    T_f, _ = friction_torque(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+    friction_factor = friction_factor_in(y, p)
     if varies(p):
-        T_f = T_f * gripped
+        T_f = T_f * friction_factor
     if p.elements.shape[0] > 0:
-        T_fm, T_f = with_memory(theta_m, omega_m, y[TL], omega_l, e0, gripped, stick, p, T_fm, T_f)
+        T_fm, T_f = with_memory(theta_m, omega_m, y[TL], omega_l, e0, friction_factor, stick, p, T_fm, T_f)
     if p.rigid:
         stuck = stick[0] == 0.0
         bias = G * e2 * p.J_L * omega_m * omega_m
@@ -427,7 +429,7 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         alpha_m = where(stuck, 0.0, pull / (p.J_m + 2.0 * G * p.J_c + G * G * p.J_L))
         if some(stuck):
             # One degree of freedom, two frictions: the hold is shared in proportion to what each can hold.
-            limit_m, limit_l = held_m(p), math.fabs(G) * held_l(p) * gripped
+            limit_m, limit_l = held_m(p), math.fabs(G) * held_l(p) * friction_factor
             held = T_e + on_rotor + G * modal
             if p.m_elements > 0 or p.l_elements > 0:
                 held = held - (T_fm if p.m_elements > 0 else G * T_f)
@@ -489,7 +491,7 @@ def channels(y, references, noise, stick, p, f, q, out):
     twist, slip = e0 - theta_m * p.inv_h - theta_l, G * omega_m - omega_l
     kinetic = 0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l) + p.J_c * omega_m * omega_l
     _, c = sincos(p.detent * p.z * theta_m)
-    side = flank(stick, p)
+    side = backlash_side(stick, p)
     bent = twist - p.gap * side if side != 0.0 else 0.0 * twist
     elastic = 0.5 * p.K_g * bent * bent - p.K_d / (p.detent * p.z) * c
     damping = p.C_g * slip * slip if side != 0.0 else 0.0 * slip
@@ -598,7 +600,7 @@ def noise_at(t, p):
 #     stuck:     breakaway torque - |hold torque|    ends where friction can no longer hold the body
 #
 # Where a margin is negative inside a step or at its end, the step is made to end where it is just spent (by
-# ``microvib.solve.ends``). There ``decide_friction`` sets the rate to exactly zero and chooses the
+# ``microvib.solve.step_events``). There ``decide_friction`` sets the rate to exactly zero and chooses the
 # next mode from the hold torque, and the next step starts in that mode.
 
 
@@ -627,20 +629,22 @@ def _holds(y, modal, on_rotor, stick, p):
     hold_m, hold_l = (pull_m + G * modal, 0.0 * T_g) if p.rigid else (pull_m - G * T_g, pull_l)
     if p.J_c != 0.0 and not p.rigid:
         sign_m, sign_l = sliding_signs(stick, p)
-        T_fm, _ = _friction(sign_m, y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
-        T_f, _ = _friction(sign_l, y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
-        gripped = grip_in(y, p)
+        T_fm, _ = friction_torque(
+            sign_m, y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped
+        )
+        T_f, _ = friction_torque(sign_l, y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+        friction_factor = friction_factor_in(y, p)
         if varies(p):
-            T_f = T_f * gripped
+            T_f = T_f * friction_factor
         if p.elements.shape[0] > 0:
-            T_fm, T_f = with_memory(theta_m, y[WM], y[TL], y[WL], e0, gripped, stick, p, T_fm, T_f)
+            T_fm, T_f = with_memory(theta_m, y[WM], y[TL], y[WL], e0, friction_factor, stick, p, T_fm, T_f)
         alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
         alpha_l = where(stick[1] == 0.0, 0.0, (hold_l - T_f) * p.inv_J_L)
         hold_m, hold_l = hold_m - p.J_c * alpha_l, hold_l - p.J_c * alpha_m
     if p.rigid and p.m_elements > 0:
-        hold_m = hold_m - springs(0, theta_m, stick, p)[0]
+        hold_m = hold_m - maxwell_slip_torque(0, theta_m, stick, p)[0]
     if p.rigid and p.l_elements > 0:
-        hold_m = hold_m - G * springs(1, e0 - theta_m * p.inv_h, stick, p)[0]
+        hold_m = hold_m - G * maxwell_slip_torque(1, e0 - theta_m * p.inv_h, stick, p)[0]
     return hold_m, hold_l, G
 
 
@@ -666,9 +670,9 @@ def held_l(p):
 
 
 @code.inner(**INLINE)
-def _limits(p, G, gripped):
+def breakaway_torques(p, G, friction_factor):
     """Breakaway torques of rotor and output; with a rigid reducer both act on the one degree of freedom."""
-    limit_m, limit_l = held_m(p), held_l(p) * gripped
+    limit_m, limit_l = held_m(p), held_l(p) * friction_factor
     return (limit_m + math.fabs(G) * limit_l, 0.0) if p.rigid else (limit_m, limit_l)
 
 
@@ -697,10 +701,10 @@ def margins_known(y, q, stick, p):
 
 @code.inner(**INLINE)
 def _margins(y, hold_m, hold_l, stick, p):
-    limit_m, limit_l = _limits(p, _slope(y, p), grip_in(y, p))
+    limit_m, limit_l = breakaway_torques(p, _slope(y, p), friction_factor_in(y, p))
     e_m = where(stick[0] != 0.0, stick[0] * y[WM], limit_m - math.fabs(hold_m))
     e_l = where(stick[1] != 0.0, stick[1] * y[WL], limit_l - math.fabs(hold_l))
-    acts_m, acts_l = _limits(p, -p.inv_h, 1.0)
+    acts_m, acts_l = breakaway_torques(p, -p.inv_h, 1.0)
     return where(acts_m > 0.0, e_m, 1.0), where(acts_l > 0.0, e_l, 1.0)
 
 
@@ -714,7 +718,7 @@ def decide_friction(which, x, p):
         _stick_elements(1, x, p)
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
-    limit_m, limit_l = _limits(p, G, grip_in(x.y, p))
+    limit_m, limit_l = breakaway_torques(p, G, friction_factor_in(x.y, p))
     hold, limit = (hold_m, limit_m) if which == 0 else (hold_l, limit_l)
     if math.fabs(hold) <= limit and not was_stuck:
         x.stick[which] = 0.0
@@ -730,7 +734,7 @@ def initial_friction(x: State, p: Drive) -> None:
     """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
-    limit_m, limit_l = _limits(p, G, grip_in(x.y, p))
+    limit_m, limit_l = breakaway_torques(p, G, friction_factor_in(x.y, p))
     for which in range(2):
         hold, limit, rate = (hold_m, limit_m, x.y[WM]) if which == 0 else (hold_l, limit_l, x.y[WL])
         if rate == 0.0 and limit > 0.0:
@@ -792,9 +796,9 @@ def element_margin(e, y, stick, p):
     curve = p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape
     if body == 1:
         curve = p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape
-    limit, _ = _friction(1.0, speed, curve[0], curve[1], curve[2], curve[3], 0.0, p.shaped)
+    limit, _ = friction_torque(1.0, speed, curve[0], curve[1], curve[2], curve[3], 0.0, p.shaped)
     if body == 1 and varies(p):
-        limit = limit * grip_in(y, p)
+        limit = limit * friction_factor_in(y, p)
     return p.elements[e, 1] * limit - math.fabs(torque)
 
 
@@ -804,7 +808,7 @@ def _stick_elements(body, x, p):
     count, (angle, _) = p.elements.shape[0], _angle_and_rate(body, x.y, p)
     limit = p.g_limit if body == 2 else p.m_slide + p.m_stribeck if body == 0 else p.l_slide + p.l_stribeck
     if body == 1:
-        limit *= grip_in(x.y, p)
+        limit *= friction_factor_in(x.y, p)
     for e in elements_of(body, p):
         if x.stick[2 + e] != 0.0:
             torque = x.stick[2 + e] * (1.0 - 1e-9) * p.elements[e, 1] * limit
@@ -824,7 +828,7 @@ def decide_element(e, x, p):
         x.stick[2 + e] = math.copysign(1.0, angle - x.stick[2 + p.elements.shape[0] + e])
         x.counters[BREAKAWAYS] += 1
     elif (
-        p.rigid and _limits(p, -p.inv_h, 1.0)[0] > 0.0
+        p.rigid and breakaway_torques(p, -p.inv_h, 1.0)[0] > 0.0
     ):  # rotor and output come to rest together, and so do both frictions
         decide_friction(0, x, p)
     else:

@@ -129,7 +129,7 @@ def pack(scenario: Scenario) -> Packed:
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
-        levels=propagate.NOTHING_LEARNT.astype(np.int64),
+        levels=propagate.INITIAL_STEP_LEVELS.astype(np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
     _hold(scenario, drive, state)
@@ -335,7 +335,7 @@ def _drive(scenario: Scenario) -> Any:
         elements=np.concatenate([*elements, np.zeros((1 if gap > 0.0 else 0, 2))]),
         noise=noise,
         noise_rate=noise_rate,
-        grip=_harmonics(scenario.friction),
+        friction_harmonics=_harmonics(scenario.friction),
         rough=rough,
         rough_rate=rough_rate,
         H=load.H,

@@ -9,14 +9,23 @@ import math
 import numpy as np
 
 from microvib.compiled import CountMatrix, Matrix, Unit, Vector
-from microvib.solve.collocation import N_SUMS, Work, _continue, _error, _iterate, _judge, _momentum, _weigh
-from microvib.solve.ends import (
-    _end_at_event,
-    _evaluate,
-    _first_root,
-    _whole,
+from microvib.solve.collocation import (
+    N_SUMS,
+    Work,
+    error_estimate,
+    extrapolate_deficits,
+    fit_momentum,
+    margins_at_nodes,
+    set_error_weights,
+    solve_collocation,
 )
-from microvib.solve.frame import _pattern, _see, _see_references, _uncount, _unsee
+from microvib.solve.frame import (
+    add_reference_offset,
+    from_command_frame,
+    references_in_command_frame,
+    stick_pattern,
+    to_command_frame,
+)
 from microvib.solve.kernel import (
     COMPILE,
     FORCED,
@@ -37,12 +46,12 @@ from microvib.solve.kernel import (
     Drive,
     Samples,
     State,
-    _friction,
     before_ramp_ends,
     decide_element,
     decide_friction,
     follow,
     follower,
+    friction_torque,
     health,
     initial_friction,
     pass_time,
@@ -56,9 +65,15 @@ from microvib.solve.propagators import (
     N,
     Propagators,
 )
-from microvib.solve.samples import _record
+from microvib.solve.samples import record_samples
+from microvib.solve.step_events import (
+    end_at_event,
+    end_of_whole_step,
+    first_root,
+    solution_at,
+)
 
-code = Unit(__name__, "ends.py", "samples.py")
+code = Unit(__name__, "step_events.py", "samples.py")
 
 # Kinds of a step, each with a memory of its own for each pattern: the first after a microstep or an event, the one after that,
 # any other
@@ -66,7 +81,7 @@ AFTER_MICROSTEP, AFTER_EVENT, SECOND_AFTER_MICROSTEP, SECOND_AFTER_EVENT, FURTHE
 SLOTS = KINDS * PATTERNS
 FIRST_LEVEL = 4
 """Level at which steps of each kind are tried first."""
-NOTHING_LEARNT = np.repeat([FIRST_LEVEL, 0], SLOTS)
+INITIAL_STEP_LEVELS = np.repeat([FIRST_LEVEL, 0], SLOTS)
 """``State.levels`` at first: for each kind and pattern a level; then how many steps shall pass before a longer one is tried."""
 PATIENCE = 16
 """Such steps after one that failed: motions nearly repeat from microstep to microstep, and so would the failure."""
@@ -107,7 +122,7 @@ def _layer_error(T, sign, rate, alpha, size, stribeck, inv_rate, shape, shaped):
         return 0.0
     total = 0.0
     for j in range(4):
-        torque, _ = _friction(sign, rate + alpha * CUBES[j] * T, 0.0, stribeck, inv_rate, shape, 0.0, shaped)
+        torque, _ = friction_torque(sign, rate + alpha * CUBES[j] * T, 0.0, stribeck, inv_rate, shape, 0.0, shaped)
         total += HIGHEST[j] * torque
     return math.fabs(total) * size * T
 
@@ -129,7 +144,7 @@ def _expected_error(T, x, p, w):
 def _first_level(kind, left, x, p, t, w):
     """Level remembered from steps of this kind, and that to try first: at most the one that just reaches the end of what is
     ``left``, or that of which no failure is expected."""
-    remembered = x.levels[kind * PATTERNS + _pattern(x.stick, p)]
+    remembered = x.levels[kind * PATTERNS + stick_pattern(x.stick, p)]
     level = remembered
     while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
         level += 1
@@ -141,14 +156,14 @@ def _first_level(kind, left, x, p, t, w):
 @code.inner(**INLINE)
 def _learn(kind, failed, grows, remembered, level, x, p):
     """Remember at which level to try the next step of this kind, and any other; ``grows``: this one could have been longer."""
-    slot = kind * PATTERNS + _pattern(x.stick, p)
+    slot = kind * PATTERNS + stick_pattern(x.stick, p)
     if failed and kind != FURTHER:
         x.levels[SLOTS + slot] = PATIENCE
     waits = grows and x.levels[SLOTS + slot] > 0
     if waits:
         x.levels[SLOTS + slot] -= 1
     x.levels[slot] = max(min(remembered, level) - 1, 0) if grows and not waits else remembered
-    x.levels[FURTHER * PATTERNS + _pattern(x.stick, p)] = max(level - 1, 0) if grows else level
+    x.levels[FURTHER * PATTERNS + stick_pattern(x.stick, p)] = max(level - 1, 0) if grows else level
 
 
 @code.inner(**FORCED)
@@ -162,10 +177,10 @@ def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
         onwards = HALF + last_level + 1 - level
     while True:
         if onwards >= 0:
-            _continue(onwards, t, w)
-        change, shortest = _iterate(level, onwards < 0, s, c, x, p, t, w), level >= t.levels - 1
-        _weigh(x, p, t, w)  # by the end of the step
-        error, converged = _error(level, t, w, out), change <= CONVERGED * t.accuracy
+            extrapolate_deficits(onwards, t, w)
+        change, shortest = solve_collocation(level, onwards < 0, s, c, x, p, t, w), level >= t.levels - 1
+        set_error_weights(x, p, t, w)  # by the end of the step
+        error, converged = error_estimate(level, t, w, out), change <= CONVERGED * t.accuracy
         if converged and error <= t.accuracy:
             break
         if shortest and (converged or change <= UNRESOLVED):
@@ -188,18 +203,18 @@ def _end_step(level, left, x, p, t, w):
     """End the solved step at its first friction event or where nothing is ``left``: its fraction there, which friction or -1."""
     T = t.longest * 0.5**level
     u = left / T if left * (1.0 + 1e-12) < T else 1.0
-    _judge(p, x, w)
+    margins_at_nodes(p, x, w)
     first, event = 2.0, -1
     for which in range(2 + p.elements.shape[0]):
-        root = _first_root(which, u, T, x, p, w)
+        root = first_root(which, u, T, x, p, w)
         if root <= u and root <= first:
             first, event = root, which
     if event >= 0:
-        return _end_at_event(first, event, level, x, p, t, w), event
+        return end_at_event(first, event, level, x, p, t, w), event
     if u == 1.0:
-        _whole(level, p, x, t, w)
+        end_of_whole_step(level, p, x, t, w)
     else:
-        _evaluate(u, level, x, p, t, w)
+        solution_at(u, level, x, p, t, w)
     return u, -1
 
 
@@ -218,7 +233,7 @@ def _move(event, x, p, t, w):
         else:
             decide_element(event - 2, x, p)
         follow(x.y, p)
-        _see(x, p, t, w)
+        to_command_frame(x, p, t, w)
 
 
 @code.entry(**COMPILE)
@@ -236,7 +251,7 @@ def advance(
     and ``room`` are scratch. Returns a status code.
     """
     w, clock, coming, stalled, status = _work(x, p.elements.shape[0], lanes, flat, by_node, room), x.clock, 0, 0, OK
-    s, c = _see(x, p, t, w)
+    s, c = to_command_frame(x, p, t, w)
     kind, last_level = FURTHER, -1
     while clock[NOW] < stop:
         target = stop
@@ -245,11 +260,11 @@ def advance(
         target = before_ramp_ends(target, clock)
         left = target - clock[NOW]
         if left <= 0.0:
-            _uncount(w.x, 0.0, x, p)
-            _unsee(w.x, x.y, x, p, t)
+            add_reference_offset(w.x, 0.0, x, p)
+            from_command_frame(w.x, x.y, x, p, t)
             take_microstep(steps_ref[coming], x)
             coming += 1
-            s, c = _see(x, p, t, w)
+            s, c = to_command_frame(x, p, t, w)
             kind = AFTER_MICROSTEP
             continue
         level, status = _solved_step(kind, left, last_level, s, c, x, p, t, w, out)
@@ -260,14 +275,14 @@ def advance(
         # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
         end = target if event < 0 and left * (1.0 - 1e-12) <= T else clock[NOW] + u * T
         if out.width > 0.0:
-            _momentum(level, p, t, w)
-            _record(u, end, level, x, p, t, w, out)
+            fit_momentum(level, p, t, w)
+            record_samples(u, end, level, x, p, t, w, out)
         x.counters[STEPS] += 1
         lasted = end - clock[NOW]
         ramp_ends = pass_time(end, clock)
         _move(event, x, p, t, w)
         if not p.ideal:
-            _see_references(s, c, x, p)
+            references_in_command_frame(s, c, x, p)
         if event >= 0:
             kind, last_level = AFTER_EVENT, -1
         elif u < 1.0:
@@ -279,8 +294,8 @@ def advance(
         status, stalled = health(p.z * w.x[TM], lasted, clock[NOW], stalled)
         if status != OK:
             break
-    _uncount(w.x, 0.0, x, p)
-    _unsee(w.x, x.y, x, p, t)
+    add_reference_offset(w.x, 0.0, x, p)
+    from_command_frame(w.x, x.y, x, p, t)
     return status
 
 
@@ -309,7 +324,7 @@ def advance_each(
     for j in range(stops.size):
         _copy(y[j], x.y)
         _copy(begun[j], x.clock)
-        _copy(NOTHING_LEARNT, x.levels)
+        _copy(INITIAL_STEP_LEVELS, x.levels)
         x.energy[:] = 0.0
         out.partial[:] = 0.0
         out.cursor[:] = 0

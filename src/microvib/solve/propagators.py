@@ -93,16 +93,50 @@ class Moments(NamedTuple):
 
 
 @code.inner(**COMPILE)
+def _largest_row_sum(A, T):
+    """The largest sum of the magnitudes in a row of ``A``, times ``T``."""
+    norm = 0.0
+    for i in range(A.shape[0]):
+        total = 0.0
+        for j in range(A.shape[1]):
+            total += math.fabs(A[i, j])
+        norm = max(norm, total * T)
+    return norm
+
+
+@code.inner(**COMPILE)
+def _multiply_power(A, t, swap, power):
+    """``power`` times ``A t``, in place."""
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(n):
+            swap[i, j] = 0.0
+            for q in range(n):
+                swap[i, j] += power[i, q] * A[q, j] * t
+    for i in range(n):
+        for j in range(n):
+            power[i, j] = swap[i, j]
+
+
+@code.inner(**COMPILE)
+def _add_integrals(order, factor, t, B, power, P):
+    """Add the term of an order of Taylor's series to the integrals ``P``."""
+    n, k = B.shape
+    factorial = factor
+    for m in range(4):
+        factorial /= order + m + 1
+        for i in range(n):
+            for c in range(k):
+                for j in range(n):
+                    P[m, i, c] += t * factorial * power[i, j] * B[j, c]
+
+
+@code.inner(**COMPILE)
 def _start(m, T):
     """Fill ``E`` and ``P`` for a time ``T`` by Taylor's series of a short time, doubled."""
     A, B, E, P, swap, power = m
-    n, k = B.shape
-    norm = 0.0
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total += math.fabs(A[i, j])
-        norm = max(norm, total * T)
+    n = B.shape[0]
+    norm = _largest_row_sum(A, T)
     doublings, t = 0, T
     while norm > 0.25 and doublings < 1000:
         norm, t, doublings = 0.5 * norm, 0.5 * t, doublings + 1
@@ -112,22 +146,11 @@ def _start(m, T):
     P[:] = 0.0
     factor = 1.0
     for order in range(14):  # ``power`` is (A t)^order, ``factor`` 1 / order!
-        factorial = factor
-        for m in range(4):
-            factorial /= order + m + 1
-            for i in range(n):
-                for c in range(k):
-                    for j in range(n):
-                        P[m, i, c] += t * factorial * power[i, j] * B[j, c]
+        _add_integrals(order, factor, t, B, power, P)
         factor /= order + 1
+        _multiply_power(A, t, swap, power)
         for i in range(n):
             for j in range(n):
-                swap[i, j] = 0.0
-                for q in range(n):
-                    swap[i, j] += power[i, q] * A[q, j] * t
-        for i in range(n):
-            for j in range(n):
-                power[i, j] = swap[i, j]
                 E[i, j] += factor * power[i, j]
     for _ in range(doublings):
         _double(E, P, swap)
@@ -239,41 +262,52 @@ def _add_modes(pattern, modes, p, A):
         A[pattern, WL, WL] -= p.inv_J_L * damper
 
 
+@code.inner(**COMPILE)
+def _tabulate_pattern(pattern, shortest, t, p, drive):
+    """Tables of the drive's states for one pattern of what sticks."""
+    for i in range(N):
+        for j in range(N):
+            drive.A[i, j] = t.A[pattern, i, j]
+    drive.B[:] = 0.0
+    for k in range(6):
+        i = INPUTS[k]
+        holds_m, holds_l = holds(pattern, p)
+        held = (i == WL and (p.rigid or holds_l)) or (i == WM and holds_m)
+        drive.B[i, k] = 0.0 if held else 1.0
+    for node in range(4):
+        _start(drive, CUBES[node] * shortest)
+        for level in range(t.levels - 1, -1, -1):
+            if level < t.levels - 1:
+                _double(drive.E, drive.P, drive.swap)
+            _tabulate_drive(pattern * t.levels + level, node, drive.E, drive.P, t)
+
+
+@code.inner(**COMPILE)
+def _tabulate_oscillator(k, shortest, t, p, mode):
+    """Tables of one mode of the array."""
+    H, D, Lam = p.H[k], p.D[k], p.Lam[k]
+    mode.A[0, 0], mode.A[0, 1], mode.A[1, 0], mode.A[1, 1] = 0.0, 1.0, -Lam, -D
+    mode.B[0, 0], mode.B[1, 0] = -H, D * H
+    if p.H_m.size > 0:
+        mode.B[1, 0] -= p.V[k]
+        mode.B[0, 1], mode.B[1, 1] = -p.H_m[k], D * p.H_m[k] - p.V_m[k]
+    for node in range(4):
+        _start(mode, CUBES[node] * shortest)
+        for level in range(t.levels - 1, -1, -1):
+            if level < t.levels - 1:
+                _double(mode.E, mode.P, mode.swap)
+            _tabulate_mode(level, k, node, mode.E, mode.P, t, p)
+
+
 @code.entry(**COMPILE)
 def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
     """Fill the tables of a drive whose ``A`` is known; ``drive`` and ``mode`` are scratch for N states and for 2."""
     shortest = t.longest * 0.5 ** (t.levels - 1)
     for pattern in range(PATTERNS):
-        if not occurs(pattern, p):
-            continue
-        for i in range(N):
-            for j in range(N):
-                drive.A[i, j] = t.A[pattern, i, j]
-        drive.B[:] = 0.0
-        for k in range(6):
-            i = INPUTS[k]
-            holds_m, holds_l = holds(pattern, p)
-            held = (i == WL and (p.rigid or holds_l)) or (i == WM and holds_m)
-            drive.B[i, k] = 0.0 if held else 1.0
-        for node in range(4):
-            _start(drive, CUBES[node] * shortest)
-            for level in range(t.levels - 1, -1, -1):
-                if level < t.levels - 1:
-                    _double(drive.E, drive.P, drive.swap)
-                _tabulate_drive(pattern * t.levels + level, node, drive.E, drive.P, t)
+        if occurs(pattern, p):
+            _tabulate_pattern(pattern, shortest, t, p, drive)
     for k in range(p.H.size):
-        H, D, Lam = p.H[k], p.D[k], p.Lam[k]
-        mode.A[0, 0], mode.A[0, 1], mode.A[1, 0], mode.A[1, 1] = 0.0, 1.0, -Lam, -D
-        mode.B[0, 0], mode.B[1, 0] = -H, D * H
-        if p.H_m.size > 0:
-            mode.B[1, 0] -= p.V[k]
-            mode.B[0, 1], mode.B[1, 1] = -p.H_m[k], D * p.H_m[k] - p.V_m[k]
-        for node in range(4):
-            _start(mode, CUBES[node] * shortest)
-            for level in range(t.levels - 1, -1, -1):
-                if level < t.levels - 1:
-                    _double(mode.E, mode.P, mode.swap)
-                _tabulate_mode(level, k, node, mode.E, mode.P, t, p)
+        _tabulate_oscillator(k, shortest, t, p, mode)
 
 
 @code.inner(**COMPILE)

@@ -30,9 +30,8 @@ code = Unit(__name__, "collocation.py")
 
 
 @code.inner(**FORCED)
-def _channels_at_nodes(level, sampled, x, p, t, w, out):
-    """All channels at the nodes; where some of the step is ``sampled``, also the columns of a row, by node."""
-    y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
+def _modes_at_nodes(level, x, p, t, w, y):
+    """Angles and rates of the modes at the nodes, into ``y``."""
     modes = rows(t.modes, level * p.H.size * MODE_ROWS, p.H.size * MODE_ROWS, MODE_ROWS)
     for k in range(p.H.size):
         eta, rate = x.y[MODES + 2 * k], x.y[MODES + 2 * k + 1]
@@ -46,8 +45,32 @@ def _channels_at_nodes(level, sampled, x, p, t, w, out):
                 there_eta += modes[k, BY_ROTOR + M_ETA_BY + j] * w.at[WM, j]
                 there_w += modes[k, BY_ROTOR + M_W_BY + j] * w.at[WM, j]
         y[MODES + 2 * k], y[MODES + 2 * k + 1] = there_eta, there_w
+
+
+@code.inner(**FORCED)
+def _columns_by_node(values, w, out):
+    """The columns of a row, channels or sums of them, by node."""
+    sums = rows(w.sums, 0, N_SUMS, 1)
+    if out.mix.shape[0] == 0:
+        for k in range(w.values.shape[0]):
+            for j in range(4):
+                w.by_node[j, k] = w.values[k, j]
+    for k in range(out.mix.shape[0]):
+        total = values[0] * out.mix[k, 0]
+        for c in range(1, w.values.shape[0]):
+            total += values[c] * out.mix[k, c]
+        sums[CHANGE] = total
+        for j in range(4):
+            w.by_node[j, k] = w.sums[CHANGE, j]
+
+
+@code.inner(**FORCED)
+def _channels_at_nodes(level, sampled, x, p, t, w, out):
+    """All channels at the nodes; where some of the step is ``sampled``, also the columns of a row, by node."""
+    y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
+    _modes_at_nodes(level, x, p, t, w, y)
     dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
-    values, sums = rows(w.values, 0, w.values.shape[0], 1), rows(w.sums, 0, N_SUMS, 1)
+    values = rows(w.values, 0, w.values.shape[0], 1)
     channels(
         y,
         references_after(dt, x.clock),
@@ -61,19 +84,8 @@ def _channels_at_nodes(level, sampled, x, p, t, w, out):
     for j in range(4):
         for k in range(N_POWERS):
             w.flows[j, k] = w.values[POWERS + k, j]
-    if not sampled:
-        return
-    if out.mix.shape[0] == 0:
-        for k in range(w.values.shape[0]):
-            for j in range(4):
-                w.by_node[j, k] = w.values[k, j]
-    for k in range(out.mix.shape[0]):
-        total = values[0] * out.mix[k, 0]
-        for c in range(1, w.values.shape[0]):
-            total += values[c] * out.mix[k, c]
-        sums[CHANGE] = total
-        for j in range(4):
-            w.by_node[j, k] = w.sums[CHANGE, j]
+    if sampled:
+        _columns_by_node(values, w, out)
 
 
 @code.inner(**INLINE)
@@ -169,7 +181,7 @@ def _powers_to_energy(row, lasted, w, out):
 
 
 @code.inner(**FORCED)
-def _record(u, end, level, x, p, t, w, out):
+def record_samples(u, end, level, x, p, t, w, out):
     """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
 
     A sample is the mean over its interval. Where ``out`` has two columns and no sums, only the torque, by the change of momentum,

@@ -37,8 +37,8 @@ from microvib.solve.kernel import (
     Drive,
     Samples,
     State,
-    _limits,
     before_ramp_ends,
+    breakaway_torques,
     channels,
     decide_friction,
     derivative,
@@ -84,7 +84,7 @@ def first_trial(which, h, e_hi, x, p, w):
     zero: a thousandth of the tolerance in rate, or a millionth of the breakaway torque.
     """
     search, slips = w.search, x.stick[which] != 0.0
-    enough = 1e-3 / w.scale[WM if which == 0 else WL] if slips else 1e-6 * _limits(p, -p.inv_h, 1.0)[which]
+    enough = 1e-3 / w.scale[WM if which == 0 else WL] if slips else 1e-6 * breakaway_torques(p, -p.inv_h, 1.0)[which]
     e_lo = margins(x.y, 0.0, x.stick, p)[which]
     search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi

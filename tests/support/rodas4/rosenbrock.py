@@ -25,14 +25,14 @@ from microvib.solve.kernel import (
     WM,
     XA,
     XB,
-    _friction,
-    _winding,
     derivative,
     follower,
-    grip,
+    friction_angle_factor,
+    friction_torque,
     references_after,
     transmission_error,
     varies,
+    winding_rates,
 )
 from microvib.solve.vector import sincos, where
 
@@ -151,19 +151,23 @@ def linearise(x, p, w):
     ref_A, ref_B = references_after(0.0, x.clock)
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
-    _, _, _, limited_A = _winding(y[IA], y[XA], ref_A, p.K_m * omega_m * s, p)
-    _, _, _, limited_B = _winding(y[IB], y[XB], ref_B, -p.K_m * omega_m * c, p)
+    _, _, _, limited_A = winding_rates(y[IA], y[XA], ref_A, p.K_m * omega_m * s, p)
+    _, _, _, limited_B = winding_rates(y[IB], y[XB], ref_B, -p.K_m * omega_m * c, p)
     _, detent = sincos(p.detent * p.z * theta_m)
     stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - p.detent * p.z * p.K_d * detent
     e0, e1, e2, e3 = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
-    _, slope_m = _friction(stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
+    _, slope_m = friction_torque(
+        stick[0], omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped
+    )
     omega_l, sign_l = (G * omega_m, follower(stick[0], p)) if p.rigid else (y[WL], stick[1])
-    T_f, slope_l = _friction(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+    T_f, slope_l = friction_torque(
+        sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped
+    )
     by_angle = 0.0
     if varies(p):
-        gripped, steepness = grip(e0 - theta_m * p.inv_h if p.rigid else y[TL], p)
-        slope_l, by_angle = slope_l * gripped, T_f * steepness
+        friction_factor, steepness = friction_angle_factor(e0 - theta_m * p.inv_h if p.rigid else y[TL], p)
+        slope_l, by_angle = slope_l * friction_factor, T_f * steepness
     if p.rigid:
         modal = p.J_L * q[6] + p.J_c * w.f0[WM] + q[2] - q[3]
         lever = G * p.J_L + p.J_c

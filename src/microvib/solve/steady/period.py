@@ -17,7 +17,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import pack
-from microvib.solve.propagate import NOTHING_LEARNT
+from microvib.solve.propagate import INITIAL_STEP_LEVELS
 from microvib.solve.sampling import LOBES, no_samples
 
 SECTION = 0.1
@@ -159,7 +159,7 @@ class PeriodMap:
         """
         state = self.packed.state
         state.y[:], state.clock[:] = self.absolute(x[None], self.turn([0]))[0], self.clocks(np.array([0]))[0]
-        state.levels[:], state.energy[:] = NOTHING_LEARNT, 0.0
+        state.levels[:], state.energy[:] = INITIAL_STEP_LEVELS, 0.0
         if stick is None:
             kernel.initial_friction(state, self.packed.drive)
         else:

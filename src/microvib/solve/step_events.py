@@ -7,7 +7,7 @@ import math
 
 from microvib.compiled import Unit
 from microvib.solve.collocation import MARGIN_M
-from microvib.solve.frame import _pattern, _uncount, _unsee
+from microvib.solve.frame import add_reference_offset, from_command_frame, stick_pattern
 from microvib.solve.kernel import (
     BACKLASH,
     COMPILE,
@@ -117,7 +117,7 @@ def _grazes(which, T, x, p, w):
 
 
 @code.inner(**COMPILE)
-def _first_root(which, until, T, x, p, w):
+def first_root(which, until, T, x, p, w):
     """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero; else 2."""
     values, _, sign = _margin_of(which, x, p, w)
     node = 1
@@ -162,12 +162,12 @@ def _shift(done, piece, t, w):
 
 
 @code.inner(**COMPILE)
-def _evaluate(u, level, x, p, t, w):
+def solution_at(u, level, x, p, t, w):
     """The step's solution at its fraction ``u``: the drive into ``w.end``, the modes into ``w.modes``.
 
     Pieces of half, a quarter, ... of the step lead there, and a Taylor series over what is left.
     """
-    pattern, inputs = _pattern(x.stick, p), t.inputs
+    pattern, inputs = stick_pattern(x.stick, p), t.inputs
     for m in range(4):
         for k in range(inputs):
             w.powers[2 * m + k // 4, k % 4] = (
@@ -205,13 +205,13 @@ def _evaluate(u, level, x, p, t, w):
                 lower += below
                 upper += above
             end[0], end[1] = lower, upper
-            _pass_modes(deeper, done, piece, p, t, w)
+            _advance_modes(deeper, done, piece, p, t, w)
             done += piece
-    _finish(pattern, done, u - done, t.longest * 0.5**level, x, p, t, w)
+    _taylor_remainder(pattern, done, u - done, t.longest * 0.5**level, x, p, t, w)
 
 
 @code.inner(**FORCED)
-def _pass_modes(level, done, piece, p, t, w):
+def _advance_modes(level, done, piece, p, t, w):
     """Move ``w.modes`` on by a piece of a step."""
     b0, b1, b2, b3 = _moments(WL, done, piece, w)
     m0, m1, m2, m3 = _moments(WM, done, piece, w)
@@ -257,7 +257,7 @@ def _rate_cubic(shaft, w):
 
 
 @code.inner(**FORCED)
-def _finish(pattern, done, left, T, x, p, t, w):
+def _taylor_remainder(pattern, done, left, T, x, p, t, w):
     """The last part of the step's solution, shorter than the shortest piece, by Taylor: x_(m+1) = (A x_m + c_m) dt/(m+1)."""
     _shift(done, left, t, w)
     dt, A, term, end = (
@@ -305,7 +305,7 @@ def _finish(pattern, done, left, T, x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _whole(level, p, x, t, w):
+def end_of_whole_step(level, p, x, t, w):
     """The end of a whole step, which is its last node."""
     for i in range(N):
         w.end[i] = w.at[i, 3]
@@ -332,7 +332,7 @@ def _margin_there(dt, which, x, p, w):
 
 
 @code.inner(**COMPILE)
-def _end_at_event(u, which, level, x, p, t, w):
+def end_at_event(u, which, level, x, p, t, w):
     """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``; returns where.
 
     ``u`` comes from the cubic through the nodes; the solution itself corrects it.
@@ -351,9 +351,9 @@ def _end_at_event(u, which, level, x, p, t, w):
     below, above, length = 0.0, 1.0, t.longest * 0.5**level
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
-        _evaluate(u, level, x, p, t, w)
-        _uncount(w.end, u * length, x, p)
-        _unsee(w.end, w.there, x, p, t)
+        solution_at(u, level, x, p, t, w)
+        add_reference_offset(w.end, u * length, x, p)
+        from_command_frame(w.end, w.there, x, p, t)
         for j in range(w.modes.size):
             w.there[MODES + j] = w.modes[j]
         e = element_margin(which - 2, w.there, x.stick, p) if which >= 2 else _margin_there(u * length, which, x, p, w)
