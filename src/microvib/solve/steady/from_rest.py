@@ -15,9 +15,9 @@ from microvib.solve.integration import stopped
 from microvib.solve.sampling import samples_into
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 
-MOST_MICROSTEPS = 1_000_000
+MOST_MICROSTEPS = 3_000_000
 """Microsteps of a run from rest, at most."""
-MOST_STEPS = 5_000_000
+MOST_STEPS = 10_000_000
 """Steps of its integration, at most: some seconds of computing."""
 LONGEST = 3000.0
 """Time [s] that it simulates, at most."""
