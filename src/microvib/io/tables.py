@@ -137,7 +137,7 @@ def dict_rows(
         rows = [row for row in rows if row]
         while columns and not columns[-1] and not any("".join(row[len(columns) - 1 :]).strip() for row in rows):
             columns.pop()  # spreadsheets leave empty columns behind
-        _check_columns(path, columns if rows else [], names, kind, what, needed, ignored)
+        _check_columns(path, columns if rows else [], names, kind, what, needed=needed, ignored=ignored)
         for k, row in enumerate(rows, 2):
             if any(cell.strip() for cell in row[len(columns) :]):
                 raise kind(f"{path}, row {k}: has {len(row)} cells, and the first line names {len(columns)} columns")
@@ -145,8 +145,8 @@ def dict_rows(
 
 
 def _check_columns(
-    path: Path, columns: Sequence[str], names: Mapping[str, str], kind: type[MicrovibError], what: str, needed: Sequence[str],
-    ignored: str,
+    path: Path, columns: Sequence[str], names: Mapping[str, str], kind: type[MicrovibError], what: str,
+    *, needed: Sequence[str], ignored: str,
 ) -> None:  # fmt: skip
     """Refuse a table that lacks ``needed`` columns, or has others than those with these ``names``, or one twice."""
     for name in needed:

@@ -179,7 +179,7 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
     if points < 0 or points * each > 4 * len(data):
         raise RecordingError(f"channel {label} is truncated, or broken; it says that it has {points} samples")
     if re.match(rb" *58 *b", line, re.IGNORECASE):
-        values, at = _binary(data, line, at, points, kind, spacing, label)
+        values, at = _binary(data, line, at, points, kind, spacing=spacing, label=label)
     else:
         values, at = _text(data, at, points * each, label, points)
     if kind in (5, 6):
@@ -242,7 +242,7 @@ def _text(data: bytes, at: int, count: int, label: str, points: int) -> tuple[np
 
 
 def _binary(
-    data: bytes, line: bytes, at: int, points: int, kind: int, spacing: int, label: str
+    data: bytes, line: bytes, at: int, points: int, kind: int, *, spacing: int, label: str
 ) -> tuple[np.ndarray, int]:
     """Binary numbers, as many as the header says: what looks like an end within them is none."""
     text = line.decode("latin-1")

@@ -160,15 +160,25 @@ def _state(scenario: Scenario) -> SimulatedState:
 
 
 def _claim(
-    item: str, source: str, ours: float, bar: str, holds: bool | None, status: str, paper: float = math.nan, test: float = math.nan
-) -> Check:  # fmt: skip
+    item: str,
+    source: str,
+    ours: float,
+    bar: str,
+    holds: bool | None,
+    status: str,
+    *,
+    paper: float = math.nan,
+    test: float = math.nan,
+) -> Check:
     """A claim; the error is that against the test, or the paper where there is no test."""
     error = 100 * (ours / (paper if math.isnan(test) else test) - 1.0)
     return Check(item, source, paper, test, ours, error, bar, holds, status)
 
 
-def _near(item: str, source: str, ours: float, bar: float, status: str, paper: float, test: float = math.nan) -> Check:
-    claim = _claim(item, source, ours, f"within {100 * bar:g} %", True, status, paper, test)
+def _near(
+    item: str, source: str, ours: float, bar: float, status: str, *, paper: float, test: float = math.nan
+) -> Check:
+    claim = _claim(item, source, ours, f"within {100 * bar:g} %", True, status, paper=paper, test=test)
     return replace(claim, holds=abs(claim.error_percent) <= 100 * bar)
 
 

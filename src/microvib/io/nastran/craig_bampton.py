@@ -114,7 +114,7 @@ def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
         )
     boundary = _boundary_of_six(K, M)
     said = "The boundary is taken to be the interface point, in axes of the basic frame."
-    return _fixed(K, M, boundary, np.eye(6), options.interface, {}, (said,))
+    return _fixed(K, M, boundary, np.eye(6), options.interface, grids={}, notes=(said,))
 
 
 def _geometry_beside(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] | None:
@@ -155,7 +155,7 @@ def _tied(K: Any, M: Any, boundary: np.ndarray, points: Any, rows: np.ndarray) -
         )
     grids = located(points)
     said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
-    return _fixed(K, M, boundary, rigid_motion(points)[rows], ORIGIN, grids, said)
+    return _fixed(K, M, boundary, rigid_motion(points)[rows], ORIGIN, grids=grids, notes=said)
 
 
 def _boundary_of_six(K: np.ndarray, M: np.ndarray) -> np.ndarray:
@@ -177,7 +177,7 @@ def _diagonal(A: np.ndarray) -> bool:
 
 def _fixed(
     K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, reference: int | Point,
-    grids: dict[int, np.ndarray], notes: tuple[str, ...],
+    *, grids: dict[int, np.ndarray], notes: tuple[str, ...],
 ) -> Deck:  # fmt: skip
     """Fixed-interface modes and participation M_bq of a Craig-Bampton model; ``R`` (b, 6) moves its boundary rigidly."""
     from scipy.linalg import LinAlgError, eigh

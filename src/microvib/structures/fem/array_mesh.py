@@ -140,7 +140,7 @@ def grid_lines(breaks: list[float], size: float) -> np.ndarray:
 def _root_hinges(mesh: Mesh, design: ArrayDesign, seats: dict[float, int], first: Panel) -> None:
     x = design.yoke.length
     for hinge in design.hinges.root:
-        node = _footprint(mesh, "root hinge", first, hinge, (x, hinge.position, 0.0), x, x + hinge.footprint)
+        node = _footprint(mesh, "root hinge", first, hinge, (x, hinge.position, 0.0), start=x, end=x + hinge.footprint)
         mesh.parts.append(Spring("root hinge", (seats[hinge.position], node), hinge.stiffness.values))
 
 
@@ -152,12 +152,12 @@ def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, aft
     name = f"hinge line {number}-{number + 1}"
     for hinge in design.hinges.between:
         place = ((edge + other) / 2.0, hinge.position, design.offset)
-        a = _footprint(mesh, name, before, hinge, place, edge - hinge.footprint, edge)
-        b = _footprint(mesh, name, after, hinge, place, other, other + hinge.footprint)
+        a = _footprint(mesh, name, before, hinge, place, start=edge - hinge.footprint, end=edge)
+        b = _footprint(mesh, name, after, hinge, place, start=other, end=other + hinge.footprint)
         mesh.parts.append(Spring(name, (a, b), hinge.stiffness.values))
 
 
-def _footprint(mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, start: float, end: float) -> int:
+def _footprint(mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, *, start: float, end: float) -> int:
     """A node at ``place``, rigidly linked to the panel's nodes in the hinge's footprint."""
     index, xyz = panel
     half = hinge.footprint / 2.0 + 1e-6

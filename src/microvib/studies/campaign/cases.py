@@ -242,7 +242,9 @@ def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -
         found = steady(scenario, harmonics=work.study.harmonics)
         stuck = found.state.stuck_output if found.state is not None else math.nan
         second = _second(work, scenario)
-        return _result(work.study, scenario, found.lines, found.source["T_d"], stuck, found.fallback, second)
+        return _result(
+            work.study, scenario, found.lines, found.source["T_d"], stuck, note=found.fallback, second=second
+        )
     except MicrovibError as error:
         return _failed(error)
     except MemoryError:
@@ -281,7 +283,7 @@ def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
     on_hub = hub_lines(source, table, los_only=True)
     los = dict(zip(on_hub.names, np.column_stack([on_hub.amplitude, on_hub.frequency]), strict=True))
     second = None if source.beside is None else lines_of(source.beside, harmonics=harmonics)
-    return replace(_result(work.study, scenario, table, source["T_d"], stuck, fallback, second), los=los)
+    return replace(_result(work.study, scenario, table, source["T_d"], stuck, note=fallback, second=second), los=los)
 
 
 def _result(
@@ -290,6 +292,7 @@ def _result(
     table: LineTable,
     x: np.ndarray,
     stuck_output: float,
+    *,
     note: str = "",
     second: LineTable | None = None,
 ) -> _Result:

@@ -145,13 +145,13 @@ def line_statistics(results: Results, limit: float | None, band: tuple[float, fl
                     None if verdicts is None else verdicts[here[counted[here] & (results.state[here] != MISSING)]]
                 )
                 worst = int(here[np.nanargmax(amplitude[here])])
-                given = amplitude[drawn], frequency[drawn], judgement, worst, float(amplitude[worst])
-                rows[level.number].append(_of_line(line, level, *given))
+                x, f, largest = amplitude[drawn], frequency[drawn], float(amplitude[worst])
+                rows[level.number].append(_of_line(line, level, x, f, judgement, worst=worst, largest=largest))
     return [row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))]
 
 
 def _of_line(
-    line: str, level: Level, x: np.ndarray, f: np.ndarray, verdicts: np.ndarray | None, worst: int, largest: float
+    line: str, level: Level, x: np.ndarray, f: np.ndarray, verdicts: np.ndarray | None, *, worst: int, largest: float
 ) -> LineStatistics:
     f = f[np.isfinite(f)]
     above = None if verdicts is None else int(np.sum(verdicts == ABOVE))

@@ -162,7 +162,7 @@ def series(
 
 @routes.get("/runs/{id}/spectrum", responses=refusals(409))
 def spectrum_of(
-    id: Id, store: At, channel: Annotated[str, Query(max_length=50)] = "T_d",
+    id: Id, store: At, *, channel: Annotated[str, Query(max_length=50)] = "T_d",
     window: Window = "hann", points: Points = 4000, low: From = None, high: To = None,
     log: Log = False,
 ) -> SpectrumOf:  # fmt: skip
@@ -175,7 +175,7 @@ def spectrum_of(
 
 @routes.get("/analyses/{id}/spectrum", responses=refusals(409))
 def recorded(
-    id: Id, store: At, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
+    id: Id, store: At, *, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
     high: To = None, log: Log = False,
 ) -> RecordedSpectrum:  # fmt: skip
     """Amplitude spectrum, 0-to-peak, or power spectral density of an analysed recording."""
