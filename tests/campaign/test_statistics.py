@@ -132,7 +132,8 @@ def test_columns_of_a_campaign_never_run_together(tmp_path):
     summary = summarise(results, 1e-3, EVERYTHING)
     rows = [replace(row, worst=967123, unknown=1234567, above=1000000, judged=2000000) for row in summary.rows]
     text = report_text(replace(summary, rows=rows))
-    head, *body = text.split("\n\n")[1].splitlines()
+    body = [line for line in text.split("\n\n")[1].splitlines() if "967123" in line]
+    assert len(body) >= 3
     for line in body:
         assert "  967123  1000000 of 2000000, 1234567 not judged" in line
 
