@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from microvib.model.linear import CoupledMode
+
 FAINTEST = 1e-3
 """Amplitude over the largest of the plan below which a Campbell diagram draws nothing."""
 SHOWN = 12
@@ -247,7 +249,7 @@ def draw_campbell(plan: RatePlan) -> Figure:
     norm = LogNorm(FAINTEST * top, top)
     for ax, n in zip(axes, plan.counts, strict=True):
         points = _draw_order_lines(ax, plan, n, norm)
-    figure.colorbar(points, ax=figure.axes, label="amplitude of the line, 0-to-peak [mN m]", pad=0.01)
+    figure.colorbar(points, ax=figure.axes, label="amplitude, 0-to-peak [mN m]", pad=0.01)
     return figure
 
 
@@ -263,15 +265,35 @@ def _draw_order_lines(ax: Axes, plan: RatePlan, n: int, norm: Any) -> Any:
     ax.set_xlim(min(rates), max(rates))
     for mode in plan.modes:
         ax.axhline(mode.frequency, color=sheets.GREY, linestyle="--", linewidth=0.9)
-        ax.annotate(
-            f"{mode.name} {mode.frequency:.3g} Hz", (1.0, mode.frequency), xycoords=("axes fraction", "data"),
-            xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=6.5, color="#333333",
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
-        )  # fmt: skip
+        _name_mode(ax, mode, rate, frequency)
     met = [(math.degrees(r.rate), r.frequency) for r in plan.resonances if r.microsteps == n]
     ax.plot(*np.array(met).reshape(-1, 2).T, "o", color=sheets.RED, fillstyle="none", markersize=7, zorder=6)
     ax.set(xlabel="rate of the array [deg/s]", ylabel="frequency [Hz]", title=f"{n} microsteps per full step")
     return points
+
+
+_NAME = (0.5, 0.08)
+"""Room that a mode's name takes in a panel: parts of its width and of its height."""
+
+
+def _name_mode(ax: Axes, mode: CoupledMode, rate: np.ndarray, frequency: np.ndarray) -> None:
+    """The mode's name at its line: at the end and on the side where it covers the fewest points."""
+    inside = ax.transData + ax.transAxes.inverted()
+    x, y = inside.transform(np.column_stack([rate, frequency])).T
+    at = float(inside.transform((0.0 if not rate.size else rate[0], mode.frequency))[1])
+    wide, high = _NAME
+
+    def covered(place: tuple[float, int]) -> int:
+        end, way = place
+        return int(np.sum((np.abs(x - end) < wide) & (way * (y - at) > -0.01) & (way * (y - at) < high)))
+
+    end, way = min(((1.0, 1), (0.0, 1), (1.0, -1), (0.0, -1)), key=covered)
+    ax.annotate(
+        f"{mode.name} {mode.frequency:.3g} Hz", (end, mode.frequency), xycoords=("axes fraction", "data"),
+        xytext=(-3 if end else 3, 3 * way), textcoords="offset points", ha="right" if end else "left",
+        va="bottom" if way > 0 else "top", fontsize=6.5, color="#333333",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+    )  # fmt: skip
 
 
 def draw_largest(plan: RatePlan) -> Figure:
