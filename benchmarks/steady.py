@@ -214,12 +214,9 @@ def allowed_rates(seeds: Sequence[int]) -> None:
         scenario = scenario_of_any_kind(seed)
         rate = abs(math.degrees(float(scenario.rate or 0.0)))
         grid = rate_grid(f"{rate / 3.0} deg/s", f"{3.0 * rate} deg/s", RATES)
-        bands = f"{band[0]}:{band[1]} Hz"
-        first = plan_rates(scenario, grid, band=bands, workers=1)
-        tops = [line.amplitude for case in first.cases if (line := case.largest(band)) is not None]
-        limit = float(np.median(tops))
-        plan = plan_rates(scenario, grid, limit=f"{limit} N*m", band=bands, workers=1)
-        for case in (case for case in plan.cases if plan.is_allowed(case)):
+        cases = plan_rates(scenario, grid, band=f"{band[0]}:{band[1]} Hz", workers=1).cases
+        limit = float(np.median([line.amplitude for case in cases if (line := case.largest(band)) is not None]))
+        for case in (case for case in cases if not case.verdict(band, limit)):
             allowed += 1
             turning = at_rate(scenario, Si(case.rate), case.microsteps)
             state, _ = find_steady(turning)

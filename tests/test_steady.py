@@ -177,7 +177,6 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
         heavy_scenario(327),
         heavy_scenario(436),
         scenario_of_any_kind(36),  # slips that vary repeat after seven periods of the command
-        pytest.param(scenario_of_any_kind(222), marks=pytest.mark.long),  # many microsteps while a slow mode dies out
     ],
 )
 def test_of_several_motions_the_one_that_a_start_from_rest_leads_to_is_found(scenario):
