@@ -22,6 +22,7 @@ from microvib.model.coupling import transfer_from
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import motion_of
 from microvib.reports.budget import budget_report, budget_text, draw_budget, draw_cumulative
+from microvib.signals.in_step import bases
 from microvib.signals.pointing import level, weight
 from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.budget.figures import figure
@@ -256,6 +257,85 @@ def test_lines_of_one_clock_keep_their_phases_in_a_level() -> None:
         assert one.verdict == "fail"
         assert other.value < 0.98 * true
         assert other.verdict == "not judged"  # for these phases are among those that it may have
+
+
+_SCHROEDER = np.exp(-1j * np.pi * np.arange(1, 11) * np.arange(10) / 10)
+"""Phases of ten harmonics with which they hardly crest together."""
+
+
+@pytest.mark.parametrize(
+    ("f", "tones"),
+    [
+        (np.array([10.0, 20.00001]), np.array([1.0, 1j])),
+        (np.array([10.2, 10.2001]), np.array([1.0, -1.0])),
+        (np.array([10.0, 10.000005]), np.array([1.0, -1.0])),
+        (np.arange(9, 19) * (1.0 + 4e-7 * np.sin(17.0 * np.arange(10))), _SCHROEDER),
+    ],
+    ids=["octave", "beat", "slower beat", "ten"],
+)
+@pytest.mark.parametrize("part", [0.95, 0.997])
+def test_lines_of_one_clock_that_are_no_harmonics_drift(f: np.ndarray, tones: np.ndarray, part: float) -> None:
+    """Against instants of years, and against 100 s at a time: where all crest together, and as they are given."""
+    one = source("a", *((x, z, 0.0) for x, z in zip(f.tolist(), tones, strict=True)), clock="a")
+    found = judged(requirement(axis="x", statistic="level", confidence=part), [one], "rss")
+    rng = np.random.default_rng(3)
+
+    def reached(late: float, time: float, tones: np.ndarray) -> float:
+        t = late + time * rng.random(400_000)
+        turns = np.exp(2j * np.pi * (np.outer(t, f) % 1.0))
+        return float(np.quantile(np.abs((turns @ tones).real), part)) * URAD
+
+    assert found.most > 0.998 * reached(0.0, 1e8, tones)
+    assert found.most > 0.998 * reached(0.0, 100.0, np.abs(tones))
+    assert found.least < 1.002 * reached(0.0, 1e8, tones)
+    if np.ptp(f) > 1.0:  # of a slow beat *least* is of all times, as that of rms is
+        assert found.least < 1.002 * reached(0.0, 100.0, tones)
+        assert found.value == pytest.approx(reached(0.0, 1e8, tones), rel=5e-3)
+    assert found.least < found.value <= found.most
+    near = judged(
+        requirement(axis="x", statistic="level", confidence=part, limit=Si(1.001 * found.value)), [one], "rss"
+    )
+    assert near.verdict == "not judged"
+    assert "not whole multiples of one of 0.01 Hz or more" in near.why[-1] or "beat with each other" in near.why[-1]
+
+
+def test_a_line_of_another_source_beside_it_makes_no_harmonic_of_a_line_that_is_none() -> None:
+    """What is small at 20 Hz is added to the line at 20.00001 Hz, which goes on drifting."""
+    pair = source("a", (10.0, 1.0, 0.0), (20.00001, 1j, 0.0), clock="a")
+    r = requirement(axis="x", statistic="level")
+    alone, beside = (judged(r, sources, "rss") for sources in ([pair], [source("b", (20.0, 0.001, 0.0)), pair]))
+    assert beside.most >= alone.most > 1.99 * URAD
+
+
+def test_opposed_lines_of_one_clock_cancel_only_where_they_are_of_one_frequency() -> None:
+    r = requirement(axis="x")
+    for f, least, most in ((10.0, 0.0, 0.0), (10.000005, 0.0, 2.0)):
+        pair = [source(name, (x, z, 0.0), clock="both") for name, x, z in (("a", 10.0, 1.0), ("b", f, -1.0))]
+        found = judged(r, pair, "rss")
+        assert found.least == pytest.approx(least * URAD / math.sqrt(2.0), abs=1e-12)
+        assert found.most == pytest.approx(most * URAD / math.sqrt(2.0), abs=1e-12)
+
+
+def test_harmonics_of_nine_digits_are_in_step() -> None:
+    """As tables of lines have them: 45.96266666... Hz and its harmonics, lines beside them, and others 0.05 Hz apart."""
+    f = np.array([float(f"{45.96 + 2.0 / 750.0:.9g}")] + [float(f"{n * (45.96 + 2.0 / 750.0):.9g}") for n in (2, 4, 9)])
+    assert [lines.tolist() for lines, _ in bases(f, np.ones(4))] == [[0, 1, 2, 3]]
+    drive = np.array([160.0 / 3.0, 10.0 / 3.0, 5.0 / 6.0, 1300.0 / 3.0, 1.0 / 60.0])
+    ((lines, base),) = bases(drive, np.arange(5.0, 0.0, -1.0))
+    assert lines.size == 5
+    assert base == pytest.approx(1.0 / 60.0)
+    found = bases(np.array([1000.0, 1000.05, 3.1, 1000.0001]), np.ones(4))
+    assert [(lines.tolist(), pytest.approx(base)) for lines, base in found] == [([0, 1, 2], 0.05), ([3], 1000.0001)]
+
+
+def test_lines_far_above_what_they_repeat_with_keep_their_phases() -> None:
+    """Three lines about 1000 Hz, 0.05 Hz apart: once in 20 s, 20 000 periods, they crest together."""
+    lines = [(1000.0 + 0.05 * n, 1.0, 0.0) for n in range(3)]
+    slow = np.abs(1.0 + 2.0 * np.cos(2.0 * np.pi * np.linspace(0.0, 1.0, 20001)))  # their envelope
+    fast = np.abs(np.cos(np.linspace(0.0, 0.5 * np.pi, 2001)))
+    true = float(np.quantile(np.outer(slow[::10], fast), 0.95))
+    r = requirement(axis="x", statistic="level", confidence=0.95)
+    assert judged(r, [source("a", *lines, clock="a")], "rss").value == pytest.approx(true * URAD, rel=5e-3)
 
 
 def test_a_line_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:

@@ -24,6 +24,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from microvib.errors import MicrovibError
+from microvib.signals.in_step import bases
 
 Metric = Literal["ape", "mpe", "rpe", "smear", "jitter", "stability", "pde"]
 METRICS: tuple[Metric, ...] = get_args(Metric)
@@ -39,10 +40,16 @@ _MEAN: dict[Metric, float] = {
 }  # the others have fallen to nothing there
 _MOST_PIECES = 20_000_000
 _TERMS_OF_LEVEL = 1 << 12  # of the Fourier series of a distribution
-_INSTANTS, _PERIODS = (
+_INSTANTS = (
     32749,
-    1e4,
-)  # a prime number of instants, of so many periods of the lowest line that keeps its phase
+    32719,
+    32717,
+    32713,
+    32707,
+    32693,
+    32687,
+    32653,
+)  # in one repetition of lines in step: primes, one of them
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
 _AT_ONCE = 4_000_000  # instants times lines that are summed at a time
 _HALVINGS = 60  # of the interval in which a level lies
@@ -230,8 +237,9 @@ def distribution(
     ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of the noise. Several rows (n, k)
     are equal shares of the time with amplitudes of their own. The densities are convolved as products of their characteristic
     functions, J_0(x A) and exp(-(x sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle.
-    Lines of one ``clock`` (k,), a number of 0 or more, keep their phases to each other, as harmonics do: with their complex
-    amplitudes and their ``frequency`` (k,) [Hz] the density of their sum takes the place of theirs.
+    Lines of one ``clock`` (k,), a number of 0 or more, keep their phases to each other where they are harmonics
+    (``in_step.bases``): with their complex amplitudes and their ``frequency`` (k,) [Hz] the density of their sum takes the place
+    of theirs. Those that are none drift, and count as unrelated.
     """
     moved = np.atleast_2d(np.asarray(amplitudes))
     lines = np.abs(moved)
@@ -251,13 +259,16 @@ def distribution(
     # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi n/L; its integral from -x to x.
     n = np.arange(1, _TERMS_OF_LEVEL)
     at = np.pi * n / reach
-    locked = [np.flatnonzero(of == one) for one in np.unique(of) if one >= 0 and np.sum(of == one) > 1]
-    alone = np.setdiff1d(np.arange(of.size), np.concatenate([np.zeros(0, dtype=int), *locked]))
-    each = np.ones((lines.shape[0], at.size))
-    for k in alone:
+    each, alone = np.ones((lines.shape[0], at.size)), of < 0
+    for one in np.unique(of[~alone]):
+        its = np.flatnonzero(of == one)
+        for group, base in bases(f[its], lines[:, its].max(axis=0)):
+            if group.size == 1:
+                alone[its[group]] = True
+            else:
+                each = each * _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
+    for k in np.flatnonzero(alone):
         each *= j0(np.outer(lines[:, k], at))
-    for group in locked:
-        each = each * _transform_of_sum(f[group], moved[:, group], reach)
     shares = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
     shares[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each * np.exp(-0.5 * (at * sigma) ** 2)
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
@@ -278,20 +289,34 @@ def _small(lines: np.ndarray, clock: np.ndarray) -> np.ndarray:
     return small
 
 
-def _transform_of_sum(frequency: np.ndarray, rows: np.ndarray, half: float) -> np.ndarray:
-    """Even part of the characteristic function of the sum of lines that keep their phases, at pi n/``half``, of each row (m, k)."""
-    # A prime number of instants: no harmonic that counts has one phase at all of them.
-    times = np.arange(_INSTANTS) / _INSTANTS * _PERIODS
-    ratio = frequency / frequency.min()
-    parts = np.array_split(times, max(_INSTANTS * ratio.size // _AT_ONCE, 1))
-    sums = np.vstack([(np.exp(2j * np.pi * (np.outer(part, ratio) % 1.0)) @ rows.T).real for part in parts])
+def _instants(orders: np.ndarray) -> int:
+    """Number of instants at which no two of the harmonics (k,) are one, and none is still: a prime, so that none skips any."""
+    for instants in _INSTANTS:
+        left = orders % instants
+        seen = np.minimum(left, instants - left)
+        if seen.all() and np.unique(seen).size == np.unique(orders).size:
+            return instants
+    return _INSTANTS[0]
+
+
+def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.ndarray:
+    """Even part of the characteristic function of the sum of lines that keep their phases, at pi n/``half``, of each row (m, k).
+
+    They are the harmonics ``ratio`` (k,), whole numbers but for rounding, of what they repeat with.
+    """
+    orders = np.rint(ratio).astype(np.int64)
+    instants = _instants(orders)
+    parts = np.array_split(np.arange(instants), max(instants * ratio.size // _AT_ONCE, 1))
+    sums = np.vstack(
+        [(np.exp(2j * np.pi / instants * (np.outer(part, orders) % instants)) @ rows.T).real for part in parts]
+    )
     cells, found = 2 * _TERMS_OF_LEVEL, []
     for moved in sums.T:
         place = (moved / half + 1.0) * _TERMS_OF_LEVEL
         left = np.floor(place).astype(int)
         share = place - left
         density = np.bincount(left, 1.0 - share, cells) + np.bincount((left + 1) % cells, share, cells)
-        found.append(np.fft.fft(density)[1:_TERMS_OF_LEVEL].real / _INSTANTS)
+        found.append(np.fft.fft(density)[1:_TERMS_OF_LEVEL].real / instants)
     return np.array(found) * (-1.0) ** np.arange(1, _TERMS_OF_LEVEL)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from microvib.analysis.margins import frequency_doubt
 from microvib.analysis.pointing import SAME
+from microvib.signals.in_step import SLOW, in_step
 from microvib.signals.pointing import (
     EVERYWHERE,
     MIDDLES,
@@ -27,8 +28,6 @@ from microvib.studies.budget.sources import Contribution, Gap
 from microvib.units import inside as in_band
 
 ALONE = -1
-SLOW = 0.01
-"""Distance [Hz] from which two lines have mean squares that add; nearer, an observation may see no more than their crest."""
 AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 _OFF = np.r_[0.0, np.sin(np.arange(100.0) ** 2)]
 """Parts of what a frequency may be off that are tried, unlike each other: after many periods they decide where a window ends."""
@@ -47,7 +46,7 @@ class Tones:
     turn: np.ndarray
     """Phase of the largest of those of one frequency, exp(j phase), (k, 2)."""
     clock: np.ndarray
-    """Its clock, by number, (k, 2): lines of one clock keep their phases to each other; ALONE for those that keep none."""
+    """Its clock, by number, (k, 2): harmonics of one clock keep their phases to each other; ALONE for those that keep none."""
     off: np.ndarray
     """By how much frequencies may be off [Hz], (k,)."""
 
@@ -167,7 +166,7 @@ def _ends_of_level(
 ) -> tuple[float, float]:
     """Least and most of a level.
 
-    Lines of one clock keep their phases. Of all others neither phases nor the exact ratios of frequencies are known: harmonics may
+    Harmonics of one clock keep their phases. Of all others neither phases nor the exact ratios of frequencies are known: they may
     crest together or make each other's crests lower. So the largest group of known phases has its distribution, and everything
     beside it adds its crests in *most* and takes them off in *least*. What is beside may be as large as the group; then the mean
     square tells more, which does not depend on phases: above x for a part 1 - c of the time it is (1 - c) x^2 at the least.
@@ -210,7 +209,8 @@ def _by_largest_group(
     lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     given = moved(tones.frequency, tones.value * tones.turn)
     low, high = np.abs(moved(lower, tones.least)), np.abs(moved(upper, tones.most))
-    group = _largest_group(tones.clock[:, axis], high.max(axis=0, initial=0.0))
+    crest = high.max(axis=0, initial=0.0)
+    group = _largest_group(in_step(tones.frequency, tones.clock[:, axis], crest), crest)
     doubt = np.maximum(high - np.abs(given), np.abs(given) - low)[:, group]
     beside = high[:, ~group].sum(axis=1) + doubt.sum(axis=1)
     beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
@@ -330,9 +330,8 @@ def beats(r: Requirement, one: Contribution, others: Iterable[Contribution]) -> 
         why = f"its lines beat with {whom}, more slowly than once in {1.0 / SLOW:g} s"
         if np.any(apart[near] >= SLOW):
             why = f"its lines may be of one frequency with {whom}, by what frequencies may be off"
-        # in a level the crests of lines of unknown phases are counted anyway
-        counted = r.statistic == "level" and not (one.clock and one.clock == other.clock)
-        yield Gap(why, 0.0, math.inf, f[near], most, of_squares=counted)
+        # in a level crests are counted anyway, for no two that beat so slowly are in step
+        yield Gap(why, 0.0, math.inf, f[near], most, of_squares=r.statistic == "level")
 
 
 def nearer_by(one: Contribution, other: Contribution) -> np.ndarray:

@@ -19,6 +19,7 @@ import numpy as np
 from microvib.analysis.margins import Verdict
 from microvib.analysis.pointing import SAME
 from microvib.analysis.start import or_steady
+from microvib.signals.in_step import LOCKED, SLOW, bases
 from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
 from microvib.studies.budget.figures import (
     ALONE,
@@ -125,12 +126,12 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
         else:
             groups.append([part])
     found = [_of_group(group, rule) for group in groups]
-    rows = np.array([sizes for sizes, _, _ in found]).reshape(-1, 3, 2)
-    tones = np.array([largest for _, largest, _ in found], dtype=complex).reshape(-1, 2)
-    whose = [clock for _, _, clocks in found for clock in clocks]
+    rows = np.array([one.sizes for one in found]).reshape(-1, 3, 2)
+    tones = np.array([one.largest for one in found], dtype=complex).reshape(-1, 2)
+    whose = [clock for one in found for clock in one.clocks]
     numbers = {clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))}
     clock = np.array([numbers.get(x, ALONE) if isinstance(x, str) else ALONE for x in whose], dtype=int).reshape(-1, 2)
-    frequency = np.array([group[0].frequency for group in groups])
+    frequency = np.array([one.frequency for one in found])
     off = np.array([max(part.off for part in group) for group in groups])
     least = _least_of_meeting(groups, rows[:, 0], rows[:, 2]) if doubtful else rows[:, 0]
     return Tones(frequency, least, rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off)
@@ -185,24 +186,41 @@ def _may_meet(one: Sequence[_Part], other: Sequence[_Part]) -> bool:
     )
 
 
-def _of_group(group: Sequence[_Part], rule: Rule) -> tuple[np.ndarray, np.ndarray, list[str | int]]:
-    """Least, given and largest amplitude (3, 2) of lines of one frequency; what rings counts in the largest only. Of the clock with
-    the largest line about each axis that line, (2,), and its name."""
-    clocks: dict[str | int, np.ndarray] = {}
+class _Sum(NamedTuple):
+    """Lines of one frequency."""
+
+    sizes: np.ndarray
+    """Least, given and largest amplitude, (3, 2)."""
+    frequency: float
+    """Of the largest line."""
+    largest: np.ndarray
+    """About each axis the largest line of one clock, (2,)."""
+    clocks: list[str | int | None]
+    """Whose it is; None where it is not quite of the frequency."""
+
+
+def _of_group(group: Sequence[_Part], rule: Rule) -> _Sum:
+    """The sum of lines of one frequency; what rings counts in the largest only."""
+    clocks: dict[tuple[str | int, float], np.ndarray] = {}
     doubt, ringing = np.zeros((2, 2)), np.zeros(2)
     for part in group:
         los, size = part.los, np.abs(part.los)
-        clocks[part.clock] = clocks.get(part.clock, 0.0) + (los if part.settled else 0.0 * los)
+        # Those of one clock that are not quite of one frequency drift against each other.
+        f = next((f for _, f in clocks if abs(part.frequency - f) <= LOCKED * f), part.frequency)
+        clocks[part.clock, f] = clocks.get((part.clock, f), 0.0) + (los if part.settled else 0.0 * los)
         doubt, ringing = doubt + part.doubts * size, ringing + (0.0 * size if part.settled else size)
     given = np.abs(list(clocks.values()))
     total = given.sum(axis=0)
     least = np.maximum(2.0 * given.max(axis=0) - total - doubt[0], 0.0)
     value = total if rule == "bound" else np.sqrt(np.sum(given**2, axis=0))
     largest = np.argmax(given, axis=0)
-    return (
+    of = [list(clocks)[k] for k in largest]
+    _, frequency = list(clocks)[int(np.argmax(given.max(axis=1)))]
+    return _Sum(
         np.array([least, value, total + doubt[1] + ringing]),
+        frequency,
         np.array(list(clocks.values()))[largest, [0, 1]],
-        [list(clocks)[k] for k in largest],
+        [clock if f == frequency else None for clock, f in of],
     )
 
 
@@ -328,22 +346,33 @@ def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> li
 
 
 def _not_in_step(r: Requirement, chosen: Sequence[Contribution], rule: Rule, value: float) -> list[str]:
-    """Why a level is not known where lines have no known phases to each other, a sentence without a stop."""
+    """Why a level is not known where lines have no known phases to each other, a sentence without a stop each."""
     if r.statistic != "level":
         return []
-    whose: dict[str | int, str] = {}
+    whose: dict[str | int, list[tuple[str, float, float]]] = {}
     own = count()
     for one in chosen:
         for k in np.flatnonzero(one.settled & inside(r, one.frequency)):
             size = figure(r.model_copy(update={"statistic": "bound"}), one.frequency[[k]], one.los[[k]])
             if size**2 > WORTH * value**2:
-                whose[_clock_of(one, int(k), rule) or next(own)] = one.source
+                clock = _clock_of(one, int(k), rule) or next(own)
+                whose.setdefault(clock, []).append((one.source, float(one.frequency[k]), size))
+    why = []
+    for lines in whose.values():
+        sources, frequencies, sizes = zip(*lines, strict=True)
+        if len(bases(np.array(frequencies), np.array(sizes))) > 1:
+            why.append(
+                f"{', '.join(dict.fromkeys(sources))}: frequencies of one clock that are not whole multiples of one of {SLOW:g} Hz"
+                f" or more, within {LOCKED:g} of each; phases drift, and all may crest together (give harmonics with all digits;"
+                " statistic: rms does not depend on phases)"
+            )
     if len(whose) < 2:
-        return []
-    names = ", ".join(dict.fromkeys(whose.values()))
+        return why
+    names = ", ".join(dict.fromkeys(lines[0][0] for lines in whose.values()))
     return [
+        *why,
         f"{names}: phases between lines are not known, and all may crest together"
-        " (give phases and a clock where they are known; statistic: rms does not depend on them)"
+        " (give phases and a clock where they are known; statistic: rms does not depend on them)",
     ]
 
 
