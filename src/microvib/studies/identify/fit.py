@@ -23,7 +23,16 @@ from microvib.studies.identify.lacking import lacking
 from microvib.studies.identify.misread import misread
 from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
 from microvib.studies.identify.scattered import jumps, scattered
-from microvib.studies.identify.search import Optimum, confirm, confirm_scaled, least_misfit, local_at, material, search
+from microvib.studies.identify.search import (
+    Optimum,
+    confirm,
+    confirm_scaled,
+    eased,
+    least_misfit,
+    local_at,
+    material,
+    search,
+)
 from microvib.studies.identify.selection import EFFECTS, Candidate, Selector, effects_of, switched
 from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
 from microvib.testdata.recording import Recording
@@ -312,8 +321,10 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
         problem = problem.within(optima[0].x)
         explained = goodness(problem, optima[0].r).explained
         yield Findings(problem, optima[0])
-    local = local_at(problem, optima[0])
-    if jumps(problem, optima[0], local):
+    # errors that are stated too small make jumps of what is small beside the misfit
+    posed, there = (problem, optima[0]) if explained else eased(problem, optima[0])
+    local = local_at(posed, there)
+    if jumps(posed, there, local):
         found = scattered(problem, optima)
         yield replace(found, lacking=lacking(found.problem, found.best, found.local, simulated=False))
         return

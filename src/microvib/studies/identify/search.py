@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +43,14 @@ APART = 0.01
 """Difference in a coordinate below which ends of fits to short records are the same."""
 HOPELESS = 10.0
 """Chi-square over the limit of a correct model's, in a short record, that no whole record makes up for."""
-SCALED_POINTS, SCALED_ROUNDS, SCALED_GAIN = 32, 3, 0.02
-"""Points of the search for the least misfit, most rounds of it, and the part that another round must gain."""
+SCALED_POINTS, SCALED_FITS, SCALED_KEYS = 16, 2, 4
+"""Points of a round of the search for the least misfit for each key, and fits from the best of them, of so many keys at most."""
+SCALED_NEAR = 0.75
+"""Part of those points that lie in the ranges it began with."""
+ABOUT = (0.1, 0.03, 0.01, 0.003)
+"""Distances in each coordinate at which a round begins again about the best."""
+SCALED_ROUNDS, SCALED_GAIN = 4, 0.02
+"""Most rounds of it, and the part that another round must gain; two are made in any case."""
 LOOKS = 4
 """Most second searches."""
 
@@ -157,9 +163,9 @@ def slopes(
     return np.column_stack([problem.least(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs])
 
 
-def descend_all(problem: Problem, starts: Sequence[np.ndarray]) -> list[Optimum]:
+def descend_all(problem: Problem, starts: Sequence[np.ndarray], steps: int = FULL) -> list[Optimum]:
     """Local fits from several starts, as many at a time as there are cores."""
-    return problem.in_threads(lambda x: Descent(problem, x).run(FULL, ROUGH), starts)
+    return problem.in_threads(lambda x: Descent(problem, x).run(steps, ROUGH), starts)
 
 
 def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Problem, list[Optimum]]:
@@ -235,27 +241,62 @@ def least_misfit(problem: Problem, optima: Sequence[Optimum], seed: int) -> tupl
 
     Against errors that are stated too small nearly every figure is far off, and counts in proportion only: a search then ends at
     any of many corners. With all standard deviations as much larger as the best so far asks for, the same squares are smooth.
+    Where a motion is sensitive there are many corners still: each round begins anew, from points that no round had before, and
+    follows to their ends those fits that were the best of the one before, from points about them, too.
     """
-    from scipy.stats import qmc
-
     problem.ledger.stage = "least misfit"
-    low, high = np.array([key.range for key in problem.keys]).T
-    points = [problem.tuned(x) for x in low + (high - low) * qmc.Sobol(low.size, seed=seed).random(SCALED_POINTS)]
     found = sorted(optima, key=lambda o: _squares(problem, o.r))[:AT_ONCE]
-    for _ in range(SCALED_ROUNDS):
+    looks = _looks(problem, seed)
+    for number in range(SCALED_ROUNDS):
         before = _squares(problem, found[0].r)
         scaled = _scaled(problem, found[0].r)
-        costs = [cost(r) for r in scaled.residuals(points)]
-        starts = [o.x for o in found[:AT_ONCE]] + [points[k] for k in np.argsort(costs, kind="stable")[:AT_ONCE]]
-        starts += images(problem, found[0].x)
-        ends = [o.x for o in descend_all(scaled, starts)]
+        known = [o.x for o in found[:AT_ONCE]] + images(problem, found[0].x) + _about(scaled, found[0].x, seed + number)
+        ends = [
+            o.x for o in (*descend_all(scaled, known), *descend_all(scaled, _promising(scaled, next(looks)), AGAIN))
+        ]
         problem.ledger.more(scaled.ledger.simulations)
         met = [Optimum(x, r, cost(r)) for x, r in zip(ends, problem.residuals(ends), strict=True)]
         found = sorted([*found, *met], key=lambda o: _squares(problem, o.r))
-        points = []
-        if _squares(problem, found[0].r) > (1.0 - SCALED_GAIN) * before:
+        least = _squares(problem, found[0].r)
+        if goodness(problem, found[0].r).explained or (number and least > (1.0 - SCALED_GAIN) * before):
             break
     return _hardly_more(problem, found)
+
+
+def _looks(problem: Problem, seed: int) -> Iterator[list[np.ndarray]]:
+    """Points over the ranges that it began with, and some over those that it was widened to; others each time."""
+    from scipy.stats import qmc
+
+    low, high = np.array([key.range for key in problem.keys]).T
+    ours = np.array([key.logarithmic and not key.stated for key in problem.keys])
+    first_low = np.where(ours, np.maximum(low, problem.start - problem.spans / 2.0), low)
+    first_high = np.where(ours, np.minimum(high, problem.start + problem.spans / 2.0), high)
+    sampler = qmc.Sobol(low.size, seed=seed)
+    while True:
+        count = SCALED_POINTS * min(low.size, SCALED_KEYS)
+        near, far = np.split(sampler.random(count), [int(SCALED_NEAR * count)])
+        points = [*(first_low + (first_high - first_low) * near), *(low + (high - low) * far)]
+        yield [problem.tuned(x) for x in points]
+
+
+def _about(scaled: Problem, x: np.ndarray, seed: int) -> list[np.ndarray]:
+    """The best of points about another, near and less near: where figures jump, a fit ends wherever it is."""
+    from scipy.stats import qmc
+
+    sides = 2.0 * qmc.Sobol(x.size, seed=seed).random(len(ABOUT) * scaled.start.size * 2) - 1.0
+    sizes = np.resize(ABOUT, len(sides))
+    points = list(np.clip(x + sizes[:, None] * sides, scaled.low, scaled.high))
+    costs = [cost(r) for r in scaled.residuals(points)]
+    return [points[k] for k in np.argsort(costs, kind="stable")[:AT_ONCE]]
+
+
+def _promising(scaled: Problem, points: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The best of the points, by the cost and, in turn, by how many figures are right, whatever the others are."""
+    rows = scaled.residuals(points)
+    by_cost = np.argsort([cost(r) for r in rows], kind="stable")
+    by_number = np.argsort([float(np.sum(np.log1p(r**2))) for r in rows], kind="stable")
+    best = dict.fromkeys(int(k) for pair in zip(by_cost, by_number, strict=True) for k in pair)
+    return [points[k] for k in list(best)[: SCALED_FITS * min(len(scaled.keys), SCALED_KEYS)]]
 
 
 def _hardly_more(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
@@ -290,11 +331,16 @@ def _squares(problem: Problem, r: np.ndarray) -> float:
     return goodness(problem, r).chi_square
 
 
-def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
-    """``confirm`` at the scale of what the best leaves, where that is more than was stated; figures at the stated one."""
+def eased(problem: Problem, best: Optimum) -> tuple[Problem, Optimum]:
+    """The problem, and its best, at the scale of what the best leaves, where that is more than was stated."""
     scaled = _scaled(problem, best.r)
     (r,) = scaled.residuals([best.x])
-    there = Optimum(best.x, r, cost(r))
+    return scaled, Optimum(best.x, r, cost(r))
+
+
+def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
+    """``confirm`` at the scale of what the best leaves, where that is more than was stated; figures at the stated one."""
+    scaled, there = eased(problem, best)
     end, _, converged = confirm(scaled, there, local_at(scaled, there))
     problem.ledger.more(scaled.ledger.simulations)
     (r,) = problem.residuals([end.x])
