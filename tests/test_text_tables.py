@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from support.terminal import in_terminal
 
 import microvib as mv
-from microvib.cli.main import main
 from microvib.text_tables import text_table, wrapped
 
 HEADER = ("line", "expected Hz", "test N m", "bin N m", "status")
@@ -86,20 +85,9 @@ def test_a_line_table_folds_as_all_tables_do(motion_1: mv.Motion, monkeypatch: p
     assert set(re.findall(r"\d\.\d+e-\d+", narrow)) == set(re.findall(r"\d\.\d+e-\d+", whole))
 
 
-def test_orders_stay_comments_where_they_fold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "60")
-    said = CliRunner().invoke(main, ["show", "state-1"], prog_name="microvib").output
-    orders = said.partition("# Orders:\n")[2].splitlines()
-    assert orders
-    assert all(line.startswith("#   ") and len(line) <= 60 for line in orders)
-
-
-@pytest.mark.parametrize("columns", [60, 100])
-def test_tables_follow_the_width_of_the_terminal(tmp_path: object, columns: int) -> None:
-    shown = in_terminal(
-        "sas", "size", "--inertia", "8.18 kg*m^2", "--frequency", "1.19 Hz", "--out", "o", cwd=tmp_path, columns=columns
-    )
+def test_tables_follow_the_width_of_the_terminal_and_orders_stay_comments(tmp_path: Path) -> None:
+    shown = in_terminal("show", "state-1", cwd=tmp_path, columns=60)
     assert shown.status == 0
-    table = shown.raw.replace("\r", "").partition("\n\nSprings")[0].splitlines()
-    assert max(map(len, table)) <= columns
-    assert sum(line.startswith("state 5") for line in table) == (2 if columns == 60 else 1)
+    orders = shown.raw.replace("\r", "").partition("# Orders:\n")[2].splitlines()
+    assert len(orders) > 10
+    assert all(line.startswith("#   ") and len(line) <= 60 for line in orders)
