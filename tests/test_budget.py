@@ -21,10 +21,12 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.coupling import transfer_from
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import motion_of
+from microvib.model.spacecraft import SecondWing
 from microvib.reports.budget import budget_report, budget_text, draw_budget, draw_cumulative
 from microvib.signals.in_step import bases
 from microvib.signals.pointing import level, weight
 from microvib.studies.budget.angles import budget_over_angles
+from microvib.studies.budget.arrays import lacking
 from microvib.studies.budget.figures import figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import of_other
@@ -600,6 +602,73 @@ def test_gaps_of_several_sources_are_all_told() -> None:
     assert judged(requirement(), two, "rss").why == ("a: gap of a", "b: gap of b")
 
 
+def _carrying(scenario: mv.Scenario, other: mv.Scenario, **keys: object) -> mv.Scenario:
+    """The scenario with the wing of the other held on its craft."""
+    craft, theirs = scenario.spacecraft, other.spacecraft
+    assert craft is not None
+    assert theirs is not None
+    wing = SecondWing(**{"interface": theirs.interface, "array_angle": Si(theirs.array_angle), **keys})  # type: ignore[arg-type]
+    return scenario.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
+
+
+def _two_wings() -> tuple[mv.Scenario, mv.Scenario]:
+    """The small craft with one wing, and the same with the other."""
+    here = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml")).with_({"record.start": "steady"})
+    place = {"position": [0.35, -0.9, -0.2], "drive_axis": [0.0, -1.0, 0.0]}
+    return here, here.with_si({f"spacecraft.interface.{key}": value for key, value in place.items()})
+
+
+@pytest.mark.parametrize("limit", ["1 prad", "1 mrad"])
+def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other(limit: str) -> None:
+    """Without the other's array the hub moves in another way: neither pass nor fail; with it, as two wings of one scenario."""
+    here, there = _two_wings()
+    curve = [{"frequency": f, "amplitude": limit} for f in ("1 Hz", "900 Hz")]
+    asked = Requirements(requirements=(
+        *(requirement(limit=limit, statistic=x) for x in ("rms", "level", "bound")), Requirement(curve=curve),
+    ))  # fmt: skip
+    verdict = "pass" if limit == "1 mrad" else "fail"
+    one = pointing_budget([here, there], asked, one_clock=True)
+    half = pointing_budget([_carrying(here, there), there], asked, one_clock=True)
+    for found, lacks in ((one, "drive 1"), (half, "drive 2")):
+        assert {x.verdict for x in found.judged} == {"not judged"}
+        for x in found.judged:
+            assert x.why[0].startswith(f"{lacks}: the hub is without the array of drive")
+            assert "put each wing into spacecraft.second_wing" in x.why[0]
+    each = pointing_budget([_carrying(here, there), _carrying(there, here)], asked, one_clock=True)
+    assert {x.verdict for x in each.judged} == {verdict}
+    both = pointing_budget(_carrying(here, there, drive="driven", tracking=there.tracking), asked)
+    assert {x.verdict for x in both.judged} == {verdict}
+    assert each.judged[0].value == pytest.approx(both.judged[0].value, rel=1e-3)
+    assert one.judged[0].value < 0.7 * both.judged[0].value
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"array_angle": Si(0.1)}, "spacecraft.second_wing.array_angle: is another than that of drive 2"),
+        ({"motor": {"current": Si(0.3)}}, "spacecraft.second_wing.motor: is another"),
+    ],
+)
+def test_the_wing_that_a_craft_carries_is_that_of_the_other_drive(keys: dict[str, object], says: str) -> None:
+    here, there = _two_wings()
+    if "motor" in keys:
+        keys = {"motor": here.motor.model_copy(update={"current": 0.3})}
+    (why,) = lacking(_carrying(here, there, **keys), "drive 2", there)
+    assert why.startswith(says)
+    assert not list(lacking(_carrying(here, there), "drive 2", there))
+    late = there.model_copy(update={"driver": there.driver.model_copy(update={"delay": 1e-3})})
+    assert not list(lacking(_carrying(here, there), "drive 2", late))
+
+
+def test_two_drives_at_one_place_are_refused() -> None:
+    here, there = _two_wings()
+    with pytest.raises(mv.MicrovibError, match=r"is also where drive 2 is; two drives need places of their own"):
+        pointing_budget([here, here])
+    two = _carrying(here, there, drive="driven", tracking=there.tracking)
+    with pytest.raises(mv.MicrovibError, match=r"is also where drive 2 is"):
+        pointing_budget([two, there])
+
+
 def test_two_drives_on_one_craft() -> None:
     """A second wing on the other side with the same clock: phases decide, and are known only where the clock is one."""
     near = scenario_of(whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1), **{"record.start": "steady"})
@@ -608,6 +677,7 @@ def test_two_drives_on_one_craft() -> None:
         "spacecraft.interface.position": [place[0], -place[1], place[2]],
         "spacecraft.interface.drive_axis": [-x for x in axis],
     })  # fmt: skip
+    near, far = _carrying(near, far), _carrying(far, near)
     limit = Requirements(requirements=[{"metric": "ape", "limit": "1 urad"}])
     apart, together = (pointing_budget([near, far], limit, one_clock=x) for x in (False, True))
     one, both = apart.judged[0], together.judged[0]

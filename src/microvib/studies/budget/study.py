@@ -27,6 +27,7 @@ from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
+from microvib.studies.budget.arrays import check_places, lacking
 from microvib.studies.budget.figures import Tones, figure
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import of_other
@@ -122,7 +123,8 @@ def pointing_budget(
 ) -> Budget:
     """The budget of the line of sight of one craft: ``scenarios`` are its drives, each with the craft as its own array sees it.
 
-    A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where both have one clock.
+    A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where both have one clock. Of several
+    scenarios each has the other's wing as its ``second_wing``, or nothing is judged: arrays change how the hub moves.
     ``sources`` move it besides: a file of sources, or a list. ``campaign`` is the folder of a merged campaign of the first
     scenario, for medians and percentiles, in which both wings count as one source; ``recording`` holds the first drive's loads on a
     force table, which then takes the short way. ``rule`` says how lines of one frequency in several sources add
@@ -177,6 +179,7 @@ def pointing_budget(
             found[:2] = [both_wings(whole, found[0], found[1], *(lines for _, lines in runs[:2]))]
         found[0] = with_campaign(found[0], ensemble)
     found[0] = replace(found[0], gaps=(*found[0].gaps, *_unseen(first.scenario)))
+    found, without = _with_lacking(found, drives)
     found += beside
     return Budget(
         first.scenario,
@@ -184,7 +187,7 @@ def pointing_budget(
         rule,
         tuple(found),
         merged(found, rule, doubtful=False),
-        () if required is None else tuple(judged(r, found, rule) for r in required.requirements),
+        () if required is None else tuple(_undecided(judged(r, found, rule), without) for r in required.requirements),
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
         without_steady=tuple(f"{name}: {why}" for name, why in told if why),
@@ -201,6 +204,8 @@ class _Drive(NamedTuple):
     """Of this drive alone."""
     clock: str
     """By which it steps."""
+    number: int
+    """Of the scenario that it is of."""
 
 
 def _drives(
@@ -223,11 +228,40 @@ def _drives(
             scenario = scenario.with_({"record.start": "steady"})
         _check_craft(name, scenario, found)
         whole.append(scenario)
-        found.append(_Drive(name, scenario.alone, name))
+        found.append(_Drive(name, scenario.alone, name, k))
         other, wing = scenario.driven_wing, craft_in(scenario).spacecraft.second_wing
         if other is not None and wing is not None:
-            found.append(_Drive(_second(name), other, name if wing.clock_ratio == 1.0 else _second(name)))
+            clock = name if wing.clock_ratio == 1.0 else _second(name)
+            found.append(_Drive(_second(name), other, clock, k))
+    for drive, other_drive in _of_two_scenarios(found):
+        check_places(drive.name, drive.scenario, other_drive.name, other_drive.scenario)
     return whole[0], found
+
+
+def _of_two_scenarios(drives: Sequence[_Drive]) -> Iterator[tuple[_Drive, _Drive]]:
+    """Each drive with each that is given by another scenario."""
+    yield from ((one, other) for one in drives for other in drives if one.number != other.number)
+
+
+def _with_lacking(
+    found: Sequence[Contribution], drives: Sequence[_Drive]
+) -> tuple[list[Contribution], tuple[str, ...]]:
+    """Lines of drives, with the gap that their crafts lack arrays of others; and the reasons, by the names of the drives."""
+    told = [
+        (one.name, why)
+        for one, other in _of_two_scenarios(drives)
+        for why in lacking(one.scenario, other.name, other.scenario)
+    ]
+    gaps = {name: tuple(open_gap(why) for who, why in told if who == name) for name, _ in told}
+    with_gaps = [replace(one, gaps=(*one.gaps, *gaps.get(one.source, ()))) for one in found]
+    return with_gaps, tuple(f"{name}: {why}" for name, why in told)
+
+
+def _undecided(one: Judged, why: Sequence[str]) -> Judged:
+    """What was found for a requirement where the craft is not that of all drives: no verdict, for all may move by more or less."""
+    if not why:
+        return one
+    return replace(one, least=0.0, most=math.inf, verdict="not judged", why=tuple(dict.fromkeys([*why, *one.why])))
 
 
 def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> None:

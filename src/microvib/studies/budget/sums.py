@@ -442,7 +442,7 @@ def _by_curve(
         _over(r, tones.frequency, tones.value),
         np.max([_over(r, f, tones.most) for f in maybe], axis=0),
     ]
-    hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=1e300)).max(initial=0.0) for gap in gaps]
+    hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=0.0)).max(initial=0.0) for gap in gaps]
     unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
     worst = int(np.argmax(over[1])) if tones.frequency.size else -1
     ratio = float(over[1][worst]) if worst >= 0 else 0.0
