@@ -226,3 +226,12 @@ def test_a_bound_from_few_draws_holds_as_often_as_it_says(few, draws: int) -> No
         most = 0.01 * math.sqrt(-2.0 * math.log(0.05))
         passed += margin(line, 0.999 * most, one, [], None).verdict == "pass"
     assert passed <= 0.05 * trials + 3.0 * math.sqrt(0.05 * 0.95 * trials)
+
+
+def test_what_the_integration_leaves_open_is_told_where_more_draws_would_not_help(drawn, noisy) -> None:
+    mode, seeds = drawn["array_mode_1"], drawn.over_seeds("array_mode_1")
+    limit = limit_of(0.95 * seeds.p95_low_n_m)
+    assert judge(replace(drawn, own_error=0.0), limit, noisy).of(mode).verdict == "fail"
+    unsure = judge(replace(drawn, own_error=0.2), limit, noisy).of(mode)
+    assert unsure.verdict == "not judged"
+    assert "the integration may be off by 20 %; a larger solver.refinement" in unsure.why

@@ -162,6 +162,11 @@ def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> t
     why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
     if seeds.p95_high_n_m * (1.0 + doubt) <= most:
         why = "hidden by its floor in some draws; a longer record.duration"
+    elif most < seeds.p95_low_n_m or seeds.p95_high_n_m <= most:
+        why = (
+            f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high} over the draws, and the integration may"
+            f" be off by {100.0 * doubt:.2g} %; a larger solver.refinement"
+        )
     return seeds.p95_n_m, "not judged", why
 
 
