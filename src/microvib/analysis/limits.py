@@ -21,6 +21,7 @@ from microvib.analysis.margins import (
     when_settled,
 )
 from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
+from microvib.analysis.steadiness import may_be_larger
 from microvib.analysis.unseen import unseen
 from microvib.errors import OptionError, expect
 from microvib.model.record import PASSBAND
@@ -156,6 +157,7 @@ def judge(
     gaps += _left(table, limit)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         gaps += clock_doubts(table)
+    gaps += may_be_larger(table, limit.low, limit.high, limit.torque)
     if scenario is not None and scenario.rate is None:
         gaps.append("lines of the step clock, since the rate changes within the record (a record at one rate)")
     gaps += _above_passband(table, limit, scenario)

@@ -18,6 +18,7 @@ import numpy as np
 
 from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import has_calmed
+from microvib.analysis.steadiness import steadiness_notes, with_excess
 from microvib.errors import expect_channel, whole_number
 from microvib.model.driven import bin_noise, driven_lines, noise_density
 from microvib.model.expected import UNLISTED, ExpectedLine, expected_lines
@@ -144,7 +145,7 @@ def lines_of_samples(
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
     table = estimate_lines(x, sample_rate, expected)
     if measured:
-        table = while_settling(_at_its_clock(table, x, sample_rate, expected))
+        table = with_excess(while_settling(_at_its_clock(table, x, sample_rate, expected)), x)
     table = replace(table, harmonics=harmonics)
     if scenario is None:
         return table
@@ -275,7 +276,11 @@ def lines_among(
 
 
 def lines_of_recording(
-    recording: Recording, channel: str, scenario: Scenario | None, background: Recording | None = None
+    recording: Recording,
+    channel: str,
+    scenario: Scenario | None,
+    background: Recording | None = None,
+    harmonics: int = 8,
 ) -> LineTable:
     """Lines of the drive-axis torque that was measured in ``channel`` [N m], what stands in the ``background`` accounted for.
 
@@ -291,7 +296,7 @@ def lines_of_recording(
     if recording.units[channel] != "N*m":
         expected = "the torque about the drive axis is expected"
         raise RecordingError(f"{recording.title}: channel {channel} is a force; {expected}")
-    table = lines_of_samples(recording[channel], recording.sample_rate, scenario, measured=True)
+    table = lines_of_samples(recording[channel], recording.sample_rate, scenario, harmonics, measured=True)
     if background is None:
         return table
     check(background, channel, _SHORTEST)
@@ -382,9 +387,10 @@ def _of_clock(table: LineTable) -> int:
 
 
 def recording_notes(recording: Recording, channel: str, scenario: Scenario | None, table: LineTable) -> Iterator[str]:
-    """``clock_notes``, and what speaks against the channel."""
+    """``clock_notes``, whether the recording is steady, and what speaks against the channel."""
     yield from clock_notes(table)
     if scenario is not None:
+        yield from steadiness_notes(table)
         yield from axis_doubts(recording, channel, scenario, table)
 
 

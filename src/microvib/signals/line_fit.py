@@ -46,6 +46,7 @@ _WORSE = 2.0
 """Standard uncertainty next to a larger line, over that without it, above which that line is given as the reason."""
 _SCALLOP = 1.18  # amplitude of a tone over its highest bin, at most
 AN_OTHER = "an unlisted line"
+NO_ORDER = "no simple order of the driving frequency"
 UNSURE = 0.2  # standard uncertainty over amplitude above which a line cannot be told from its neighbour
 
 
@@ -289,7 +290,7 @@ def _named(joint: Joint, spread: Uncertainty, orders: Orders | None) -> tuple[Jo
     mine = [i for i in np.argsort(-joint.sizes, kind="stable").tolist() if tones.lines[i].kind == "other"]
     for number, i in enumerate(mine, 1):
         frequency, within = float(tones.frequency[i]), max(3.0 * float(spread.frequency[i]), 0.02 / duration)
-        origin = (orders.name(frequency, within) or "no simple order of the driving frequency") if orders else ""
+        origin = (orders.name(frequency, within) or NO_ORDER) if orders else ""
         lines[i] = replace(lines[i], name=f"other_{number}", origin=origin)
     return replace(joint, tones=replace(tones, lines=tuple(lines))), [lines[i] for i in mine]
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from microvib.signals.unaccounted import Excess
+
 DETECTION = 6.0  # a line is seen when it stands this many times above the floor about it
 FAINT = "below the floor"  # status of a line that was looked for and not found
 DRIVEN = "driven by noise"  # status of a line that is another one with every draw of the noise
@@ -202,6 +204,8 @@ class LineTable:
     """Members of each family of lines that were looked for."""
     rest: Rest | None = field(default=None, compare=False)
     """What is left; None where that was not looked at."""
+    excess: tuple[Excess, ...] = field(default=(), compare=False)
+    """What a recording holds beyond its lines and its floor, band by band."""
     own_error: float = field(default=0.0, compare=False)
     """Part of every amplitude that the record itself is known to be off, as by its integration."""
     broken: tuple[str, ...] = field(default=(), compare=False)

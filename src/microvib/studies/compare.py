@@ -10,6 +10,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from microvib.analysis.lines import lines, lines_of_recording, recording_notes
+from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
@@ -57,6 +58,8 @@ class Figures:
     decay: float = 0.0
     """[1/s]; 0 of a line that lasts."""
     decay_uncertainty: float = 0.0
+    steady: bool = True
+    """Whether the record is so where the line is: of one that is not the amplitude is not known."""
 
     @property
     def place(self) -> float:
@@ -124,7 +127,7 @@ class Row:
         """Whether the amplitudes agree within their uncertainties; where one is not known they are not judged."""
         if self.a.known != self.b.known:
             return ONLY_A if self.a.known else ONLY_B
-        if math.isnan(self.significance):
+        if math.isnan(self.significance) or not (self.a.steady and self.b.steady):
             return UNJUDGED
         larger = max(self.a, self.b, key=lambda side: side.amplitude)
         if self.significance > COVERAGE and larger.seen:
@@ -330,7 +333,7 @@ def _figures(table: LineTable) -> dict[str, Figures]:
     return {
         x.line: Figures(
             x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m,
-            x.seen or not x.status, x.frequency_uncertainty_hz, *_fall(x),
+            x.seen or not x.status, x.frequency_uncertainty_hz, *_fall(x), not blurred(table, x),
         )
         for x in table
     }  # fmt: skip

@@ -36,6 +36,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable
 from microvib.studies.budget.files import Requirement
+from microvib.studies.budget.recorded import unaccounted
 from microvib.testdata.recording import Recording, fault
 
 SHORT_WAY_DOUBT = 0.03
@@ -446,7 +447,7 @@ def _seen_of_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
 def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics: int) -> Contribution:
     """A drive by its loads on a force table, in the array's axes at angle 0, the short way to the craft of the scenario."""
     axis, recording = "M" + scenario.array.drive_axis, recording.in_si()
-    table = lines_of_recording(recording, axis, scenario)
+    table = lines_of_recording(recording, axis, scenario, harmonics=harmonics)
     ratio = table.clock_ratio or 1.0
     expected = [
         replace(x, frequency=ratio * x.frequency, low=ratio * x.frequency, high=ratio * x.frequency)
@@ -456,9 +457,10 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     missing = [channel for channel in COMPONENTS if channel not in recording.channels]
     loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
     faults = {channel: fault(recording, channel) for channel in COMPONENTS if channel in recording.channels}
+    every: dict[str, LineTable] = {}
     for k, channel in enumerate(COMPONENTS):
         if channel in recording.channels:
-            rows = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
+            rows = every[channel] = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
             loads[:, k] = [rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected]
             floors[:, k] = [DETECTION * rows[x.name].floor_n_m for x in expected]
     of_axis = {line.line: line for line in table}
@@ -490,6 +492,10 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     spread = np.array([_relative(row) for row in found])
     doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0)) + noise[kept] / np.abs(los[kept])
     names = tuple(x.name for x, ok in zip(expected, kept, strict=True) if ok)
+    gaps += [
+        Gap(why, low, high, np.array([math.sqrt(low * high)]), most[None, :], between=True)
+        for why, low, high, most in unaccounted(scenario, recording, every, set(names))
+    ]
     how = f"clock lines of the recording {recording.title}, the short way"
     # Its lines keep their phases to each other, not to those of a run, which starts at another instant.
     clock = f"{name}, recorded"

@@ -1,0 +1,222 @@
+"""Whether lines and floor account for all that a recording holds, at every time of it: power is conserved, band by band.
+
+Lines are found in the whole of a record. A record of which a drive runs for a part only, whose rate ripples or whose load comes and
+goes holds more than its lines say: they are smeared, hidden by the floor that they raise, or parted into others beside them. Here
+the mean square of samples is therefore compared, in bands and in pieces of the record, with that of the lines that are counted and
+of the floor; what is more than both is told with its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import gammainccinv
+
+from microvib.model.record import PASSBAND
+from microvib.signals.line_table import Line
+
+BANDS = 3.0
+"""Bands to the octave."""
+LINES_DOUBT = 0.03
+"""Part of their amplitude by which lines may be larger before the rest counts as more; their own uncertainty comes on top."""
+_PIECES = 2, 4, 8, 16, 32, 64
+"""Into how many pieces a record is parted, one after another: short ones show what comes and goes, long ones what is weak."""
+_BINS = 4
+"""Bins of a piece that a band must have, so that a Hann window keeps it apart from its neighbours."""
+_FIRST = 3
+"""First bin of a piece that its mean does not reach."""
+_BY_CHANCE = 1e-6
+"""Probability with which noise of the floor's density makes more in one piece and band."""
+_SIGMAS = 5.0
+"""Deviations by which noise under a line may make it seem larger in a piece."""
+_WIDE = 1.5
+"""Bins of noise that one bin of a Hann window holds."""
+_EVEN = 0.7
+"""Part of the loudest piece's RMS from which all others are taken for equally loud."""
+_FEW = 8
+"""Bins of a band between the lines that tell its floor."""
+_UNSURE = 4.0 * 1.44 * math.sqrt(_WIDE)
+"""Over the root of the number of such bins: part by which the floor may be higher, four deviations of a median of squares."""
+
+
+@dataclass(frozen=True)
+class Excess:
+    """What a band of a record holds beyond the counted lines and the floor, in the piece where that is most."""
+
+    low: float
+    high: float
+    """Ends of the band [Hz]."""
+    rms: float
+    """Of what is more, in the unit of the samples."""
+    level: float
+    """RMS of all samples in that piece and band."""
+    counted: float
+    """RMS of the lines that are counted there."""
+    start: float
+    stop: float
+    """Between which times [s] samples are about as loud as in that piece."""
+    times: float
+    """Their RMS there over that in the rest of the record; 1 where the record is equally loud all along."""
+
+    @property
+    def amplitude(self) -> float:
+        """Of one tone that has this RMS."""
+        return math.sqrt(2.0) * self.rms
+
+    def told(self, channel: str = "") -> str:
+        """A sentence without a stop: what is wrong, and what to do."""
+        at = f"at {self.low:.3g} to {self.high:.3g} Hz" + (f" in channel {channel}" if channel else "")
+        if self.times > 1.0:
+            times = f"{self.times:.2g} times" if self.times < 100.0 else "over 100 times"
+            return (
+                f"the recording is not steady: between {self.start:.3g} and {self.stop:.3g} s its RMS {at} is {times} that in the"
+                " rest (trim it to a steady part, start and stop in the preparation file)"
+            )
+        part = 100.0 * min(self.counted / self.level, 1.0)
+        return (
+            f"the lines that count make {part:.2g} % of the recording's RMS {at}: the rest may be of a rate or load that comes and"
+            " goes, of what rings, of lines of higher order (--harmonics N) or of another machine (record at a steady rate, with"
+            " nothing else running)"
+        )
+
+
+def excesses(
+    x: np.ndarray, sample_rate: float, counted: Iterable[Line], others: Iterable[Line] = ()
+) -> tuple[Excess, ...]:
+    """What the samples ``x`` (n,) at ``sample_rate`` [Hz] hold beyond lines and floor, by bands of a third of an octave, ascending.
+
+    Parameters
+    ----------
+    x : ndarray
+        Samples of one channel, in the unit of the lines.
+    sample_rate : float
+        [Hz].
+    counted : iterable of Line
+        Lines of this channel that a verdict counts, those that fall as they fall.
+    others : iterable of Line
+        Further lines that do not belong to the floor.
+    """
+    counted = [line for line in counted if math.isfinite(line.amplitude_n_m)]
+    n, duration = x.size, x.size / sample_rate
+    edges = _edges(duration, PASSBAND * sample_rate)
+    if edges.size < 2:
+        return ()
+    x = x - x.mean()
+    model = _samples_of(counted, n, sample_rate)
+    at = [line.place_hz for line in (*counted, *others)]
+    floor = _floors(x - model, sample_rate, edges, at)
+    own = (line.amplitude_uncertainty_n_m / line.amplitude_n_m for line in counted if line.amplitude_n_m > 0.0)
+    doubt = LINES_DOUBT + 2.0 * min(max((y for y in own if math.isfinite(y)), default=0.0), 0.1)
+    worst: dict[int, Excess] = {}
+    for pieces in _PIECES:
+        for k, found in _in_pieces(x, model, n // pieces, sample_rate, edges, floor, doubt):
+            if k not in worst or found.rms > worst[k].rms:
+                worst[k] = found
+    return tuple(worst[k] for k in sorted(worst))
+
+
+def joined(found: Sequence[Excess]) -> list[list[Excess]]:
+    """Those of one channel, or of several, whose bands touch, together."""
+    groups: list[list[Excess]] = []
+    for one in sorted(found, key=lambda x: x.low):
+        if groups and one.low <= max(x.high for x in groups[-1]) * (1.0 + 1e-9):
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return groups
+
+
+def _edges(duration: float, highest: float) -> np.ndarray:
+    """Ends of the bands [Hz]: of a third of an octave, the lowest as wide as the longest pieces resolve."""
+    longest = duration / _PIECES[0]
+    first, least = _FIRST / longest, _BINS / longest
+    found = [first]
+    while found[-1] < highest:
+        found.append(max(found[-1] + least, found[-1] * 2.0 ** (1.0 / BANDS)))
+    return np.array(found) if first < highest else np.zeros(0)
+
+
+def _samples_of(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray:
+    """The samples (n,) of lines alone."""
+    t, found = np.arange(n) / sample_rate, np.zeros(n)
+    for line in lines:
+        size = line.starting(n / sample_rate)
+        falls = np.exp(-line.decay_per_s * t) if line.decay_per_s else 1.0
+        found += size * falls * np.cos(2.0 * np.pi * line.frequency_hz * t + line.phase_rad)
+    return found
+
+
+def _floors(rest: np.ndarray, sample_rate: float, edges: np.ndarray, lines: Sequence[float]) -> np.ndarray:
+    """Density of the floor in each band, from the median of the bins that no line is near, and what it may be at most, (2, m)."""
+    power = _power(rest[None, :], sample_rate)[0]
+    duration = rest.size / sample_rate
+    clear = np.ones(power.size, dtype=bool)
+    for f in lines:
+        k = round(f * duration)
+        clear[max(k - 3, 0) : k + 4] = False
+    found = []
+    for low, high in pairwise(edges.tolist()):
+        band = slice(math.ceil(low * duration), min(math.ceil(high * duration), power.size))
+        own = power[band][clear[band]]
+        if own.size < _FEW:
+            own = power[band]
+        # The median of the square of noise in a bin is ln 2 of its mean.
+        floor = float(np.median(own)) / math.log(2.0) * duration if own.size else 0.0
+        found.append((floor, floor * (1.0 + _UNSURE / math.sqrt(max(own.size, 1)))))
+    return np.array(found).T
+
+
+def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
+    """Mean squares of bins of Hann-windowed pieces (m, l), (m, l//2 + 1): their sum is that of the samples."""
+    length = pieces.shape[1]
+    window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+    values = np.fft.rfft(pieces * window, axis=1)
+    return 2.0 * np.abs(values) ** 2 / (length * np.sum(window**2))
+
+
+def _in_pieces(
+    x: np.ndarray, model: np.ndarray, length: int, sample_rate: float, edges: np.ndarray, floor: np.ndarray, doubt: float,
+) -> Iterator[tuple[int, Excess]]:  # fmt: skip
+    """Numbers of bands that pieces of ``length`` samples resolve and that hold more than lines and floor, and what is more."""
+    if length < 4 * _BINS:
+        return
+    duration = length / sample_rate
+    starts = np.arange(0, x.size - length + 1, length // 4)
+    if starts[-1] != x.size - length:
+        starts = np.append(starts, x.size - length)
+    window = np.lib.stride_tricks.sliding_window_view
+    samples, lines = (_power(window(y, length)[starts], sample_rate) for y in (x, model))
+    for k, (low, high) in enumerate(pairwise(edges.tolist())):
+        if low * duration < _FIRST or (high - low) * duration < _BINS:
+            continue
+        bins = slice(math.ceil(low * duration), math.ceil(high * duration))
+        all_of, of_lines = samples[:, bins].sum(axis=1), lines[:, bins].sum(axis=1)
+        noise, at_most = floor[:, k] * (high - low)
+        free = max((high - low) * duration / _WIDE, 1.0)  # pairs of degrees of freedom
+        by_chance = at_most * float(gammainccinv(free, _BY_CHANCE)) / free
+        under = _SIGMAS * np.sqrt(2.0 * of_lines * floor[1, k] * _WIDE / duration)
+        known = (1.0 + doubt) ** 2 * of_lines
+        if not np.any(all_of > known + under + by_chance):
+            continue
+        more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
+        i = int(np.argmax(more))
+        start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
+        yield k, Excess(
+            low, high, math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times
+        )  # fmt: skip
+
+
+def _loud(power: np.ndarray, i: int, starts: np.ndarray, duration: float) -> tuple[float, float, float]:
+    """Between which times pieces beside piece ``i`` are about as loud, and how many times as loud as the others."""
+    quiet = power < 0.5 * power[i]
+    rest = float(np.median(power[quiet])) if quiet.any() else power[i]
+    if rest > _EVEN**2 * power[i]:
+        return float(starts[0]), float(starts[-1]) + duration, 1.0
+    before, after = np.flatnonzero(quiet[:i]), np.flatnonzero(quiet[i:])
+    first = int(before[-1]) + 1 if before.size else 0
+    last = i + int(after[0]) - 1 if after.size else power.size - 1
+    return float(starts[first]), float(starts[last]) + duration, math.sqrt(power[i] / max(rest, 1e-300))
