@@ -8,7 +8,8 @@ from microvib.studies.evidence import Evidence, Observation, at_parts, evidence_
 from microvib.studies.identify import WholeKey, parse_fit
 from microvib.studies.identify.goodness import deviations
 from microvib.studies.identify.hints import LARGE, hints
-from microvib.studies.identify.intervals import Interval, profiles
+from microvib.studies.identify.intervals import Interval, Z, profiles
+from microvib.studies.identify.lacking import Lacking
 from microvib.studies.identify.problem import Problem, Trust, cost
 from microvib.studies.identify.search import Local, Optimum, local_at
 from microvib.studies.identify.verdict import Findings, Whole, estimate
@@ -62,6 +63,18 @@ def test_fewer_figures_than_parameters_identify_none_of_them(short):
     assert verdict(2, 2) == "identifiable, if the model holds"
 
 
+def test_what_the_model_lacks_is_held_against_the_interval_of_a_profile(short):
+    """Beside a null slopes tell so little that the linearised standard error hides any shift."""
+    rows = tuple(Observation(name, "amplitude", 0.01, 1e-4) for name in ("drive_1", "drive_2"))
+    tests = [(Evidence("made", rows, 1.0, 8.0, 4096.0), {})]
+    problem = Problem(short, tests, [parse_fit(short, "reducer.stiffness")], Trust(0.004))
+    best = Optimum(problem.start, np.zeros(3), 0.0)
+    local = Local(np.full((3, 1), 1e-2), np.array([[1.0]]), 1.0)
+    interval = Interval(best.x[0] - 0.02, best.x[0] + 0.02, profiled=True)
+    found = Findings(problem, best, local, True, (interval,), lacking=(Lacking("friction.presliding", (0.1,)),))
+    assert "does not rule out friction.presliding" in estimate(found, 0).verdict
+
+
 def torque_of(scenario):
     return mv.simulate(scenario, channels=("T_d",))["T_d"]
 
@@ -103,7 +116,7 @@ def test_a_motion_of_another_period_is_told(short, part, word):
     assert judged(posed(short, other)).startswith("not identifiable: the model's motion repeats after another number")
 
 
-def test_what_the_evidence_does_not_tell_costs_no_profile(short):
+def test_what_the_evidence_does_not_tell_costs_one_point_of_a_profile_to_each_side(short):
     """A gain in the evidence of the full step alone, which hardly knows it: the interval is open to both ends at once."""
     seen = Observation("full_step_1", "amplitude", 5.07e-3, 2e-3)
     one = Evidence("made", (seen,), None, 8.0, 4096.0)
@@ -116,7 +129,27 @@ def test_what_the_evidence_does_not_tell_costs_no_profile(short):
     assert interval.open_low
     assert interval.open_high
     assert (interval.low, interval.high) == pytest.approx((problem.low[0], problem.high[0]))
-    assert problem.ledger.simulations == before
+    assert problem.ledger.simulations <= before + 2
+
+
+def test_an_interval_ends_where_its_profile_rises_however_flat_that_is_at_the_best(short):
+    """As beside the null of a line, where slopes tell nothing and figures a little further much."""
+
+    class Bent(Problem):
+        def residuals(self, points, also=()):
+            return [np.array([((x[0] - self.start[0]) / 0.1) ** 3, 0.0]) for x in points]
+
+    seen = Observation("full_step_1", "amplitude", 5.07e-3, 2e-3)
+    tests = [(Evidence("made", (seen,), None, 8.0, 4096.0), {})]
+    problem = Bent(short, tests, [parse_fit(short, "reducer.stiffness")], Trust(0.004))
+    best = Optimum(problem.start, np.zeros(2), 0.0)
+    local = Local(np.array([[1e-3], [0.0]]), np.array([[1e6]]), 1.0)
+    (interval,) = profiles(problem, best, local).intervals
+    reach = 0.1 * Z ** (1.0 / 3.0)
+    assert (interval.low, interval.high) == pytest.approx((best.x[0] - reach, best.x[0] + reach), abs=0.05 * reach)
+    assert interval.profiled
+    assert not interval.open_low
+    assert not interval.open_high
 
 
 def test_noise_at_a_part_of_the_driving_frequency_is_no_motion_of_another_period(short):

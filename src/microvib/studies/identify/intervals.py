@@ -19,7 +19,7 @@ CLOSE = 0.05
 AHEAD, SETTLED = 3, 0.02
 """Steps with the optimum's slopes towards a point of the profile; how far they may have left to go, relatively, to be there."""
 FLAT = 4.0
-"""Times of the way to an end of a range, from which a linearised interval reaches there without a look at the profile."""
+"""Times of the way to an end of a range, from which a linearised interval reaches there if the profile is low at that end."""
 MAX_POINTS = 10
 """Points of a profile to one side, at most."""
 
@@ -90,7 +90,7 @@ class _Side:
         return (0.5 * self.linear, self.linear) if self.linear <= self.far else ()
 
     def run(self) -> _End:
-        if self.linear > FLAT * self.far:
+        if self.linear > FLAT * self.far and self.height(self.far) < Z:
             return _End(self.far, self.linear, True)
         off = [abs(self.height(t) / (Z * t / self.linear) - 1.0) for t in self.checked]
         if off and max(off) < CONFIRMED:

@@ -205,7 +205,9 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
     if abs(late) * doubt(findings.problem) * abs(value) > half:
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"
-    if moved := moved_by(findings.lacking, findings.problem, findings.best, k, float(findings.local.spread[k])):
+    # slopes that tell too little widen the linearised one alone
+    spread = (interval.high - interval.low) / (2.0 * Z) if interval.profiled else float(findings.local.spread[k])
+    if moved := moved_by(findings.lacking, findings.problem, findings.best, k, spread):
         return False, moved
     return True, "identifiable" if fit.freedom > 0 else "identifiable, if the model holds"
 
