@@ -1,10 +1,11 @@
-"""The estimate of the integration's error against the error itself, on states 1-5 and on random parameter sets.
+"""The estimate of the integration's error against the error itself, on states 1-5 and on random
+parameter sets.
 
 ``python benchmarks/accuracy.py [--sets 110] [--seed 0] [--heavy]``
 
-Each set is run from rest with its settings and with ``solver.refinement`` 4; printed is by how much lines of at least a hundredth
-of the largest differ, beside what ``microvib.analysis.accuracy`` says of the first run alone. ``--heavy`` takes slow sets in which
-friction weighs much.
+Each set is run from rest with its settings and with ``solver.refinement`` 4; printed is by how much
+lines of at least a hundredth of the largest differ, beside what ``microvib.analysis.accuracy`` says
+of the first run alone. ``--heavy`` takes slow sets in which friction weighs much.
 
 Nothing is asserted. Machines differ: only ratios and deviations mean something elsewhere.
 """
@@ -27,7 +28,7 @@ from support.line_errors import worst_change
 from support.scenarios import heavy_scenario, random_scenario
 
 import microvib as mv
-from microvib.analysis.accuracy import BOUND, accuracy
+from microvib.analysis.accuracy import MAX_LINE_CHANGE, accuracy
 
 STATES = ("state-1", "state-2", "state-3", "state-4", "state-5")
 
@@ -53,10 +54,14 @@ def main() -> None:
             continue
         counts[said, off] += 1
         costs.append(cost)
-    print(f"\nsaid of the lines, and what they are (off: one changes by more than {100 * BOUND:g} %)")
+    print(
+        f"\nsaid of the lines, and what they are (off: one changes by more than {100 * MAX_LINE_CHANGE:g} %)"
+    )
     for (said, off), count in sorted(counts.items()):
         print(f"{count:5d}  {said:10s} {off}")
-    print(f"time of the estimate over that of the run without its lines: median {np.median(costs):.2f}")
+    print(
+        f"time of the estimate over that of the run without its lines: median {np.median(costs):.2f}"
+    )
 
 
 def _row(name: str, scenario: mv.Scenario) -> tuple[str, str, float]:
@@ -74,7 +79,7 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[str, str, float]:
     rms = float(np.std(T_d) / np.std(exact)) - 1.0
     apart = float(np.std(T_d - exact) / np.std(exact))
     said = "sensitive" if estimate.sensitive else "refine" if estimate.advised else "fine"
-    off = "off" if line > BOUND else "not off"
+    off = "off" if line > MAX_LINE_CHANGE else "not off"
     if said != "fine" or off == "off" or name in STATES:
         print(
             f"{name:8s} line {100 * line:7.3f} % {at:16s} RMS {100 * rms:+8.4f} %, of the difference {100 * apart:8.3f} %;"

@@ -2,7 +2,8 @@
 
 ``python benchmarks/batch.py [--cases N] [--rounds N]``
 
-Times are of the processor, the least of some rounds in turn, after compiling. Nothing is asserted. BLAS is held to one thread.
+Times are of the processor, the least of some rounds in turn, after compiling. Nothing is asserted.
+BLAS is held to one thread.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from microvib.solve import kernel
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.command import Command
 from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples, sample_intervals
+from microvib.solve.sampling import empty_sample_buffer, sample_intervals
 from microvib.units import Si
 
 TOP = 1400.0
@@ -42,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run all and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=4, help="scenarios in each list (default: 4)")
-    parser.add_argument("--rounds", type=int, default=5, help="rounds, of which the least time counts (default: 5)")
+    parser.add_argument(
+        "--rounds", type=int, default=5, help="rounds, of which the least time counts (default: 5)"
+    )
     options = parser.parse_args(arguments)
     state = mv.load_scenario("state-1")
     for name, cases in (("state 1", [state]), ("spread", spread(state, options.cases))):
@@ -82,7 +85,9 @@ def _compare(cases: list[mv.Scenario], rounds: int) -> None:
         "simulate_torques": lambda: simulate_torques(cases),
         "its loop, nothing sampled": lambda: [_bare(case) for case in cases],
         "RODAS4, all channels": lambda: [rodas4.simulate(case) for case in cases],
-        "lines_at_known_clock": lambda: [_lines(*pair) for pair in zip(cases, torques, strict=True)],
+        "lines_at_known_clock": lambda: [
+            _lines(*pair) for pair in zip(cases, torques, strict=True)
+        ],
     }
     times: dict[str, list[float]] = {row: [] for row in calls}
     for _ in range(rounds + 1):  # the first compiles, or loads what was compiled
@@ -103,9 +108,11 @@ def _timed(call: Callable[[], Any]) -> float:
 
 
 def _bare(scenario: mv.Scenario) -> None:
-    """The compiled loop, its tables and its command over the same span; at once, so that it ends no step for our sake."""
+    """The compiled loop, its tables and its command over the same span; at once, so that it ends no
+    step for our sake.
+    """
     packed, end = pack(scenario), sample_intervals(scenario).end
-    silent = no_samples(packed.torque_columns)._replace(width=0.0)
+    silent = empty_sample_buffer(packed.torque_columns)._replace(width=0.0)
     status = packed.advance(end, silent, *Command(scenario).microsteps(0.0, end))
     assert status == kernel.OK
 
@@ -117,22 +124,31 @@ def _torque(scenario: mv.Scenario) -> np.ndarray:
 
 
 def _lines(scenario: mv.Scenario, torque: np.ndarray) -> np.ndarray:
-    table = lines_at_known_clock(torque, scenario.record.sample_rate, expected_lines(scenario, Si(TOP)))
+    table = lines_at_known_clock(
+        torque, scenario.record.sample_rate, expected_lines(scenario, Si(TOP))
+    )
     return np.array([line.amplitude_n_m for line in table])
 
 
 def _converge(state: mv.Scenario) -> None:
-    """Print how far the lines are from those of RODAS4 with much finer steps, and how many steps they take."""
+    """Print how far the lines are from those of RODAS4 with much finer steps, and how many steps
+    they take.
+    """
     finest = state.with_({"solver.refinement": FINEST})
     exact = _lines(state, rodas4.simulate(finest, channels=("T_d",))["T_d"])
-    print(f"\nlines against RODAS4, refinement {FINEST}: largest difference over the largest; steps a microstep")
+    print(
+        f"\nlines against RODAS4, refinement {FINEST}: largest difference over the largest; steps a microstep"
+    )
     for refinement in (1, 2, 4):
         finer = state.with_({"solver.refinement": refinement})
         motion, (torque,) = mv.simulate(finer, channels=("T_d",)), simulate_torques([finer])
         run, alone = (
-            np.nanmax(np.abs(_lines(state, x) - exact)) / np.nanmax(exact) for x in (motion["T_d"], torque.T_d)
+            np.nanmax(np.abs(_lines(state, x) - exact)) / np.nanmax(exact)
+            for x in (motion["T_d"], torque.T_d)
         )
-        steps, fewer = (x / motion.solver["microsteps"] for x in (motion.solver["steps"], torque.steps))
+        steps, fewer = (
+            x / motion.solver["microsteps"] for x in (motion.solver["steps"], torque.steps)
+        )
         print(
             f"refinement {refinement}: simulate() {run:.1e}, {steps:.0f} steps;"
             f" simulate_torques {alone:.1e}, {fewer:.0f} steps"

@@ -1,4 +1,5 @@
-"""Modes of the reference array beside those of CalculiX: `python benchmarks/calculix.py`, where ``ccx`` is installed.
+"""Modes of the reference array beside those of CalculiX: `python benchmarks/calculix.py`, where
+``ccx`` is installed.
 
 Its own mesh is of quadratic bricks, rigid bodies and springs; the figures are those of docs/fem.md.
 """
@@ -14,14 +15,14 @@ from support.calculix import in_calculix
 
 from microvib.io.modal_sources import load_design
 from microvib.structures.fem.array_mesh import kinds
-from microvib.structures.fem.described import solved
+from microvib.structures.fem.described import solve_design
 
 
 def main() -> None:
     design = load_design("reference-array")
     with tempfile.TemporaryDirectory() as folder:
         f, effective, total = in_calculix(design, Path(folder))
-    modes = solved(design, 12)
+    modes = solve_design(design, 12)
     print("mode kind  microvib  CalculiX  difference %   effective inertia")
     for k, kind in enumerate(kinds(modes)[:10]):
         print(

@@ -1,9 +1,12 @@
-"""Cases per second of a campaign: scaling with workers and with cases, and what 1e6 cases on 1000 cores would take.
+"""Cases per second of a campaign: scaling with workers and with cases, and what 1e6 cases on 1000
+cores would take.
 
-    python benchmarks/campaign.py [--cases 100,1000,10000] [--settle 2] [--record 4] [--workers 1,2] [--line-of-sight]
+    python benchmarks/campaign.py [--cases 100,1000,10000] [--settle 2] [--record 4] [--workers 1,2]
+    [--line-of-sight]
 
-All figures of a table are measured in one run, alternating; what counts are their ratios. Overheads are measured apart: until the
-first chunk is there, one chunk's way into its file, the merge per case. The projection adds them up; it is arithmetic, not a run.
+All figures of a table are measured in one run, alternating; what counts are their ratios. Overheads
+are measured apart: until the first chunk is there, one chunk's way into its file, the merge per
+case. The projection adds them up; it is arithmetic, not a run.
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.model.sentences import validated
-from microvib.studies.campaign.cases import TOGETHER, Chunk, compute
+from microvib.model.sentences import validate_part
+from microvib.studies.campaign.cases import BATCH_SIZE, Chunk, compute
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.folder import Campaign, create
 from microvib.studies.campaign.results import merge
@@ -35,7 +38,9 @@ KEYS = ("reducer.stiffness", "motor.friction.viscous", "friction.breakaway", "mo
 EXAMPLE = str(Path(__file__).parents[1] / "examples" / "spacecraft.yaml")
 
 
-def study(count: int, settle: float, record: float, scenario: str = "state-1", **changes: object) -> Study:
+def study(
+    count: int, settle: float, record: float, scenario: str = "state-1", **changes: object
+) -> Study:
     spread = {"distribution": "normal", "relative_deviation": "3 percent"}
     data = {
         "scenario": scenario,
@@ -43,7 +48,7 @@ def study(count: int, settle: float, record: float, scenario: str = "state-1", *
         "vary": dict.fromkeys(KEYS, spread),
         "sampling": {"method": "random", "count": count},
     }
-    return validated(Study, data)
+    return validate_part(Study, data)
 
 
 def timed(campaign: Campaign, workers: int) -> tuple[float, float]:
@@ -69,7 +74,9 @@ def main() -> None:
     parser.add_argument("--settle", type=float, default=2.0)
     parser.add_argument("--record", type=float, default=4.0)
     parser.add_argument(
-        "--line-of-sight", action="store_true", help="only: a craft's cases with its line of sight and without"
+        "--line-of-sight",
+        action="store_true",
+        help="only: a craft's cases with its line of sight and without",
     )
     given = parser.parse_args()
     if given.line_of_sight:
@@ -78,8 +85,10 @@ def main() -> None:
     sizes = [int(x) for x in given.cases.split(",")]
     workers = [int(x) for x in given.workers.split(",")]
     with tempfile.TemporaryDirectory() as folder:
-        per_case = alone(study(4 * TOGETHER, given.settle, given.record), Path(folder) / "alone")
-        rates, start, merging, written = scaling(Path(folder), sizes, workers, given.settle, given.record)
+        per_case = alone(study(4 * BATCH_SIZE, given.settle, given.record), Path(folder) / "alone")
+        rates, start, merging, written = scaling(
+            Path(folder), sizes, workers, given.settle, given.record
+        )
     print(f"\none core, no campaign: {1.0 / per_case:.3g} cases/s ({1e3 * per_case:.3g} ms a case)")
     few, many = min(workers), max(workers)
     for size in sizes:
@@ -93,17 +102,21 @@ def alone(of: Study, folder: Path) -> float:
     """Seconds of one case in one process, without workers and chunks' files."""
     drawn = design(of)
     campaign = create(drawn, folder, drawn.cases)
-    compute(campaign.work(0, range(TOGETHER)))  # compiled and warm
+    compute(campaign.work(0, range(BATCH_SIZE)))  # compiled and warm
     begun = time.perf_counter()
     compute(campaign.work(0))
     return (time.perf_counter() - begun) / drawn.cases
 
 
 def line_of_sight(settle: float, record: float) -> None:
-    """Cases of a craft in one process, with its line of sight and with the torque alone, alternating."""
+    """Cases of a craft in one process, with its line of sight and with the torque alone,
+    alternating.
+    """
     studies = {
-        "torque alone": study(2 * TOGETHER, settle, record, EXAMPLE, **{"spacecraft.line_of_sight": None}),
-        "line of sight": study(2 * TOGETHER, settle, record, EXAMPLE),
+        "torque alone": study(
+            2 * BATCH_SIZE, settle, record, EXAMPLE, **{"spacecraft.line_of_sight": None}
+        ),
+        "line of sight": study(2 * BATCH_SIZE, settle, record, EXAMPLE),
     }
     seconds: dict[str, list[float]] = {name: [] for name in studies}
     with tempfile.TemporaryDirectory() as folder:
@@ -124,7 +137,9 @@ def scaling(
     for size in sizes:
         for again in range(3 if size <= 1000 else 1):
             for count in workers if again % 2 == 0 else workers[::-1]:
-                campaign = create(design(study(size, settle, record)), folder / f"{size}-{count}-{again}")
+                campaign = create(
+                    design(study(size, settle, record)), folder / f"{size}-{count}-{again}"
+                )
                 first, rate = timed(campaign, count)
                 rates.setdefault((size, count), []).append(rate)
                 starts.append(first)
@@ -140,7 +155,9 @@ def scaling(
 
 
 def merged(folder: Path, of: Chunk, like: Study) -> float:
-    """Seconds to merge one case out of chunks of the projection's size, filled with the results of a smaller one."""
+    """Seconds to merge one case out of chunks of the projection's size, filled with the results of
+    a smaller one.
+    """
     pick = np.arange(CHUNK) % len(of.reasons)
     chunk = replace(
         of,

@@ -1,9 +1,11 @@
-"""What finite elements of the reference array cost, with several sparse factorisations; and which shells of pyfe3d pass.
+"""What finite elements of the reference array cost, with several sparse factorisations; and which
+shells of pyfe3d pass.
 
     python benchmarks/fem.py [--mesh 0.0315 0.015] [--solvers qdldl superlu ...]
     python benchmarks/fem.py --elements
 
-Each solver runs in a process of its own, so that its peak memory is its own. Solvers that are not installed are left out.
+Each solver runs in a process of its own, so that its peak memory is its own. Solvers that are not
+installed are left out.
 """
 
 from __future__ import annotations
@@ -123,7 +125,9 @@ def solvers(meshes: list[float], names: list[str]) -> None:
 
 
 def elements() -> None:
-    """First frequency of a simply supported plate over theory, and modes below 1e-3 of the first elastic one when free."""
+    """First frequency of a simply supported plate over theory, and modes below 1e-3 of the first
+    elastic one when free.
+    """
     import pyfe3d
     from pyfe3d.shellprop_utils import isotropic_plate
 
@@ -133,7 +137,9 @@ def elements() -> None:
     )
     for name in ("Quad4", "Quad4R", "Tria3R", "Tria3DSG"):
         element, data, probe = (getattr(pyfe3d, name + part) for part in ("", "Data", "Probe"))
-        errors, zero = zip(*(plate(element, data(), probe(), n, p) for n in (8, 16, 32)), strict=True)
+        errors, zero = zip(
+            *(plate(element, data(), probe(), n, p) for n in (8, 16, 32)), strict=True
+        )
         print(f"{name:9s} " + "  ".join(f"{n:2d}: {100 * e:+7.2f}" for n, e in zip((8, 16, 32), errors, strict=True))
               + f"   {zero[0]} zero modes")  # fmt: skip
 
@@ -147,8 +153,14 @@ def plate(element: Any, data: Any, probe: Any, n: int, p: Any) -> tuple[float, i
     x = np.linspace(0.0, 1.0, n + 1)
     xyz = np.array([(a, b, 0.0) for a in x for b in x])
     grid = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    quads = np.column_stack([c.ravel() for c in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])])
-    corners = quads if hasattr(element, "n4") else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    quads = np.column_stack(
+        [c.ravel() for c in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])]
+    )
+    corners = (
+        quads
+        if hasattr(element, "n4")
+        else np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    )
     sizes = (data.KC0_SPARSE_SIZE, data.M_SPARSE_SIZE)
     K, M = ([np.zeros(s * len(corners), t) for t in (INT, INT, DOUBLE)] for s in sizes)
     for k, nodes in enumerate(corners):

@@ -1,9 +1,10 @@
 """Where the numbers of the catalog's reference-array come from: a fit of its geometry to Table 1.
 
-The paper gives frequencies and effective inertias but no geometry. Stiffnesses and dimensions within the ranges of a designer are
-varied until frequencies, torsional fractions and inertia agree. Modes are matched by kind, so that the order follows from the
-fit. Which kinds modes 8 to 10 have is not printed; the assignments tried are listed in ``ASSIGNMENTS``. The best is then
-fitted again on a finer mesh, with the panels off the axis and one side's hinges stiffer (harness).
+The paper gives frequencies and effective inertias but no geometry. Stiffnesses and dimensions
+within the ranges of a designer are varied until frequencies, torsional fractions and inertia agree.
+Modes are matched by kind, so that the order follows from the fit. Which kinds modes 8 to 10 have is
+not printed; the assignments tried are listed in ``ASSIGNMENTS``. The best is then fitted again on a
+finer mesh, with the panels off the axis and one side's hinges stiffer (harness).
 
     python benchmarks/fit_reference_array.py [--starts N] [--assignment NAME] [--seed S]
 """
@@ -22,7 +23,7 @@ from microvib.errors import MicrovibError
 from microvib.io.named import catalog_text
 from microvib.io.tables import read_table
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.structures.array_design import ArrayDesign
 from microvib.structures.fem.array_mesh import kinds, structure_of
 from microvib.structures.fem.modes import solve
@@ -31,9 +32,21 @@ INERTIA = 7.694  # kg m^2: 7.44/0.967 of Table 1
 TORSION = (0.967, 0.0269, 0.00285, 0.00192)
 BEYOND = 12.5  # Hz: modes that Table 1 does not have lie above
 ASSIGNMENTS = {
-    "torsion-bending-torsion": {"B": (0.22, 1.28, 4.17, 9.09), "I": (0.55, 2.46, None), "T": (1.18, 4.45, 8.98, 11.6)},
-    "torsion-inplane-torsion": {"B": (0.22, 1.28, 4.17, None), "I": (0.55, 2.46, 9.09), "T": (1.18, 4.45, 8.98, 11.6)},
-    "torsion-bending-inplane": {"B": (0.22, 1.28, 4.17, 9.09), "I": (0.55, 2.46, 11.6), "T": (1.18, 4.45, 8.98, None)},
+    "torsion-bending-torsion": {
+        "B": (0.22, 1.28, 4.17, 9.09),
+        "I": (0.55, 2.46, None),
+        "T": (1.18, 4.45, 8.98, 11.6),
+    },
+    "torsion-inplane-torsion": {
+        "B": (0.22, 1.28, 4.17, None),
+        "I": (0.55, 2.46, 9.09),
+        "T": (1.18, 4.45, 8.98, 11.6),
+    },
+    "torsion-bending-inplane": {
+        "B": (0.22, 1.28, 4.17, 9.09),
+        "I": (0.55, 2.46, 11.6),
+        "T": (1.18, 4.45, 8.98, None),
+    },
 }
 # name: (low, high) of what is varied; SI units
 RANGES: dict[str, tuple[float, float]] = {
@@ -56,14 +69,18 @@ START = {
 FINER = 0.15  # m: mesh of the second fit
 AXIAL = 5.0  # a hinge along the span over across it: it keeps motion along the span above Table 1
 SMALL = {"offset": (1e-3, 8e-3), "harness": (1.0003, 1.1)}
-"""What breaks the symmetry: offset of the panels, stiffness about the hinge line of one side over that of the other."""
+"""What breaks the symmetry: offset of the panels, stiffness about the hinge line of one side over
+that of the other.
+"""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--starts", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--assignment", choices=list(ASSIGNMENTS), default="torsion-bending-inplane")
+    parser.add_argument(
+        "--assignment", choices=list(ASSIGNMENTS), default="torsion-bending-inplane"
+    )
     options = parser.parse_args()
     targets = ASSIGNMENTS[options.assignment]
     rng = np.random.default_rng(options.seed)
@@ -73,7 +90,9 @@ def main() -> None:
     for start in range(options.starts):
         drawn = [rng.uniform(low, high) for _ in range(40)]
         x0 = min(drawn, key=lambda x: np.sum(residuals(x, targets) ** 2))
-        fit = least_squares(residuals, x0, bounds=(low, high), args=(targets,), diff_step=1e-3, max_nfev=30)
+        fit = least_squares(
+            residuals, x0, bounds=(low, high), args=(targets,), diff_step=1e-3, max_nfev=30
+        )
         print(f"start {start}: cost {fit.cost:.4g}", flush=True)
         if fit.cost < cost:
             best, cost = fit.x, fit.cost
@@ -81,36 +100,59 @@ def main() -> None:
     refine(best, low, high, targets)
 
 
-def refine(x: np.ndarray, low: np.ndarray, high: np.ndarray, targets: dict[str, tuple[float | None, ...]]) -> None:
-    """Fit frequencies and fractions once more with the symmetry broken, from the best of the symmetric arrays."""
+def refine(
+    x: np.ndarray, low: np.ndarray, high: np.ndarray, targets: dict[str, tuple[float | None, ...]]
+) -> None:
+    """Fit frequencies and fractions once more with the symmetry broken, from the best of the
+    symmetric arrays.
+    """
     small = np.log(np.array(list(SMALL.values())).T)
     x0 = np.r_[x, np.log([3.2e-3, 1.02])]
     bounds = (np.r_[low, small[0]], np.r_[high, small[1]])
     x0 = np.clip(x0, bounds[0] + 1e-6, bounds[1] - 1e-6)
-    fit = least_squares(row_residuals, x0, bounds=bounds, args=(targets,), diff_step=1e-3, max_nfev=10)
+    fit = least_squares(
+        row_residuals, x0, bounds=bounds, args=(targets,), diff_step=1e-3, max_nfev=10
+    )
     print(f"symmetry broken: cost {fit.cost:.4g}")
     names = (*RANGES, *SMALL)
-    print("  " + ", ".join(f"{name} {value:.4g}" for name, value in zip(names, np.exp(fit.x), strict=True)))
+    print(
+        "  "
+        + ", ".join(f"{name} {value:.4g}" for name, value in zip(names, np.exp(fit.x), strict=True))
+    )
     modes = solve(structure_of(design_of(fit.x, 0.1)), 14)
     for k, kind in enumerate(kinds(modes)):
-        print(f"  {k + 1} {kind} {modes.frequency[k]:.4f} {modes.participation[3, k] ** 2 / modes.mass[3, 3]:.3g}")
+        print(
+            f"  {k + 1} {kind} {modes.frequency[k]:.4f} {modes.participation[3, k] ** 2 / modes.mass[3, 3]:.3g}"
+        )
     print(f"  J {modes.mass[3, 3]:.4f}", flush=True)
 
 
 def row_residuals(x: np.ndarray, targets: dict[str, tuple[float | None, ...]]) -> np.ndarray:
-    """The same deviations on a finer mesh, and the fractions of modes 2 and 4 to 6, which asymmetry makes, as factors."""
+    """The same deviations on a finer mesh, and the fractions of modes 2 and 4 to 6, which asymmetry
+    makes, as factors.
+    """
     found = by_kind(design_of(x, FINER))
     rows = list(read_table("table1_array_modes"))
-    small = [("I", 0, 1, 1.5), ("B", 1, 3, 10.0), ("I", 1, 4, 10.0), ("B", 2, 5, 10.0)]  # kind, which, row, factor
+    small = [
+        ("I", 0, 1, 1.5),
+        ("B", 1, 3, 10.0),
+        ("I", 1, 4, 10.0),
+        ("B", 2, 5, 10.0),
+    ]  # kind, which, row, factor
     fractions = [
-        np.log(max(found[kind][k][1], 1e-9) / float(rows[row]["effective_fraction"])) / np.log(factor)
+        np.log(max(found[kind][k][1], 1e-9) / float(rows[row]["effective_fraction"]))
+        / np.log(factor)
         for kind, k, row, factor in small
     ]
     return np.concatenate([residuals(x, targets, FINER), fractions])
 
 
-def residuals(x: np.ndarray, targets: dict[str, tuple[float | None, ...]], mesh: float = 0.6) -> np.ndarray:
-    """Deviations over what is aimed at: 2 % of frequency, and of the torsional fractions 0.3 % to 30 %."""
+def residuals(
+    x: np.ndarray, targets: dict[str, tuple[float | None, ...]], mesh: float = 0.6
+) -> np.ndarray:
+    """Deviations over what is aimed at: 2 % of frequency, and of the torsional fractions 0.3 % to
+    30 %.
+    """
     try:
         found = by_kind(design_of(x, mesh))
     except MicrovibError:
@@ -119,7 +161,9 @@ def residuals(x: np.ndarray, targets: dict[str, tuple[float | None, ...]], mesh:
     for kind, frequencies in targets.items():
         for k, wanted in enumerate(frequencies):
             f = found[kind][k][0] if k < len(found[kind]) else 40.0
-            out.append(min(np.log(f / BEYOND), 0.0) / 0.02 if wanted is None else np.log(f / wanted) / 0.02)
+            out.append(
+                min(np.log(f / BEYOND), 0.0) / 0.02 if wanted is None else np.log(f / wanted) / 0.02
+            )
     axial = found["A"][0][0] if found["A"] else 40.0
     out.append(min(np.log(axial / BEYOND), 0.0) / 0.02)
     torsion = [fraction for _, fraction in found["T"]] + [1e-4] * len(TORSION)
@@ -147,9 +191,19 @@ def design_of(x: np.ndarray, mesh: float = 0.6) -> ArrayDesign:
     data["sandwich"]["nonstructural_mass"] = v["nonstructural"]
     data["sandwich"]["core"]["thickness"] = v["core"]
     data["sandwich"]["face"][0]["shear_modulus"] = v["face_shear"]
-    data["yoke"].update(length=v["length"], half_width_drive=v["drive"], half_width_panel=v["panel"])
-    data["yoke"]["leg"] = {"width": v["leg_width"], "height": v["leg_height"], "wall": v["leg_wall"]}
-    data["yoke"]["crossbar"] = {"width": v["bar_width"], "height": v["bar_height"], "wall": v["bar_wall"]}
+    data["yoke"].update(
+        length=v["length"], half_width_drive=v["drive"], half_width_panel=v["panel"]
+    )
+    data["yoke"]["leg"] = {
+        "width": v["leg_width"],
+        "height": v["leg_height"],
+        "wall": v["leg_wall"],
+    }
+    data["yoke"]["crossbar"] = {
+        "width": v["bar_width"],
+        "height": v["bar_height"],
+        "wall": v["bar_wall"],
+    }
     root = springs(v["root_translation"], v["root_about_x"], v["root_about_y"], v["about_z"])
     line = springs(v["translation"], v["about_x"], v["about_y"], v["about_z"])
     data["hinges"]["root"] = [hinge(side * v["panel"], root) for side in (-1, 1)]
@@ -157,7 +211,7 @@ def design_of(x: np.ndarray, mesh: float = 0.6) -> ArrayDesign:
     data["hinges"]["between"] = [hinge(-v["position"], line), hinge(v["position"], stiffer)]
     data["offset"] = v.get("offset", 3.2e-3)
     data["mesh"] = mesh
-    return validated(ArrayDesign, data, si=True)
+    return validate_part(ArrayDesign, data, si=True)
 
 
 @cache
@@ -177,9 +231,16 @@ def hinge(position: float, stiffness: dict[str, float]) -> dict[str, Any]:
 
 def show(x: np.ndarray, targets: dict[str, tuple[float | None, ...]]) -> None:
     found = by_kind(design_of(x))
-    print("  " + ", ".join(f"{name} {value:.4g}" for name, value in zip(RANGES, np.exp(x), strict=True)))
+    print(
+        "  "
+        + ", ".join(f"{name} {value:.4g}" for name, value in zip(RANGES, np.exp(x), strict=True))
+    )
     for kind in "BIT":
-        print(f"  {kind} " + " ".join(f"{f:.3f} ({q:.2g})" for f, q in found[kind][:5]), "wanted", targets[kind])
+        print(
+            f"  {kind} " + " ".join(f"{f:.3f} ({q:.2g})" for f, q in found[kind][:5]),
+            "wanted",
+            targets[kind],
+        )
     print(f"  A {[round(f, 2) for f, _ in found['A']]} J {found['J']:.4f}", flush=True)
 
 

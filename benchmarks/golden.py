@@ -9,9 +9,10 @@ Two kinds of results are kept, all as text:
   same to the last bit; ``compare`` ends with status 1 where they do not.
 - *words*: what is printed, and the text of reports. They may be mended; ``compare`` shows the difference.
 
-Dates, durations of the computation, versions and folders are replaced by a mark before anything is kept. Figures are the
-same on one machine only: products are fused where the processor can. Keep and compare on the same one.
-``--only NAME`` takes the commands whose name contains NAME, and those that they need.
+Dates, durations of the computation, versions and folders are replaced by a mark before anything is
+kept. Figures are the same on one machine only: products are fused where the processor can. Keep and
+compare on the same one. ``--only NAME`` takes the commands whose name contains NAME, and those that
+they need.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ DEADLINE = 1800.0
 
 
 class Command(NamedTuple):
-    """A command line, the files or folders that it writes, and the commands that must have run before it."""
+    """A command line, the files or folders that it writes, and the commands that must have run
+    before it.
+    """
 
     arguments: Sequence[str]
     writes: Sequence[str] = ()
@@ -75,7 +78,10 @@ FILES: Mapping[str, str] = {
 
 def _states() -> Iterator[tuple[str, Command]]:
     for k in range(1, 6):
-        yield f"run-state-{k}", Command(["run", f"state-{k}", "--out", f"state-{k}"], [f"state-{k}"])
+        yield (
+            f"run-state-{k}",
+            Command(["run", f"state-{k}", "--out", f"state-{k}"], [f"state-{k}"]),
+        )
 
 
 COMMANDS: Mapping[str, Command] = {
@@ -101,18 +107,55 @@ COMMANDS: Mapping[str, Command] = {
     ),
     **dict(_states()),
     "run-limit": Command(
-        ["run", "state-1", *SHORT, "--limit", "10 mN*m", "--band", "0.5:150 Hz", "--pdf", "--out", "limit"], ["limit"]
+        [
+            "run",
+            "state-1",
+            *SHORT,
+            "--limit",
+            "10 mN*m",
+            "--band",
+            "0.5:150 Hz",
+            "--pdf",
+            "--out",
+            "limit",
+        ],
+        ["limit"],
     ),
-    "run-steady": Command(["run", "state-1", "--steady", "--limit", "40 mN*m", "--out", "steady"], ["steady"]),
-    "run-lines-only": Command(["run", "state-2", "--lines-only", *SHORT, "--out", "only"], ["only"]),
+    "run-steady": Command(
+        ["run", "state-1", "--steady", "--limit", "40 mN*m", "--out", "steady"], ["steady"]
+    ),
+    "run-lines-only": Command(
+        ["run", "state-2", "--lines-only", *SHORT, "--out", "only"], ["only"]
+    ),
     "run-noise": Command(
-        ["run", "state-1", *SHORT, "--set", NOISY, "--seeds", "4", "--limit", "60 mN*m", "--out", "noise"], ["noise"]
+        [
+            "run",
+            "state-1",
+            *SHORT,
+            "--set",
+            NOISY,
+            "--seeds",
+            "4",
+            "--limit",
+            "60 mN*m",
+            "--out",
+            "noise",
+        ],
+        ["noise"],
     ),
-    "run-gear-error": Command(["run", "state-1", *SHORT, "--set", GEARED, "--out", "geared"], ["geared"]),
+    "run-gear-error": Command(
+        ["run", "state-1", *SHORT, "--set", GEARED, "--out", "geared"], ["geared"]
+    ),
     "run-craft": Command(["run", "craft.yaml", *SHORT, "--out", "craft"], ["craft"]),
-    "run-angles": Command(["run", "craft.yaml", *SHORT, "--angles", "0,45", "--out", "angles"], ["angles"]),
-    "run-orbit": Command(["run", "craft.yaml", "--orbit", "--angles", "0:60:30", "--out", "orbit"], ["orbit"]),
-    "report": Command(["report", "limit", "--limit", "5 mN*m", "-o", "again.html"], ["again.html"], ["run-limit"]),
+    "run-angles": Command(
+        ["run", "craft.yaml", *SHORT, "--angles", "0,45", "--out", "angles"], ["angles"]
+    ),
+    "run-orbit": Command(
+        ["run", "craft.yaml", "--orbit", "--angles", "0:60:30", "--out", "orbit"], ["orbit"]
+    ),
+    "report": Command(
+        ["report", "limit", "--limit", "5 mN*m", "-o", "again.html"], ["again.html"], ["run-limit"]
+    ),
     "measure-csv": Command(["measure", "state-1", *SHORT, "-o", "bench.csv"], ["bench.csv"]),
     "measure-mat": Command(["measure", "state-1", *SHORT, "-o", "bench.mat"], ["bench.mat"]),
     "analyse": Command(
@@ -120,7 +163,9 @@ COMMANDS: Mapping[str, Command] = {
         ["seen"],
         ["measure-csv"],
     ),
-    "compare": Command(["compare", "bench.csv", "state-1", "--out", "beside"], ["beside"], ["measure-csv"]),
+    "compare": Command(
+        ["compare", "bench.csv", "state-1", "--out", "beside"], ["beside"], ["measure-csv"]
+    ),
     "compare-paper": Command(["compare", "paper-test", "state-1"]),
     "identify": Command(
         [
@@ -198,15 +243,24 @@ COMMANDS: Mapping[str, Command] = {
         ],
         ["budget"],
     ),
-    "budget-steady": Command(["budget", "craft.yaml", "--steady", "--requirement", "requirement.yaml"]),
+    "budget-steady": Command(
+        ["budget", "craft.yaml", "--steady", "--requirement", "requirement.yaml"]
+    ),
     "modes": Command(["modes", "modes.csv", "--out", "modes"], ["modes"]),
     "modes-fem": Command(["modes", "reference-array", "--count", "4", "--out", "array"], ["array"]),
-    "sas": Command(["sas", "size", "--inertia", "8.18 kg*m^2", "--frequency", "1.19 Hz", "--out", "sas"], ["sas"]),
-    "campaign-create": Command(["campaign", "create", "study.yaml", "batch"], ["batch/manifest.json"]),
+    "sas": Command(
+        ["sas", "size", "--inertia", "8.18 kg*m^2", "--frequency", "1.19 Hz", "--out", "sas"],
+        ["sas"],
+    ),
+    "campaign-create": Command(
+        ["campaign", "create", "study.yaml", "batch"], ["batch/manifest.json"]
+    ),
     "campaign-run": Command(["campaign", "run", "batch"], [], ["campaign-create"]),
     "campaign-status": Command(["campaign", "status", "batch"], [], ["campaign-run"]),
     "campaign-case": Command(["campaign", "case", "batch", "1"], [], ["campaign-run"]),
-    "campaign-report": Command(["campaign", "report", "batch"], ["batch/results.nc", "batch/report"], ["campaign-run"]),
+    "campaign-report": Command(
+        ["campaign", "report", "batch"], ["batch/results.nc", "batch/report"], ["campaign-run"]
+    ),
     "validate": Command(["validate", "--out", "paper"], ["paper"]),
 }
 ASKED: Mapping[str, tuple[str, Any]] = {
@@ -222,8 +276,14 @@ ASKED: Mapping[str, tuple[str, Any]] = {
 READ: Mapping[str, tuple[str, Any]] = {
     "catalog": ("catalog", None),
     "schema": ("schema", None),
-    "scenario": ("scenario", {"base": "state-1", "changes": {"motor.current": "0.5 A", "driver.beats": "5"}}),
-    "datasheet": ("datasheet", {"entries": {"holding_torque": "0.5 N*m", "gear": "size 14 ratio 100"}}),
+    "scenario": (
+        "scenario",
+        {"base": "state-1", "changes": {"motor.current": "0.5 A", "driver.beats": "5"}},
+    ),
+    "datasheet": (
+        "datasheet",
+        {"entries": {"holding_torque": "0.5 N*m", "gear": "size 14 ratio 100"}},
+    ),
 }
 """What the page asks without starting a job."""
 
@@ -231,7 +291,10 @@ READ: Mapping[str, tuple[str, Any]] = {
 # --- from a result to text ----------------------------------------------------------------------------------------------
 
 MARKS: Sequence[tuple[re.Pattern[str], str]] = (
-    (re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d(?:\.\d+)?)?(?:Z|[+-]\d\d:\d\d)?)?"), "DATE"),
+    (
+        re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d(?:\.\d+)?)?(?:Z|[+-]\d\d:\d\d)?)?"),
+        "DATE",
+    ),
     (re.compile(r"\bsimulated in [\d.]+ (?:ms|s|min)"), "simulated in TIME"),
     (re.compile(r"\bin [\d.]+ (?:ms|s|min)\b(?=[.;,]?\s*(?:$|\n|Written))"), "in TIME"),
     (re.compile(r"[\d.]+ cases/s"), "SPEED"),
@@ -241,7 +304,9 @@ MARKS: Sequence[tuple[re.Pattern[str], str]] = (
 
 
 class Text(HTMLParser):
-    """The words of an HTML page, a line for each piece, and a digest of each picture; scripts and styles left out."""
+    """The words of an HTML page, a line for each piece, and a digest of each picture; scripts and
+    styles left out.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -272,7 +337,9 @@ def _digest(data: bytes) -> str:
 
 
 def _array(name: str, values: np.ndarray) -> str:
-    """A line on an array: its shape, its digest and, for numbers, its ends, to see at a glance how far it moved."""
+    """A line on an array: its shape, its digest and, for numbers, its ends, to see at a glance how
+    far it moved.
+    """
     if values.dtype.hasobject:
         return f"{name} {values.tolist()!r}"
     ends = ""
@@ -353,7 +420,9 @@ def _marked(text: str, places: Sequence[Path]) -> str:
 
 
 def run_all(kept: Path, only: str) -> None:
-    """Run the commands, and the page, in a folder that is thrown away; keep what they gave in ``kept``."""
+    """Run the commands, and the page, in a folder that is thrown away; keep what they gave in
+    ``kept``.
+    """
     environment = {**os.environ, "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder).resolve()
@@ -368,7 +437,9 @@ def run_all(kept: Path, only: str) -> None:
 
 
 def _chosen(only: str) -> list[str]:
-    """Names of the commands whose name contains ``only``, and of those that they need, in the order of the table."""
+    """Names of the commands whose name contains ``only``, and of those that they need, in the order
+    of the table.
+    """
     chosen = {name for name in COMMANDS if only in name}
     while missing := {need for name in chosen for need in COMMANDS[name].needs} - chosen:
         chosen |= missing
@@ -377,7 +448,12 @@ def _chosen(only: str) -> list[str]:
 
 def _run(command: Command, work: Path, kept: Path, environment: Mapping[str, str]) -> None:
     done = subprocess.run(
-        [*MICROVIB, *command.arguments], cwd=work, env=environment, capture_output=True, text=True, timeout=DEADLINE
+        [*MICROVIB, *command.arguments],
+        cwd=work,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE,
     )
     _keep(kept / "status.figures", f"{done.returncode}")
     _keep(kept / "printed.words", _marked(done.stdout, [work]))
@@ -389,7 +465,11 @@ def _run(command: Command, work: Path, kept: Path, environment: Mapping[str, str
 
 
 def _files(path: Path) -> list[Path]:
-    return sorted(x for x in path.rglob("*") if x.is_file()) if path.is_dir() else [path] * path.exists()
+    return (
+        sorted(x for x in path.rglob("*") if x.is_file())
+        if path.is_dir()
+        else [path] * path.exists()
+    )
 
 
 def _keep(path: Path, text: str) -> None:
@@ -439,7 +519,10 @@ def _ask_page(work: Path, kept: Path, environment: Mapping[str, str]) -> None:
         for name, (path, body) in ASKED.items():
             id = page.ask(path, body)["id"]
             until = time.monotonic() + DEADLINE
-            while page.ask(f"jobs/{id}")["state"] not in ("done", "failed") and time.monotonic() < until:
+            while (
+                page.ask(f"jobs/{id}")["state"] not in ("done", "failed")
+                and time.monotonic() < until
+            ):
                 time.sleep(0.1)
             result = _answer(page.ask(f"jobs/{id}/result"), work).replace(id, "ID")
             _keep(kept / f"{name}.figures", result)
@@ -454,22 +537,34 @@ def _answer(content: Any, work: Path) -> str:
 
 def compare(before: Path, after: Path, only: str) -> bool:
     """Print what differs; whether all figures are the same."""
-    names = {path.relative_to(root) for root in (before, after) for path in root.rglob("*") if path.is_file()}
+    names = {
+        path.relative_to(root)
+        for root in (before, after)
+        for path in root.rglob("*")
+        if path.is_file()
+    }
     chosen = {*_chosen(only), *(["page"] if only in "page" else [])}
     differing = {"figures": 0, "words": 0}
     for name in sorted(x for x in names if x.parts[0] in chosen):
         old, new = (
-            (root / name).read_text(encoding="utf-8") if (root / name).exists() else "" for root in (before, after)
+            (root / name).read_text(encoding="utf-8") if (root / name).exists() else ""
+            for root in (before, after)
         )
         if old != new:
             differing[name.suffix[1:]] += 1
             _print_difference(name, old, new)
-    print(f"{len(names)} results; figures differ in {differing['figures']}, words in {differing['words']}")
+    print(
+        f"{len(names)} results; figures differ in {differing['figures']}, words in {differing['words']}"
+    )
     return not differing["figures"]
 
 
 def _print_difference(name: Path, old: str, new: str, most: int = 40) -> None:
-    lines = list(difflib.unified_diff(old.splitlines(), new.splitlines(), "before", "after", lineterm="", n=0))
+    lines = list(
+        difflib.unified_diff(
+            old.splitlines(), new.splitlines(), "before", "after", lineterm="", n=0
+        )
+    )
     print(f"== {name}: {sum(x[0] in '+-' for x in lines) - 2} lines differ")
     for line in lines[2 : most + 2]:
         print(f"   {line[:200]}")
@@ -479,10 +574,17 @@ def _print_difference(name: Path, old: str, new: str, most: int = 40) -> None:
 
 def main() -> int:
     """Keep or compare, as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=["keep", "compare"])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", default="", metavar="NAME", help="commands whose name contains NAME (default: all)")
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="NAME",
+        help="commands whose name contains NAME (default: all)",
+    )
     options = parser.parse_args()
     if options.what == "keep":
         if options.folder.exists():

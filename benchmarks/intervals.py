@@ -1,13 +1,16 @@
-"""How often the intervals of an identification hold the truth: many synthetic recordings, each identified.
+"""How often the intervals of an identification hold the truth: many synthetic recordings, each
+identified.
 
-``python benchmarks/intervals.py [--recordings N] [--seed N] [--state N] [--mismatch PART] [--driver] [--results FILE]``
+``python benchmarks/intervals.py [--recordings N] [--seed N] [--state N] [--mismatch PART]
+[--driver] [--results FILE]``
 
-Each recording is of a drive of its own (reducer, rotor friction, inertia and clock drawn), with noise, and with figures that
-are wrong by random parts of the size that the identification states for them. The search starts from the catalog's state. With
-``--mismatch`` the rotor's inertia is wrong by that part in the model: then no parameter must be called identifiable. With
-``--driver`` errors of the driver are drawn and identified, and the time before the recording, which is known to SETTLE_ERROR.
-With ``--results`` a run that was interrupted goes on. In brackets are 95 % confidence limits of each share (Clopper and
-Pearson). Nothing is asserted.
+Each recording is of a drive of its own (reducer, rotor friction, inertia and clock drawn), with
+noise, and with figures that are wrong by random parts of the size that the identification states
+for them. The search starts from the catalog's state. With ``--mismatch`` the rotor's inertia is
+wrong by that part in the model: then no parameter must be called identifiable. With ``--driver``
+errors of the driver are drawn and identified, and the time before the recording, which is known to
+SETTLE_ERROR. With ``--results`` a run that was interrupted goes on. In brackets are 95 % confidence
+limits of each share (Clopper and Pearson). Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -58,15 +61,24 @@ def made(start: Scenario, random: np.random.Generator, driver: bool) -> Made:
     """One recording, as the identification gets it."""
     own = {name: value for name, value, _ in start.entries()}
     if driver:
-        truth = {f"driver.imperfections.{key}": size * random.uniform(-1.0, 1.0) for key, size in DRIVER.items()}
+        truth = {
+            f"driver.imperfections.{key}": size * random.uniform(-1.0, 1.0)
+            for key, size in DRIVER.items()
+        }
         truth["record.settle"] = start.record.settle + SETTLE_ERROR * random.normal()
     else:
-        truth = {key: own[key] * (1.0 + part * random.uniform(-1.0, 1.0)) for key, part in SPREAD.items()}
+        truth = {
+            key: own[key] * (1.0 + part * random.uniform(-1.0, 1.0)) for key, part in SPREAD.items()
+        }
     clock = {"tracking.clock_ratio": start.tracking.clock_ratio * random.uniform(0.995, 1.005)}
     torque = mv.simulate(start.with_si({**truth, **clock}), channels=("T_d",))["T_d"]
-    table = lines_of_samples(torque + random.normal(0.0, NOISE, torque.size), RATE, start, measured=True)
+    table = lines_of_samples(
+        torque + random.normal(0.0, NOISE, torque.size), RATE, start, measured=True
+    )
     found = tuple(wrong(o, random) for o in observations(table))
-    return Made(Evidence("made", found, table.clock_ratio, start.record.duration, RATE), {**own, **truth})
+    return Made(
+        Evidence("made", found, table.clock_ratio, start.record.duration, RATE), {**own, **truth}
+    )
 
 
 def wrong(o: Observation, random: np.random.Generator) -> Observation:
@@ -82,7 +94,9 @@ def identified(start: Scenario, one: Made, seed: int, driver: bool) -> Fit:
     """Its identification, with ranges of ours."""
     keys = [f"driver.imperfections.{key}" for key in DRIVER] if driver else list(SPREAD)
     late = Si(SETTLE_ERROR) if driver else None
-    return identify(start, [(one.evidence, {})], keys, starts=32, finishes=1, seed=seed, settle_error=late)
+    return identify(
+        start, [(one.evidence, {})], keys, starts=32, finishes=1, seed=seed, settle_error=late
+    )
 
 
 def told(one: Made, fit: Fit) -> dict[str, object]:
@@ -103,13 +117,21 @@ def counts(rows: Sequence[dict[str, Any]]) -> dict[str, tuple[int, int]]:
     found["not come to its end"] = (sum(not row["converged"] for row in rows), len(rows))
     for key in dict.fromkeys(key for row in rows for key in row["keys"]):
         every = [row["keys"][key] for row in rows if key in row["keys"]]
-        have = [e for e in every if e["interval"][0] <= e["interval"][1]]  # those that are not withheld
+        have = [
+            e for e in every if e["interval"][0] <= e["interval"][1]
+        ]  # those that are not withheld
         sure = [e for e in every if e["identifiable"]]
         found[f"{key} identifiable"] = (len(sure), len(every))
         found[f"{key} from its profile"] = (sum(e["profiled"] for e in have), len(have))
         found[f"{key}: truth in its 95 % interval"] = (sum(map(_inside, have)), len(have))
-        found[f"{key}, identifiable: truth in its 95 % interval"] = (sum(map(_inside, sure)), len(sure))
-        found[f"{key}, identifiable: within 5 % or two standard errors"] = (sum(map(_near, sure)), len(sure))
+        found[f"{key}, identifiable: truth in its 95 % interval"] = (
+            sum(map(_inside, sure)),
+            len(sure),
+        )
+        found[f"{key}, identifiable: within 5 % or two standard errors"] = (
+            sum(map(_near, sure)),
+            len(sure),
+        )
     return found
 
 
@@ -118,7 +140,9 @@ def _inside(e: dict[str, Any]) -> bool:
 
 
 def _near(e: dict[str, Any]) -> bool:
-    return bool(abs(e["estimate"] - e["truth"]) <= max(0.05 * abs(e["truth"]), 2.0 * e["standard_error"]))
+    return bool(
+        abs(e["estimate"] - e["truth"]) <= max(0.05 * abs(e["truth"]), 2.0 * e["standard_error"])
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -126,13 +150,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=100, help="how many (default: 100)")
     parser.add_argument("--seed", type=int, default=1, help="of truths and noise (default: 1)")
-    parser.add_argument("--mismatch", type=float, default=0.0, help="error of the model's rotor inertia, such as 0.2")
+    parser.add_argument(
+        "--mismatch",
+        type=float,
+        default=0.0,
+        help="error of the model's rotor inertia, such as 0.2",
+    )
     parser.add_argument("--state", type=int, default=1, help="state of the catalog (default: 1)")
     parser.add_argument(
-        "--driver", action="store_true", help="errors of the driver instead of reducer, friction and inertia"
+        "--driver",
+        action="store_true",
+        help="errors of the driver instead of reducer, friction and inertia",
     )
     parser.add_argument(
-        "--results", type=Path, help="file to add each recording to; those that it has are not made again"
+        "--results",
+        type=Path,
+        help="file to add each recording to; those that it has are not made again",
     )
     options = parser.parse_args(arguments)
     record = {"record.settle": SETTLE, "record.duration": DURATION[options.driver]}
@@ -140,13 +173,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     inertia = start.motor.rotor_inertia * (1.0 + options.mismatch)
     model = start.with_si({"motor.rotor_inertia": inertia})
     asked = {name: getattr(options, name) for name in ("seed", "mismatch", "state", "driver")}
-    lines = options.results.read_text().splitlines() if options.results and options.results.exists() else []
+    lines = (
+        options.results.read_text().splitlines()
+        if options.results and options.results.exists()
+        else []
+    )
     known = {row["recording"]: row for line in lines if (row := json.loads(line))["of"] == asked}
     for k in range(options.recordings):
         if k in known:
             continue
         one = made(start, np.random.default_rng([options.seed, k]), options.driver)
-        known[k] = {"of": asked, "recording": k, **told(one, identified(model, one, k, options.driver))}
+        known[k] = {
+            "of": asked,
+            "recording": k,
+            **told(one, identified(model, one, k, options.driver)),
+        }
         if options.results:
             with options.results.open("a") as file:
                 file.write(json.dumps(known[k]) + "\n")

@@ -2,10 +2,11 @@
 
 ``python benchmarks/invariants.py [--sets 150] [--seed 0]``
 
-So many sets each of three kinds (any kind of drive, legal sets about the catalog's, heavy friction) are run from rest. Printed are
-the largest value of each invariant, what the balance of energy leaves at most over the electrical energy where little passes the
-shaft, and how often each does not hold, also of the short balance after a run of the torque alone and of steady states; then the
-same of state 1 with coarser settings.
+So many sets each of three kinds (any kind of drive, legal sets about the catalog's, heavy friction)
+are run from rest. Printed are the largest value of each invariant, what the balance of energy
+leaves at most over the electrical energy where little passes the shaft, and how often each does not
+hold, also of the short balance after a run of the torque alone and of steady states; then the same
+of state 1 with coarser settings.
 
 Nothing is asserted.
 """
@@ -47,7 +48,9 @@ def main() -> None:
         _of_sets(draw.__name__, [draw(k) for k in seeds])
     for changes in COARSE:
         short = {"record.settle": 2.0, "record.duration": 4.0}
-        found = mv.simulate(mv.load_scenario("state-1").with_si(short | changes), channels=("T_d",)).invariants
+        found = mv.simulate(
+            mv.load_scenario("state-1").with_si(short | changes), channels=("T_d",)
+        ).invariants
         print(f"{changes}: {_parts(found)}; {', '.join(found.broken) or 'all hold'}", flush=True)
 
 
@@ -73,15 +76,20 @@ def _of_sets(name: str, scenarios: list[mv.Scenario]) -> None:
         print(f"  {key}: at most {max(getattr(one, key) for one in runs):.2g}")
     narrow = [one for one in runs if one.energy_mechanical > 1e-3]
     left = max((one.energy for one in narrow), default=0.0)
-    print(f"  energy where energy_mechanical is above 1e-3 ({len(narrow)} runs): at most {left:.2g}")
     print(
-        f"  do not hold: {dict(Counter(key for one in runs for key in one.broken)) or 'none'}; of the others:", end=" "
+        f"  energy where energy_mechanical is above 1e-3 ({len(narrow)} runs): at most {left:.2g}"
+    )
+    print(
+        f"  do not hold: {dict(Counter(key for one in runs for key in one.broken)) or 'none'}; of the others:",
+        end=" ",
     )
     print(dict(Counter(key for one in others for key in one.broken)) or "none", flush=True)
 
 
 def _parts(found: Invariants) -> str:
-    return ", ".join(f"{key} {getattr(found, key):.2g} of {bar:.2g}" for key, bar in found.bars.items())
+    return ", ".join(
+        f"{key} {getattr(found, key):.2g} of {bar:.2g}" for key, bar in found.bars.items()
+    )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,15 @@
-"""How often an identification calls figures identifiable that are wrong, where the drive has something that the model lacks.
+"""How often an identification calls figures identifiable that are wrong, where the drive has
+something that the model lacks.
 
-``python benchmarks/lacking.py [--recordings N] [--seed N] [--state N] [--only KIND] [--results FILE]``
+``python benchmarks/lacking.py [--recordings N] [--seed N] [--state N] [--only KIND] [--results
+FILE]``
 
-Each recording is of a drive whose fitted parameters, rate and clock are drawn, and which has one thing that the identification's
-scenario lacks: torque noise, presliding, a supply voltage that saturates, a third harmonic of the flux linkage (as a driver's table
-of order 4, whose torque is the same at one current), backlash, a resonance of the table, or a low-pass in the chain. Counted are
-figures that are called identifiable and are off by more than 5 % and three of their standard errors. Nothing is asserted.
+Each recording is of a drive whose fitted parameters, rate and clock are drawn, and which has one
+thing that the identification's scenario lacks: torque noise, presliding, a supply voltage that
+saturates, a third harmonic of the flux linkage (as a driver's table of order 4, whose torque is the
+same at one current), backlash, a resonance of the table, or a low-pass in the chain. Counted are
+figures that are called identifiable and are off by more than 5 % and three of their standard
+errors. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ from scipy.signal import bilinear, butter, lfilter
 
 import microvib as mv
 from microvib.model.scenario import Scenario
-from microvib.studies.evidence import chosen, evidence_of
+from microvib.studies.evidence import evidence_of, select_evidence
 from microvib.studies.identify import Fit, identify
 from microvib.testdata.recording import Recording
 
@@ -101,7 +105,11 @@ BANDS = (None, "0.5:60 Hz", "0.5:200 Hz")
 def one(kind: str, state: int, random: np.random.Generator, starts: int) -> dict[str, Any]:
     """One recording and its identification."""
     rate, duration = math.radians(_log(random, 0.01, 0.2)), _log(random, 3.0, 30.0)
-    record = {"record.settle": _log(random, 5.0, 30.0), "record.duration": duration, "record.sample_rate": RATE}
+    record = {
+        "record.settle": _log(random, 5.0, 30.0),
+        "record.duration": duration,
+        "record.sample_rate": RATE,
+    }
     model = mv.load_scenario(f"state-{state}").with_si({"tracking.rate": rate, **record})
     keys = [str(key) for key in random.choice(FITTED, int(random.integers(1, 4)), replace=False)]
     truth = {key: float(model[key]) * random.uniform(1.0 - SPREAD, 1.0 + SPREAD) for key in keys}
@@ -115,7 +123,7 @@ def one(kind: str, state: int, random: np.random.Generator, starts: int) -> dict
     try:
         band = BANDS[int(random.integers(len(BANDS)))]
         told["band"] = band
-        evidence = chosen([evidence_of(recording, model)], model, [band] if band else [])
+        evidence = select_evidence([evidence_of(recording, model)], model, [band] if band else [])
         fit = identify(model, evidence, keys, starts=starts, seed=1)
     except mv.MicrovibError as error:
         return told | {"refused": str(error)}
@@ -127,7 +135,9 @@ def _without_the_start(kind: str, drive: Scenario) -> Scenario:
     if kind not in ("table resonance", "filter"):
         return drive
     record = drive.record
-    return drive.with_si({"record.settle": record.settle - 2.0, "record.duration": record.duration + 2.0})
+    return drive.with_si(
+        {"record.settle": record.settle - 2.0, "record.duration": record.duration + 2.0}
+    )
 
 
 def _said(fit: Fit) -> dict[str, Any]:
@@ -150,7 +160,9 @@ def wrong(row: dict[str, Any]) -> list[str]:
             continue
         off = e["estimate"] - value
         if abs(off) > max(ENOUGH * abs(value), SURE * e["standard_error"]):
-            found.append(f"{key} {100.0 * off / value:+.0f} %, {abs(off) / e['standard_error']:.1f} standard errors")
+            found.append(
+                f"{key} {100.0 * off / value:+.0f} %, {abs(off) / e['standard_error']:.1f} standard errors"
+            )
     return found
 
 
@@ -160,14 +172,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--recordings", type=int, default=40, help="how many (default: 40)")
     parser.add_argument("--seed", type=int, default=1, help="of drives and noise (default: 1)")
     parser.add_argument("--state", type=int, default=1, help="state of the catalog (default: 1)")
-    parser.add_argument("--starts", type=int, default=32, help="points of each global search (default: 32)")
-    parser.add_argument("--only", choices=list(LACKING), help="one thing that the model lacks (default: each in turn)")
     parser.add_argument(
-        "--results", type=Path, help="file to add each recording to; those that it has are not made again"
+        "--starts", type=int, default=32, help="points of each global search (default: 32)"
+    )
+    parser.add_argument(
+        "--only",
+        choices=list(LACKING),
+        help="one thing that the model lacks (default: each in turn)",
+    )
+    parser.add_argument(
+        "--results",
+        type=Path,
+        help="file to add each recording to; those that it has are not made again",
     )
     options = parser.parse_args(arguments)
     asked = {name: getattr(options, name) for name in ("seed", "state", "starts")}
-    lines = options.results.read_text().splitlines() if options.results and options.results.exists() else []
+    lines = (
+        options.results.read_text().splitlines()
+        if options.results and options.results.exists()
+        else []
+    )
     known = {row["recording"]: row for line in lines if (row := json.loads(line))["of"] == asked}
     kinds, rows = list(LACKING), []
     for k in range(options.recordings):
@@ -176,7 +200,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             continue
         if k not in known:
             random = np.random.default_rng([options.seed, k])
-            known[k] = {"of": asked, "recording": k, **one(kind, options.state, random, options.starts)}
+            known[k] = {
+                "of": asked,
+                "recording": k,
+                **one(kind, options.state, random, options.starts),
+            }
             if options.results:
                 with options.results.open("a") as file:
                     file.write(json.dumps(known[k]) + "\n")
@@ -186,7 +214,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{len(rows)} recordings, {sum('refused' in row for row in rows)} refused")
     print(f"{sum(row.get('explained', False) for row in rows)} explained")
     print(f"{sum(e['identifiable'] for e in figures)} of {len(figures)} figures identifiable")
-    print(f"{sum(len(wrong(row)) for row in rows)} of these off by more than 5 % and three standard errors")
+    print(
+        f"{sum(len(wrong(row)) for row in rows)} of these off by more than 5 % and three standard errors"
+    )
 
 
 def told(row: dict[str, Any]) -> str:

@@ -1,9 +1,10 @@
-"""What each optional part of the drive costs: processor time of a run with it over that of one without.
+"""What each optional part of the drive costs: processor time of a run with it over that of one
+without.
 
 ``python benchmarks/parts.py [--rounds N]``
 
-Runs take turns, and the median of their ratios is printed, with the steps per simulated second: a part that changes the motion
-changes its steps, too. Nothing is asserted.
+Runs take turns, and the median of their ratios is printed, with the steps per simulated second: a
+part that changes the motion changes its steps, too. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ PARTS: dict[str, dict[str, object]] = {
     },
     "8 bits": {"driver.imperfections.dac_bits": 8},
     "ramp between microsteps": {"driver.microstep_ramp": 0.5},
-    "position-dependent friction": {"friction.position": {"harmonics": [{"order": 6000, "amplitude": 0.01}]}},
+    "position-dependent friction": {
+        "friction.position": {"harmonics": [{"order": 6000, "amplitude": 0.01}]}
+    },
     "torque noise": {"friction.torque_noise": {"density": 3e-6}},
     "presliding, 1 element": {"friction.presliding": {"stiffness": 6e3, "elements": 1}},
     "presliding, 8 elements": {"friction.presliding": {"stiffness": 6e3, "elements": 8}},

@@ -1,14 +1,14 @@
 """The drive's equations as general-purpose solvers take them, and the runs of those solvers.
 
-Nothing here comes from microvib's own solver: the right-hand side is written anew from the equations, in the variables
-of the paper, so that its lines check microvib's as well as its speed. Two things are done as an engineer would do
-them who has a library integrator at hand:
+Nothing here comes from microvib's own solver: the right-hand side is written anew from the
+equations, in the variables of the paper, so that its lines check microvib's as well as its speed.
+Two things are done as an engineer would do them who has a library integrator at hand:
 
 * friction is smoothed, sign(omega) becoming tanh(omega / epsilon), since these integrators know no set-valued law;
 * integration is restarted at each microstep, where the reference currents jump.
 
-The disturbance torque is minus the rate of angular momentum, so its mean over an interval follows from the states at
-both ends: no jump of the torque is sampled, and nothing is differentiated.
+The disturbance torque is minus the rate of angular momentum, so its mean over an interval follows
+from the states at both ends: no jump of the torque is sampled, and nothing is differentiated.
 """
 
 from __future__ import annotations
@@ -25,12 +25,16 @@ from numba import njit
 from microvib import Scenario
 
 RATE = 16_384.0
-"""Intervals per second over which the torque is averaged [Hz]; what folds onto the lines is then below 1e-4 of them."""
+"""Intervals per second over which the torque is averaged [Hz]; what folds onto the lines is then
+below 1e-4 of them.
+"""
 
 IA, IB, XA, XB, TM, WM, TL, WL, MODES = range(9)
 
 Advance = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""(times from the microstep on, state at the first of them, reference currents) -> states at the times, (m, n)."""
+"""(times from the microstep on, state at the first of them, reference currents) -> states at the
+times, (m, n).
+"""
 
 
 @dataclass(frozen=True)
@@ -59,19 +63,32 @@ class Drive:
 
 
 def drive(scenario: Scenario, settings: Settings) -> Drive:
-    """The equations of ``scenario``: compliant reducer, PI current loop without voltage limit, constant rate."""
+    """The equations of ``scenario``: compliant reducer, PI current loop without voltage limit,
+    constant rate.
+    """
     reducer, driver = scenario.reducer, scenario.driver
-    if reducer.rigid or reducer.transmission_error or driver.supply_voltage or driver.derivative_gain:
-        raise ValueError("the peers' right-hand side knows a plain compliant reducer and a PI loop without limit only")
+    if (
+        reducer.rigid
+        or reducer.transmission_error
+        or driver.supply_voltage
+        or driver.derivative_gain
+    ):
+        raise ValueError(
+            "the peers' right-hand side knows a plain compliant reducer and a PI loop without limit only"
+        )
     rhs = _right_hand_side(scenario, settings.epsilon)
-    return Drive(rhs, _start(scenario), settings.rtol, settings.atol * _sizes(scenario), _momentum(scenario))
+    return Drive(
+        rhs, _start(scenario), settings.rtol, settings.atol * _sizes(scenario), _momentum(scenario)
+    )
 
 
 def _start(scenario: Scenario) -> np.ndarray:
     """At rest at theta = 0; phase A carries its holding current, which the integral term upholds."""
     y = np.zeros(MODES + 2 * len(scenario.array.modes))
     y[IA] = scenario.motor.current
-    y[XA] = scenario.motor.winding_resistance * scenario.motor.current / scenario.driver.integral_gain
+    y[XA] = (
+        scenario.motor.winding_resistance * scenario.motor.current / scenario.driver.integral_gain
+    )
     return y
 
 
@@ -83,7 +100,16 @@ def _sizes(scenario: Scenario) -> np.ndarray:
     rotor_rate = math.sqrt(motor.electromagnetic_stiffness / scenario.rotor_inertia)
     output_rate = math.sqrt(float(scenario.reducer.stiffness) / scenario.output_inertia)
     integral = motor.winding_resistance * motor.current / driver.integral_gain
-    sizes = [motor.current, motor.current, integral, integral, step, step * rotor_rate, angle, angle * output_rate]
+    sizes = [
+        motor.current,
+        motor.current,
+        integral,
+        integral,
+        step,
+        step * rotor_rate,
+        angle,
+        angle * output_rate,
+    ]
     for H in array.H:
         sizes += [abs(H) * angle, abs(H) * angle * output_rate]
     return np.array(sizes)
@@ -101,7 +127,11 @@ def _momentum(scenario: Scenario) -> np.ndarray:
 def _friction(friction: Any, epsilon: float) -> Callable[[float], float]:
     """Eq. 5-7 with the sign smoothed."""
     slide, stribeck, viscous = friction.sliding_torque, friction.stribeck_torque, friction.viscous
-    inv_rate, shape, inv_epsilon = 1.0 / friction.stribeck_rate, friction.stribeck_shape, 1.0 / epsilon
+    inv_rate, shape, inv_epsilon = (
+        1.0 / friction.stribeck_rate,
+        friction.stribeck_shape,
+        1.0 / epsilon,
+    )
 
     @njit(error_model="numpy")
     def torque(rate: float) -> float:
@@ -115,16 +145,28 @@ def _friction(friction: Any, epsilon: float) -> Callable[[float], float]:
     return torque
 
 
-def _right_hand_side(scenario: Scenario, epsilon: float) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
-    """Eq. 2-4 and 16-18 with a compliant reducer; all parameters become constants of the compiled code."""
-    motor, driver, reducer, array = scenario.motor, scenario.driver, scenario.reducer, scenario.array
+def _right_hand_side(
+    scenario: Scenario, epsilon: float
+) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
+    """Eq. 2-4 and 16-18 with a compliant reducer; all parameters become constants of the compiled
+    code.
+    """
+    motor, driver, reducer, array = (
+        scenario.motor,
+        scenario.driver,
+        scenario.reducer,
+        scenario.array,
+    )
     z, K_m, K_d = float(motor.rotor_teeth), motor.torque_constant, motor.detent_torque
     R, inv_L = motor.winding_resistance, 1.0 / motor.winding_inductance
     K_P, K_I = driver.proportional_gain, driver.integral_gain
     inv_J_m, inv_J_L = 1.0 / scenario.rotor_inertia, 1.0 / scenario.output_inertia
     inv_h, K_g, C_g = 1.0 / reducer.ratio, float(reducer.stiffness), reducer.damping
     H, D, Lam, modes = array.H, array.D, array.Lambda, len(array.modes)
-    rotor_friction, output_friction = _friction(motor.friction, epsilon), _friction(scenario.friction, epsilon)
+    rotor_friction, output_friction = (
+        _friction(motor.friction, epsilon),
+        _friction(scenario.friction, epsilon),
+    )
 
     @njit(error_model="numpy")
     def rhs(y: np.ndarray, references: np.ndarray, f: np.ndarray) -> None:
@@ -137,7 +179,8 @@ def _right_hand_side(scenario: Scenario, epsilon: float) -> Callable[[np.ndarray
         pull = 0.0
         for k in range(modes):
             pull += H[k] * (D[k] * y[MODES + 2 * k + 1] + Lam[k] * y[MODES + 2 * k])
-        # Eq. 17 with eta'' of Eq. 16 put in: what is left of the inertia is the part rigidly on the shaft.
+        # Eq. 17 with eta'' of Eq. 16 put in: what is left of the inertia is the part rigidly on the
+        # shaft.
         alpha = (T_g - output_friction(y[WL]) + pull) * inv_J_L
         f[TM], f[TL] = y[WM], y[WL]
         f[WM] = (T_e - rotor_friction(y[WM]) + T_g * inv_h) * inv_J_m
@@ -189,7 +232,9 @@ def _solve_ivp(method: str, d: Drive) -> Advance:
 
     def advance(times: np.ndarray, y: np.ndarray, references: np.ndarray) -> np.ndarray:
         span = (times[0], times[-1])
-        solution = solve_ivp(f, span, y, method=method, t_eval=times, args=(references,), rtol=d.rtol, atol=d.atol)
+        solution = solve_ivp(
+            f, span, y, method=method, t_eval=times, args=(references,), rtol=d.rtol, atol=d.atol
+        )
         if not solution.success:
             raise RuntimeError(solution.message)
         return solution.y.T
@@ -207,13 +252,17 @@ def cvode(d: Drive) -> Advance:
     def f(t: float, y: np.ndarray, yp: np.ndarray, user: tuple[np.ndarray]) -> None:
         rhs(y, user[0], yp)
 
-    # One solver for the whole run; userdata is read at each call, so the references are changed in place.
+    # One solver for the whole run; userdata is read at each call, so the references are changed in
+    # place.
     current = np.zeros(2)
-    solver = CVODE(f, userdata=(current,), method="BDF", rtol=d.rtol, atol=d.atol, max_num_steps=100_000)
+    solver = CVODE(
+        f, userdata=(current,), method="BDF", rtol=d.rtol, atol=d.atol, max_num_steps=100_000
+    )
 
     def advance(times: np.ndarray, y: np.ndarray, references: np.ndarray) -> np.ndarray:
         current[:] = references
-        # With a middle time the solver returns the states at these times; with two times, all of its own steps.
+        # With a middle time the solver returns the states at these times; with two times, all of
+        # its own steps.
         between = times.size == 2
         solution = solver.solve(np.insert(times, 1, times.mean()) if between else times, y)
         if not solution.success:
@@ -236,9 +285,13 @@ INSTALL = {"scipy": "scipy", "sksundae": "scikit-sundae"}
 
 
 def intervals(scenario: Scenario, stop: float) -> Iterator[tuple[float, float, np.ndarray]]:
-    """Times between microsteps up to ``stop`` [s], with the reference currents that hold there (Eq. 1, 25)."""
+    """Times between microsteps up to ``stop`` [s], with the reference currents that hold there (Eq.
+    1, 25).
+    """
     motor, driver = scenario.motor, scenario.driver
-    rate = -scenario.reducer.ratio * float(scenario.rate or 0.0) / driver.microstep(motor)  # microsteps per second
+    rate = (
+        -scenario.reducer.ratio * float(scenario.rate or 0.0) / driver.microstep(motor)
+    )  # microsteps per second
     begin, k = 0.0, 0
     while begin < stop:
         end = min((k + 0.5) / abs(rate), stop)
@@ -246,8 +299,12 @@ def intervals(scenario: Scenario, stop: float) -> Iterator[tuple[float, float, n
         begin, k = end, k + 1
 
 
-def prepare(scenario: Scenario, maker: Callable[[Drive], Advance], settings: Settings) -> Callable[[], np.ndarray]:
-    """A run of ``scenario``, compiled and ready: called, it returns the mean torques of its record, at RATE."""
+def prepare(
+    scenario: Scenario, maker: Callable[[Drive], Advance], settings: Settings
+) -> Callable[[], np.ndarray]:
+    """A run of ``scenario``, compiled and ready: called, it returns the mean torques of its record,
+    at RATE.
+    """
     d = drive(scenario, settings)
     advance = maker(d)
     _warm_up(scenario, d, advance)

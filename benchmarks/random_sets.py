@@ -1,10 +1,12 @@
-"""Lines of random legal sets against RODAS4 (``tests/support/rodas4``) with ``solver.refinement`` 4.
+"""Lines of random legal sets against RODAS4 (``tests/support/rodas4``) with ``solver.refinement``
+4.
 
 ``python benchmarks/random_sets.py [--sets 372] [--seed 0] [--settle 1] [--record 4]``
 
-Printed is each set in which a line of at least a hundredth of the largest is off by more than 0.5 %, with whether the reference
-itself agrees with one of refinement 8; then how many there are, the median of the worst lines, and the processor time of
-``simulate`` and of the torque alone over RODAS4's with all channels.
+Printed is each set in which a line of at least a hundredth of the largest is off by more than 0.5
+%, with whether the reference itself agrees with one of refinement 8; then how many there are, the
+median of the worst lines, and the processor time of ``simulate`` and of the torque alone over
+RODAS4's with all channels.
 
 Nothing is asserted. Machines differ: only ratios and deviations mean something elsewhere.
 """
@@ -29,7 +31,7 @@ from support.line_errors import worst_change
 from support.scenarios import random_scenario
 
 import microvib as mv
-from microvib.analysis.accuracy import BOUND
+from microvib.analysis.accuracy import MAX_LINE_CHANGE
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import torque_from_rest
 
@@ -52,19 +54,28 @@ def main() -> None:
         off, name = worst_change(table, exact)
         worst.append(off)
         times.append(seconds)
-        if off > BOUND:
+        if off > MAX_LINE_CHANGE:
             finest = mv.lines(rodas4.simulate(scenario.with_si({"solver.refinement": 8})))
             changes = worst_change(exact, finest)[0]
-            print(f"set {k:4d}: {100 * off:.3g} % ({name}); the reference changes by {100 * changes:.2g} %", flush=True)
+            print(
+                f"set {k:4d}: {100 * off:.3g} % ({name}); the reference changes by {100 * changes:.2g} %",
+                flush=True,
+            )
     lines = np.array(worst)
-    print(f"\n{arguments.sets} sets; {np.sum(lines > BOUND)} off by more than {100 * BOUND:g} %")
+    print(
+        f"\n{arguments.sets} sets; {np.sum(lines > MAX_LINE_CHANGE)} off by more than {100 * MAX_LINE_CHANGE:g} %"
+    )
     print(f"median of the worst lines {100 * np.median(lines):.4f} %")
     for what, ratio in zip(("all channels", "torque alone"), np.array(times).T, strict=True):
-        print(f"processor time over RODAS4's, {what}: median {np.median(ratio):.2f}, worst {ratio.max():.2f}")
+        print(
+            f"processor time over RODAS4's, {what}: median {np.median(ratio):.2f}, worst {ratio.max():.2f}"
+        )
 
 
 def _measured(scenario: mv.Scenario) -> tuple[LineTable, tuple[float, float]]:
-    """Lines, and processor time of the motion and of the torque alone over RODAS4's, the least of three each."""
+    """Lines, and processor time of the motion and of the torque alone over RODAS4's, the least of
+    three each.
+    """
     motion, moved = _timed(mv.simulate, scenario)
     _, alone = _timed(torque_from_rest, scenario)
     _, reference = _timed(rodas4.simulate, scenario)

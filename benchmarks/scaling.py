@@ -35,8 +35,9 @@ def main() -> None:
 def with_modes(state: mv.Scenario, count: int) -> mv.Scenario:
     """``state`` with ``count`` modes from its own first one up to HIGHEST, evenly spread by ratio.
 
-    The inertia rigidly on the shaft stays what it is, and the modes after the first are weak: the drive then sticks and
-    slips much as before, so that the cost of the modes is seen and not that of another motion.
+    The inertia rigidly on the shaft stays what it is, and the modes after the first are weak: the
+    drive then sticks and slips much as before, so that the cost of the modes is seen and not that
+    of another motion.
     """
     array = state.array
     first = array.modes[0]
@@ -48,14 +49,20 @@ def with_modes(state: mv.Scenario, count: int) -> mv.Scenario:
         {"frequency": float(f), "damping": first.damping, "effective_inertia": float(inertia)}
         for f, inertia in zip(frequencies, inertias, strict=True)
     ]
-    data: dict[str, Any] = {"inertia": array.J_h + float(inertias.sum()), "rigid_inertia": None, "modes": modes}
+    data: dict[str, Any] = {
+        "inertia": array.J_h + float(inertias.sum()),
+        "rigid_inertia": None,
+        "modes": modes,
+    }
     # The sources name single modes, which need not exist any more.
     return state.with_si({"sources": {}, **{f"array.{key}": value for key, value in data.items()}})
 
 
 def _modes(state: mv.Scenario) -> None:
     print(f"modes ({state.record.settle:g} s to settle, {state.record.duration:g} s recorded)")
-    print(f"{'modes':>6s} {'sticks per s':>13s} {'steps per s':>12s} {'ms per simulated s':>19s} {'us per step':>12s}")
+    print(
+        f"{'modes':>6s} {'sticks per s':>13s} {'steps per s':>12s} {'ms per simulated s':>19s} {'us per step':>12s}"
+    )
     per_second, per_step = [], []
     for count in MODES:
         scenario = with_modes(state, count)
@@ -65,9 +72,15 @@ def _modes(state: mv.Scenario) -> None:
         per_second.append(1e3 * wall / span)
         per_step.append(1e6 * wall / work)
         sticks = solver["sticks"] / span
-        print(f"{count:6d} {sticks:13.1f} {work / span:12.0f} {per_second[-1]:19.2f} {per_step[-1]:12.2f}")
-    print(f"fit: {_line(MODES, per_second)} ms per simulated s; {_line(MODES, per_step)} us per step")
-    print(f"power of the number of modes from {MODES[-3]} to {MODES[-1]}: {_power(MODES[-3:], per_second[-3:]):.2f}\n")
+        print(
+            f"{count:6d} {sticks:13.1f} {work / span:12.0f} {per_second[-1]:19.2f} {per_step[-1]:12.2f}"
+        )
+    print(
+        f"fit: {_line(MODES, per_second)} ms per simulated s; {_line(MODES, per_step)} us per step"
+    )
+    print(
+        f"power of the number of modes from {MODES[-3]} to {MODES[-1]}: {_power(MODES[-3:], per_second[-3:]):.2f}\n"
+    )
 
 
 def _spans(state: mv.Scenario) -> None:

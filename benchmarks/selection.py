@@ -1,10 +1,12 @@
-"""How often an identification asks for effects that a drive has, and for those that it does not have.
+"""How often an identification asks for effects that a drive has, and for those that it does not
+have.
 
 ``python benchmarks/selection.py [--recordings N] [--seed N] [--effects NAME,NAME]``
 
-Each recording is of a drive that has each of the candidates or not, by the toss of a coin, in a size that is drawn; with noise, and
-with figures that are wrong by random parts of the size that the identification states for them. The reducer's stiffness is fitted
-beside. Power depends on sizes, which the table SIZES states. The identification is ended after the selection. Nothing is asserted.
+Each recording is of a drive that has each of the candidates or not, by the toss of a coin, in a
+size that is drawn; with noise, and with figures that are wrong by random parts of the size that the
+identification states for them. The reducer's stiffness is fitted beside. Power depends on sizes,
+which the table SIZES states. The identification is ended after the selection. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -21,8 +23,8 @@ import microvib as mv
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, observations
-from microvib.studies.identify import MODEL_ERROR, Candidate, Trust, parse_fit, switched
-from microvib.studies.identify.fit import without_the_start
+from microvib.studies.identify import MODEL_ERROR, Candidate, ErrorModel, parse_fit, with_effects
+from microvib.studies.identify.fit import without_start_dependence
 from microvib.studies.identify.keys import DAC_BITS
 from microvib.studies.identify.selection import Selector
 
@@ -44,7 +46,11 @@ SIZES: dict[str, dict[str, float]] = {
 
 
 def asked(
-    start: Scenario, effects: Sequence[str], has: Sequence[str], random: np.random.Generator, seed: int
+    start: Scenario,
+    effects: Sequence[str],
+    has: Sequence[str],
+    random: np.random.Generator,
+    seed: int,
 ) -> tuple[Candidate, ...]:
     """What the recording of a drive that ``has`` some of the effects asks for."""
     drawn: dict[str, object] = {
@@ -54,15 +60,18 @@ def asked(
         drawn[DAC_BITS] = int(random.integers(*BITS))
     clock = {"tracking.clock_ratio": start.tracking.clock_ratio * random.uniform(0.995, 1.005)}
     stiffness = {"reducer.stiffness": float(start.reducer.stiffness) * random.uniform(0.7, 1.3)}
-    torque = mv.simulate(switched(start, effects, has).with_si({**drawn, **clock, **stiffness}), channels=("T_d",))[
-        "T_d"
-    ]
-    every = switched(start, effects, effects)
-    table = lines_of_samples(torque + random.normal(0.0, NOISE, torque.size), RATE, every, measured=True)
+    torque = mv.simulate(
+        with_effects(start, effects, has).with_si({**drawn, **clock, **stiffness}),
+        channels=("T_d",),
+    )["T_d"]
+    every = with_effects(start, effects, effects)
+    table = lines_of_samples(
+        torque + random.normal(0.0, NOISE, torque.size), RATE, every, measured=True
+    )
     found = tuple(wrong(o, random) for o in observations(table))
     evidence = Evidence("made", found, table.clock_ratio, start.record.duration, RATE)
-    keys, trust = [parse_fit(start, "reducer.stiffness")], Trust(MODEL_ERROR)
-    tests, _ = without_the_start([(evidence, {})], start, keys, trust)
+    keys, trust = [parse_fit(start, "reducer.stiffness")], ErrorModel(MODEL_ERROR)
+    tests, _ = without_start_dependence([(evidence, {})], start, keys, trust)
     return Selector(start, tests, keys, effects, trust, seed, starts=32, progress=None).run()[-1]
 
 
@@ -84,8 +93,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             kind = "has" if one.effect in has else "has not"
             count[f"{one.effect}: drives that {'have' if kind == 'has' else 'do not have'} it"] += 1
             count[f"{one.effect}: asked for where the drive {kind} it"] += one.selected
-            count[f"{one.effect}: not told where the drive {kind} it"] += not (one.selected or one.explained)
-        count["any that is not there"] += any(one.selected and one.effect not in has for one in told)
+            count[f"{one.effect}: not told where the drive {kind} it"] += not (
+                one.selected or one.explained
+            )
+        count["any that is not there"] += any(
+            one.selected and one.effect not in has for one in told
+        )
         gains = ", ".join(f"{one.effect} {one.gain:.3g} of {one.limit:.3g}" for one in told)
         print(f"recording {k}, a drive with {', '.join(has) or 'none'}: {gains}", file=sys.stderr)
     print(f"of {options.recordings} recordings:")

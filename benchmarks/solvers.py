@@ -1,9 +1,10 @@
 """How fast, and how accurate: microvib beside general-purpose solvers on the same drive.
 
-``python benchmarks/solvers.py [--seconds S] [--full] [--epsilon E] [--tolerance T] [--basilisk-python PATH]``
+``python benchmarks/solvers.py [--seconds S] [--full] [--epsilon E] [--tolerance T]
+[--basilisk-python PATH]``
 
-Nothing is asserted. Machines differ: only the ratios mean something elsewhere. Every solver is compiled before its
-clock starts, and the best of several runs counts where a run is short.
+Nothing is asserted. Machines differ: only the ratios mean something elsewhere. Every solver is
+compiled before its clock starts, and the best of several runs counts where a run is short.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ OWN = (
 )
 """microvib's rows with all channels: name and settings; the first is what others are compared with."""
 PERIOD = 1.5
-"""Records are multiples of this [s]: 80 microsteps and 5 full steps of state-1, whole numbers of samples."""
+"""Records are multiples of this [s]: 80 microsteps and 5 full steps of state-1, whole numbers of
+samples.
+"""
 ENOUGH, MAX_RUNS = 2.0, 20
 """A run is repeated until it has taken this many seconds in all, or so many times."""
 NOT_INSTALLED = "not installed: pip install"
@@ -72,7 +75,8 @@ class Protocol:
     def error(self, torque: np.ndarray, rate: float, averaged: bool = False) -> float:
         """Largest relative deviation of the lines in ``torque`` (n,) [N m].
 
-        Samples that are means over their interval (``averaged``) read a line low by its sinc, which is corrected.
+        Samples that are means over their interval (``averaged``) read a line low by its sinc, which
+        is corrected.
         """
         found = amplitudes(self.scenario, self.lines, torque, rate)
         if averaged:
@@ -98,15 +102,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="microvib beside general-purpose solvers, on state-1")
-    parser.add_argument("--seconds", type=float, default=2.0, help="simulated span of the slow peers [s] (default: 2)")
-    parser.add_argument("--full", action="store_true", help="the peers, too, run the whole protocol of 46 s")
-    parser.add_argument("--epsilon", type=float, default=1e-6, help="the peers' friction width [rad/s] (default: 1e-6)")
-    parser.add_argument("--tolerance", type=float, default=1e-6, help="relative tolerance of the peers (default: 1e-6)")
+    parser = argparse.ArgumentParser(
+        description="microvib beside general-purpose solvers, on state-1"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=2.0,
+        help="simulated span of the slow peers [s] (default: 2)",
+    )
+    parser.add_argument(
+        "--full", action="store_true", help="the peers, too, run the whole protocol of 46 s"
+    )
+    parser.add_argument(
+        "--epsilon",
+        type=float,
+        default=1e-6,
+        help="the peers' friction width [rad/s] (default: 1e-6)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-6,
+        help="relative tolerance of the peers (default: 1e-6)",
+    )
     parser.add_argument("--basilisk-python", help="interpreter of an environment with Basilisk")
     options = parser.parse_args(arguments)
     if options.seconds < PERIOD + 0.1:
-        parser.error(f"--seconds: {options.seconds:g} is too short; at least {PERIOD + 0.1:g} s are needed")
+        parser.error(
+            f"--seconds: {options.seconds:g} is too short; at least {PERIOD + 0.1:g} s are needed"
+        )
     return options
 
 
@@ -118,16 +143,24 @@ def _shortened(state: mv.Scenario, seconds: float) -> mv.Scenario:
 def _protocol(scenario: mv.Scenario, lines: tuple[str, ...]) -> Protocol:
     converged = {}
     for rate in (scenario.record.sample_rate, peers.RATE):
-        _say(f"RODAS4, refinement {CONVERGED}, {_span(scenario):g} s at {rate:g} Hz, for comparison")
+        _say(
+            f"RODAS4, refinement {CONVERGED}, {_span(scenario):g} s at {rate:g} Hz, for comparison"
+        )
         fine = scenario.with_si({"solver.refinement": CONVERGED, "record.sample_rate": rate})
-        converged[rate] = amplitudes(fine, lines, rodas4.simulate(fine, channels=("T_d",))["T_d"], rate)
+        converged[rate] = amplitudes(
+            fine, lines, rodas4.simulate(fine, channels=("T_d",))["T_d"], rate
+        )
     return Protocol(scenario, lines, converged)
 
 
-def amplitudes(scenario: mv.Scenario, names: tuple[str, ...], torque: np.ndarray, rate: float) -> np.ndarray:
-    """Bin amplitudes of the lines [N m], (m,): rectangular window, bin nearest to the expected frequency."""
-    # The bins are fixed: the frequency that is fitted to the array mode lies so near to the border of two bins that
-    # runs a hair apart would read different ones.
+def amplitudes(
+    scenario: mv.Scenario, names: tuple[str, ...], torque: np.ndarray, rate: float
+) -> np.ndarray:
+    """Bin amplitudes of the lines [N m], (m,): rectangular window, bin nearest to the expected
+    frequency.
+    """
+    # The bins are fixed: the frequency that is fitted to the array mode lies so near to the border
+    # of two bins that runs a hair apart would read different ones.
     bins = 2.0 / torque.size * np.abs(np.fft.rfft(torque - torque.mean()))
     return bins[np.round(_frequencies(scenario, names, rate) * torque.size / rate).astype(int)]
 
@@ -141,7 +174,9 @@ def _own(protocol: Protocol) -> list[Row]:
     rows = []
     for name, settings in OWN:
         scenario = protocol.scenario.with_(settings)
-        rows.append(_own_row(name, protocol, lambda scenario=scenario: mv.simulate(scenario)["T_d"]))
+        rows.append(
+            _own_row(name, protocol, lambda scenario=scenario: mv.simulate(scenario)["T_d"])
+        )
     rows.append(_own_row("microvib, torque only", protocol, lambda: _torque(protocol.scenario)))
     return rows
 
@@ -150,11 +185,15 @@ def _own_row(name: str, protocol: Protocol, run: Callable[[], np.ndarray]) -> Ro
     _say(f"{name}, {protocol.span:g} s")
     run()  # compiles, or loads what was compiled
     wall, torque = _best(run)
-    return Row(name, wall, protocol.span, protocol.error(torque, protocol.scenario.record.sample_rate))
+    return Row(
+        name, wall, protocol.span, protocol.error(torque, protocol.scenario.record.sample_rate)
+    )
 
 
 def _torque(scenario: mv.Scenario) -> np.ndarray:
-    """What ``simulate_torques`` gives for a list of one, as the peers, which compute nothing else either."""
+    """What ``simulate_torques`` gives for a list of one, as the peers, which compute nothing else
+    either.
+    """
     (found,) = simulate_torques([scenario])
     assert isinstance(found, Torque), found
     return found.T_d
@@ -172,7 +211,9 @@ def _peers(protocol: Protocol, settings: peers.Settings) -> list[Row]:
         except RuntimeError as error:
             rows.append(Row(name, 0.0, 0.0, note=f"failed: {error}"))
             continue
-        rows.append(Row(name, wall, protocol.span, protocol.error(torque, peers.RATE, averaged=True)))
+        rows.append(
+            Row(name, wall, protocol.span, protocol.error(torque, peers.RATE, averaged=True))
+        )
     return rows
 
 
@@ -183,8 +224,17 @@ def _basilisk(scenario: mv.Scenario, span: float, interpreter: str | None) -> Ro
         return Row(name, 0.0, 0.0, note=f"{NOT_INSTALLED} bsk (or give --basilisk-python)")
     _say(f"{name}, {span:g} s")
     script = Path(__file__).with_name("basilisk_stepper.py")
-    numbers = (scenario.driver.microstep(scenario.motor), scenario.driving_frequency, span, scenario.record.sample_rate)
-    command = [interpreter or sys.executable, str(script), *(repr(float(number or 0.0)) for number in numbers)]
+    numbers = (
+        scenario.driver.microstep(scenario.motor),
+        scenario.driving_frequency,
+        span,
+        scenario.record.sample_rate,
+    )
+    command = [
+        interpreter or sys.executable,
+        str(script),
+        *(repr(float(number or 0.0)) for number in numbers),
+    ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
@@ -196,7 +246,9 @@ def _basilisk(scenario: mv.Scenario, span: float, interpreter: str | None) -> Ro
 
 
 def _best(run: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """Best wall time [s] of several runs, of one if that is long, and what the last of them returned."""
+    """Best wall time [s] of several runs, of one if that is long, and what the last of them
+    returned.
+    """
     walls: list[float] = []
     while not walls or (sum(walls) < ENOUGH and len(walls) < MAX_RUNS):
         begun = time.perf_counter()
@@ -209,9 +261,7 @@ def _table(protocol: Protocol, rows: list[Row]) -> str:
     record = protocol.scenario.record
     own = rows[0].wall / rows[0].simulated
     head = f"state-1: {record.settle:g} s + {record.duration:g} s recorded; error over {', '.join(protocol.lines)}"
-    columns = (
-        f"{'solver':24s} {'wall s':>9s} {'simulated s':>12s} {'x real time':>12s} {'/ microvib':>11s} {'error':>9s}"
-    )
+    columns = f"{'solver':24s} {'wall s':>9s} {'simulated s':>12s} {'x real time':>12s} {'/ microvib':>11s} {'error':>9s}"
     lines = ["", head, columns, "-" * len(columns)]
     for row in rows:
         if row.simulated == 0.0:
@@ -219,9 +269,7 @@ def _table(protocol: Protocol, rows: list[Row]) -> str:
             continue
         each = row.wall / row.simulated
         error = "-" if row.error is None else f"{100.0 * row.error:.3f} %"
-        text = (
-            f"{row.solver:24s} {row.wall:9.4f} {row.simulated:12.3g} {1.0 / each:12.3g} {each / own:11.3g} {error:>9s}"
-        )
+        text = f"{row.solver:24s} {row.wall:9.4f} {row.simulated:12.3g} {1.0 / each:12.3g} {each / own:11.3g} {error:>9s}"
         lines.append(f"{text}  {row.note}".rstrip())
     return "\n".join(lines)
 

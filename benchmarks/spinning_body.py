@@ -1,7 +1,9 @@
-"""Basilisk's spinning body on a free hub against the craft: a rigid array at an angle, turned by a torque on its hinge.
+"""Basilisk's spinning body on a free hub against the craft: a rigid array at an angle, turned by a
+torque on its hinge.
 
-``python benchmarks/spinning_body.py --basilisk PYTHON``, with the interpreter of an environment of its own (``pip install bsk``).
-Of both: how the hub turns and its centre of mass moves for each radian of the hinge, and the inertia that the torque feels.
+``python benchmarks/spinning_body.py --basilisk PYTHON``, with the interpreter of an environment of
+its own (``pip install bsk``). Of both: how the hub turns and its centre of mass moves for each
+radian of the hinge, and the inertia that the torque feels.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ PLACE, AXIS, REFERENCE, ANGLE = [0.2, 0.5, -0.3], [0.48, 0.6, -0.64], [0.8, -0.6
 
 
 def basilisk(told: dict[str, Any]) -> dict[str, Any]:
-    """Runs where Basilisk is: hinge, hub rate and velocity after a short push, the array as a body about its hinge."""
+    """Runs where Basilisk is: hinge, hub rate and velocity after a short push, the array as a body
+    about its hinge.
+    """
     import numpy as np
     from Basilisk.architecture import messaging
     from Basilisk.simulation import spacecraft, spinningBodyOneDOFStateEffector
@@ -29,13 +33,18 @@ def basilisk(told: dict[str, Any]) -> dict[str, Any]:
     simulation = SimulationBaseClass.SimBaseClass()
     nanoseconds = round(1e9 * STEP)
     simulation.CreateNewProcess("process").addTask(simulation.CreateNewTask("task", nanoseconds))
-    craft, array = spacecraft.Spacecraft(), spinningBodyOneDOFStateEffector.SpinningBodyOneDOFStateEffector()
+    craft, array = (
+        spacecraft.Spacecraft(),
+        spinningBodyOneDOFStateEffector.SpinningBodyOneDOFStateEffector(),
+    )
     craft.hub.mHub, craft.hub.r_BcB_B, craft.hub.IHubPntBc_B = HUB_MASS, [[0.0]] * 3, HUB
     array.mass, array.r_SB_B = MASS, [[x] for x in PLACE]
     array.r_ScS_S, array.IPntSc_S = [[x] for x in CENTER], told["about_center"]
     array.dcm_S0B, array.sHat_S = told["turn"], [[0.0], [0.0], [1.0]]
     array.k = array.c = array.thetaInit = array.thetaDotInit = 0.0
-    command = messaging.ArrayMotorTorqueMsg().write(messaging.ArrayMotorTorqueMsgPayload(motorTorque=[TORQUE]))
+    command = messaging.ArrayMotorTorqueMsg().write(
+        messaging.ArrayMotorTorqueMsgPayload(motorTorque=[TORQUE])
+    )
     array.motorTorqueInMsg.subscribeTo(command)
     craft.addStateEffector(array)
     for model in (craft, array):
@@ -55,11 +64,13 @@ def basilisk(told: dict[str, Any]) -> dict[str, Any]:
 
 
 def craft() -> tuple[dict[str, Any], dict[str, Any]]:
-    """The same of microvib, and what Basilisk is told: the array's axes at the angle, its inertia about its own centre."""
+    """The same of microvib, and what Basilisk is told: the array's axes at the angle, its inertia
+    about its own centre.
+    """
     import numpy as np
 
     import microvib as mv
-    from microvib.model.rigid import about_center, elements
+    from microvib.model.rigid import elements, inertia_about_center
 
     inertia = np.array(INERTIA)
     changes = {
@@ -72,7 +83,11 @@ def craft() -> tuple[dict[str, Any], dict[str, Any]]:
         "spacecraft": {
             "hub": {"mass": HUB_MASS, "inertia": elements(np.array(HUB))},
             "array_angle": np.radians(ANGLE),
-            "interface": {"position": PLACE, "drive_axis": AXIS, "reference": told_reference().tolist()},
+            "interface": {
+                "position": PLACE,
+                "drive_axis": AXIS,
+                "reference": told_reference().tolist(),
+            },
         },
     }
     scenario = mv.load_scenario("state-1").with_si(changes)
@@ -80,8 +95,15 @@ def craft() -> tuple[dict[str, Any], dict[str, Any]]:
     assert found is not None
     assert spacecraft is not None
     turn = spacecraft.interface.turn("z", spacecraft.array_angle)
-    ours = {"turn": found.by_output[3:6].tolist(), "move": found.by_output[:3].tolist(), "inertia": found.load.output}
-    return ours, {"turn": turn.T.tolist(), "about_center": about_center(MASS, CENTER, inertia).tolist()}
+    ours = {
+        "turn": found.by_output[3:6].tolist(),
+        "move": found.by_output[:3].tolist(),
+        "inertia": found.load.output,
+    }
+    return ours, {
+        "turn": turn.T.tolist(),
+        "about_center": inertia_about_center(MASS, CENTER, inertia).tolist(),
+    }
 
 
 def told_reference() -> Any:
@@ -99,7 +121,11 @@ def main() -> None:
     ours, told = craft()
     interpreter = parser.parse_args().basilisk
     done = subprocess.run(
-        [interpreter, __file__], input=json.dumps(told), text=True, stdout=subprocess.PIPE, check=True
+        [interpreter, __file__],
+        input=json.dumps(told),
+        text=True,
+        stdout=subprocess.PIPE,
+        check=True,
     )
     theirs = json.loads(done.stdout.splitlines()[-1])
     largest = 0.0

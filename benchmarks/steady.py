@@ -1,11 +1,15 @@
-"""The steady solver against time integration: speed and lines, on states 1-5 and on random parameter sets.
+"""The steady solver against time integration: speed and lines, on states 1-5 and on random
+parameter sets.
 
-``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500] [--any 300] [--rates 30]``
+``python benchmarks/steady.py [--sets 50] [--seed 0] [--chart 80] [--heavy 500] [--any 300] [--rates
+30]``
 
-``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps. ``--heavy`` takes slow sets in which
-friction weighs much instead, and compares the RMS of the torque with that of a run from rest. ``--any`` takes drives of all kinds
-and compares RMS and largest lines with those of a run from rest of eight decay times of the slowest mode. ``--rates`` plans rates
-of such drives with a limit that half of them pass, and looks at what a run from rest has at each rate that is allowed.
+``--chart`` adds points of state 1's rate chart, 0.01 to 0.3 deg/s and 8 to 64 microsteps.
+``--heavy`` takes slow sets in which friction weighs much instead, and compares the RMS of the
+torque with that of a run from rest. ``--any`` takes drives of all kinds and compares RMS and
+largest lines with those of a run from rest of eight decay times of the slowest mode. ``--rates``
+plans rates of such drives with a limit that half of them pass, and looks at what a run from rest
+has at each rate that is allowed.
 
 Nothing is asserted. Machines differ: only the ratios and deviations mean something elsewhere.
 """
@@ -62,19 +66,26 @@ def main() -> None:
         return
     steady_state(mv.load_scenario("state-1"))  # compiles, or loads what was compiled
     mv.simulate(mv.load_scenario("state-1"))
-    print("settled: time integration settles until its slowest mode has rung down to 1e-6; its lines are the reference")
+    print(
+        "settled: time integration settles until its slowest mode has rung down to 1e-6; its lines are the reference"
+    )
     print(
         f"{'case':10s} {'deg/s':>7s} {'n':>3s} {'periods':>8s} {'steady ms':>10s} {'30+16 s':>8s} {'to 1 %':>8s}"
         f" {'deviation':>10s}  line"
     )
     named = [(name, mv.load_scenario(name)) for name in STATES]
     rows = [_row(name, scenario) for name, scenario in named]
-    rows += [_row(f"set {k}", random_scenario(k)) for k in range(arguments.seed, arguments.seed + arguments.sets)]
+    rows += [
+        _row(f"set {k}", random_scenario(k))
+        for k in range(arguments.seed, arguments.seed + arguments.sets)
+    ]
     rows += [_row(f"chart {k}", chart_point(k)) for k in range(arguments.chart)]
     found = [row for row in rows if row is not None]
     worst = max(row[2] for row in found)
     nominal, settled = ([row[j] for row in found] for j in (0, 1))
-    print(f"\nsteady states found: {len(found)} of {len(rows)}; worst deviation of a line {100 * worst:.2f} %")
+    print(
+        f"\nsteady states found: {len(found)} of {len(rows)}; worst deviation of a line {100 * worst:.2f} %"
+    )
     print(
         f"times as fast as settling 30 s and recording 16 s: median {np.median(nominal):.0f}, least {min(nominal):.1f}"
     )
@@ -113,7 +124,9 @@ def _best_of(runs: int, call: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def from_rest(seeds: Sequence[int]) -> None:
-    """Print the sets whose torque is off by more than 3 % RMS from that of a run from rest after eight of its slowest decays."""
+    """Print the sets whose torque is off by more than 3 % RMS from that of a run from rest after
+    eight of its slowest decays.
+    """
     reasons: Counter[str] = Counter()
     found = []
     for seed in seeds:
@@ -127,7 +140,9 @@ def from_rest(seeds: Sequence[int]) -> None:
     wrong = 0
     for start in range(0, len(found), 32):
         part = found[start : start + 32]
-        for (seed, state), run in zip(part, simulate_torques([long_run(state) for _, state in part]), strict=True):
+        for (seed, state), run in zip(
+            part, simulate_torques([long_run(state) for _, state in part]), strict=True
+        ):
             if isinstance(run, Exception):
                 wrong += 1
                 print(f"set {seed}: the run fails: {run}")
@@ -139,19 +154,25 @@ def from_rest(seeds: Sequence[int]) -> None:
                     f"set {seed}: {1e3 * steady:.4g} mN m RMS steady, {1e3 * in_time:.4g} in the run from rest",
                     flush=True,
                 )
-    print(f"\nsteady states found: {len(found)} of {len(seeds)}; more than 3 % RMS off a run from rest: {wrong}")
+    print(
+        f"\nsteady states found: {len(found)} of {len(seeds)}; more than 3 % RMS off a run from rest: {wrong}"
+    )
     for reason, count in reasons.most_common():
         print(f"{count:5d} fall back: {reason}")
 
 
 FALSE = 0.03
-"""Deviation from a run from rest, of the RMS or of a line over the largest, from which a steady state is false."""
+"""Deviation from a run from rest, of the RMS or of a line over the largest, from which a steady
+state is false.
+"""
 DECAYS, LONGEST = 8.0, 4000.0
 """Decay times of the slowest mode before that run's record, and the time [s] that they may take."""
 
 
 def of_any_kind(seeds: Sequence[int]) -> None:
-    """Print the sets of any kind whose steady state is not that of a run from rest, and what falls back, counted."""
+    """Print the sets of any kind whose steady state is not that of a run from rest, and what falls
+    back, counted.
+    """
     reasons: Counter[str] = Counter()
     found, false, times = 0, 0, []
     for seed in seeds:
@@ -169,17 +190,23 @@ def of_any_kind(seeds: Sequence[int]) -> None:
             print(f"set {seed}: {what} off by {100 * off:.3g} %", flush=True)
         if (seed + 1) % 25 == 0:
             print(f"up to set {seed}: {found} found, {false} of them false", flush=True)
-    print(f"\nsteady states found: {found} of {len(seeds)}, {false} of them false; {1e3 * np.mean(times):.0f} ms each")
+    print(
+        f"\nsteady states found: {found} of {len(seeds)}, {false} of them false; {1e3 * np.mean(times):.0f} ms each"
+    )
     for reason, count in reasons.most_common():
         print(f"{count:5d} fall back: {reason}")
 
 
 def _off(state: SteadyState) -> tuple[float, str]:
-    """Largest deviation of RMS and of the six largest lines in the record's band from a run from rest, and of what."""
+    """Largest deviation of RMS and of the six largest lines in the record's band from a run from
+    rest, and of what.
+    """
     scenario, band = state.scenario, 0.33 * state.scenario.record.sample_rate
     duration = max(math.ceil(16.0 * state.frequency), 1) / state.frequency
     settle = _settling(state)
-    [run] = simulate_torques([scenario.with_si({"record.settle": settle, "record.duration": duration})])
+    [run] = simulate_torques(
+        [scenario.with_si({"record.settle": settle, "record.duration": duration})]
+    )
     if isinstance(run, Exception):
         return math.inf, str(run)
     frequency = np.arange(state.T_d.size // 2) * state.frequency
@@ -189,17 +216,25 @@ def _off(state: SteadyState) -> tuple[float, str]:
     spectrum[0] = 0.0
     in_time = float(np.sqrt(2.0 * np.sum(np.abs(spectrum) ** 2))) / run.T_d.size
     largest = np.argsort(-lines)[:6]
-    turned = np.exp(-2j * np.pi * np.outer(frequency[largest], np.arange(run.T_d.size)) / run.sample_rate)
+    turned = np.exp(
+        -2j * np.pi * np.outer(frequency[largest], np.arange(run.T_d.size)) / run.sample_rate
+    )
     off = np.abs(np.abs(turned @ run.T_d) * 2.0 / run.T_d.size - lines[largest]) / np.max(lines)
     rms = abs(float(np.sqrt(np.sum(lines**2) / 2.0)) / in_time - 1.0)
-    return (rms, "RMS") if rms > np.max(off) else (float(np.max(off)), f"{frequency[largest[np.argmax(off)]]:.4g} Hz")
+    return (
+        (rms, "RMS")
+        if rms > np.max(off)
+        else (float(np.max(off)), f"{frequency[largest[np.argmax(off)]]:.4g} Hz")
+    )
 
 
 def _settling(state: SteadyState) -> float:
     """Time [s] in which a run from rest has settled."""
     decay = min(m.decay for m in mv.coupled_modes(state.scenario) if m.frequency > 0.0)
     slow = DECAYS * max(1.0 / decay, state.solver["settling_s"] / math.log(100.0))
-    ran = 0.0 if "from_rest_s" in state.solver else 1.5 * state.solver["simulated_s"]  # it may have rung for long
+    ran = (
+        0.0 if "from_rest_s" in state.solver else 1.5 * state.solver["simulated_s"]
+    )  # it may have rung for long
     return min(max(60.0, slow, ran), LONGEST)
 
 
@@ -215,7 +250,11 @@ def allowed_rates(seeds: Sequence[int]) -> None:
         rate = abs(math.degrees(float(scenario.rate or 0.0)))
         grid = rate_grid(f"{rate / 3.0} deg/s", f"{3.0 * rate} deg/s", RATES)
         cases = plan_rates(scenario, grid, band=f"{band[0]}:{band[1]} Hz", workers=1).cases
-        limit = float(np.median([line.amplitude for case in cases if (line := case.largest(band)) is not None]))
+        limit = float(
+            np.median(
+                [line.amplitude for case in cases if (line := case.largest(band)) is not None]
+            )
+        )
         for case in (case for case in cases if not case.verdict(band, limit)):
             allowed += 1
             turning = at_rate(scenario, Si(case.rate), case.microsteps)
@@ -224,11 +263,20 @@ def allowed_rates(seeds: Sequence[int]) -> None:
                 continue
             steady += 1
             late = turning.with_si({"record.settle": _settling(state), "record.duration": 16.0})
-            inside = [x.amplitude_n_m for x in mv.lines(mv.simulate(late, channels=("T_d",))) if _in(x, band)]
+            inside = [
+                x.amplitude_n_m
+                for x in mv.lines(mv.simulate(late, channels=("T_d",)))
+                if _in(x, band)
+            ]
             if max(inside, default=0.0) > (1.0 + FALSE) * limit:
                 false += 1
-                print(f"set {seed}, {math.degrees(case.rate):.6g} deg/s: {max(inside):.4g} N m, limit {limit:.4g}")
-        print(f"up to set {seed}: {allowed} allowed, {steady} with a steady state, {false} false", flush=True)
+                print(
+                    f"set {seed}, {math.degrees(case.rate):.6g} deg/s: {max(inside):.4g} N m, limit {limit:.4g}"
+                )
+        print(
+            f"up to set {seed}: {allowed} allowed, {steady} with a steady state, {false} false",
+            flush=True,
+        )
 
 
 def _in(line: Line, band: tuple[float, float]) -> bool:
@@ -237,9 +285,13 @@ def _in(line: Line, band: tuple[float, float]) -> bool:
 
 
 def chart_point(k: int) -> mv.Scenario:
-    """State 1 at a rate and microstep count; the rates fill their range evenly, however many points there are."""
+    """State 1 at a rate and microstep count; the rates fill their range evenly, however many points
+    there are.
+    """
     rate = 0.01 + 0.29 * (k * (math.sqrt(5.0) - 1.0) / 2.0 % 1.0)
-    return mv.load_scenario("state-1").with_({"tracking.rate": f"{rate} deg/s", "driver.microsteps": 8 << k % 4})
+    return mv.load_scenario("state-1").with_(
+        {"tracking.rate": f"{rate} deg/s", "driver.microsteps": 8 << k % 4}
+    )
 
 
 if __name__ == "__main__":

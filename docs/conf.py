@@ -61,7 +61,9 @@ autosummary_generate = False
 def _package_hash() -> str:
     """Hash of all that a computed page can depend on: code and data of the package, helpers of the site."""
     files = [*Path(microvib.__file__).parent.rglob("*"), *(HERE / "_ext").rglob("*")]
-    wanted = sorted(f for f in files if f.suffix in (".py", ".yaml", ".csv") and "site" not in f.parts)
+    wanted = sorted(
+        f for f in files if f.suffix in (".py", ".yaml", ".csv") and "site" not in f.parts
+    )
     return hashlib.sha256(b"".join(f.read_bytes() for f in wanted)).hexdigest()[:16]
 
 

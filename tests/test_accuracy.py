@@ -11,12 +11,18 @@ from support.line_errors import worst_change
 from support.scenarios import limit_of, random_scenario
 
 import microvib as mv
-from microvib.analysis.accuracy import BOUND, SENSITIVE, account, accuracy, noted
+from microvib.analysis.accuracy import (
+    MAX_LINE_CHANGE,
+    SENSITIVE_MOTION_ERROR,
+    accuracy,
+    add_error_estimate,
+    with_integration_error,
+)
 from microvib.analysis.limits import judge
 from microvib.analysis.run import solve_run
 from microvib.cli.main import main
 from microvib.io.runs import read_run
-from microvib.solve.integration import again
+from microvib.solve.integration import rerun_refined
 
 OFF, WANDERS, REMEMBERS = 13, 186, 18
 """Random sets whose lines need finer steps than an accuracy of 3 percent asks for, whose motion depends on the smallest detail,
@@ -25,17 +31,44 @@ and whose record shows what happened while it settled."""
 
 def basin():
     """A slow drive of three phases with backlash, whose motion has several forms."""
-    friction = {"viscous": 0.00384, "coulomb": 0.00204, "breakaway": 0.00223, "stribeck_rate": 0.00426}
-    drive = {"rotor_teeth": 50, "phases": 3, "current": 1.0, "torque_constant": 0.42, "detent_torque": 0.0041}
+    friction = {
+        "viscous": 0.00384,
+        "coulomb": 0.00204,
+        "breakaway": 0.00223,
+        "stribeck_rate": 0.00426,
+    }
+    drive = {
+        "rotor_teeth": 50,
+        "phases": 3,
+        "current": 1.0,
+        "torque_constant": 0.42,
+        "detent_torque": 0.0041,
+    }
     windings = {"winding_resistance": 11.7, "winding_inductance": 0.0119, "rotor_inertia": 4.3e-5}
-    gear = {"ratio": 50.0, "wave_generator_inertia": 5e-6, "stiffness": 22800.0, "damping": 3.92, "backlash": 7.6e-5}
+    gear = {
+        "ratio": 50.0,
+        "wave_generator_inertia": 5e-6,
+        "stiffness": 22800.0,
+        "damping": 3.92,
+        "backlash": 7.6e-5,
+    }
     return mv.load_scenario("state-1").with_si(
         {
             "sources": {},
             "motor": {**drive, **windings, "friction": friction},
-            "driver": {"beats": 6, "microsteps": 32, "proportional_gain": 93.6, "integral_gain": 2955.0},
+            "driver": {
+                "beats": 6,
+                "microsteps": 32,
+                "proportional_gain": 93.6,
+                "integral_gain": 2955.0,
+            },
             "reducer": gear,
-            "friction": {"coulomb": 1.13e-4, "breakaway": 2.68e-4, "stribeck_rate": 7.6e-5, "viscous": 0.0457},
+            "friction": {
+                "coulomb": 1.13e-4,
+                "breakaway": 2.68e-4,
+                "stribeck_rate": 7.6e-5,
+                "viscous": 0.0457,
+            },
             "array": {
                 "inertia": 1.95,
                 "modes": [{"frequency": 0.326, "damping": 0.0032, "effective_inertia": 1.72}],
@@ -67,7 +100,7 @@ def wanders():
 def test_a_run_is_done_again_to_the_last_bit(motion_1):
     shorter = motion_1.scenario.with_si({"record.settle": 0.5, "record.duration": 2.0})
     beginning = mv.simulate(shorter, channels=("T_d",)).beginning
-    assert np.array_equal(again(shorter, beginning, 1, 2.0), mv.batch([shorter])[0].T_d)
+    assert np.array_equal(rerun_refined(shorter, beginning, 1, 2.0), mv.batch([shorter])[0].T_d)
 
 
 def test_what_a_motion_remembers_of_its_settling_is_seen():
@@ -75,24 +108,24 @@ def test_what_a_motion_remembers_of_its_settling_is_seen():
     motion = mv.simulate(scenario, channels=("T_d",))
     table = mv.lines(motion)
     exact = mv.lines(mv.simulate(scenario.with_({"solver.refinement": 4}), channels=("T_d",)))
-    assert worst_change(table, exact)[0] > BOUND
+    assert worst_change(table, exact)[0] > MAX_LINE_CHANGE
     estimate = accuracy(motion, table)
-    assert estimate.sensitive or estimate.line > BOUND
+    assert estimate.sensitive or estimate.line > MAX_LINE_CHANGE
 
 
 def test_a_set_whose_lines_are_off_is_told_what_to_set(off):
     motion, table, estimate = off
-    assert estimate.line > BOUND
+    assert estimate.line > MAX_LINE_CHANGE
     assert estimate.advised
     assert not estimate.sensitive
     assert str(estimate).endswith(f"set solver.refinement={estimate.refinement}")
     exact = mv.lines(mv.simulate(motion.scenario.with_({"solver.refinement": 8})))
     change = worst_change(table, exact)[0]
-    assert change > BOUND
+    assert change > MAX_LINE_CHANGE
     assert change / 3.0 < estimate.line < 3.0 * change
     finer = mv.simulate(motion.scenario.with_({"solver.refinement": estimate.refinement}))
     refined = mv.lines(finer)
-    assert worst_change(refined, exact)[0] < BOUND
+    assert worst_change(refined, exact)[0] < MAX_LINE_CHANGE
     assert not accuracy(finer, refined).advised
 
 
@@ -105,7 +138,7 @@ def test_a_run_that_is_fine_is_left_alone(motion_1):
     finer = mv.simulate(motion_1.scenario.with_({"solver.refinement": 4}))
     apart = np.std(finer["T_d"] - motion_1["T_d"]) / np.std(finer["T_d"])
     assert apart / 3.0 < estimate.rms < 3.0 * apart
-    assert 0.5 * worst_change(table, mv.lines(finer))[0] < estimate.line < BOUND
+    assert 0.5 * worst_change(table, mv.lines(finer))[0] < estimate.line < MAX_LINE_CHANGE
 
 
 def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
@@ -113,11 +146,11 @@ def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
     assert estimate.sensitive
     assert not estimate.advised
     assert str(estimate).startswith("SENSITIVE: the motion depends on details below the tolerance")
-    assert estimate.doubt >= SENSITIVE
+    assert estimate.doubt >= SENSITIVE_MOTION_ERROR
     # it does: a change far below the tolerance grows a hundredfold within ten seconds
     scenario = motion.scenario.with_si({"record.settle": 0.2})
     nudged = replace(motion.beginning, state=motion.beginning.state * (1.0 + 1e-9))
-    there, back = (again(scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
+    there, back = (rerun_refined(scenario, b, 1, 10.0) for b in (motion.beginning, nudged))
     assert np.std((there - back)[-4096:]) > 100.0 * np.std((there - back)[:256])
 
 
@@ -132,8 +165,12 @@ def test_lines_that_agree_do_not_hide_that_a_finer_run_is_another_motion(off, mo
     assert estimate.sensitive
     for factor in (0.3, 2.0):
         line = max(table, key=lambda x: np.nan_to_num(x.amplitude_n_m))
-        limit = limit_of(factor * line.amplitude_n_m, line.frequency_hz - 0.01, line.frequency_hz + 0.01)
-        assert judge(noted(table, estimate), limit).of(line).verdict == "not judged"
+        limit = limit_of(
+            factor * line.amplitude_n_m, line.frequency_hz - 0.01, line.frequency_hz + 0.01
+        )
+        assert (
+            judge(with_integration_error(table, estimate), limit).of(line).verdict == "not judged"
+        )
 
 
 def test_a_drive_whose_motion_has_several_forms_is_sensitive():
@@ -145,13 +182,18 @@ def test_a_drive_whose_motion_has_several_forms_is_sensitive():
     assert estimate.rms > 0.3
     line = table["drive_1"]
     limit = limit_of(0.7 * line.amplitude_n_m, line.frequency_hz - 0.1, line.frequency_hz + 0.1)
-    assert judge(noted(table, estimate), limit).of(line).verdict == "not judged"
+    assert judge(with_integration_error(table, estimate), limit).of(line).verdict == "not judged"
 
 
 def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
     motion, whole, estimate = off
-    table = replace(whole, lines=tuple(x for x in whole if x.status == "ok"))  # what rings would be a doubt of its own
-    known, solver = noted(table, estimate), account(motion.solver, estimate)
+    table = replace(
+        whole, lines=tuple(x for x in whole if x.status == "ok")
+    )  # what rings would be a doubt of its own
+    known, solver = (
+        with_integration_error(table, estimate),
+        add_error_estimate(motion.solver, estimate),
+    )
     assert known.own_error == estimate.doubt == solver["error_estimate"]["line"]
     line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
     near = limit_of(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))

@@ -15,9 +15,9 @@ import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
-from microvib.reports.angles import angles_table, bracketed
+from microvib.reports.angles import angles_table, unit_in_brackets
 from microvib.reports.numbers import angle_unit
-from microvib.signals.pointing import radial
+from microvib.signals.pointing import radial_rms
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.units import Si
 
@@ -58,20 +58,37 @@ def test_each_angle_is_a_run_of_its_own(tmp_path: Path) -> None:
     result = mv.run(scenario.with_si({"spacecraft.array_angle": math.radians(75.0)}))
     assert result.motion is not None
     one = hub_lines(result.motion, result.table)
-    assert found.los("drive_1")[1] == pytest.approx(np.linalg.norm(one.amplitude[one.names.index("drive_1")]), rel=1e-9)
-    assert found.rms("rpe", 0.01)[1] == pytest.approx(float(radial(one.mean_squares("rpe", 0.01).sum(axis=0))))
+    assert found.los("drive_1")[1] == pytest.approx(
+        np.linalg.norm(one.amplitude[one.names.index("drive_1")]), rel=1e-9
+    )
+    assert found.rms("rpe", 0.01)[1] == pytest.approx(
+        float(radial_rms(one.mean_squares("rpe", 0.01).sum(axis=0)))
+    )
     assert abs(found.los("drive_1")[0] / found.los("drive_1")[1] - 1.0) > 0.01
     head, table = angles_table(found)
     unit, size = angle_unit([float(found.rms("ape", 1.0).max())])
     assert head[3:5] == [f"its amplitude {unit}", f"APE {unit}"]
-    assert [float(row[4]) for row in table[:2]] == pytest.approx(found.rms("ape", 1.0) / size, rel=1e-3)
-    assert [column for column in map(bracketed, head) if "[" not in column] == ["largest line"]
+    assert [float(row[4]) for row in table[:2]] == pytest.approx(
+        found.rms("ape", 1.0) / size, rel=1e-3
+    )
+    assert [column for column in map(unit_in_brackets, head) if "[" not in column] == [
+        "largest line"
+    ]
     (tmp_path / "craft.yaml").write_text(dump_scenario(scenario))
-    arguments = ["run", str(tmp_path / "craft.yaml"), "--angles", "0,75", "--out", str(tmp_path / "o")]
+    arguments = [
+        "run",
+        str(tmp_path / "craft.yaml"),
+        "--angles",
+        "0,75",
+        "--out",
+        str(tmp_path / "o"),
+    ]
     done = CliRunner().invoke(main, arguments, prog_name="microvib")
     assert done.exit_code == 0, done.output
     rows = [
-        r for r in csv.DictReader((tmp_path / "o" / "angles.csv").read_text().splitlines()) if r["line"] == "drive_1"
+        r
+        for r in csv.DictReader((tmp_path / "o" / "angles.csv").read_text().splitlines())
+        if r["line"] == "drive_1"
     ]
     assert [float(r["angle_deg"]) for r in rows] == [0.0, 75.0]
     assert math.hypot(float(rows[1]["los_x_rad"]), float(rows[1]["los_y_rad"])) == pytest.approx(

@@ -7,7 +7,7 @@ from support.scenarios import NO_FRICTION, in_si
 
 import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.model.part import plain
+from microvib.model.part import to_plain_data
 from microvib.model.reducer import Reducer
 
 STEP = 1.2e-5  # rad at the output; a microstep of state 1 is 1.96e-5
@@ -21,7 +21,9 @@ SHORT = {"record.settle": 0.5, "record.duration": 1.0}
 @pytest.fixture
 def loose(state_1):
     """No friction holds a flank: the gear rattles at every microstep."""
-    return state_1.with_si({**NO_DRY_FRICTION, **SHORT, "reducer.backlash": STEP, "solver.accuracy": 1e-5})
+    return state_1.with_si(
+        {**NO_DRY_FRICTION, **SHORT, "reducer.backlash": STEP, "solver.accuracy": 1e-5}
+    )
 
 
 def test_an_independent_integration_from_contact_to_contact_agrees(loose):
@@ -50,14 +52,19 @@ def test_a_gear_loaded_on_one_flank_moves_as_one_without_backlash(state_1):
 
 
 def test_without_backlash_nothing_changes(state_1):
-    none, tiny = (mv.simulate(state_1.with_si({**SHORT, **more})) for more in ({}, {"reducer.backlash": 0.0}))
+    none, tiny = (
+        mv.simulate(state_1.with_si({**SHORT, **more})) for more in ({}, {"reducer.backlash": 0.0})
+    )
     assert np.array_equal(none["T_d"], tiny["T_d"])
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"reducer.backlash": 1e-4, "reducer.stiffness": "rigid"}, "backlash: flanks of a rigid reducer"),
+        (
+            {"reducer.backlash": 1e-4, "reducer.stiffness": "rigid"},
+            "backlash: flanks of a rigid reducer",
+        ),
         ({"reducer.backlash": -1e-4}, "backlash: -0.0001"),
     ],
 )
@@ -68,6 +75,8 @@ def test_what_backlash_does_not_go_with_is_told(state_1, changes, sentence):
 
 def test_backlash_of_a_train_adds_up_at_the_output():
     stage = {"pinion": 20, "wheel": 200, "backlash": 2e-3, "stiffness": 2e4}
-    reducer = in_si(Reducer, train=[stage, {**stage, "backlash": 3e-4}], wave_generator_inertia=0.0, damping=1.0)
+    reducer = in_si(
+        Reducer, train=[stage, {**stage, "backlash": 3e-4}], wave_generator_inertia=0.0, damping=1.0
+    )
     assert reducer.backlash == pytest.approx(2e-3 / 10.0 + 3e-4)
-    assert "backlash" not in plain(reducer)
+    assert "backlash" not in to_plain_data(reducer)

@@ -16,7 +16,10 @@ from microvib.solve.batch import simulate_torques
 from microvib.solve.command import Command
 
 SHORT = {"record.settle": 1.0, "record.duration": 2.0}
-MODES = [{"frequency": f, "damping": 0.01, "effective_inertia": m} for f, m in ((0.4, 5.0), (1.19, 2.5), (31.0, 0.5))]
+MODES = [
+    {"frequency": f, "damping": 0.01, "effective_inertia": m}
+    for f, m in ((0.4, 5.0), (1.19, 2.5), (31.0, 0.5))
+]
 FREE = {"sources": {}, **NO_FRICTION}
 DRIVES = {
     "state 1": {},
@@ -34,7 +37,10 @@ DRIVES = {
     "no friction": FREE,
     "supply limits": {"driver.supply_voltage": 18.0, "tracking.rate": "0.2 deg/s"},
     "no integral gain": {"driver.integral_gain": 0.0},
-    "a ramp": {"tracking.rate": None, "tracking.profile": [{"rate": "0.06 deg/s", "ramp": "2 s", "hold": "1 s"}]},
+    "a ramp": {
+        "tracking.rate": None,
+        "tracking.profile": [{"rate": "0.06 deg/s", "ramp": "2 s", "hold": "1 s"}],
+    },
 }
 FINE = {"solver.refinement": 3}
 
@@ -60,15 +66,24 @@ def test_torque_is_that_of_simulate(drives, torques, k):
     motion, torque = mv.simulate(drives[k], channels=("T_d", "stuck_output")), torques[k]
     assert torque.T_d.shape == motion["T_d"].shape
     rms = np.sqrt(np.mean((torque.T_d - motion["T_d"]) ** 2))
-    assert rms < 6e-4 * np.abs(motion["T_d"]).max()  # measured 5e-7 to 7.2e-5, most of it the solver's accuracy
-    assert torque.stuck_output == pytest.approx(motion["stuck_output"].mean(), abs=2e-4)  # the filter reaches further
-    assert torque.steps <= motion.solver["steps"]  # nothing but the torque has to be smooth inside them
+    assert (
+        rms < 6e-4 * np.abs(motion["T_d"]).max()
+    )  # measured 5e-7 to 7.2e-5, most of it the solver's accuracy
+    assert torque.stuck_output == pytest.approx(
+        motion["stuck_output"].mean(), abs=2e-4
+    )  # the filter reaches further
+    assert (
+        torque.steps <= motion.solver["steps"]
+    )  # nothing but the torque has to be smooth inside them
     assert torque.momentum < 1e-7
 
 
 def test_torques_converge_to_those_of_simulate(drives, torques):
     for k in (0, 6, 8):
-        fine, motion = simulate_torques([drives[k].with_si(FINE)])[0], mv.simulate(drives[k].with_si(FINE))
+        fine, motion = (
+            simulate_torques([drives[k].with_si(FINE)])[0],
+            mv.simulate(drives[k].with_si(FINE)),
+        )
         coarse = mv.simulate(drives[k])
         far = np.sqrt(np.mean((torques[k].T_d - coarse["T_d"]) ** 2))
         near = np.sqrt(np.mean((fine.T_d - motion["T_d"]) ** 2))
@@ -79,8 +94,12 @@ def test_lines_are_those_of_simulate(state_1, motion_1):
     scenario = motion_1.scenario
     torque = simulate_torques([scenario])[0]
     expected = expected_lines(scenario, "1400 Hz")
-    ours, theirs = (lines_at_known_clock(x, torque.sample_rate, expected) for x in (torque.T_d, motion_1["T_d"]))
-    amplitudes = np.array([[a.amplitude_n_m, b.amplitude_n_m] for a, b in zip(ours, theirs, strict=True)])
+    ours, theirs = (
+        lines_at_known_clock(x, torque.sample_rate, expected) for x in (torque.T_d, motion_1["T_d"])
+    )
+    amplitudes = np.array(
+        [[a.amplitude_n_m, b.amplitude_n_m] for a, b in zip(ours, theirs, strict=True)]
+    )
     top = np.nanmax(amplitudes)
     assert np.nanmax(np.abs(amplitudes[:, 0] - amplitudes[:, 1])) < 1e-4 * top
 
@@ -98,7 +117,9 @@ def test_a_torque_is_the_same_to_the_last_bit_alone(drives, torques):
 
 def test_failures_stand_in_their_place(state_1, drives, torques):
     lost = state_1.with_si({**SHORT, "tracking.rate": "300 deg/s"})
-    stiff = state_1.with_si({**SHORT, "driver.proportional_gain": 1e160, "driver.integral_gain": 1e200})
+    stiff = state_1.with_si(
+        {**SHORT, "driver.proportional_gain": 1e160, "driver.integral_gain": 1e200}
+    )
     results = simulate_torques([lost, drives[0], stiff, lost, drives[1], *[stiff] * 9, drives[2]])
     assert same(results[1], torques[0])
     assert same(results[4], torques[1])
@@ -156,12 +177,18 @@ def _cosine(x):
 @pytest.mark.parametrize("span", [0.8, 30.0, 1e5])
 @pytest.mark.parametrize(("ours", "exact"), [(_sine, math.sin), (_cosine, math.cos)])
 def test_sine_and_cosine_of_lanes(ours, exact, span):
-    x = np.concatenate([np.random.default_rng(3).uniform(-span, span, 4000), [0.0, -0.0, 1e-300, math.pi / 4]])
-    assert _on_lanes(ours, np.resize(x, 4008)) == pytest.approx([exact(v) for v in np.resize(x, 4008)], abs=2.5e-16)
+    x = np.concatenate(
+        [np.random.default_rng(3).uniform(-span, span, 4000), [0.0, -0.0, 1e-300, math.pi / 4]]
+    )
+    assert _on_lanes(ours, np.resize(x, 4008)) == pytest.approx(
+        [exact(v) for v in np.resize(x, 4008)], abs=2.5e-16
+    )
 
 
 def test_exponential_of_lanes():
-    x = np.concatenate([np.random.default_rng(3).uniform(-690.0, 690.0, 4000), [0.0, -0.0, 1e-300, 1.0]])
+    x = np.concatenate(
+        [np.random.default_rng(3).uniform(-690.0, 690.0, 4000), [0.0, -0.0, 1e-300, 1.0]]
+    )
     x = np.resize(x, 4008)
     exact = np.array([math.exp(v) for v in x])
     ours = _on_lanes(njit(lambda x: lanes.exp(x)), x)

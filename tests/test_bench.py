@@ -20,7 +20,9 @@ from microvib.testdata.preparation import Preparation
 IDEAL = {"sample_rate": 1024.0, "duration": 8.0, "lead": 4.0}
 
 
-def loads_of(bench: Bench, frequency: float, amplitude: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def loads_of(
+    bench: Bench, frequency: float, amplitude: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     n = math.ceil(bench.span * bench.analog_rate)
     t = np.arange(n) / bench.analog_rate
     return np.tile(amplitude * np.cos(2 * np.pi * frequency * t), (6, 1)), np.zeros(n)
@@ -28,13 +30,17 @@ def loads_of(bench: Bench, frequency: float, amplitude: float = 1.0) -> tuple[np
 
 def reading(frequency: float, channel: str = "Mz", **settings) -> float:
     bench = in_si(Bench, **{**IDEAL, **settings})
-    return tone_amplitude(measure(bench, *loads_of(bench, frequency))[channel], bench.sample_rate, frequency)
+    return tone_amplitude(
+        measure(bench, *loads_of(bench, frequency))[channel], bench.sample_rate, frequency
+    )
 
 
 def test_an_ideal_bench_changes_nothing():
     bench = in_si(Bench, **IDEAL)
     loads, twist = loads_of(bench, 37.3)
-    np.testing.assert_array_equal(measure(bench, loads, twist)["Fx"], loads[0, 16384::4][: bench.samples])
+    np.testing.assert_array_equal(
+        measure(bench, loads, twist)["Fx"], loads[0, 16384::4][: bench.samples]
+    )
 
 
 @pytest.mark.parametrize("f", [20.0, 99.0, 180.0])
@@ -69,7 +75,9 @@ def test_a_platform_takes_its_share_above_its_resonance():
 
 def test_high_pass_and_anti_aliasing_filter():
     assert reading(1.0, high_pass=1.0) == pytest.approx(math.sqrt(0.5), rel=2e-3)
-    assert reading(200.0, filter_corner=200.0, filter_order=6) == pytest.approx(math.sqrt(0.5), rel=2e-3)
+    assert reading(200.0, filter_corner=200.0, filter_order=6) == pytest.approx(
+        math.sqrt(0.5), rel=2e-3
+    )
     bench = in_si(Bench, **IDEAL, filter_corner=400.0, filter_order=8)
     out = measure(bench, *loads_of(bench, 1024.0 - 50.0))["Mz"]
     assert tone_amplitude(out, 1024.0, 50.0) < 2e-3  # would alias to 50 Hz
@@ -135,7 +143,9 @@ def test_what_goes_in_comes_out(tmp_path, measured, suffix):
         s, w = 2j * np.pi * f, 2 * np.pi * 700.0
         through = abs(w**2 / (s**2 + 0.04 * w * s + w**2)) * 0.998
         spread = table[name].amplitude_uncertainty_n_m
-        assert table[name].amplitude_n_m == pytest.approx(truth[name].amplitude_n_m * through, abs=4 * spread, rel=5e-4)
+        assert table[name].amplitude_n_m == pytest.approx(
+            truth[name].amplitude_n_m * through, abs=4 * spread, rel=5e-4
+        )
 
 
 def test_cross_talk_is_taken_out_again():
@@ -161,7 +171,10 @@ def test_catalog_benches_are_sound():
         ("high_pass: 1 N", "high_pass: '1 N' has the wrong dimension"),
         ("filter_corner: 3 kHz", "not below half the sample rate, 2048 Hz"),
         ("table: [{component: Mq, frequency: 1 Hz, damping: 0.1}]", "table.0.component"),
-        ("table: [{component: Mx, frequency: 9 kHz, damping: 0.1}]", "table.0.frequency: 9000 Hz is not below"),
+        (
+            "table: [{component: Mx, frequency: 9 kHz, damping: 0.1}]",
+            "table.0.frequency: 9000 Hz is not below",
+        ),
         ("gain: 2", "gain: unknown key"),
         ("duration: 1e9 s", "too much"),
         ("[1, 2]", "a mapping of keys is expected"),

@@ -18,22 +18,34 @@ from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.scenario_file import dump_scenario
-from microvib.model.coupling import transfer_from
+from microvib.model.coupling import line_of_sight_transfer
 from microvib.model.linear import coupled_modes
-from microvib.model.rigid import motion_of
+from microvib.model.rigid import rigid_motion_at
 from microvib.model.spacecraft import SecondWing
 from microvib.reports.budget import budget_report, budget_text, draw_budget, draw_cumulative
 from microvib.signals.in_step import bases
-from microvib.signals.pointing import level, weight
+from microvib.signals.pointing import confidence_level_angle, metric_weight
 from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.budget.arrays import lacking
-from microvib.studies.budget.figures import figure
+from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
-from microvib.studies.budget.other_sources import of_other
-from microvib.studies.budget.sources import SHORT_WAY_DOUBT, Contribution, Gap, of_run, open_gap
-from microvib.studies.budget.study import Budget, ensemble_of, pointing_budget, summary, with_campaign
-from microvib.studies.budget.sums import judged, merged
-from microvib.studies.budget.wheels import in_any_phase
+from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.sources import (
+    BLOCKED_LOAD_UNCERTAINTY,
+    Contribution,
+    Unobserved,
+    contribution_of_run,
+    open_gap,
+)
+from microvib.studies.budget.study import (
+    Budget,
+    ensemble_of,
+    pointing_budget,
+    summary,
+    with_campaign,
+)
+from microvib.studies.budget.sums import assess, combine_lines
+from microvib.studies.budget.wheels import bound_over_phases
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
 from microvib.studies.campaign.folder import create
@@ -52,11 +64,13 @@ def requirement(**keys: object) -> Requirement:
 def source(name: str, *lines: tuple[float, complex, complex], **keys: object) -> Contribution:
     f = np.array([line[0] for line in lines])
     los = np.array([line[1:] for line in lines], dtype=complex).reshape(-1, 2) * URAD
-    return Contribution(name, "given", tuple(f"line_{k}" for k in range(len(lines))), f, los, **keys)  # type: ignore[arg-type]
+    return Contribution(
+        name, "given", tuple(f"line_{k}" for k in range(len(lines))), f, los, **keys
+    )  # type: ignore[arg-type]
 
 
 def test_lines_of_other_frequencies_add_as_mean_squares() -> None:
-    one = judged(requirement(), [source("a", (1.0, 0.6, 0.0)), source("b", (2.0, 0.0, 0.8))], "rss")
+    one = assess(requirement(), [source("a", (1.0, 0.6, 0.0)), source("b", (2.0, 0.0, 0.8))], "rss")
     assert one.value == pytest.approx(URAD / math.sqrt(2.0))
     assert one.least == pytest.approx(one.most)
     assert one.verdict == "pass"
@@ -66,52 +80,78 @@ def test_lines_of_other_frequencies_add_as_mean_squares() -> None:
 
 @pytest.mark.parametrize(
     ("limit", "verdict"),
-    [("1.5 urad", "pass"), ("1.2 urad", "not judged"), ("0.2 urad", "not judged"), ("0.05 urad", "fail")],
+    [
+        ("1.5 urad", "pass"),
+        ("1.2 urad", "not judged"),
+        ("0.2 urad", "not judged"),
+        ("0.05 urad", "fail"),
+    ],
 )
 def test_unknown_phases_decide_nothing(limit: str, verdict: str) -> None:
     """Two lines of one frequency, 1.1 and 1.0 urad: together 0.1 to 2.1 urad 0-to-peak."""
     pair = [source("a", (5.0, 1.1, 0.0)), source("b", (5.0, 1.0, 0.0))]
-    one = judged(requirement(axis="x", limit=limit), pair, "rss")
-    assert (one.least, one.most) == pytest.approx((0.1 * URAD / math.sqrt(2.0), 2.1 * URAD / math.sqrt(2.0)))
+    one = assess(requirement(axis="x", limit=limit), pair, "rss")
+    assert (one.least, one.most) == pytest.approx(
+        (0.1 * URAD / math.sqrt(2.0), 2.1 * URAD / math.sqrt(2.0))
+    )
     assert one.value == pytest.approx(math.sqrt((1.1**2 + 1.0) / 2.0) * URAD)
     assert one.verdict == verdict
-    assert judged(requirement(axis="x"), pair, "bound").value == pytest.approx(one.most)
+    assert assess(requirement(axis="x"), pair, "bound").value == pytest.approx(one.most)
 
 
 @pytest.mark.parametrize("one_source", [False, True])
 def test_lines_that_beat_slowly_may_be_in_step_for_an_observation(one_source: bool) -> None:
     """Two drives whose clocks are a part in 1000 apart are in step for minutes: 2 urad 0-to-peak and not 1.41."""
     lines = ((3.3333, 1.0, 0.0), (3.3333 * 1.001, 1.0, 0.0))
-    pair = [source("a", *lines)] if one_source else [source(name, line) for name, line in zip("ab", lines, strict=True)]
+    pair = (
+        [source("a", *lines)]
+        if one_source
+        else [source(name, line) for name, line in zip("ab", lines, strict=True)]
+    )
     for limit, verdict in ((1.45, "pass"), (1.2, "not judged"), (0.9, "fail")):
-        one = judged(requirement(axis="x", limit=Si(limit * URAD)), pair, "rss")
+        one = assess(requirement(axis="x", limit=Si(limit * URAD)), pair, "rss")
         assert one.value == pytest.approx(URAD)
         assert one.most == pytest.approx(math.sqrt(2.0) * URAD)
         assert one.verdict == verdict
-    assert "a: its lines beat with" in judged(requirement(axis="x", limit=Si(1.2 * URAD)), pair, "rss").why[0]
+    assert (
+        "a: its lines beat with"
+        in assess(requirement(axis="x", limit=Si(1.2 * URAD)), pair, "rss").why[0]
+    )
     points = [{"frequency": Si(f), "amplitude": Si(1.5e-6)} for f in (1.0, 9.0)]
-    assert judged(requirement(axis="x", limit=None, curve=points), pair, "rss").verdict == "not judged"
+    assert (
+        assess(requirement(axis="x", limit=None, curve=points), pair, "rss").verdict == "not judged"
+    )
     apart = [source("a", (3.3, 1.0, 0.0), (3.32, 1.0, 0.0))]
-    assert judged(requirement(axis="x", limit=Si(1.2 * URAD)), apart, "rss").verdict == "pass"
+    assert assess(requirement(axis="x", limit=Si(1.2 * URAD)), apart, "rss").verdict == "pass"
 
 
 @pytest.mark.parametrize("statistic", ["rms", "level", "bound"])
 def test_lines_of_two_sources_may_be_of_one_frequency_where_clocks_say_so(statistic: str) -> None:
     """A part in 10 000 apart, each known to 1e-4: they may add, or cancel but for 0.2 urad; lines of one table are two lines."""
     lines = ((300.0, 1.0, 0.0), (300.03, 0.8, 0.0))
-    full = 1.0 if statistic == "bound" else math.sin(0.5 * math.pi * 0.997) if statistic == "level" else math.sqrt(0.5)
+    full = (
+        1.0
+        if statistic == "bound"
+        else math.sin(0.5 * math.pi * 0.997)
+        if statistic == "level"
+        else math.sqrt(0.5)
+    )
     keys = {"axis": "x", "statistic": statistic}
     pair = [source("a", lines[0]), source("b", lines[1])]
-    one = judged(requirement(**keys), pair, "rss")
+    one = assess(requirement(**keys), pair, "rss")
     assert one.least <= 0.2 * full * URAD * (1.0 + 1e-9)
     assert one.most >= 1.8 * full * URAD * (1.0 - 1e-9)
     if statistic == "rms":
         clocked = [replace(x, clock="both") for x in pair]
         for sources in ([source("a", *lines)], clocked):
-            assert judged(requirement(**keys), sources, "rss").least == pytest.approx(math.sqrt(0.82) * URAD)
+            assert assess(requirement(**keys), sources, "rss").least == pytest.approx(
+                math.sqrt(0.82) * URAD
+            )
 
 
-def _of_phases(orders: np.ndarray, A: np.ndarray, part: float, window: float | None = None) -> tuple[float, float]:
+def _of_phases(
+    orders: np.ndarray, A: np.ndarray, part: float, window: float | None = None
+) -> tuple[float, float]:
     """Least and largest level over the phases of harmonics of 1 Hz with amplitudes ``A``, searched for; of the error or in windows."""
     from scipy.optimize import minimize
 
@@ -131,7 +171,9 @@ def _of_phases(orders: np.ndarray, A: np.ndarray, part: float, window: float | N
     for k in range(3):
         start = rng.uniform(0.0, 2.0 * np.pi, orders.size) * bool(k)
         for sign in (1.0, -1.0):
-            searched = minimize(lambda x, s=sign: s * of(x), start, method="Nelder-Mead", options={"maxfev": 400})
+            searched = minimize(
+                lambda x, s=sign: s * of(x), start, method="Nelder-Mead", options={"maxfev": 400}
+            )
             found.append(of(searched.x))
     return min(found), max(found)
 
@@ -140,7 +182,12 @@ def _of_phases(orders: np.ndarray, A: np.ndarray, part: float, window: float | N
 @pytest.mark.parametrize("part", [0.5, 0.68, 0.95, 0.997])
 @pytest.mark.parametrize(
     ("orders", "A"),
-    [((1, 2), (1.0, 0.7)), ((1, 3, 5), (1.0, 1 / 3, 0.2)), ((1, 3), (1.0, 0.15)), ((1, 2, 3, 4, 5, 6), (1.0,) * 6)],
+    [
+        ((1, 2), (1.0, 0.7)),
+        ((1, 3, 5), (1.0, 1 / 3, 0.2)),
+        ((1, 3), (1.0, 0.15)),
+        ((1, 2, 3, 4, 5, 6), (1.0,) * 6),
+    ],
 )
 def test_a_level_lies_between_its_least_and_most_whatever_the_phases(
     orders: tuple[int, ...], A: tuple[float, ...], part: float, window: float | None
@@ -151,7 +198,7 @@ def test_a_level_lies_between_its_least_and_most_whatever_the_phases(
     r = requirement(axis="x", statistic="level", confidence=part, **keys)
     low, high = (URAD * x for x in _of_phases(np.array(orders), np.array(A), part, window))
     for sources in ([source("a", *lines)], [source(f"s{k}", line) for k, line in enumerate(lines)]):
-        one = judged(r, sources, "rss")
+        one = assess(r, sources, "rss")
         assert one.least <= 1.003 * low
         assert one.most >= 0.997 * high
         assert one.least <= one.value <= one.most
@@ -159,7 +206,9 @@ def test_a_level_lies_between_its_least_and_most_whatever_the_phases(
         assert one.most < 1.005 * high
 
 
-def test_harmonics_without_phases_do_not_pass_a_level_that_they_exceed_in_step(tmp_path: Path) -> None:
+def test_harmonics_without_phases_do_not_pass_a_level_that_they_exceed_in_step(
+    tmp_path: Path,
+) -> None:
     """Ten harmonics of 25 Hz, 0.1 urad each: 0.64 urad where phases are unrelated, 1 urad where all crest together."""
     craft, names = scenario_of(whole.FullCraft()), "frequency_hz,los_x_rad,los_y_rad"
     rows = [f"{25.0 * n},1e-7,0" for n in range(1, 11)]
@@ -167,17 +216,19 @@ def test_harmonics_without_phases_do_not_pass_a_level_that_they_exceed_in_step(t
     phased = [f"{names},los_x_phase_rad,los_y_phase_rad", *(f"{row},0,0" for row in rows)]
     (tmp_path / "phased.csv").write_text("\n".join(phased))
     bare, clocked = (
-        of_other(OtherSource(name=name, lines=f"{name}.csv", clock=clock), craft, FileAccess(tmp_path))
+        contribution_of_other(
+            OtherSource(name=name, lines=f"{name}.csv", clock=clock), craft, FileAccess(tmp_path)
+        )
         for name, clock in (("bare", ""), ("phased", "own"))
     )
     r = requirement(axis="x", statistic="level", limit="0.8 urad")
-    assert judged(r, [clocked], "rss").verdict == "fail"
-    one = judged(r, [bare], "rss")
+    assert assess(r, [clocked], "rss").verdict == "fail"
+    one = assess(r, [bare], "rss")
     assert one.verdict == "not judged"
     assert "bare: phases between lines are not known" in one.why[0]
     assert one.value < 0.7 * URAD < 0.99 * URAD < one.most
-    assert judged(r.model_copy(update={"limit": 1.01e-6}), [bare], "rss").verdict == "pass"
-    assert judged(r.model_copy(update={"limit": 0.2e-6}), [bare], "rss").verdict == "fail"
+    assert assess(r.model_copy(update={"limit": 1.01e-6}), [bare], "rss").verdict == "pass"
+    assert assess(r.model_copy(update={"limit": 0.2e-6}), [bare], "rss").verdict == "fail"
 
 
 def test_orders_of_a_wheel_and_lines_of_no_clock_may_crest_together() -> None:
@@ -189,10 +240,10 @@ def test_orders_of_a_wheel_and_lines_of_no_clock_may_crest_together() -> None:
     drives = [source(f"d{k}", line, clock=f"d{k}") for k, line in enumerate(lines)]
     r = requirement(axis="x", statistic="level", limit="2.9 urad")
     for sources in ([wheel], [loose], drives):
-        one = judged(r, sources, "rss")
+        one = assess(r, sources, "rss")
         assert one.verdict == "not judged"
         assert one.most > 2.99 * URAD
-    locked = judged(r, [source("a", *lines, clock="a")], "rss")
+    locked = assess(r, [source("a", *lines, clock="a")], "rss")
     assert locked.verdict == "fail"
 
 
@@ -202,10 +253,15 @@ def test_many_small_lines_of_one_clock_are_no_noise() -> None:
     f = np.array([line[0] for line in lines])
     t = np.arange(0.0, 1.0, 1.0 / 40_000)
     true = np.quantile(
-        np.abs(sum(line[1] * np.cos(2.0 * np.pi * x * t) for x, line in zip(f, lines, strict=True))), 0.999
+        np.abs(
+            sum(line[1] * np.cos(2.0 * np.pi * x * t) for x, line in zip(f, lines, strict=True))
+        ),
+        0.999,
     )
     r = requirement(axis="x", statistic="level", confidence=0.999)
-    assert judged(r, [source("a", *lines, clock="a")], "rss").value == pytest.approx(true * URAD, rel=0.01)
+    assert assess(r, [source("a", *lines, clock="a")], "rss").value == pytest.approx(
+        true * URAD, rel=0.01
+    )
 
 
 def test_instants_many_periods_apart_do_not_pass_by_a_zero_of_their_weight() -> None:
@@ -213,48 +269,72 @@ def test_instants_many_periods_apart_do_not_pass_by_a_zero_of_their_weight() -> 
     line = source("a", (10.0 / 3.0, 1.0, 0.0))
     for metric in ("stability", "pde"):
         r = {"metric": metric, "window": Si(1e-3), "apart": Si(6000.0), "axis": "x"}
-        one = judged(requirement(**r), [line], "rss")
+        one = assess(requirement(**r), [line], "rss")
         assert one.value < 1e-6 * URAD
         assert one.least < 0.1 * URAD
         assert one.most == pytest.approx(math.sqrt(2.0) * URAD, rel=1e-2)
         assert one.verdict == "not judged"
-        assert judged(requirement(**{**r, "apart": Si(1.2), "limit": Si(0.01 * URAD)}), [line], "rss").verdict == "pass"
+        assert (
+            assess(
+                requirement(**{**r, "apart": Si(1.2), "limit": Si(0.01 * URAD)}), [line], "rss"
+            ).verdict
+            == "pass"
+        )
 
 
 def test_one_clock_keeps_phases() -> None:
-    pair = [source(name, (5.0, z, 0.0), clock="both") for name, z in (("a", 1.0), ("b", 0.9 * np.exp(1j * math.pi)))]
-    one = judged(requirement(axis="x", limit="0.1 urad"), pair, "rss")
+    pair = [
+        source(name, (5.0, z, 0.0), clock="both")
+        for name, z in (("a", 1.0), ("b", 0.9 * np.exp(1j * math.pi)))
+    ]
+    one = assess(requirement(axis="x", limit="0.1 urad"), pair, "rss")
     assert one.most == pytest.approx(0.1 * URAD / math.sqrt(2.0))
     assert one.verdict == "pass"
     apart = [replace(x, clock="") for x in pair]
-    assert judged(requirement(axis="x"), apart, "coherent").value == pytest.approx(one.value)
+    assert assess(requirement(axis="x"), apart, "coherent").value == pytest.approx(one.value)
 
 
 @pytest.mark.parametrize("keys", [{"statistic": "bound"}, {"statistic": "level", "confidence": 0.68}, {"statistic": "level"},
                                   {"limit": None, "curve": [{"frequency": Si(f), "amplitude": Si(1.2e-6)} for f in (1.0, 9.0)]}])  # fmt: skip
-def test_a_line_that_goes_round_in_a_circle_does_not_fail_by_its_diagonal(keys: dict[str, object]) -> None:
+def test_a_line_that_goes_round_in_a_circle_does_not_fail_by_its_diagonal(
+    keys: dict[str, object],
+) -> None:
     """Both axes have 1 urad, a quarter apart: the line of sight is 1 urad from its place at all times, never 1.41 urad."""
     circle = source("a", (5.0, 1.0, -1j))
-    one = judged(requirement(**{"limit": "1.2 urad", **keys}), [circle], "rss")
+    one = assess(requirement(**{"limit": "1.2 urad", **keys}), [circle], "rss")
     assert one.verdict == "not judged"
     if "curve" not in keys:
-        found = [judged(requirement(limit=limit, **keys), [circle], "rss") for limit in ("1.5 urad", "0.5 urad")]
+        found = [
+            assess(requirement(limit=limit, **keys), [circle], "rss")
+            for limit in ("1.5 urad", "0.5 urad")
+        ]
         assert [x.verdict for x in found] == ["pass", "fail"]
 
 
 def test_lines_of_one_clock_keep_their_phases_in_a_level() -> None:
     """Harmonics that crest together pass a level that those of unrelated phases would keep; about windows as about the error."""
     lines = [(3.0 * n, np.exp(0.3j * n), 0.0) for n in range(1, 7)]
-    t, tau = np.random.default_rng(0).random((2, 400_000)) * [[1.0], [0.04]]  # starts of a window and instants in it
+    t, tau = np.random.default_rng(0).random((2, 400_000)) * [
+        [1.0],
+        [0.04],
+    ]  # starts of a window and instants in it
     f = np.array([line[0] for line in lines])
     starts = np.exp(2j * np.pi * np.outer(t, f))
     own = starts * np.exp(2j * np.pi * np.outer(tau, f))
-    mean = starts * np.array([np.mean(np.exp(2j * np.pi * x * np.linspace(0.0, 0.04, 4001))) for x in f])
+    mean = starts * np.array(
+        [np.mean(np.exp(2j * np.pi * x * np.linspace(0.0, 0.04, 4001))) for x in f]
+    )
     tones = np.array([line[1] for line in lines])
     for metric, moved in (("ape", own), ("rpe", own - mean)):
         true = float(np.quantile(np.abs((moved @ tones).real), 0.997)) * URAD
-        r = requirement(metric=metric, window="40 ms", axis="x", statistic="level", limit=f"{0.98 * true:.6g} rad")
-        one, other = (judged(r, [source("a", *lines, clock=clock)], "rss") for clock in ("a", ""))
+        r = requirement(
+            metric=metric,
+            window="40 ms",
+            axis="x",
+            statistic="level",
+            limit=f"{0.98 * true:.6g} rad",
+        )
+        one, other = (assess(r, [source("a", *lines, clock=clock)], "rss") for clock in ("a", ""))
         assert one.value == pytest.approx(true, rel=5e-3)
         assert one.verdict == "fail"
         assert other.value < 0.98 * true
@@ -276,10 +356,12 @@ _SCHROEDER = np.exp(-1j * np.pi * np.arange(1, 11) * np.arange(10) / 10)
     ids=["octave", "beat", "slower beat", "ten"],
 )
 @pytest.mark.parametrize("part", [0.95, 0.997])
-def test_lines_of_one_clock_that_are_no_harmonics_drift(f: np.ndarray, tones: np.ndarray, part: float) -> None:
+def test_lines_of_one_clock_that_are_no_harmonics_drift(
+    f: np.ndarray, tones: np.ndarray, part: float
+) -> None:
     """Against instants of years, and against 100 s at a time: where all crest together, and as they are given."""
     one = source("a", *((x, z, 0.0) for x, z in zip(f.tolist(), tones, strict=True)), clock="a")
-    found = judged(requirement(axis="x", statistic="level", confidence=part), [one], "rss")
+    found = assess(requirement(axis="x", statistic="level", confidence=part), [one], "rss")
     rng = np.random.default_rng(3)
 
     def reached(late: float, time: float, tones: np.ndarray) -> float:
@@ -294,40 +376,56 @@ def test_lines_of_one_clock_that_are_no_harmonics_drift(f: np.ndarray, tones: np
         assert found.least < 1.002 * reached(0.0, 100.0, tones)
         assert found.value == pytest.approx(reached(0.0, 1e8, tones), rel=5e-3)
     assert found.least < found.value <= found.most
-    near = judged(
-        requirement(axis="x", statistic="level", confidence=part, limit=Si(1.001 * found.value)), [one], "rss"
+    near = assess(
+        requirement(axis="x", statistic="level", confidence=part, limit=Si(1.001 * found.value)),
+        [one],
+        "rss",
     )
     assert near.verdict == "not judged"
-    assert "not whole multiples of one of 0.01 Hz or more" in near.why[-1] or "beat with each other" in near.why[-1]
+    assert (
+        "not whole multiples of one of 0.01 Hz or more" in near.why[-1]
+        or "beat with each other" in near.why[-1]
+    )
 
 
 def test_a_line_of_another_source_beside_it_makes_no_harmonic_of_a_line_that_is_none() -> None:
     """What is small at 20 Hz is added to the line at 20.00001 Hz, which goes on drifting."""
     pair = source("a", (10.0, 1.0, 0.0), (20.00001, 1j, 0.0), clock="a")
     r = requirement(axis="x", statistic="level")
-    alone, beside = (judged(r, sources, "rss") for sources in ([pair], [source("b", (20.0, 0.001, 0.0)), pair]))
+    alone, beside = (
+        assess(r, sources, "rss") for sources in ([pair], [source("b", (20.0, 0.001, 0.0)), pair])
+    )
     assert beside.most >= alone.most > 1.99 * URAD
 
 
 def test_opposed_lines_of_one_clock_cancel_only_where_they_are_of_one_frequency() -> None:
     r = requirement(axis="x")
     for f, least, most in ((10.0, 0.0, 0.0), (10.000005, 0.0, 2.0)):
-        pair = [source(name, (x, z, 0.0), clock="both") for name, x, z in (("a", 10.0, 1.0), ("b", f, -1.0))]
-        found = judged(r, pair, "rss")
+        pair = [
+            source(name, (x, z, 0.0), clock="both")
+            for name, x, z in (("a", 10.0, 1.0), ("b", f, -1.0))
+        ]
+        found = assess(r, pair, "rss")
         assert found.least == pytest.approx(least * URAD / math.sqrt(2.0), abs=1e-12)
         assert found.most == pytest.approx(most * URAD / math.sqrt(2.0), abs=1e-12)
 
 
 def test_harmonics_of_nine_digits_are_in_step() -> None:
     """As tables of lines have them: 45.96266666... Hz and its harmonics, lines beside them, and others 0.05 Hz apart."""
-    f = np.array([float(f"{45.96 + 2.0 / 750.0:.9g}")] + [float(f"{n * (45.96 + 2.0 / 750.0):.9g}") for n in (2, 4, 9)])
+    f = np.array(
+        [float(f"{45.96 + 2.0 / 750.0:.9g}")]
+        + [float(f"{n * (45.96 + 2.0 / 750.0):.9g}") for n in (2, 4, 9)]
+    )
     assert [lines.tolist() for lines, _ in bases(f, np.ones(4))] == [[0, 1, 2, 3]]
     drive = np.array([160.0 / 3.0, 10.0 / 3.0, 5.0 / 6.0, 1300.0 / 3.0, 1.0 / 60.0])
     ((lines, base),) = bases(drive, np.arange(5.0, 0.0, -1.0))
     assert lines.size == 5
     assert base == pytest.approx(1.0 / 60.0)
     found = bases(np.array([1000.0, 1000.05, 3.1, 1000.0001]), np.ones(4))
-    assert [(lines.tolist(), pytest.approx(base)) for lines, base in found] == [([0, 1, 2], 0.05), ([3], 1000.0001)]
+    assert [(lines.tolist(), pytest.approx(base)) for lines, base in found] == [
+        ([0, 1, 2], 0.05),
+        ([3], 1000.0001),
+    ]
 
 
 def test_lines_far_above_what_they_repeat_with_keep_their_phases() -> None:
@@ -337,22 +435,43 @@ def test_lines_far_above_what_they_repeat_with_keep_their_phases() -> None:
     fast = np.abs(np.cos(np.linspace(0.0, 0.5 * np.pi, 2001)))
     true = float(np.quantile(np.outer(slow[::10], fast), 0.95))
     r = requirement(axis="x", statistic="level", confidence=0.95)
-    assert judged(r, [source("a", *lines, clock="a")], "rss").value == pytest.approx(true * URAD, rel=5e-3)
+    assert assess(r, [source("a", *lines, clock="a")], "rss").value == pytest.approx(
+        true * URAD, rel=5e-3
+    )
 
 
 def test_a_line_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:
     """A clock is good to 1e-4: a requirement that ends nearer to a line than that is not decided by digits of the end."""
     lines = [(10.0, 0.1, 0.0), (50.0, 2.0, 0.0)]
-    ends = [{"highest": "49.999 Hz"}, {"highest": "50.001 Hz"}, {"lowest": "49.999 Hz"}, {"lowest": "50.001 Hz"}]
+    ends = [
+        {"highest": "49.999 Hz"},
+        {"highest": "50.001 Hz"},
+        {"lowest": "49.999 Hz"},
+        {"lowest": "50.001 Hz"},
+    ]
     for band in ends:
-        one = judged(requirement(**band), [source("a", *lines)], "rss")
+        one = assess(requirement(**band), [source("a", *lines)], "rss")
         assert one.verdict == "not judged"
         assert "line_1 at an end of the band" in one.why[0]
-    far = [judged(requirement(highest=f"{f} Hz"), [source("a", *lines)], "rss").verdict for f in (49.9, 50.1)]
+    far = [
+        assess(requirement(highest=f"{f} Hz"), [source("a", *lines)], "rss").verdict
+        for f in (49.9, 50.1)
+    ]
     assert far == ["pass", "fail"]
-    for f, verdict in ((49.9, "fail"), (49.999, "not judged"), (50.001, "not judged"), (50.1, "pass")):
-        curve = [{"frequency": f"{f} Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "1 urad"}]
-        assert judged(requirement(limit=None, curve=curve), [source("a", *lines)], "rss").verdict == verdict
+    for f, verdict in (
+        (49.9, "fail"),
+        (49.999, "not judged"),
+        (50.001, "not judged"),
+        (50.1, "pass"),
+    ):
+        curve = [
+            {"frequency": f"{f} Hz", "amplitude": "1 urad"},
+            {"frequency": "100 Hz", "amplitude": "1 urad"},
+        ]
+        assert (
+            assess(requirement(limit=None, curve=curve), [source("a", *lines)], "rss").verdict
+            == verdict
+        )
 
 
 def test_a_line_of_no_clock_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:
@@ -360,35 +479,61 @@ def test_a_line_of_no_clock_at_the_end_of_a_band_may_be_on_either_side_of_it() -
     lines = [(10.0, 0.1, 0.0), (50.0, 2.0, 0.0)]
     one = source("a", *lines, frequency_doubt=np.array([1e-3, 4 * 0.1]))
     for keys in ({}, {"statistic": "level"}, {"statistic": "bound"}):
-        each = [judged(requirement(highest=f"{f} Hz", **keys), [one], "rss") for f in (49.5, 49.76, 50.24, 50.5)]
+        each = [
+            assess(requirement(highest=f"{f} Hz", **keys), [one], "rss")
+            for f in (49.5, 49.76, 50.24, 50.5)
+        ]
         assert [x.verdict for x in each] == ["pass", "not judged", "not judged", "fail"]
         assert "line_1 at an end of the band" in each[1].why[0]
-    for f, verdict in ((49.5, "fail"), (49.76, "not judged"), (50.24, "not judged"), (50.5, "pass")):
-        curve = [{"frequency": f"{f} Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "1 urad"}]
-        assert judged(requirement(limit=None, curve=curve), [one], "rss").verdict == verdict
+    for f, verdict in (
+        (49.5, "fail"),
+        (49.76, "not judged"),
+        (50.24, "not judged"),
+        (50.5, "pass"),
+    ):
+        curve = [
+            {"frequency": f"{f} Hz", "amplitude": "1 urad"},
+            {"frequency": "100 Hz", "amplitude": "1 urad"},
+        ]
+        assert assess(requirement(limit=None, curve=curve), [one], "rss").verdict == verdict
 
 
 def test_a_line_beside_a_narrow_resonance_is_known_as_well_as_its_frequency(tmp_path: Path) -> None:
     """A wheel and a table of loads 0.06 % above a mode of 0.05 %: 1e-4 of their frequency is worth several percent."""
     craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.0005)))
-    mode = max((m for m in coupled_modes(craft) if m.name.startswith("array_mode")), key=lambda m: -m.damping)
+    mode = max(
+        (m for m in coupled_modes(craft) if m.name.startswith("array_mode")),
+        key=lambda m: -m.damping,
+    )
     f = mode.frequency * (1.0 + 1.2 * mode.damping)
     place = {"position": ["0 m", "0.1 m", "0 m"]}
 
     def wheel(frequency: float) -> Contribution:
-        given = {"axis": [0.3, 1, 0.2], "harmonics": [{"order": 2.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}]}
-        return of_other(
-            OtherSource(name="w", wheel={**given, "speed": f"{30.0 * frequency} rpm"}, **place), craft, Path()
+        given = {
+            "axis": [0.3, 1, 0.2],
+            "harmonics": [{"order": 2.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}],
+        }
+        return contribution_of_other(
+            OtherSource(name="w", wheel={**given, "speed": f"{30.0 * frequency} rpm"}, **place),
+            craft,
+            Path(),
         )
 
     def table(frequency: float) -> Contribution:
-        (tmp_path / "l.csv").write_text(f"frequency_hz,mx_n_m,mz_n_m\n{float(frequency)!r},1e-3,1e-3\n")
-        return of_other(OtherSource(name="l", lines="l.csv", **place), craft, FileAccess(tmp_path))
+        (tmp_path / "l.csv").write_text(
+            f"frequency_hz,mx_n_m,mz_n_m\n{float(frequency)!r},1e-3,1e-3\n"
+        )
+        return contribution_of_other(
+            OtherSource(name="l", lines="l.csv", **place), craft, FileAccess(tmp_path)
+        )
 
     for at in (wheel, table):
-        sizes = [np.abs(at(f * (1.0 + x)).los[0, 0]) / math.sqrt(2.0) for x in np.linspace(-1e-4, 1e-4, 41)]
+        sizes = [
+            np.abs(at(f * (1.0 + x)).los[0, 0]) / math.sqrt(2.0)
+            for x in np.linspace(-1e-4, 1e-4, 41)
+        ]
         assert max(sizes) > 1.015 * sizes[20] > 1.03 * min(sizes)
-        one = judged(requirement(axis="x", limit=Si(1.0)), [at(f)], "rss")
+        one = assess(requirement(axis="x", limit=Si(1.0)), [at(f)], "rss")
         rounding = 1.0 + 1e-12
         assert one.least <= min(sizes) * rounding
         assert max(sizes) <= one.most * rounding
@@ -397,8 +542,13 @@ def test_a_line_beside_a_narrow_resonance_is_known_as_well_as_its_frequency(tmp_
 
 def test_a_drive_beside_a_narrow_resonance_is_known_as_well_as_its_clock() -> None:
     """The first driving line on the flank of a mode of 0.1 %, and the same drive 1e-4 faster and slower."""
-    craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.001)), **{"record.start": "steady"})
-    mode = min((m for m in coupled_modes(craft) if m.name.startswith("array_mode")), key=lambda m: m.damping)
+    craft = scenario_of(
+        whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.001)), **{"record.start": "steady"}
+    )
+    mode = min(
+        (m for m in coupled_modes(craft) if m.name.startswith("array_mode")),
+        key=lambda m: m.damping,
+    )
     assert craft.driving_frequency is not None
     near = craft.rate * mode.frequency * (1.0 + mode.damping) / craft.driving_frequency
     found = {}
@@ -413,11 +563,11 @@ def test_a_drive_beside_a_narrow_resonance_is_known_as_well_as_its_clock() -> No
 
 def test_a_level_of_low_confidence_may_fall_as_a_line_grows() -> None:
     """At 68 % one line beside a smaller one has a lower level than alone, which must not pass what may be without the other."""
-    other = Gap("peaks", 0.0, math.inf, np.array([7.0]), np.array([[0.3, 0.0]]) * URAD)
+    other = Unobserved("peaks", 0.0, math.inf, np.array([7.0]), np.array([[0.3, 0.0]]) * URAD)
     r = requirement(axis="x", statistic="level", confidence=0.68)
-    sizes = [level([1.0, b], 0.0, 0.68) * URAD for b in np.linspace(0.0, 0.3, 31)]
+    sizes = [confidence_level_angle([1.0, b], 0.0, 0.68) * URAD for b in np.linspace(0.0, 0.3, 31)]
     assert min(sizes) < sizes[0]
-    one = judged(r, [source("a", (5.0, 1.0, 0.0), gaps=(other,))], "rss")
+    one = assess(r, [source("a", (5.0, 1.0, 0.0), gaps=(other,))], "rss")
     assert one.least <= min(sizes)
     assert one.most >= max(sizes)
 
@@ -429,14 +579,17 @@ def test_a_wheel_that_passes_a_line_may_add_to_it(curve: bool) -> None:
     wheel = replace(speeds[-1], alternatives=tuple(speeds))
     keys: dict[str, object] = {"axis": "x", "limit": "1.02 urad"}
     if curve:
-        keys |= {"limit": None, "curve": [{"frequency": Si(f), "amplitude": Si(1.45e-6)} for f in (1.0, 9.0)]}
+        keys |= {
+            "limit": None,
+            "curve": [{"frequency": Si(f), "amplitude": Si(1.45e-6)} for f in (1.0, 9.0)],
+        }
     for sources in ([source("a", (5.0, 1.0, 0.0)), wheel], [wheel, source("a", (5.0, 1.0, 0.0))]):
-        one = judged(requirement(**keys), sources, "rss")
+        one = assess(requirement(**keys), sources, "rss")
         assert one.verdict == "not judged"
         assert one.why == ("wheel: its lines may meet those of a, in any phase",)
         if not curve:
             assert one.most >= 1.5 * URAD / math.sqrt(2.0)
-    away = judged(requirement(**keys), [source("a", (3.0, 1.0, 0.0)), wheel], "rss")
+    away = assess(requirement(**keys), [source("a", (3.0, 1.0, 0.0)), wheel], "rss")
     assert away.verdict == "pass"
 
 
@@ -446,25 +599,36 @@ def test_two_wheels_may_have_one_speed() -> None:
         [source(name, (f, a, 0.0)) for f, a in zip((4.0, 5.0, 6.0), sizes, strict=True)]
         for name, sizes in (("w", (1.0, 0.9, 0.1)), ("v", (0.1, 0.9, 1.0)))
     )
-    both = [replace(first[0], alternatives=tuple(first)), replace(second[2], alternatives=tuple(second))]
-    assert judged(requirement(axis="x"), both, "rss").most >= 1.8 * URAD / math.sqrt(2.0)
+    both = [
+        replace(first[0], alternatives=tuple(first)),
+        replace(second[2], alternatives=tuple(second)),
+    ]
+    assert assess(requirement(axis="x"), both, "rss").most >= 1.8 * URAD / math.sqrt(2.0)
 
 
 def test_a_wheel_that_passes_a_narrow_mode_is_judged_at_its_resonance() -> None:
     """Between two of a hundred speeds a mode of 0.3 % rises to its peak and falls again."""
     craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.003)))
-    wheel = {"axis": [0.3, 1, 0.2], "harmonics": [{"order": 2.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}]}
+    wheel = {
+        "axis": [0.3, 1, 0.2],
+        "harmonics": [{"order": 2.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}],
+    }
 
     def at(**speeds: object) -> Contribution:
-        return of_other(
-            OtherSource(name="w", wheel={**wheel, **speeds}, position=["0 m", "0.1 m", "0 m"]), craft, NO_FILES
+        return contribution_of_other(
+            OtherSource(name="w", wheel={**wheel, **speeds}, position=["0 m", "0.1 m", "0 m"]),
+            craft,
+            NO_FILES,
         )
 
     peaks = []
     for mode in (m for m in coupled_modes(craft) if m.name.startswith("array_mode")):
         half = 0.5 * 60.0 * mode.frequency  # rpm at which order 2 meets it
         swept = at(speed=f"{0.7 * half} rpm", speed_to=f"{1.3 * half} rpm")
-        near = max(float(np.abs(at(speed=f"{half * x} rpm").los).max()) for x in np.linspace(0.99, 1.01, 81))
+        near = max(
+            float(np.abs(at(speed=f"{half * x} rpm").los).max())
+            for x in np.linspace(0.99, 1.01, 81)
+        )
         peaks.append(max(float(np.abs(x.los).max()) for x in swept.alternatives) / near)
     assert len(peaks) == 4
     assert min(peaks) > 0.97
@@ -475,26 +639,34 @@ def test_a_density_of_loads_is_resolved_at_a_narrow_mode(tmp_path: Path) -> None
     craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 1e-4)))
     (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n0.3,1e-8\n50,1e-8\n")
     at = [0.2, -0.3, 0.1]
-    noise = of_other(
-        OtherSource(name="n", density="s.csv", position=[f"{x} m" for x in at]), craft, FileAccess(tmp_path)
+    noise = contribution_of_other(
+        OtherSource(name="n", density="s.csv", position=[f"{x} m" for x in at]),
+        craft,
+        FileAccess(tmp_path),
     )
-    near = [m.frequency * (1.0 + m.damping * np.linspace(-200.0, 200.0, 8001)) for m in coupled_modes(craft)]
+    near = [
+        m.frequency * (1.0 + m.damping * np.linspace(-200.0, 200.0, 8001))
+        for m in coupled_modes(craft)
+    ]
     f = np.unique(np.concatenate([np.geomspace(0.3, 50.0, 20_000), *near]))
     f = f[(f >= 0.3) & (f <= 50.0)]
-    S = 1e-8 * np.abs(transfer_from(craft, f, motion_of(np.array(at)))[:, :, 3]) ** 2
+    S = 1e-8 * np.abs(line_of_sight_transfer(craft, f, rigid_motion_at(np.array(at)))[:, :, 3]) ** 2
     expected = [math.sqrt(float(np.trapezoid(S[:, k], f))) for k in range(2)]
-    found = [figure(requirement(axis=axis), np.zeros(0), np.zeros((0, 2)), [noise.density]) for axis in "xy"]
+    found = [
+        evaluate_metric(requirement(axis=axis), np.zeros(0), np.zeros((0, 2)), [noise.density])
+        for axis in "xy"
+    ]
     assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_what_rings_can_neither_pass_nor_fail() -> None:
     rings = source("a", (5.0, 0.5, 0.0), (7.0, 3.0, 0.0), rings=np.array([False, True]))
-    one = judged(requirement(axis="x"), [rings], "rss")
+    one = assess(requirement(axis="x"), [rings], "rss")
     assert one.value == pytest.approx(0.5 * URAD / math.sqrt(2.0))
     assert one.verdict == "not judged"
     assert "line_1 rings" in one.why[0]
-    assert judged(requirement(axis="x", limit="0.1 urad"), [rings], "rss").verdict == "fail"
-    assert judged(requirement(axis="x", highest="6 Hz"), [rings], "rss").verdict == "pass"
+    assert assess(requirement(axis="x", limit="0.1 urad"), [rings], "rss").verdict == "fail"
+    assert assess(requirement(axis="x", highest="6 Hz"), [rings], "rss").verdict == "pass"
 
 
 def test_no_record_turns_a_verdict_round() -> None:
@@ -502,13 +674,21 @@ def test_no_record_turns_a_verdict_round() -> None:
     base = scenario_of(whole.FullCraft(bandwidth=0.2))
     records = [
         {"record.start": "steady"},
-        {"record.start": "rest", "record.settle": Si(0.5), "record.duration": Si(4.0)},  # friction couples what rings
-        {"record.start": "rest", "record.settle": Si(30.0), "record.duration": Si(12.0)},  # lines below its floor
+        {
+            "record.start": "rest",
+            "record.settle": Si(0.5),
+            "record.duration": Si(4.0),
+        },  # friction couples what rings
+        {
+            "record.start": "rest",
+            "record.settle": Si(30.0),
+            "record.duration": Si(12.0),
+        },  # lines below its floor
     ]
     each = []
     for record in records:
         scenario = base.with_si(record)
-        each.append(of_run("drive", scenario, mv.run(scenario))[0])
+        each.append(contribution_of_run("drive", scenario, mv.run(scenario))[0])
     keys = [
         {"metric": "smear", "window": Si(2.0), "axis": "x"},
         {"metric": "ape"},
@@ -518,35 +698,44 @@ def test_no_record_turns_a_verdict_round() -> None:
         for statistic in ("rms", "bound"):
             for low, high in ((0.06, 2.0), (2.0, 40.0), (40.0, 60.0)):
                 r = requirement(**key, statistic=statistic, lowest=Si(low), highest=Si(high))
-                first, *others = (judged(r, [one], "rss") for one in each)
+                first, *others = (assess(r, [one], "rss") for one in each)
                 for other in others:
                     assert max(first.least, other.least) <= min(first.most, other.most)
 
 
 def test_a_mode_whose_decay_does_not_show_decides_nothing() -> None:
     """A tone that looks steady where a mode has not died away by its damping."""
-    scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.settle": Si(1.0), "record.duration": Si(8.0)})
+    scenario = scenario_of(
+        whole.FullCraft(bandwidth=0.2), **{"record.settle": Si(1.0), "record.duration": Si(8.0)}
+    )
     result = mv.run(scenario)
-    steady = (replace(x, status="ok", decay_per_s=0.0) if x.line == "array_mode_2" else x for x in result.table)
-    one, _ = of_run("drive", scenario, replace(result, table=replace(result.table, lines=tuple(steady))))
+    steady = (
+        replace(x, status="ok", decay_per_s=0.0) if x.line == "array_mode_2" else x
+        for x in result.table
+    )
+    one, _ = contribution_of_run(
+        "drive", scenario, replace(result, table=replace(result.table, lines=tuple(steady)))
+    )
     k = one.names.index("array_mode_2")
     size, f = float(np.linalg.norm(one.los[k])), float(one.frequency[k])
     band = {"lowest": Si(f - 0.05), "highest": Si(f + 0.05)}
-    found = judged(requirement(**band, limit=Si(0.1 * size)), [one], "rss")
+    found = assess(requirement(**band, limit=Si(0.1 * size)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("array_mode_2" in why and "rings" in why for why in found.why)
     assert found.most >= size / math.sqrt(2.0)
 
 
 def test_what_was_not_looked_at_keeps_it_from_passing_within_its_band_only() -> None:
-    gap = open_gap("below 0.05 Hz, where without spacecraft.attitude_control lines mean nothing", 0.0, 0.05)
+    gap = open_gap(
+        "below 0.05 Hz, where without spacecraft.attitude_control lines mean nothing", 0.0, 0.05
+    )
     one = source("a", (5.0, 0.5, 0.0), gaps=(gap,))
-    assert judged(requirement(), [one], "rss").verdict == "not judged"
-    assert "attitude_control" in judged(requirement(), [one], "rss").why[0]
-    assert judged(requirement(lowest="0.05001 Hz"), [one], "rss").verdict == "pass"
-    assert judged(requirement(limit="0.1 urad"), [one], "rss").verdict == "fail"
-    small = Gap("peaks", 0.0, math.inf, np.array([3.0]), np.array([[0.1, 0.0]]) * URAD)
-    bounded = judged(requirement(), [replace(one, gaps=(small,))], "rss")
+    assert assess(requirement(), [one], "rss").verdict == "not judged"
+    assert "attitude_control" in assess(requirement(), [one], "rss").why[0]
+    assert assess(requirement(lowest="0.05001 Hz"), [one], "rss").verdict == "pass"
+    assert assess(requirement(limit="0.1 urad"), [one], "rss").verdict == "fail"
+    small = Unobserved("peaks", 0.0, math.inf, np.array([3.0]), np.array([[0.1, 0.0]]) * URAD)
+    bounded = assess(requirement(), [replace(one, gaps=(small,))], "rss")
     assert bounded.verdict == "pass"
     assert bounded.most == pytest.approx(math.hypot(0.5, 0.1) * URAD / math.sqrt(2.0))
 
@@ -554,16 +743,23 @@ def test_what_was_not_looked_at_keeps_it_from_passing_within_its_band_only() -> 
 @pytest.mark.parametrize("band", [(30.0, 31.0), (900.0, None), (11.0, 11.5)])
 def test_a_narrow_band_hides_what_its_neighbours_may(band: tuple[float, float | None]) -> None:
     """What is told of unlisted peaks is the highest of each part of an octave: it bounds a band between two of them."""
-    peaks = Gap("peaks", 0.0, math.inf, np.array([10.0, 20.0, 40.0]), np.full((3, 2), 0.1) * URAD, between=True)
+    peaks = Unobserved(
+        "peaks",
+        0.0,
+        math.inf,
+        np.array([10.0, 20.0, 40.0]),
+        np.full((3, 2), 0.1) * URAD,
+        between=True,
+    )
     keys = {"lowest": Si(band[0]), "highest": None if band[1] is None else Si(band[1])}
     quiet = source("a", (5.0, 1.0, 0.0), gaps=(peaks,))
-    assert judged(requirement(**keys, limit=Si(1e-9)), [quiet], "rss").verdict == "not judged"
-    assert judged(requirement(**keys, limit=Si(1e-6)), [quiet], "rss").verdict == "pass"
+    assert assess(requirement(**keys, limit=Si(1e-9)), [quiet], "rss").verdict == "not judged"
+    assert assess(requirement(**keys, limit=Si(1e-6)), [quiet], "rss").verdict == "pass"
     points = [
         {"frequency": Si(band[0]), "amplitude": Si(1e-9)},
         {"frequency": Si(band[1] or 1e3), "amplitude": Si(1e-9)},
     ]
-    assert judged(requirement(limit=None, curve=points), [quiet], "rss").verdict == "not judged"
+    assert assess(requirement(limit=None, curve=points), [quiet], "rss").verdict == "not judged"
 
 
 def test_small_lines_are_known_in_a_budget_as_they_are_in_the_verdict_of_a_run() -> None:
@@ -573,8 +769,10 @@ def test_small_lines_are_known_in_a_budget_as_they_are_in_the_verdict_of_a_run()
     sizes = {x.line: x.amplitude_n_m for x in result.table if x.status == "ok"}
     largest = max(sizes.values())
     doubted = replace(result, table=replace(result.table, own_error=0.04))
-    one, _ = of_run("drive", scenario, doubted)
-    few = [name for name in one.names if name in sizes and 1e-3 * largest < sizes[name] < 0.1 * largest]
+    one, _ = contribution_of_run("drive", scenario, doubted)
+    few = [
+        name for name in one.names if name in sizes and 1e-3 * largest < sizes[name] < 0.1 * largest
+    ]
     assert few
     for name in few:
         k = one.names.index(name)
@@ -583,12 +781,14 @@ def test_small_lines_are_known_in_a_budget_as_they_are_in_the_verdict_of_a_run()
         off = 0.01 * largest / sizes[name]  # of it
         band = {"lowest": Si(f * (1.0 - 2e-4)), "highest": Si(f * (1.0 + 2e-4)), "statistic": "rms"}
         near = requirement(**band, limit=Si((1.0 + 0.9 * off) * size / math.sqrt(2.0)))
-        assert judged(near, [replace(one, gaps=())], "rss").verdict == "not judged"
+        assert assess(near, [replace(one, gaps=())], "rss").verdict == "not judged"
 
 
 def test_what_is_not_known_is_told_once() -> None:
     """What stands in the highest octave may go on by a torque on either shaft: one sentence, with the rate that shows both."""
-    scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady", "record.sample_rate": Si(64.0)})
+    scenario = scenario_of(
+        whole.FullCraft(bandwidth=0.2), **{"record.start": "steady", "record.sample_rate": Si(64.0)}
+    )
     r = Requirements(requirements=[requirement(limit=Si(1e-12), lowest=Si(60.0))])
     budget = pointing_budget(scenario, r)
     told = [list(budget.judged[0].why), summary(budget)["sources"][0]["not_known"]]
@@ -598,8 +798,11 @@ def test_what_is_not_known_is_told_once() -> None:
 
 
 def test_gaps_of_several_sources_are_all_told() -> None:
-    two = [source(n, (f, 0.5, 0.0), gaps=(open_gap(f"gap of {n}", 1.0, 2.0),)) for n, f in (("a", 5.0), ("b", 6.0))]
-    assert judged(requirement(), two, "rss").why == ("a: gap of a", "b: gap of b")
+    two = [
+        source(n, (f, 0.5, 0.0), gaps=(open_gap(f"gap of {n}", 1.0, 2.0),))
+        for n, f in (("a", 5.0), ("b", 6.0))
+    ]
+    assert assess(requirement(), two, "rss").why == ("a: gap of a", "b: gap of b")
 
 
 def _carrying(scenario: mv.Scenario, other: mv.Scenario, **keys: object) -> mv.Scenario:
@@ -607,19 +810,27 @@ def _carrying(scenario: mv.Scenario, other: mv.Scenario, **keys: object) -> mv.S
     craft, theirs = scenario.spacecraft, other.spacecraft
     assert craft is not None
     assert theirs is not None
-    wing = SecondWing(**{"interface": theirs.interface, "array_angle": Si(theirs.array_angle), **keys})  # type: ignore[arg-type]
-    return scenario.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
+    wing = SecondWing(
+        **{"interface": theirs.interface, "array_angle": Si(theirs.array_angle), **keys}
+    )  # type: ignore[arg-type]
+    return scenario.model_copy(
+        update={"spacecraft": craft.model_copy(update={"second_wing": wing})}
+    )
 
 
 def _two_wings() -> tuple[mv.Scenario, mv.Scenario]:
     """The small craft with one wing, and the same with the other."""
     here = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml")).with_({"record.start": "steady"})
     place = {"position": [0.35, -0.9, -0.2], "drive_axis": [0.0, -1.0, 0.0]}
-    return here, here.with_si({f"spacecraft.interface.{key}": value for key, value in place.items()})
+    return here, here.with_si(
+        {f"spacecraft.interface.{key}": value for key, value in place.items()}
+    )
 
 
 @pytest.mark.parametrize("limit", ["1 prad", "1 mrad"])
-def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other(limit: str) -> None:
+def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other(
+    limit: str,
+) -> None:
     """Without the other's array the hub moves in another way: neither pass nor fail; with it, as two wings of one scenario."""
     here, there = _two_wings()
     curve = [{"frequency": f, "amplitude": limit} for f in ("1 Hz", "900 Hz")]
@@ -645,11 +856,16 @@ def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        ({"array_angle": Si(0.1)}, "spacecraft.second_wing.array_angle: is another than that of drive 2"),
+        (
+            {"array_angle": Si(0.1)},
+            "spacecraft.second_wing.array_angle: is another than that of drive 2",
+        ),
         ({"motor": {"current": Si(0.3)}}, "spacecraft.second_wing.motor: is another"),
     ],
 )
-def test_the_wing_that_a_craft_carries_is_that_of_the_other_drive(keys: dict[str, object], says: str) -> None:
+def test_the_wing_that_a_craft_carries_is_that_of_the_other_drive(
+    keys: dict[str, object], says: str
+) -> None:
     here, there = _two_wings()
     if "motor" in keys:
         keys = {"motor": here.motor.model_copy(update={"current": 0.3})}
@@ -662,7 +878,9 @@ def test_the_wing_that_a_craft_carries_is_that_of_the_other_drive(keys: dict[str
 
 def test_two_drives_at_one_place_are_refused() -> None:
     here, there = _two_wings()
-    with pytest.raises(mv.MicrovibError, match=r"is also where drive 2 is; two drives need places of their own"):
+    with pytest.raises(
+        mv.MicrovibError, match=r"is also where drive 2 is; two drives need places of their own"
+    ):
         pointing_budget([here, here])
     two = _carrying(here, there, drive="driven", tracking=there.tracking)
     with pytest.raises(mv.MicrovibError, match=r"is also where drive 2 is"):
@@ -671,7 +889,9 @@ def test_two_drives_at_one_place_are_refused() -> None:
 
 def test_two_drives_on_one_craft() -> None:
     """A second wing on the other side with the same clock: phases decide, and are known only where the clock is one."""
-    near = scenario_of(whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1), **{"record.start": "steady"})
+    near = scenario_of(
+        whole.FullCraft(damping=np.full(4, 0.05), bandwidth=0.1), **{"record.start": "steady"}
+    )
     place, axis = near.spacecraft.interface.position, near.spacecraft.interface.drive_axis  # type: ignore[union-attr]
     far = near.with_si({
         "spacecraft.interface.position": [place[0], -place[1], place[2]],
@@ -688,7 +908,9 @@ def test_two_drives_on_one_craft() -> None:
         np.argmin(
             np.abs(
                 together.tones.frequency
-                - together.contributions[0].frequency[together.contributions[0].names.index("drive_1")]
+                - together.contributions[0].frequency[
+                    together.contributions[0].names.index("drive_1")
+                ]
             )
         )
     )
@@ -698,16 +920,26 @@ def test_two_drives_on_one_craft() -> None:
 def test_a_limit_within_the_doubt_is_not_judged() -> None:
     one = source("a", (5.0, 1.0, 0.0), doubt=0.03)
     exact = URAD / math.sqrt(2.0)
-    for factor, verdict in ((1.02, "not judged"), (0.98, "not judged"), (1.04, "pass"), (0.96, "fail")):
-        assert judged(requirement(axis="x", limit=Si(factor * exact)), [one], "rss").verdict == verdict
+    for factor, verdict in (
+        (1.02, "not judged"),
+        (0.98, "not judged"),
+        (1.04, "pass"),
+        (0.96, "fail"),
+    ):
+        assert (
+            assess(requirement(axis="x", limit=Si(factor * exact)), [one], "rss").verdict == verdict
+        )
 
 
 def test_requirements_that_say_too_little_are_not_judged() -> None:
-    for keys, missing in (({"metric": "rpe"}, "window: missing"), ({"metric": "stability"}, "apart: missing")):
-        one = judged(requirement(**keys), [source("a", (5.0, 1e-3, 0.0))], "rss")
+    for keys, missing in (
+        ({"metric": "rpe"}, "window: missing"),
+        ({"metric": "stability"}, "apart: missing"),
+    ):
+        one = assess(requirement(**keys), [source("a", (5.0, 1e-3, 0.0))], "rss")
         assert one.verdict == "not judged"
         assert one.why[0].startswith(missing)
-    none = judged(requirement(percentile="95 percent"), [source("a", (5.0, 1e-3, 0.0))], "rss")
+    none = assess(requirement(percentile="95 percent"), [source("a", (5.0, 1e-3, 0.0))], "rss")
     assert none.verdict == "not judged"
     assert "percentile: needs an ensemble" in none.why[0]
 
@@ -715,40 +947,61 @@ def test_requirements_that_say_too_little_are_not_judged() -> None:
 def test_windows_and_densities_are_weighted() -> None:
     f = np.linspace(0.0, 400.0, 4001)
     S = np.full((f.size, 2), 1e-15)
-    noise = Contribution("n", "given", (), np.zeros(0), np.zeros((0, 2), dtype=complex), density=(f, S))
+    noise = Contribution(
+        "n", "given", (), np.zeros(0), np.zeros((0, 2), dtype=complex), density=(f, S)
+    )
     line = source("a", (40.0, 0.5, 0.0))
     r = requirement(metric="rpe", window="10 ms", axis="x", limit="10 urad")
-    one = judged(r, [noise, line], "rss")
-    assert one.noise**2 == pytest.approx(np.trapezoid(1e-15 * weight("rpe", f, 0.01), f), rel=1e-4)
-    assert one.lines**2 == pytest.approx(float(weight("rpe", 40.0, 0.01)) * 0.125e-12)
-    assert one.value == pytest.approx(math.hypot(one.lines, one.noise))
-    assert judged(requirement(axis="x", lowest="100 Hz", highest="200 Hz"), [noise], "rss").value == pytest.approx(
-        math.sqrt(1e-13)
+    one = assess(r, [noise, line], "rss")
+    assert one.noise**2 == pytest.approx(
+        np.trapezoid(1e-15 * metric_weight("rpe", f, 0.01), f), rel=1e-4
     )
+    assert one.lines**2 == pytest.approx(float(metric_weight("rpe", 40.0, 0.01)) * 0.125e-12)
+    assert one.value == pytest.approx(math.hypot(one.lines, one.noise))
+    assert assess(
+        requirement(axis="x", lowest="100 Hz", highest="200 Hz"), [noise], "rss"
+    ).value == pytest.approx(math.sqrt(1e-13))
 
 
 def test_levels_and_bounds() -> None:
     f, A = np.array([3.0, 7.1]), np.array([[1.0, 0.0], [0.5, 0.0]]) * URAD
     rng = np.random.default_rng(2)
     x = sum(a * np.cos(2.0 * np.pi * rng.random(2_000_000)) for a in (1.0, 0.5)) * URAD
-    level = figure(requirement(axis="x", statistic="level", confidence=0.9), f, A)
+    level = evaluate_metric(requirement(axis="x", statistic="level", confidence=0.9), f, A)
     assert level == pytest.approx(np.quantile(np.abs(x), 0.9), rel=3e-3)
-    assert figure(requirement(axis="x", statistic="bound"), f, A) == pytest.approx(1.5 * URAD)
+    assert evaluate_metric(requirement(axis="x", statistic="bound"), f, A) == pytest.approx(
+        1.5 * URAD
+    )
     # of both axes together it is a bound, from both axes within theirs
     y = 0.7 * np.cos(2.0 * np.pi * rng.random(2_000_000)) * URAD
-    both = figure(requirement(statistic="level", confidence=0.9), np.append(f, 11.0), np.vstack([A, [0.0, 0.7 * URAD]]))
+    both = evaluate_metric(
+        requirement(statistic="level", confidence=0.9),
+        np.append(f, 11.0),
+        np.vstack([A, [0.0, 0.7 * URAD]]),
+    )
     assert np.mean(np.hypot(x, y) <= both) >= 0.9
 
 
 def test_a_curve_limits_each_line() -> None:
-    points = [{"frequency": "1 Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "0.01 urad"}]
+    points = [
+        {"frequency": "1 Hz", "amplitude": "1 urad"},
+        {"frequency": "100 Hz", "amplitude": "0.01 urad"},
+    ]
     r = Requirement(axis="x", curve=points)
-    one = judged(r, [source("a", (10.0, 0.09, 0.0), (500.0, 5.0, 0.0))], "rss")
-    assert (one.value, one.limit, one.verdict) == (pytest.approx(0.09 * URAD), pytest.approx(0.1 * URAD), "pass")
-    two = judged(r, [source("a", (10.0, 0.09, 0.0), (50.0, 0.03, 0.0))], "rss")
-    assert (two.value, two.limit, two.verdict) == (pytest.approx(0.03 * URAD), pytest.approx(0.02 * URAD), "fail")
+    one = assess(r, [source("a", (10.0, 0.09, 0.0), (500.0, 5.0, 0.0))], "rss")
+    assert (one.value, one.limit, one.verdict) == (
+        pytest.approx(0.09 * URAD),
+        pytest.approx(0.1 * URAD),
+        "pass",
+    )
+    two = assess(r, [source("a", (10.0, 0.09, 0.0), (50.0, 0.03, 0.0))], "rss")
+    assert (two.value, two.limit, two.verdict) == (
+        pytest.approx(0.03 * URAD),
+        pytest.approx(0.02 * URAD),
+        "fail",
+    )
     gap = open_gap("line_9 (not separable)", 20.0, 20.0)
-    assert judged(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
+    assert assess(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
 
 
 def test_the_text_ends_with_the_verdicts_within_a_terminal() -> None:
@@ -757,8 +1010,18 @@ def test_the_text_ends_with_the_verdicts_within_a_terminal() -> None:
         for k, limit in ((1, "1 urad"), (2, "0.1 urad"))
     ]
     one = source("a", (60.0, 0.5, 0.0))
-    found = tuple(judged(r, [one], "rss") for r in required)
-    text = budget_text(Budget(scenario_of(whole.FullCraft()), None, "rss", (one,), merged([one], "rss"), found, ()))
+    found = tuple(assess(r, [one], "rss") for r in required)
+    text = budget_text(
+        Budget(
+            scenario_of(whole.FullCraft()),
+            None,
+            "rss",
+            (one,),
+            combine_lines([one], "rss"),
+            found,
+            (),
+        )
+    )
     *_, head, first, second = text.splitlines()
     assert head.split() == ["limit", "value", "at", "most", "dB", "verdict"]
     assert [row.split()[0] for row in (first, second)] == ["P-1", "P-2"]
@@ -769,11 +1032,20 @@ def test_the_text_ends_with_the_verdicts_within_a_terminal() -> None:
 
 def test_a_curve_is_decided_by_the_line_nearest_to_it_and_not_by_the_largest() -> None:
     """Ten times smaller, but where the curve allows a hundredth: the line that the report names beside the smallest margin."""
-    curve = [{"frequency": Si(1.0), "amplitude": Si(1e-5)}, {"frequency": Si(100.0), "amplitude": Si(1e-7)}]
+    curve = [
+        {"frequency": Si(1.0), "amplitude": Si(1e-5)},
+        {"frequency": Si(100.0), "amplitude": Si(1e-7)},
+    ]
     density = np.array([1.0, 50.0]), np.full((2, 2), 1e-12)
     lines = source("a", (1.0, 1.0, 0.0), (100.0, 0.05, 0.0), density=density)
-    one = judged(Requirement(name="P-5", axis="x", curve=curve), [lines, source("b", (2.0, 3.0, 0.0))], "rss")
-    assert [(x.line, round(x.share, 6)) for x in one.ranking] == [("line_0", 0.6), ("line_1", 0.5), ("line_0", 0.1)]
+    one = assess(
+        Requirement(name="P-5", axis="x", curve=curve), [lines, source("b", (2.0, 3.0, 0.0))], "rss"
+    )
+    assert [(x.line, round(x.share, 6)) for x in one.ranking] == [
+        ("line_0", 0.6),
+        ("line_1", 0.5),
+        ("line_0", 0.1),
+    ]
     assert [(x.source, round(x.share, 6)) for x in one.sources] == [
         ("b", round(9.0 / 10.0025, 6)),
         ("a", round(1.0025 / 10.0025, 6)),
@@ -782,15 +1054,37 @@ def test_a_curve_is_decided_by_the_line_nearest_to_it_and_not_by_the_largest() -
 
 
 def test_a_picture_holds_a_limit_on_one_axis_against_lines_about_it() -> None:
-    points = [{"frequency": "1 Hz", "amplitude": "1 urad"}, {"frequency": "100 Hz", "amplitude": "0.01 urad"}]
+    points = [
+        {"frequency": "1 Hz", "amplitude": "1 urad"},
+        {"frequency": "100 Hz", "amplitude": "0.01 urad"},
+    ]
     one = source("a", (10.0, 0.03, 0.04), (50.0, 0.0, 0.02))
-    required = [judged(Requirement(name=axis, axis=axis, curve=points), [one], "rss") for axis in ("radial", "y")]
-    budget = Budget(mv.load_scenario("state-1"), None, "rss", (one,), merged([one], "rss"), tuple(required), ())
+    required = [
+        assess(Requirement(name=axis, axis=axis, curve=points), [one], "rss")
+        for axis in ("radial", "y")
+    ]
+    budget = Budget(
+        mv.load_scenario("state-1"),
+        None,
+        "rss",
+        (one,),
+        combine_lines([one], "rss"),
+        tuple(required),
+        (),
+    )
     left = draw_budget(budget).axes[0]
-    drawn = {line.get_marker(): np.asarray(line.get_ydata()) for line in left.lines if line.get_linestyle() == "None"}
+    drawn = {
+        line.get_marker(): np.asarray(line.get_ydata())
+        for line in left.lines
+        if line.get_linestyle() == "None"
+    }
     assert drawn["o"] == pytest.approx([0.05, 0.02])
     assert drawn["^"] == pytest.approx([0.04, 0.02])
-    curves = {str(line.get_label()): line.get_linestyle() for line in left.lines if line.get_linestyle() != "None"}
+    curves = {
+        str(line.get_label()): line.get_linestyle()
+        for line in left.lines
+        if line.get_linestyle() != "None"
+    }
     assert curves == {"radial": "-", "y: los_y (pointing up)": ":"}
     assert [x.requirement.text for x in required] == [
         "lines, amplitude over frequency",
@@ -800,14 +1094,26 @@ def test_a_picture_holds_a_limit_on_one_axis_against_lines_about_it() -> None:
 
 def test_pictures_name_limits_and_sum_lines_where_they_are() -> None:
     one = source("a", (10.0, 0.03, 0.04), (50.0, 0.0, 0.02))
-    required = judged(requirement(name="R-7", metric="rpe", window="10 ms", limit="0.1 urad"), [one], "rss")
-    budget = Budget(mv.load_scenario("state-1"), None, "rss", (one,), merged([one], "rss"), (required,), ())
+    required = assess(
+        requirement(name="R-7", metric="rpe", window="10 ms", limit="0.1 urad"), [one], "rss"
+    )
+    budget = Budget(
+        mv.load_scenario("state-1"),
+        None,
+        "rss",
+        (one,),
+        combine_lines([one], "rss"),
+        (required,),
+        (),
+    )
     right = draw_budget(budget).axes[1]
     assert [text.get_text().strip() for text in right.texts] == ["limit R-7"]
     for line in draw_cumulative(budget).axes[1].lines:
         f, rms = (np.asarray(values) for values in line.get_data())
         rising = line.get_label() == "from low to high"
-        assert line.get_drawstyle() == ("steps-post" if rising else "steps-pre")  # between both lines that of one
+        assert line.get_drawstyle() == (
+            "steps-post" if rising else "steps-pre"
+        )  # between both lines that of one
         between = rms[0] if rising else rms[1]
         assert f == pytest.approx([10.0, 50.0])
         assert between == pytest.approx((0.04 if rising else 0.02) / math.sqrt(2.0))
@@ -826,8 +1132,12 @@ def test_pictures_name_limits_and_sum_lines_where_they_are() -> None:
 )
 def test_what_does_not_move_can_be_drawn(tmp_path: Path, one: Contribution) -> None:
     """A recording of zeros: logarithmic scales without a number above 0."""
-    required = tuple(judged(r, [one], "rss") for r in (requirement(), requirement(metric="rpe", window="10 ms")))
-    budget = Budget(mv.load_scenario("state-1"), None, "rss", (one,), merged([one], "rss"), required, ())
+    required = tuple(
+        assess(r, [one], "rss") for r in (requirement(), requirement(metric="rpe", window="10 ms"))
+    )
+    budget = Budget(
+        mv.load_scenario("state-1"), None, "rss", (one,), combine_lines([one], "rss"), required, ()
+    )
     for k, draw in enumerate((draw_budget, draw_cumulative)):
         draw(budget).savefig(tmp_path / f"{k}.png")
 
@@ -840,12 +1150,14 @@ def test_percentiles_over_cases() -> None:
     root = math.sqrt(2.0)
     for limit, verdict in ((0.99, "pass"), (0.95, "not judged"), (0.9, "fail")):
         r = requirement(axis="x", percentile="95 percent", limit=Si(limit * URAD / root))
-        found = judged(r, [one], "rss")
+        found = assess(r, [one], "rss")
         assert found.value == pytest.approx(0.95 * URAD / root, rel=1e-3)
         assert found.verdict == verdict
         assert found.spread is not None
         assert found.spread[0].value == pytest.approx(0.5 * URAD / root, rel=1e-3)
-    few = judged(requirement(axis="x", percentile="95 percent"), [replace(one, cases=cases[:50])], "rss")
+    few = assess(
+        requirement(axis="x", percentile="95 percent"), [replace(one, cases=cases[:50])], "rss"
+    )
     assert few.verdict == "not judged"
     assert "needs 72 cases" in few.why[0]
 
@@ -854,8 +1166,12 @@ def test_cases_of_other_rates_count_at_their_own_frequencies() -> None:
     """Half of the cases at 5 Hz, where a window of 1 s has moved through whole periods, half at 0.5 Hz."""
     f = np.repeat([5.0, 0.5], 500)[:, None]
     one = source("a", (5.0, 1.0, 0.0), cases=np.full((1000, 1, 2), URAD), cases_frequency=f)
-    found = judged(requirement(axis="x", metric="mpe", window="1 s", percentile="95 percent"), [one], "rss")
-    assert found.value == pytest.approx(URAD * math.sqrt(0.5 * float(weight("mpe", 0.5, 1.0))))
+    found = assess(
+        requirement(axis="x", metric="mpe", window="1 s", percentile="95 percent"), [one], "rss"
+    )
+    assert found.value == pytest.approx(
+        URAD * math.sqrt(0.5 * float(metric_weight("mpe", 0.5, 1.0)))
+    )
 
 
 class _Cases:
@@ -879,7 +1195,9 @@ class _Cases:
         }
         values = np.full(100, 1.0) * whole[figure]
         if line == "other_1":
-            values = np.where(self._there, (1.0 if figure == "frequency" else 10.0) * values, np.nan)
+            values = np.where(
+                self._there, (1.0 if figure == "frequency" else 10.0) * values, np.nan
+            )
         return values
 
     def status(self, line: str) -> np.ndarray:
@@ -896,23 +1214,28 @@ def test_a_percentile_counts_lines_that_only_some_cases_have(off: np.ndarray | N
     one = with_campaign(replace(drive, names=("drive_1",)), _Cases())
     assert one.cases_lack == ""
     assert sorted(set(one.cases_frequency[:, -1].tolist()))[0] == pytest.approx(2.03)
-    found = judged(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss")
+    found = assess(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss")
     assert found.value == pytest.approx(URAD * math.sqrt(0.5 * 101.0))
     assert found.verdict == "fail"
-    median = judged(requirement(axis="x", percentile="50 percent", limit="5 urad"), [one], "rss")
+    median = assess(requirement(axis="x", percentile="50 percent", limit="5 urad"), [one], "rss")
     assert median.value == pytest.approx(URAD * math.sqrt(0.5))
 
 
 def test_a_percentile_is_not_judged_where_unlisted_lines_of_cases_die_away() -> None:
-    one = with_campaign(replace(source("a", (5.0, 1.0, 0.0)), names=("drive_1",)), _Cases("decaying"))
+    one = with_campaign(
+        replace(source("a", (5.0, 1.0, 0.0)), names=("drive_1",)), _Cases("decaying")
+    )
     assert one.cases_lack.startswith("an unlisted line rings or is driven by noise in 20 cases")
-    assert judged(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss").verdict == "not judged"
+    assert (
+        assess(requirement(axis="x", percentile="95 percent", limit="5 urad"), [one], "rss").verdict
+        == "not judged"
+    )
 
 
 def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:
     cases = np.zeros((1000, 1, 2))
     one = source("a", (5.0, 0.5, 0.0), cases=cases, cases_lack="3 cases have no result")
-    found = judged(requirement(percentile="95 percent"), [one], "rss")
+    found = assess(requirement(percentile="95 percent"), [one], "rss")
     assert found.verdict == "not judged"
     assert found.why == ("percentile: 3 cases have no result",)
 
@@ -924,12 +1247,20 @@ def test_what_a_slow_record_does_not_show_is_in_what_a_metric_may_be_at_most() -
         {"metric": "rpe", "window": "10 ms", "limit": "6 nrad"},
         {"metric": "ape", "statistic": "bound", "limit": "152 nrad"},
         {"metric": "ape", "lowest": "15 Hz", "limit": "1 nrad"},
-        {"metric": "ape", "axis": "x", "curve": [{"frequency": f"{f} Hz", "amplitude": "3 nrad"} for f in (20, 1000)]},
+        {
+            "metric": "ape",
+            "axis": "x",
+            "curve": [{"frequency": f"{f} Hz", "amplitude": "3 nrad"} for f in (20, 1000)],
+        },
     ]
-    required = Requirements(requirements=[Requirement(name=f"R{k}", **keys) for k, keys in enumerate(asked)])
+    required = Requirements(
+        requirements=[Requirement(name=f"R{k}", **keys) for k, keys in enumerate(asked)]
+    )
     whole = pointing_budget(craft, required, steady=True)
     for sample_rate in ("40 Hz", "100 Hz"):
-        found = pointing_budget(craft.with_({"record.sample_rate": sample_rate}), required, steady=True)
+        found = pointing_budget(
+            craft.with_({"record.sample_rate": sample_rate}), required, steady=True
+        )
         for one, truth in zip(found.judged, whole.judged, strict=True):
             assert one.most / one.limit >= truth.value / truth.limit
             assert one.verdict == "not judged"
@@ -939,9 +1270,12 @@ def test_what_a_slow_record_does_not_show_is_in_what_a_metric_may_be_at_most() -
 
 def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
     """At 8 Hz no driving line is seen, nor the full-step lines, which are the largest."""
-    low = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.sample_rate": Si(8.0), "record.duration": Si(30.0)})
-    one, _ = of_run("drive", low, mv.run(low))
-    found = judged(requirement(limit=Si(1.0)), [one], "rss")
+    low = scenario_of(
+        whole.FullCraft(bandwidth=0.2),
+        **{"record.sample_rate": Si(8.0), "record.duration": Si(30.0)},
+    )
+    one, _ = contribution_of_run("drive", low, mv.run(low))
+    found = assess(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("not even two driving lines" in why for why in found.why)
 
@@ -955,13 +1289,15 @@ def test_a_wheel_moves_the_whole_system() -> None:
         "axis": [0, 0, 1],
         "harmonics": [{"order": 1.0, "radial_force": "1e-6 N*s^2/rad^2"}],
     }
-    found = of_other(OtherSource(name="w", wheel=wheel, position=[f"{x} m" for x in place]), scenario, NO_FILES)
+    found = contribution_of_other(
+        OtherSource(name="w", wheel=wheel, position=[f"{x} m" for x in place]), scenario, NO_FILES
+    )
     force = 1e-6 * (2.0 * np.pi * f) ** 2
     K, C = full.powered()
     s, seen = 2j * np.pi * f, []
     for direction in (np.eye(3)[0], np.eye(3)[1]):
         on = np.zeros(full.n)
-        on[:6] = motion_of(place).T @ np.r_[force * direction, 0.0, 0.0, 0.0]
+        on[:6] = rigid_motion_at(place).T @ np.r_[force * direction, 0.0, 0.0, 0.0]
         seen.append(np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5])
     # One turns a quarter of a turn after the other, whichever is first.
     assert found.frequency == pytest.approx([f])
@@ -971,23 +1307,29 @@ def test_a_wheel_moves_the_whole_system() -> None:
 
 def test_force_and_torque_of_one_order_are_one_line_in_the_worst_phase() -> None:
     """A verdict knows both ends: at best they cancel. Phases of wheels are not known under any rule."""
-    scenario, at = scenario_of(whole.FullCraft(bandwidth=0.2)), {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
+    scenario, at = (
+        scenario_of(whole.FullCraft(bandwidth=0.2)),
+        {"position": ["0.2 m", "-0.3 m", "0.1 m"]},
+    )
 
     def wheel(*harmonics: dict[str, object]) -> Contribution:
         given = {"speed": "1500 rpm", "axis": [0, 0, 1], "harmonics": list(harmonics)}
-        return of_other(OtherSource(name="w", wheel=given, **at), scenario, NO_FILES)
+        return contribution_of_other(OtherSource(name="w", wheel=given, **at), scenario, NO_FILES)
 
     force, torque = {"radial_force": "1e-6 N*s^2/rad^2"}, {"radial_torque": "1e-7 N*m*s^2/rad^2"}
     parts = [wheel({"order": 1.0, **part}) for part in (force, torque)]
-    for both in (wheel({"order": 1.0, **force, **torque}), wheel({"order": 1.0, **force}, {"order": 1.0, **torque})):
+    for both in (
+        wheel({"order": 1.0, **force, **torque}),
+        wheel({"order": 1.0, **force}, {"order": 1.0, **torque}),
+    ):
         assert both.names == ("order 1",)
-        tones = merged([both], "rss")
+        tones = combine_lines([both], "rss")
         sizes = np.abs([one.los[0] for one in parts])
         assert tones.value[0] == pytest.approx(sizes.sum(axis=0), rel=1e-9)
         assert tones.most[0] == pytest.approx(sizes.sum(axis=0), rel=1e-9)
         assert tones.least[0] == pytest.approx(np.abs(sizes[0] - sizes[1]), rel=1e-9)
     drive = source("a", (float(both.frequency[0]), -1e6 * both.los[0, 0], 0.0))
-    assert judged(requirement(axis="x"), [both, drive], "coherent").most == pytest.approx(
+    assert assess(requirement(axis="x"), [both, drive], "coherent").most == pytest.approx(
         math.sqrt(2.0) * float(both.los[0, 0].real)
     )
 
@@ -997,10 +1339,12 @@ def test_a_wheel_is_judged_at_the_speed_that_is_worst_in_any_phase() -> None:
     alone, split = (np.array([[[a, 0.0]], [[b, 0.0]]]) * URAD for a, b in ((1.0, 0.0), (0.7, 0.7)))
     each = []
     for f, sizes in ((4.0, alone), (6.0, split)):
-        los, doubt = in_any_phase(sizes)
-        each.append(Contribution("w", "given", ("order 1",), np.array([f]), los, doubt=doubt, phased=False))
+        los, doubt = bound_over_phases(sizes)
+        each.append(
+            Contribution("w", "given", ("order 1",), np.array([f]), los, doubt=doubt, phased=False)
+        )
     wheel = replace(each[0], alternatives=tuple(each))
-    one = judged(requirement(axis="x", limit=Si(0.8 * URAD)), [wheel], "rss")
+    one = assess(requirement(axis="x", limit=Si(0.8 * URAD)), [wheel], "rss")
     assert one.verdict == "not judged"
     assert (one.least, one.most) == pytest.approx((0.0, 1.4 * URAD / math.sqrt(2.0)))
 
@@ -1010,8 +1354,8 @@ def test_loads_without_phases_do_not_cancel(tmp_path: Path) -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2))
     at = {"position": ["0 m", "0 m", "0 m"]}
     ratio = np.linalg.solve(
-        transfer_from(scenario, np.array([40.0]), motion_of(np.zeros(3)))[0][:, 3:5],
-        -transfer_from(scenario, np.array([40.0]), motion_of(np.zeros(3)))[0][:, 0],
+        line_of_sight_transfer(scenario, np.array([40.0]), rigid_motion_at(np.zeros(3)))[0][:, 3:5],
+        -line_of_sight_transfer(scenario, np.array([40.0]), rigid_motion_at(np.zeros(3)))[0][:, 0],
     )
     sizes, phases = np.abs(ratio), np.angle(ratio)
     head, row = "frequency_hz,fx_n,mx_n_m,my_n_m", f"40,1,{sizes[0]},{sizes[1]}"
@@ -1020,18 +1364,28 @@ def test_loads_without_phases_do_not_cancel(tmp_path: Path) -> None:
     )
     (tmp_path / "unknown.csv").write_text(f"{head}\n{row}\n")
     known, unknown = (
-        of_other(OtherSource(name="p", lines=f"{name}.csv", **at), scenario, FileAccess(tmp_path))
+        contribution_of_other(
+            OtherSource(name="p", lines=f"{name}.csv", **at), scenario, FileAccess(tmp_path)
+        )
         for name in ("known", "unknown")
     )
     assert np.abs(known.los).max() < 1e-9 * np.abs(unknown.los).max()
-    tones = merged([unknown], "rss")
+    tones = combine_lines([unknown], "rss")
     assert np.all(tones.least < 1e-9 * tones.most)
     with pytest.raises(mv.MicrovibError, match=r"p: clock: .* lacks some of fx_phase_rad"):
-        of_other(OtherSource(name="p", lines="unknown.csv", clock="one", **at), scenario, FileAccess(tmp_path))
+        contribution_of_other(
+            OtherSource(name="p", lines="unknown.csv", clock="one", **at),
+            scenario,
+            FileAccess(tmp_path),
+        )
 
 
-def test_what_can_be_refused_is_refused_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("microvib.studies.budget.study.solve_run", lambda *a, **k: pytest.fail("was simulated"))
+def test_what_can_be_refused_is_refused_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "microvib.studies.budget.study.solve_run", lambda *a, **k: pytest.fail("was simulated")
+    )
     scenario = scenario_of(whole.FullCraft())
     gains = {f"driver.{key}_gain": 0.0 for key in ("proportional", "integral", "derivative")}
     with pytest.raises(mv.MicrovibError, match=r"driver\.drive: voltage is not known"):
@@ -1040,7 +1394,9 @@ def test_what_can_be_refused_is_refused_before_anything_runs(tmp_path: Path, mon
         pointing_budget(scenario, tmp_path / "no.yaml")
     units = {"Fx": "N"}
     with pytest.raises(mv.MicrovibError, match="Mz"):
-        pointing_budget(scenario, recording=Recording({"Fx": np.zeros(9000)}, 1024.0, units, "table"))
+        pointing_budget(
+            scenario, recording=Recording({"Fx": np.zeros(9000)}, 1024.0, units, "table")
+        )
 
 
 def test_a_range_of_speeds_counts_with_its_worst() -> None:
@@ -1051,12 +1407,18 @@ def test_a_range_of_speeds_counts_with_its_worst() -> None:
         "axis": [0, 1, 0],
         "harmonics": [{"order": 1.0, "axial_torque": "1e-6 N*m*s^2/rad^2"}],
     }
-    one = of_other(OtherSource(name="w", wheel=wheel, position=["0 m"] * 3), scenario, NO_FILES)
+    one = contribution_of_other(
+        OtherSource(name="w", wheel=wheel, position=["0 m"] * 3), scenario, NO_FILES
+    )
     assert len(one.alternatives) > 50
-    for keys in ({}, {"metric": "rpe", "window": "10 ms"}, {"statistic": "bound", "metric": "rpe", "window": "0.2 s"}):
+    for keys in (
+        {},
+        {"metric": "rpe", "window": "10 ms"},
+        {"statistic": "bound", "metric": "rpe", "window": "0.2 s"},
+    ):
         r = requirement(**keys)
-        each = [judged(r, [x], "rss").value for x in one.alternatives]
-        found = judged(r, [one], "rss")
+        each = [assess(r, [x], "rss").value for x in one.alternatives]
+        found = assess(r, [one], "rss")
         assert max(each) * (1.0 - 1e-4) <= found.value <= 1.05 * max(each)
         assert found.most >= max(each)
 
@@ -1080,17 +1442,26 @@ def test_no_speed_of_a_range_is_above_what_was_found(k: int) -> None:
     """Against 8000 speeds, those at which orders pass ends of bands and points of curves among them: ends of bands, notches,
     weights and narrow resonances, of several orders at once."""
     rng = np.random.default_rng(k)
-    craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=rng.choice([0.0005, 0.003, 0.02], 4)))
+    craft = scenario_of(
+        whole.FullCraft(bandwidth=0.2, damping=rng.choice([0.0005, 0.003, 0.02], 4))
+    )
     kinds = ("radial_force", "radial_torque", "axial_force", "axial_torque")
     orders = np.unique(np.r_[10.0, rng.uniform(0.5, 12.0, rng.integers(1, 4)).round(2)])
     harmonics = [
         {"order": float(x), **{kind: f"{rng.uniform(0, 1e-7)} N*{'m*' * ('torque' in kind)}s^2/rad^2" for kind in rng.choice(kinds, 2)}}
         for x in orders
     ]  # fmt: skip
-    wheel = {"speed": "300 rpm", "speed_to": "6000 rpm", "axis": rng.normal(size=3).tolist(), "harmonics": harmonics}
-    one = of_other(OtherSource(name="w", wheel=wheel, position=["0.2 m", "0.1 m", "0 m"]), craft, NO_FILES)
+    wheel = {
+        "speed": "300 rpm",
+        "speed_to": "6000 rpm",
+        "axis": rng.normal(size=3).tolist(),
+        "harmonics": harmonics,
+    }
+    one = contribution_of_other(
+        OtherSource(name="w", wheel=wheel, position=["0.2 m", "0.1 m", "0 m"]), craft, NO_FILES
+    )
     r = requirement(**_ASKED[k])
-    found = judged(r, [one], "rss")
+    found = assess(r, [one], "rss")
     ends = [f for f in (r.lowest, r.highest) if f] + [p.frequency for p in r.curve or ()]
     passed = np.outer(
         2.0 * np.pi * np.array([*ends, *(m.frequency for m in coupled_modes(craft))]), 1.0 / orders
@@ -1099,7 +1470,7 @@ def test_no_speed_of_a_range_is_above_what_was_found(k: int) -> None:
     speeds = np.unique(np.r_[np.linspace(*one.sweep.speeds, 8_000), near])  # type: ignore[union-attr]
     speeds = speeds[(speeds >= one.sweep.speeds[0]) & (speeds <= one.sweep.speeds[1])]  # type: ignore[union-attr]
     if r.curve is None:
-        each = [figure(r, x.frequency, np.abs(x.los)) for x in one.sweep.at(speeds)]  # type: ignore[union-attr]
+        each = [evaluate_metric(r, x.frequency, np.abs(x.los)) for x in one.sweep.at(speeds)]  # type: ignore[union-attr]
         largest = max(each)
     else:
         f, allowed = np.log(np.array(_NOTCH)).T
@@ -1116,16 +1487,21 @@ def test_no_speed_of_a_range_is_above_what_was_found(k: int) -> None:
 def test_a_band_that_an_order_passes_within_one_speed_is_judged() -> None:
     """Between two of a hundred speeds, 57 rpm apart, order 10 passes 100 to 104 Hz."""
     craft = scenario_of(whole.FullCraft(bandwidth=0.2))
-    given = {"axis": [0, 0, 1], "harmonics": [{"order": 10.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}]}
+    given = {
+        "axis": [0, 0, 1],
+        "harmonics": [{"order": 10.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}],
+    }
     at = {"position": ["0 m", "0.1 m", "0 m"]}
     wide, single = (
-        of_other(OtherSource(name="w", wheel={**given, **speeds}, **at), craft, NO_FILES)
+        contribution_of_other(
+            OtherSource(name="w", wheel={**given, **speeds}, **at), craft, NO_FILES
+        )
         for speeds in ({"speed": "300 rpm", "speed_to": "6000 rpm"}, {"speed": "612 rpm"})
     )
     band = {"lowest": "100 Hz", "highest": "104 Hz"}
-    size = judged(requirement(**band), [single], "rss").value
+    size = assess(requirement(**band), [single], "rss").value
     for part, verdict in ((0.5, "fail"), (2.0, "pass")):
-        assert judged(requirement(**band, limit=Si(part * size)), [wide], "rss").verdict == verdict
+        assert assess(requirement(**band, limit=Si(part * size)), [wide], "rss").verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -1140,19 +1516,24 @@ def test_a_band_that_an_order_passes_within_one_speed_is_judged() -> None:
 @pytest.mark.parametrize("turned", [False, True])
 def test_wheels_whose_ranges_touch_may_have_one_speed(second, turned) -> None:
     craft = scenario_of(whole.FullCraft(bandwidth=0.2))
-    given = {"axis": [0, 0, 1], "harmonics": [{"order": 1.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}]}
+    given = {
+        "axis": [0, 0, 1],
+        "harmonics": [{"order": 1.0, "radial_torque": "1e-6 N*m*s^2/rad^2"}],
+    }
 
     def wheel(name: str, **speeds: str) -> Contribution:
         at = ["0 m", "0.1 m", "0 m"]
-        return of_other(OtherSource(name=name, wheel={**given, **speeds}, position=at), craft, NO_FILES)
+        return contribution_of_other(
+            OtherSource(name=name, wheel={**given, **speeds}, position=at), craft, NO_FILES
+        )
 
     first = {"speed": "3000 rpm", "speed_to": "3010 rpm"} if second["speed"] == "2900 rpm" else {
         "speed": "2990 rpm", "speed_to": "3000 rpm"
     }  # fmt: skip
     ranges = [wheel("a", **first), wheel("b", **second)]
     together = [wheel("a", speed="3000 rpm"), wheel("b", speed="3000 rpm")]
-    found = judged(requirement(lowest="20 Hz"), ranges[::-1] if turned else ranges, "rss")
-    assert found.most >= 0.999 * judged(requirement(lowest="20 Hz"), together, "bound").value
+    found = assess(requirement(lowest="20 Hz"), ranges[::-1] if turned else ranges, "rss")
+    assert found.most >= 0.999 * assess(requirement(lowest="20 Hz"), together, "bound").value
 
 
 def test_lines_and_densities_from_files(tmp_path: Path) -> None:
@@ -1162,31 +1543,43 @@ def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text("frequency_hz,mx_n2_m2_hz\n30,1e-8\n50,1e-8\n")
     (tmp_path / "p.csv").write_text("line,frequency_hz,los_x_rad,los_y_rad\nfan,40,1e-7,\n")
     at = {"position": ["0.2 m", "-0.3 m", "0.1 m"]}
-    lines = of_other(OtherSource(name="pump", lines="l.csv", **at), scenario, FileAccess(tmp_path))
+    lines = contribution_of_other(
+        OtherSource(name="pump", lines="l.csv", **at), scenario, FileAccess(tmp_path)
+    )
     K, C = full.powered()
     s, on = 2j * np.pi * 40.0, np.zeros(full.n)
     on[3] = 1e-3
     angle = np.linalg.solve(s**2 * full.M + s * C + K, on)[3:5] * np.exp(0.5j)
     assert lines.los[0] == pytest.approx(angle, rel=1e-9)
-    noise = of_other(OtherSource(name="n", density="s.csv", **at), scenario, FileAccess(tmp_path))
+    noise = contribution_of_other(
+        OtherSource(name="n", density="s.csv", **at), scenario, FileAccess(tmp_path)
+    )
     assert noise.density is not None
     k = int(np.argmin(np.abs(noise.density[0] - 40.0)))
     assert noise.density[1][k, 0] == pytest.approx(1e-8 * np.abs(angle[0] / 1e-3) ** 2, rel=0.02)
-    empty = of_other(OtherSource(name="fan", lines="p.csv"), scenario, FileAccess(tmp_path))
-    assert judged(requirement(), [empty], "rss").verdict == "not judged"  # a cell that is empty is not zero
+    empty = contribution_of_other(
+        OtherSource(name="fan", lines="p.csv"), scenario, FileAccess(tmp_path)
+    )
+    assert (
+        assess(requirement(), [empty], "rss").verdict == "not judged"
+    )  # a cell that is empty is not zero
 
 
 @pytest.mark.parametrize(
     "noise",
     [
         {"friction.torque_noise": {"density": Si(1e-8), "lowest": Si(0.5), "highest": Si(50.0)}},
-        {"friction.position": {"roughness": {"density": Si(1e-12), "lowest": Si(3e3), "highest": Si(3e5)}}},
+        {
+            "friction.position": {
+                "roughness": {"density": Si(1e-12), "lowest": Si(3e3), "highest": Si(3e5)}
+            }
+        },
     ],
 )
 def test_noise_of_the_friction_is_one_draw_of_many(noise: dict[str, object]) -> None:
     noisy = scenario_of(whole.FullCraft(bandwidth=0.2), **noise)
-    one, _ = of_run("drive", noisy, mv.run(noisy))
-    found = judged(requirement(limit=Si(1.0)), [one], "rss")
+    one, _ = contribution_of_run("drive", noisy, mv.run(noisy))
+    found = assess(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("a run is one draw of many" in why for why in found.why)
     # Lines and noise are kept apart, and add as mean squares.
@@ -1202,8 +1595,10 @@ def test_a_free_hub_is_not_judged_below_its_lowest() -> None:
             "record.duration": Si(8.0),
         },
     )
-    one, _ = of_run("drive", slow, mv.run(slow))
-    assert any("attitude_control" in why for why in judged(requirement(limit=Si(1.0)), [one], "rss").why)
+    one, _ = contribution_of_run("drive", slow, mv.run(slow))
+    assert any(
+        "attitude_control" in why for why in assess(requirement(limit=Si(1.0)), [one], "rss").why
+    )
 
 
 def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
@@ -1213,23 +1608,35 @@ def test_the_recording_of_a_force_table_goes_the_short_way() -> None:
     ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
     names = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
     recording = Recording(
-        {n: ground[n] for n in names}, 1024.0, {n: "N" if n[0] == "F" else "N*m" for n in names}, "table"
+        {n: ground[n] for n in names},
+        1024.0,
+        {n: "N" if n[0] == "F" else "N*m" for n in names},
+        "table",
     )
     r = Requirements(requirements=[{"metric": "rpe", "window": "10 ms", "limit": "1 urad"}])
     table = pointing_budget(scenario, r, recording=recording)
     full_run = pointing_budget(scenario, r)
     assert table.judged[0].value == pytest.approx(full_run.judged[0].value, rel=0.01)
-    easy = Requirements(requirements=[{"axis": "x", "limit": "1 urad", "lowest": "5 Hz", "highest": "300 Hz"}])
+    easy = Requirements(
+        requirements=[{"axis": "x", "limit": "1 urad", "lowest": "5 Hz", "highest": "300 Hz"}]
+    )
     assert pointing_budget(scenario, easy, recording=recording).judged[0].verdict == "pass"
     rng = np.random.default_rng(1)
     still = replace(recording, channels={n: 1e-6 * rng.normal(size=ground[n].size) for n in names})
-    clipped = replace(recording, channels={**recording.channels, "Fx": np.clip(ground["Fx"], -1e-4, 1e-4)})
-    for wrong, why in ((still, "no line of the step clock stands out"), (clipped, "channel Fx is clipped")):
+    clipped = replace(
+        recording, channels={**recording.channels, "Fx": np.clip(ground["Fx"], -1e-4, 1e-4)}
+    )
+    for wrong, why in (
+        (still, "no line of the step clock stands out"),
+        (clipped, "channel Fx is clipped"),
+    ):
         found = pointing_budget(scenario, easy, recording=wrong).judged[0]
         assert found.verdict == "not judged"
         assert any(why in text for text in found.why)
     counts = replace(recording, units={**recording.units, "Fy": "counts"})
-    with pytest.raises(mv.MicrovibError, match="channel Fy is in 'counts', which is neither a force nor a torque"):
+    with pytest.raises(
+        mv.MicrovibError, match="channel Fy is in 'counts', which is neither a force nor a torque"
+    ):
         pointing_budget(scenario, easy, recording=counts)
     part = replace(recording, channels={"Mz": ground["Mz"]}, units={"Mz": "N*m"})
     alone = pointing_budget(scenario, r, recording=part).judged[0]
@@ -1262,17 +1669,26 @@ def test_a_recording_of_another_size_than_the_scenario_decides_nothing(
     band = {"axis": "x", "lowest": "5 Hz", "highest": "300 Hz"}
     r = Requirements(requirements=[{**band, "limit": limit} for limit in ("1 mrad", "1e-6 nrad")])
     high, low = pointing_budget(scenario, r, recording=recording).judged
-    assert (high.verdict, low.verdict) == (("not judged", "not judged") if says else ("pass", "fail"))
+    assert (high.verdict, low.verdict) == (
+        ("not judged", "not judged") if says else ("pass", "fail")
+    )
     if says:
         assert any(says in why for why in high.why)
 
 
 def test_an_axis_without_rows_of_the_line_of_sight_is_not_judged() -> None:
-    scenario = scenario_of(whole.FullCraft(bandwidth=0.1), **{"record.settle": Si(1.0), "record.duration": Si(2.0)})
-    los = {"rows": [{"axis": "x", "point": "center", "by": [0, 0, 0, 1, 0, 0]}], "windows": [Si(0.01)]}
+    scenario = scenario_of(
+        whole.FullCraft(bandwidth=0.1), **{"record.settle": Si(1.0), "record.duration": Si(2.0)}
+    )
+    los = {
+        "rows": [{"axis": "x", "point": "center", "by": [0, 0, 0, 1, 0, 0]}],
+        "windows": [Si(0.01)],
+    }
     scenario = scenario.with_si({"spacecraft.line_of_sight": los, "record.start": "steady"})
     r = Requirements(
-        requirements=[{"axis": axis, "limit": "1 mrad", "highest": "100 Hz"} for axis in ("x", "y", "radial")]
+        requirements=[
+            {"axis": axis, "limit": "1 mrad", "highest": "100 Hz"} for axis in ("x", "y", "radial")
+        ]
     )
     found = pointing_budget(scenario, r).judged
     assert [one.verdict for one in found] == ["pass", "not judged", "not judged"]
@@ -1287,16 +1703,25 @@ def test_what_the_short_way_misses_is_doubted(lowest: float, highest: float) -> 
     ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
     names = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
     recording = Recording(
-        {n: ground[n] for n in names}, 1024.0, {n: "N" if n[0] == "F" else "N*m" for n in names}, "table"
+        {n: ground[n] for n in names},
+        1024.0,
+        {n: "N" if n[0] == "F" else "N*m" for n in names},
+        "table",
     )
-    band = {"metric": "ape", "lowest": f"{lowest} Hz", "highest": f"{highest} Hz", "limit": "1 urad"}
+    band = {
+        "metric": "ape",
+        "lowest": f"{lowest} Hz",
+        "highest": f"{highest} Hz",
+        "limit": "1 urad",
+    }
     r = Requirements(requirements=[band])
     found, wanted = (
-        pointing_budget(scenario, r, **keys).judged[0] for keys in ({"recording": recording}, {"steady": True})
+        pointing_budget(scenario, r, **keys).judged[0]
+        for keys in ({"recording": recording}, {"steady": True})
     )
     assert found.least <= wanted.value <= found.most
     if highest < 100.0:
-        assert abs(found.value / wanted.value - 1.0) > SHORT_WAY_DOUBT
+        assert abs(found.value / wanted.value - 1.0) > BLOCKED_LOAD_UNCERTAINTY
 
 
 @pytest.mark.parametrize(("channel", "noise"), [("Mz", 0.3), ("Mx", 3.0), ("Fx", 30.0)])
@@ -1308,13 +1733,17 @@ def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: fl
     )
     ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
     loads = {n: np.array(ground[n]) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
-    loads[channel] = loads[channel] + noise * np.random.default_rng(1).standard_normal(loads[channel].size)
+    loads[channel] = loads[channel] + noise * np.random.default_rng(1).standard_normal(
+        loads[channel].size
+    )
     units = {n: "N" if n[0] == "F" else "N*m" for n in loads}
     keys = {"limit": "1 urad", "lowest": "5 Hz", "highest": "300 Hz"}
     r = Requirements(requirements=[{"axis": axis, **keys} for axis in ("x", "y", "radial")])
     truth = pointing_budget(scenario, r).judged
     for found, true in zip(
-        pointing_budget(scenario, r, recording=Recording(loads, 1024.0, units, "table")).judged, truth, strict=True
+        pointing_budget(scenario, r, recording=Recording(loads, 1024.0, units, "table")).judged,
+        truth,
+        strict=True,
     ):
         assert math.isfinite(found.most)
         assert found.least <= true.value <= found.most
@@ -1322,19 +1751,27 @@ def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: fl
 
 def test_a_glitch_in_a_recording_keeps_it_from_passing() -> None:
     """It may have been a blow, of which lines of the step clock say nothing."""
-    scenario = scenario_of(whole.FullCraft(), **{"record.settle": Si(2.0), "record.duration": Si(4.0)})
+    scenario = scenario_of(
+        whole.FullCraft(), **{"record.settle": Si(2.0), "record.duration": Si(4.0)}
+    )
     ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
     loads = {n: np.array(ground[n]) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
     loads["Mx"][1000] += 60.0 * np.max(np.abs(loads["Mx"]))
     units = {n: "N" if n[0] == "F" else "N*m" for n in loads}
     r = Requirements(requirements=[{"limit": "1 rad", "lowest": "5 Hz", "highest": "300 Hz"}])
-    found = pointing_budget(scenario, r, recording=Recording(loads, 1024.0, units, "table")).judged[0]
+    found = pointing_budget(scenario, r, recording=Recording(loads, 1024.0, units, "table")).judged[
+        0
+    ]
     assert found.verdict == "not judged"
-    assert any("channel Mx has a sample that stands alone at 0.976562 s" in told for told in found.why)
+    assert any(
+        "channel Mx has an isolated outlier sample at 0.976562 s" in told for told in found.why
+    )
 
 
 def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
-    scenario = scenario_of(whole.FullCraft(), **{"record.settle": Si(0.5), "record.duration": Si(2.0)})
+    scenario = scenario_of(
+        whole.FullCraft(), **{"record.settle": Si(0.5), "record.duration": Si(2.0)}
+    )
     (tmp_path / "craft.yaml").write_text(dump_scenario(scenario))
     (tmp_path / "study.yaml").write_text(
         "scenario: craft.yaml\nvary: {motor.detent_torque: {distribution: uniform, within: 30 percent}}\n"
@@ -1343,7 +1780,7 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
     campaign.write(0, compute_bytes(campaign.work(0)))
     merge(campaign)
-    one, _ = of_run("drive", scenario, mv.run(scenario))
+    one, _ = contribution_of_run("drive", scenario, mv.run(scenario))
     cases = with_campaign(one, ensemble_of(scenario, tmp_path / "c")).cases
     assert cases is not None
     case = campaign.design.scenario(1)
@@ -1351,9 +1788,15 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     assert result.motion is not None
     own = hub_lines(result.motion, result.table)
     for name in ("drive_1", "full_step_1"):
-        assert cases[1, one.names.index(name)] == pytest.approx(own.amplitude[own.names.index(name)], rel=1e-6)
-    asked = Requirements(requirements=[{"metric": "ape", "limit": "1 mrad", "percentile": "50 percent"}])
-    whole_budget = pointing_budget(scenario, asked, campaign=tmp_path / "c", sources=None, harmonics=1)
+        assert cases[1, one.names.index(name)] == pytest.approx(
+            own.amplitude[own.names.index(name)], rel=1e-6
+        )
+    asked = Requirements(
+        requirements=[{"metric": "ape", "limit": "1 mrad", "percentile": "50 percent"}]
+    )
+    whole_budget = pointing_budget(
+        scenario, asked, campaign=tmp_path / "c", sources=None, harmonics=1
+    )
     drive = whole_budget.contributions[0]
     assert drive.cases is not None
     assert drive.cases.shape[1] > len(drive.names)  # of lines that only the campaign has
@@ -1363,8 +1806,20 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
 
 
 def test_the_example_as_a_command(tmp_path: Path) -> None:
-    arguments = ["budget", str(EXAMPLES / "spacecraft.yaml"), "--requirement", str(EXAMPLES / "requirement.yaml")]
-    arguments += ["--sources", str(EXAMPLES / "sources.yaml"), "--steady", "--short-way", "--out", str(tmp_path / "o")]
+    arguments = [
+        "budget",
+        str(EXAMPLES / "spacecraft.yaml"),
+        "--requirement",
+        str(EXAMPLES / "requirement.yaml"),
+    ]
+    arguments += [
+        "--sources",
+        str(EXAMPLES / "sources.yaml"),
+        "--steady",
+        "--short-way",
+        "--out",
+        str(tmp_path / "o"),
+    ]
     done = CliRunner().invoke(main, arguments, prog_name="microvib")
     assert done.exit_code == 0, done.output
     assert "The short way against the coupled run" in done.output
@@ -1372,7 +1827,9 @@ def test_the_example_as_a_command(tmp_path: Path) -> None:
     rows = list(csv.DictReader((tmp_path / "o" / "budget.csv").read_text().splitlines()))
     assert [row["verdict"] for row in rows] == [x["verdict"] for x in said["requirements"]]
     assert said["short_way"][0]["los_error"] < 0.01
-    assert all(abs(sum(s["share"] for s in x["sources"]) - 1.0) < 1e-9 for x in said["requirements"])
+    assert all(
+        abs(sum(s["share"] for s in x["sources"]) - 1.0) < 1e-9 for x in said["requirements"]
+    )
     assert "Pointing budget" in (tmp_path / "o" / "report.html").read_text()
 
 
@@ -1417,7 +1874,10 @@ def test_wrong_requirements_are_a_sentence(tmp_path: Path, text: str, says: str)
             "{name: w, clock: a, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}, point: center}",
             "clock: keeps the phases of lines from a file",
         ),
-        ("{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}}", "a wheel needs its place"),
+        (
+            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}}",
+            "a wheel needs its place",
+        ),
     ],
 )
 def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> None:
@@ -1425,7 +1885,10 @@ def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> N
     (tmp_path / "s.yaml").write_text(f"sources: [{text}]")
     scenario = scenario_of(whole.FullCraft())
     with pytest.raises(mv.MicrovibError) as caught:
-        _ = [of_other(one, scenario, FileAccess(tmp_path)) for one in read_file(tmp_path / "s.yaml", Sources).sources]
+        _ = [
+            contribution_of_other(one, scenario, FileAccess(tmp_path))
+            for one in read_file(tmp_path / "s.yaml", Sources).sources
+        ]
     assert says in str(caught.value)
 
 
@@ -1440,10 +1903,12 @@ def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> N
         ("density", "frequency_hz,fx_n2_hz,los_x_rad2_hz", "has both loads"),
     ],
 )  # fmt: skip
-def test_a_column_that_would_count_as_nothing_is_refused(tmp_path: Path, key: str, head: str, says: str) -> None:
+def test_a_column_that_would_count_as_nothing_is_refused(
+    tmp_path: Path, key: str, head: str, says: str
+) -> None:
     (tmp_path / "l.csv").write_text(f"{head}\n1,2,3\n2,2,3\n")
     with pytest.raises(mv.MicrovibError) as caught:
-        of_other(
+        contribution_of_other(
             OtherSource(**{"name": "p", "point": "center", key: "l.csv"}),
             scenario_of(whole.FullCraft()),
             FileAccess(tmp_path),
@@ -1452,13 +1917,19 @@ def test_a_column_that_would_count_as_nothing_is_refused(tmp_path: Path, key: st
 
 
 @pytest.mark.parametrize(("key", "end"), [("lines", ""), ("density", "2_hz")])
-def test_an_axis_about_which_a_table_says_nothing_is_not_judged(tmp_path: Path, key: str, end: str) -> None:
+def test_an_axis_about_which_a_table_says_nothing_is_not_judged(
+    tmp_path: Path, key: str, end: str
+) -> None:
     (tmp_path / "l.csv").write_text(f"frequency_hz,los_x_rad{end}\n10,1e-14\n20,1e-14\n")
-    one = of_other(OtherSource(**{"name": "p", key: "l.csv"}), scenario_of(whole.FullCraft()), FileAccess(tmp_path))
+    one = contribution_of_other(
+        OtherSource(**{"name": "p", key: "l.csv"}),
+        scenario_of(whole.FullCraft()),
+        FileAccess(tmp_path),
+    )
     for statistic in ("rms", "level", "bound"):
         for band in ({}, {"lowest": "12 Hz", "highest": "15 Hz"}):
             each = {
-                axis: judged(requirement(axis=axis, statistic=statistic, **band), [one], "rss")
+                axis: assess(requirement(axis=axis, statistic=statistic, **band), [one], "rss")
                 for axis in ("x", "y", "radial")
             }
             assert {axis: x.verdict for axis, x in each.items()} == {
@@ -1473,9 +1944,11 @@ def test_a_table_of_a_budget_keeps_what_is_not_settled(tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_text(
         "source,line,frequency_hz,los_x_rad,los_y_rad,settled\na,b,5,1e-5,0,False\na,c,7,1e-7,0,True\n"
     )
-    one = of_other(OtherSource(name="p", lines="l.csv"), scenario_of(whole.FullCraft()), FileAccess(tmp_path))
+    one = contribution_of_other(
+        OtherSource(name="p", lines="l.csv"), scenario_of(whole.FullCraft()), FileAccess(tmp_path)
+    )
     assert one.settled.tolist() == [False, True]
-    assert judged(requirement(), [one], "rss").verdict == "not judged"
+    assert assess(requirement(), [one], "rss").verdict == "not judged"
 
 
 def test_sources_that_are_none_are_a_sentence() -> None:
@@ -1498,7 +1971,9 @@ def test_drives_of_another_craft_are_refused() -> None:
 
 def test_a_budget_says_for_which_angle_it_holds_and_judges_the_worst() -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady"})
-    r = Requirements(requirements=[{"axis": axis, "limit": "1 urad", "highest": "60 Hz"} for axis in ("x", "y")])
+    r = Requirements(
+        requirements=[{"axis": axis, "limit": "1 urad", "highest": "60 Hz"} for axis in ("x", "y")]
+    )
     degrees = (0.0, 60.0, 120.0)
     each = [pointing_budget(scenario.at_angle(f"{x} deg"), r) for x in degrees]
     assert "at an array angle of 60 deg only" in budget_text(each[1])
@@ -1509,16 +1984,22 @@ def test_a_budget_says_for_which_angle_it_holds_and_judges_the_worst() -> None:
         assert one.most == pytest.approx(max(most))
         assert one.angle == pytest.approx(math.radians(degrees[int(np.argmax(most))]))
     least, largest = (pick(x.judged[0].most for x in each) for pick in (min, max))
-    limit = Requirements(requirements=[{"axis": "x", "limit": Si(math.sqrt(least * largest)), "highest": "60 Hz"}])
+    limit = Requirements(
+        requirements=[{"axis": "x", "limit": Si(math.sqrt(least * largest)), "highest": "60 Hz"}]
+    )
     verdicts = {pointing_budget(scenario.at_angle(f"{x} deg"), limit).verdict for x in degrees}
     assert "pass" in verdicts
-    assert budget_over_angles(scenario, limit, angles=[f"{x} deg" for x in degrees]).verdict != "pass"
+    assert (
+        budget_over_angles(scenario, limit, angles=[f"{x} deg" for x in degrees]).verdict != "pass"
+    )
 
 
 @pytest.mark.long
 def test_a_budget_over_an_orbit_is_that_of_its_worst_angle() -> None:
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady"})
-    r = Requirements(requirements=[{"axis": axis, "limit": "1 urad", "highest": "60 Hz"} for axis in ("x", "y")])
+    r = Requirements(
+        requirements=[{"axis": axis, "limit": "1 urad", "highest": "60 Hz"} for axis in ("x", "y")]
+    )
     found = budget_over_angles(scenario, r, orbit=True)
     for x in (17.0, 101.0, 203.0, 291.0):
         there = pointing_budget(scenario.at_angle(f"{x} deg"), r)

@@ -23,7 +23,9 @@ from microvib.io.writing import RUN_FILES, write_folder
 SHORT = ["--set", "record.settle=1 s", "--set", "record.duration=4 s"]
 
 BOLTED = sorted(
-    name for name in RUN_FILES if name not in ("loads.csv", "pointing.csv", "densities.csv") and "wing_2" not in name
+    name
+    for name in RUN_FILES
+    if name not in ("loads.csv", "pointing.csv", "densities.csv") and "wing_2" not in name
 )
 """Files of a run without a craft."""
 
@@ -32,7 +34,9 @@ BOLTED = sorted(
 def finished(tmp_path_factory) -> tuple[Path, str]:
     """A short run of state 1 and what it printed."""
     where = tmp_path_factory.mktemp("runs")
-    done = microvib("run", "state-1", *SHORT, "--set", "tracking.clock_ratio=0.994", "--out", "first", cwd=where)
+    done = microvib(
+        "run", "state-1", *SHORT, "--set", "tracking.clock_ratio=0.994", "--out", "first", cwd=where
+    )
     assert done.exit_code == 0, done.stderr
     return where / "first", done.stdout
 
@@ -92,15 +96,23 @@ def test_report_is_self_contained(finished):
 
 
 def test_written_scenario_runs_to_the_same_result(finished, tmp_path):
-    done = microvib("run", str(finished[0] / "scenario.yaml"), "--out", str(tmp_path / "again"), cwd=tmp_path)
+    done = microvib(
+        "run", str(finished[0] / "scenario.yaml"), "--out", str(tmp_path / "again"), cwd=tmp_path
+    )
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "again" / "lines.csv").read_text() == (finished[0] / "lines.csv").read_text()
 
 
 def test_lines_only_gives_the_same_lines(finished, tmp_path):
-    done = microvib("run", str(finished[0] / "scenario.yaml"), "--lines-only", "--out", "lean", cwd=tmp_path)
+    done = microvib(
+        "run", str(finished[0] / "scenario.yaml"), "--lines-only", "--out", "lean", cwd=tmp_path
+    )
     assert done.exit_code == 0, done.stderr
-    assert sorted(p.name for p in (tmp_path / "lean").iterdir()) == ["lines.csv", "scenario.yaml", "summary.json"]
+    assert sorted(p.name for p in (tmp_path / "lean").iterdir()) == [
+        "lines.csv",
+        "scenario.yaml",
+        "summary.json",
+    ]
     assert (tmp_path / "lean" / "lines.csv").read_text() == (finished[0] / "lines.csv").read_text()
 
 
@@ -117,7 +129,10 @@ def test_without_out_a_new_folder_is_found_each_time(tmp_path):
         (["run", "state-9"], "no such file and no catalog scenario"),
         (["run", "state-1", "--set", "motor.current"], "KEY=VALUE is expected"),
         (["run", "state-1", "--set", "driver.microsteps=0"], "driver.microsteps: 0 is not allowed"),
-        (["run", "state-1", "--set", "motor.rotor_inertia=-1 kg*m^2"], "must be greater than 0 kg*m^2"),
+        (
+            ["run", "state-1", "--set", "motor.rotor_inertia=-1 kg*m^2"],
+            "must be greater than 0 kg*m^2",
+        ),
         (["run", "state-1", "--set", "nonsense.key=1"], "nonsense: unknown key"),
         (["run", "state-1", "--set", "tracking.rate=400 deg/s"], "loss of synchronism at t ="),
         (["run", "state-1", "--out", "taken"], "holds other content (thesis.txt)"),
@@ -186,7 +201,9 @@ def test_new_show_scenarios_schema(tmp_path):
 
 def test_measured_analysed_and_never_overwritten(tmp_path):
     """The virtual bench writes a recording, the reader finds the lines that went in."""
-    measured = microvib("measure", "state-1", *SHORT, "--bench", "force-table", "-o", "test.uff", cwd=tmp_path)
+    measured = microvib(
+        "measure", "state-1", *SHORT, "--bench", "force-table", "-o", "test.uff", cwd=tmp_path
+    )
     assert measured.exit_code == 0, measured.stderr
     analysed = microvib(
         "analyse",
@@ -219,14 +236,26 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
     [
         (["analyse", "nothing.uff"], "nothing.uff: cannot be read: No such file"),
         (["analyse", "state-1", "--band", "5"], "write LOW:HIGH with a unit"),
-        (["analyse", "state-1", "--resolution", "1 s"], "--resolution: '1 s' has the wrong dimension"),
-        (["measure", "state-1", "-o", "x.wav"], "'.wav' is not known; recordings are written to .uff, .mat, .csv"),
+        (
+            ["analyse", "state-1", "--resolution", "1 s"],
+            "--resolution: '1 s' has the wrong dimension",
+        ),
+        (
+            ["measure", "state-1", "-o", "x.wav"],
+            "'.wav' is not known; recordings are written to .uff, .mat, .csv",
+        ),
         (
             ["measure", "state-1", "--bench", "shaker", "-o", "x.uff"],
             "shaker: there is no such file and no catalog bench of this name",
         ),
-        (["compare", "a.uff", "state-1", "--prepare", "how.yaml"], "how.yaml: there is no such file"),
-        (["identify", "state-1", "paper", "--fit", "reducer.stiffness", "--model-error", "2"], "at most 100 percent"),
+        (
+            ["compare", "a.uff", "state-1", "--prepare", "how.yaml"],
+            "how.yaml: there is no such file",
+        ),
+        (
+            ["identify", "state-1", "paper", "--fit", "reducer.stiffness", "--model-error", "2"],
+            "at most 100 percent",
+        ),
     ],
 )
 def test_bad_input_of_the_measurement_side(arguments, sentence, tmp_path):
@@ -246,7 +275,9 @@ def test_help_does_not_import_numerics(tmp_path):
 def imported_by(code: str, folder, *names: str) -> list[str]:
     """Which of the modules ``names`` are there after ``code`` in a process of its own."""
     asked = f"import sys\n{code}\nprint(sorted(m for m in {names!r} if m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True, cwd=folder)
+    done = subprocess.run(
+        [sys.executable, "-c", asked], capture_output=True, text=True, check=True, cwd=folder
+    )
     assert done.stderr == ""
     return ast.literal_eval(done.stdout.splitlines()[-1])
 
@@ -269,7 +300,9 @@ def test_a_run_does_not_import_what_it_does_not_use(tmp_path):
         "microvib.structures.simulator_design",
         "microvib.structures.fem.structure",
     )
-    assert imported_by(code, tmp_path, "matplotlib.figure", "xarray", "pint", "numba", *unused) == ["matplotlib.figure"]
+    assert imported_by(code, tmp_path, "matplotlib.figure", "xarray", "pint", "numba", *unused) == [
+        "matplotlib.figure"
+    ]
     assert (tmp_path / "out" / "report.html").read_text().count("data:image/svg") >= 4
 
 
@@ -283,7 +316,9 @@ from matplotlib.projections import get_projection_class
 assert "linewidth" in Line2D.set.__doc__
 assert get_projection_class("3d").name == "3d"
 """
-    assert imported_by(code, tmp_path, "mpl_toolkits.mplot3d.axes3d") == ["mpl_toolkits.mplot3d.axes3d"]
+    assert imported_by(code, tmp_path, "mpl_toolkits.mplot3d.axes3d") == [
+        "mpl_toolkits.mplot3d.axes3d"
+    ]
 
 
 def test_the_five_lines_of_a_notebook(motion_1):
@@ -298,7 +333,11 @@ def test_modes_of_the_reference_array(tmp_path):
     done = microvib("modes", "reference-array", "--count", "4", "--out", "out", cwd=tmp_path)
     assert done.exit_code == 0, done.stderr
     assert "90 % of the inertia about x is reached with 3 modes" in done.stdout
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"modes.csv", "modes.png", "report.html"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "modes.csv",
+        "modes.png",
+        "report.html",
+    }
     report = (tmp_path / "out" / "report.html").read_text().replace("<wbr>", "")
     assert "://" not in report
     for words in (
@@ -321,7 +360,10 @@ def test_modes_of_the_reference_array(tmp_path):
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("reference-arry", "is not a source of modes; allowed are reference-array, reference-sas, a description"),
+        (
+            "reference-arry",
+            "is not a source of modes; allowed are reference-array, reference-sas, a description",
+        ),
         ("none.yaml", "no such file"),
         ("none.csv", "cannot be read"),
     ],
@@ -334,7 +376,9 @@ def test_a_wrong_source_of_modes(tmp_path, source, words):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("option", [("--damping", "2 percent"), ("--drive-axis", "y", "--units", "SI")])
+@pytest.mark.parametrize(
+    "option", [("--damping", "2 percent"), ("--drive-axis", "y", "--units", "SI")]
+)
 def test_options_of_an_import_are_refused_where_nothing_is_imported(tmp_path, option):
     done = microvib("modes", "reference-array", *option, cwd=tmp_path)
     assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
@@ -352,14 +396,29 @@ def test_a_steady_run_starts_in_its_steady_state(tmp_path):
     lines = rows(tmp_path / "steady")
     assert float(lines["drive_1"]["amplitude_n_m"]) == pytest.approx(0.05422, rel=0.01)
     assert lines["array_mode_1"]["status"] == "not in a steady state"
-    assert json.loads((tmp_path / "steady" / "summary.json").read_text())["solver"]["multiplier"] < 1.0
+    assert (
+        json.loads((tmp_path / "steady" / "summary.json").read_text())["solver"]["multiplier"] < 1.0
+    )
 
 
 def test_a_steady_run_that_cannot_be_says_so_and_runs_in_time(tmp_path):
     uneven = ["--set", "friction.position={harmonics: [{order: 1, amplitude: 0.05}]}"]
-    done = microvib("run", "state-1", *SHORT, *uneven, "--steady", "--lines-only", "--out", "lines", cwd=tmp_path)
+    done = microvib(
+        "run",
+        "state-1",
+        *SHORT,
+        *uneven,
+        "--steady",
+        "--lines-only",
+        "--out",
+        "lines",
+        cwd=tmp_path,
+    )
     assert done.exit_code == 0, done.stderr
-    assert "No steady state: friction that varies with the angle does not repeat with the command" in done.stdout
+    assert (
+        "No steady state: friction that varies with the angle does not repeat with the command"
+        in done.stdout
+    )
     assert "friction.position: null leaves it out" in done.stdout
     assert "record.start" not in done.stdout
     summary = json.loads((tmp_path / "lines" / "summary.json").read_text())
@@ -379,10 +438,19 @@ def test_unusual_values_are_told_once_on_standard_error(tmp_path):
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (OptionError("model_error", "2 is not allowed"), "Error: --model-error: 2 is not allowed\n"),
+        (
+            OptionError("model_error", "2 is not allowed"),
+            "Error: --model-error: 2 is not allowed\n",
+        ),
         (OptionError("fit", "is named twice", "a.b"), "Error: --fit a.b: is named twice\n"),
-        (OptionError("band", "says where", remedy="limit"), "Error: --band: says where (--limit)\n"),
-        (MicrovibError("x: is full\ny: too", remedy="lines_only"), "Error: x: is full\nError: y: too (--lines-only)\n"),
+        (
+            OptionError("band", "says where", remedy="limit"),
+            "Error: --band: says where (--limit)\n",
+        ),
+        (
+            MicrovibError("x: is full\ny: too", remedy="lines_only"),
+            "Error: x: is full\nError: y: too (--lines-only)\n",
+        ),
     ],
 )
 def test_options_are_named_as_they_are_typed_here_and_nowhere_below(error, words, capfd):

@@ -50,8 +50,16 @@ def pole(samples, dt):
 @pytest.mark.parametrize("detent", [0.0, 0.01])
 @pytest.mark.parametrize("inertia", [8.18, 0.5])
 def test_rotor_and_rigid_load_swing_on_the_electromagnetic_spring(detent, inertia):
-    no_loss = {**SMOOTH, **NO_ROTOR_LOSS, **RIGID_LOAD, "reducer.stiffness": "rigid", "driver.integral_gain": 0.0}
-    scenario, q = released({**no_loss, "motor.detent_torque": detent, "array.inertia": inertia}, kernel.TM, 1e-6)
+    no_loss = {
+        **SMOOTH,
+        **NO_ROTOR_LOSS,
+        **RIGID_LOAD,
+        "reducer.stiffness": "rigid",
+        "driver.integral_gain": 0.0,
+    }
+    scenario, q = released(
+        {**no_loss, "motor.detent_torque": detent, "array.inertia": inertia}, kernel.TM, 1e-6
+    )
     dt, theta = 4e-3, []
     for k in range(1, 200):
         advance(scenario, q, k * dt)
@@ -63,13 +71,19 @@ def test_rotor_and_rigid_load_swing_on_the_electromagnetic_spring(detent, inerti
     poles = np.roots([J * L, J * R_loop, stiffness * L + K_m**2, stiffness * R_loop])
     exact = poles[np.argmax(poles.imag)]
     assert found == pytest.approx(exact, rel=1e-8)  # worst measured 1.6e-9
-    assert found.imag == pytest.approx(math.sqrt(stiffness / J), rel=5e-5)  # 2.6e-5: what the windings take
+    assert found.imag == pytest.approx(
+        math.sqrt(stiffness / J), rel=5e-5
+    )  # 2.6e-5: what the windings take
 
 
 @pytest.mark.parametrize("stiffness", [8400.0, "rigid"])
 @pytest.mark.parametrize(("accuracy", "close"), [(2.5e-11, 1e-10), (5e-4, 1e-8)])
-def test_array_mode_decays_at_its_clamped_frequency_behind_a_stuck_shaft(stiffness, accuracy, close):
-    scenario, q = released({"reducer.stiffness": stiffness, "solver.accuracy": accuracy}, kernel.MODES, 1e-3)
+def test_array_mode_decays_at_its_clamped_frequency_behind_a_stuck_shaft(
+    stiffness, accuracy, close
+):
+    scenario, q = released(
+        {"reducer.stiffness": stiffness, "solver.accuracy": accuracy}, kernel.MODES, 1e-3
+    )
     t = np.arange(1, 400) * 0.05
     eta, shaft = [], set()
     for stop in t:
@@ -81,7 +95,11 @@ def test_array_mode_decays_at_its_clamped_frequency_behind_a_stuck_shaft(stiffne
     found = pole(np.array(eta), 0.05)
     assert found.imag == pytest.approx(exact.imag, rel=close)
     assert found.real == pytest.approx(exact.real, rel=close)
-    swing = 1e-3 * np.exp(exact.real * t) * (np.cos(exact.imag * t) - exact.real / exact.imag * np.sin(exact.imag * t))
+    swing = (
+        1e-3
+        * np.exp(exact.real * t)
+        * (np.cos(exact.imag * t) - exact.real / exact.imag * np.sin(exact.imag * t))
+    )
     assert np.abs(eta - swing).max() < 1e-3 * close
     assert shaft == {0.0}
 
@@ -90,7 +108,9 @@ def test_microstep_line_vanishes_with_the_size_of_the_microstep():
     def line(n):
         record = {"record.settle": 2.0, "record.duration": 6.0, "record.sample_rate": 1024.0}
         # The 16th full-step harmonic of the detent torque has the same frequency.
-        motion = mv.simulate(scenario_with({"driver.microsteps": n, "motor.detent_torque": 0.0}, record))
+        motion = mv.simulate(
+            scenario_with({"driver.microsteps": n, "motor.detent_torque": 0.0}, record)
+        )
         spectrum = mv.spectrum(motion, window="hann")
         bin_ = np.argmin(np.abs(spectrum.frequency - 160 / 3))
         assert spectrum.frequency[bin_] == pytest.approx(160 / 3)
@@ -179,7 +199,11 @@ COMBINATIONS = pytest.mark.parametrize(
             "friction on the rotor": {**SMOOTH, **ON_ROTOR},
             "both frictions": ON_ROTOR,
         }.items()
-        for modes_name, modes in {"rigid load": RIGID_LOAD, "one mode": ONE_MODE, "three modes": THREE_MODES}.items()
+        for modes_name, modes in {
+            "rigid load": RIGID_LOAD,
+            "one mode": ONE_MODE,
+            "three modes": THREE_MODES,
+        }.items()
         for error in ({}, ERROR)
     ],
 )
@@ -208,7 +232,9 @@ def test_balances_close_with_the_tolerance(changes):
     assert invariants.energy_mechanical < 5e-7  # 1.2e-7
 
 
-@pytest.mark.parametrize("changes", [{}, RIGID, THREE_MODES], ids=["compliant", "rigid", "three modes"])
+@pytest.mark.parametrize(
+    "changes", [{}, RIGID, THREE_MODES], ids=["compliant", "rigid", "three modes"]
+)
 def test_integral_of_the_disturbance_torque_is_the_angular_momentum_lost(changes):
     record = {"record.settle": 0.25, "record.duration": 1.0, "record.sample_rate": 16384.0}
     scenario = scenario_with(record, changes)

@@ -11,7 +11,11 @@ from support.scenarios import baseline
 from microvib.solve.command import Command
 
 leg = st.fixed_dictionaries(
-    {"rate": st.floats(-0.02, 0.02), "ramp": st.sampled_from([0.0, 0.5, 1.3]), "hold": st.floats(0.0, 2.0)}
+    {
+        "rate": st.floats(-0.02, 0.02),
+        "ramp": st.sampled_from([0.0, 0.5, 1.3]),
+        "hold": st.floats(0.0, 2.0),
+    }
 )
 
 
@@ -33,9 +37,15 @@ def test_microsteps_follow_the_rounded_command(legs, pieces):
 
 
 def test_ramp_stop_and_reversal(state_1):
-    legs = [{"rate": 0.002, "ramp": 1.0, "hold": 2.0}, {"rate": 0.0, "ramp": 0.5, "hold": 1.0}, {"rate": -0.002}]
+    legs = [
+        {"rate": 0.002, "ramp": 1.0, "hold": 2.0},
+        {"rate": 0.0, "ramp": 0.5, "hold": 1.0},
+        {"rate": -0.002},
+    ]
     command = Command(state_1.with_si(tracking={"profile": legs}))
-    travelled = -np.diff(command.count(np.array([0.0, 1.0, 3.0, 3.5, 4.5, 5.0])))  # positive array rate
+    travelled = -np.diff(
+        command.count(np.array([0.0, 1.0, 3.0, 3.5, 4.5, 5.0]))
+    )  # positive array rate
     assert travelled[0] == pytest.approx(travelled[1] / 4)
     assert travelled[2] == pytest.approx(travelled[1] / 8)
     assert travelled[3] == 0.0
@@ -66,6 +76,10 @@ def test_a_microstep_due_where_the_rate_changes_comes_once(state_1, chunks):
         command = Command(state_1.with_si(tracking={"profile": legs}))
         edges = np.linspace(0.0, 3.0 * hold, chunks + 1)
         counts = (
-            np.concatenate([[0.0], *(command.microsteps(a, b)[1][:, 2] for a, b in pairwise(edges))]) * 64 / (2 * np.pi)
+            np.concatenate(
+                [[0.0], *(command.microsteps(a, b)[1][:, 2] for a, b in pairwise(edges))]
+            )
+            * 64
+            / (2 * np.pi)
         )
         assert np.abs(np.diff(counts)) == pytest.approx(1.0)

@@ -10,7 +10,10 @@ import pytest
 from support.commands import SHORT, microvib
 
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    "README.md",
+    *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md")),
+]
 
 SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],
@@ -21,7 +24,14 @@ SHORTER: dict[str, list[str]] = {
     "microvib modes": ["--count", "3"],
     "microvib run": SHORT,
     "microvib measure": ["--bench", "short.yaml"],
-    "microvib identify": ["--set", "record.settle=0.2 s", "--set", "record.duration=1 s", "--starts", "2"],
+    "microvib identify": [
+        "--set",
+        "record.settle=0.2 s",
+        "--set",
+        "record.duration=1 s",
+        "--starts",
+        "2",
+    ],
 }
 """What is appended to lines that have these words: the same command on less work."""
 FEWER = {
@@ -50,7 +60,8 @@ NOT_RUN = {
 """Lines that are left out, by words that they have, and why."""
 CATALOG = ROOT / "src" / "microvib" / "catalog"
 DRIVE, ARRAY, BENCH = (
-    (CATALOG / name).read_text("utf-8") for name in ("new.yaml", "reference-array.yaml", "benches/force-table.yaml")
+    (CATALOG / name).read_text("utf-8")
+    for name in ("new.yaml", "reference-array.yaml", "benches/force-table.yaml")
 )
 STUDY = "{scenario: state-1, harmonics: 2, set: {record.settle: 0.5 s, record.duration: 1 s}, vary: {driver.microsteps: [16, 32]}}"
 CRAFT = {
@@ -102,7 +113,11 @@ def words_of(line: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=() if page == "README.md" else pytest.mark.long) for page in PAGES if lines_of(page)],
+    [
+        pytest.param(page, marks=() if page == "README.md" else pytest.mark.long)
+        for page in PAGES
+        if lines_of(page)
+    ],
 )
 def test_the_lines_of_a_page_run_as_printed(page, tmp_path):
     for name, text in {"short.yaml": SHORT_BENCH, **GIVEN.get(page, {}), **printed(page)}.items():
@@ -127,7 +142,9 @@ def test_lines_that_install_name_what_they_need():
     """The site is built by a checkout's own installation (-e); extras are those of pyproject.toml."""
     import tomllib
 
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     for page in PAGES:
         text = (ROOT / page).read_text("utf-8")
         for flags, names in re.findall(

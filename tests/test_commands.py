@@ -21,7 +21,17 @@ from support.terminal import in_terminal
 
 from microvib.cli.main import main
 
-RATES = ["rates", "state-1", "--from", "0.05 deg/s", "--to", "0.06 deg/s", "--count", "2", "--linear"]
+RATES = [
+    "rates",
+    "state-1",
+    "--from",
+    "0.05 deg/s",
+    "--to",
+    "0.06 deg/s",
+    "--count",
+    "2",
+    "--linear",
+]
 DONE = {
     "run": ["run", "state-1", *SHORT],
     "run --steady": ["run", "state-1", "--steady", "--lines-only", *SHORT],
@@ -69,7 +79,10 @@ DONE = {
     "docs": ["docs", "--path"],
 }
 """A command line of each command, in the folder of ``worked``."""
-LONG = {"validate": ["validate"], "statements": ["statements", "draws.csv", "--draws", "1", "--seeds", "1"]}
+LONG = {
+    "validate": ["validate"],
+    "statements": ["statements", "draws.csv", "--draws", "1", "--seeds", "1"],
+}
 REFUSED = {
     "run": (["run", "state-9"], "no such file and no catalog scenario"),
     "report": (["report", "nowhere"], "nowhere"),
@@ -81,7 +94,10 @@ REFUSED = {
     "statements": (["statements", "modes.csv"], "is not a table of draws"),
     "rates": ([*RATES[:2], "--from", "1 kg", *RATES[4:]], "'1 kg' has the wrong dimension"),
     "modes": (["modes", "reference-arry"], "reference-arry"),
-    "sas size": (["sas", "size", "--inertia", "8 m", "--frequency", "1 Hz"], "'8 m' has the wrong dimension"),
+    "sas size": (
+        ["sas", "size", "--inertia", "8 m", "--frequency", "1 Hz"],
+        "'8 m' has the wrong dimension",
+    ),
     "campaign create": (["campaign", "create", "modes.csv", "another"], "modes.csv"),
     "campaign run": (["campaign", "run", "old"], "is not a campaign"),
     "campaign resume": (["campaign", "resume", "old"], "is not a campaign"),
@@ -133,12 +149,17 @@ def copied(worked: Path, tmp_path: Path) -> Path:
 def named(text: str) -> dict[str, tuple[int, str]]:
     """Status and text of each command that ONE_AFTER_ANOTHER has run."""
     parts = re.split(r"^== (.+) == (\d+)\n?", text, flags=re.M)
-    return {name: (int(status), said) for said, name, status in zip(parts[::3], parts[1::3], parts[2::3], strict=False)}
+    return {
+        name: (int(status), said)
+        for said, name, status in zip(parts[::3], parts[1::3], parts[2::3], strict=False)
+    }
 
 
 def shown(commands: dict[str, list[str]], cwd: Path, **settings) -> dict[str, tuple[int, str]]:
     """Status and screen of each command, run in one terminal and one process, whose imports they share."""
-    ended = in_terminal(program=[sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)], cwd=cwd, **settings)
+    ended = in_terminal(
+        program=[sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)], cwd=cwd, **settings
+    )
     assert ended.status == 0, ended.text
     found = named(ended.text + "\n")
     assert list(found) == list(commands), ended.text
@@ -148,7 +169,9 @@ def shown(commands: dict[str, list[str]], cwd: Path, **settings) -> dict[str, tu
 def piped(commands: dict[str, list[str]], cwd: Path) -> dict[str, tuple[int, str]]:
     """Status and text of each command, both streams in one pipe."""
     program = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(commands)]
-    ended = subprocess.run(program, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True)
+    ended = subprocess.run(
+        program, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True
+    )
     found = named(ended.stdout)
     assert list(found) == list(commands), ended.stdout
     return found
@@ -161,7 +184,11 @@ def bare(text: str) -> str:
 
 def same(narrow: str, wide: str) -> bool:
     """Whether each word of one text is in the other; columns of a folded table stand one below the other."""
-    return all(bare(word) in bare(other) for text, other in ((narrow, wide), (wide, narrow)) for word in text.split())
+    return all(
+        bare(word) in bare(other)
+        for text, other in ((narrow, wide), (wide, narrow))
+        for word in text.split()
+    )
 
 
 def checked(commands: dict[str, list[str]], copied: Path, tmp_path: Path) -> None:
@@ -171,7 +198,15 @@ def checked(commands: dict[str, list[str]], copied: Path, tmp_path: Path) -> Non
     for name, (status, said) in shown(commands, copied, columns=40).items():
         assert status in ANY.get(name, (0,)), (name, said)
         assert said, name
-        for unwanted in ("Traceback", "bug in microvib", "━", "\x1b", " of 2 s", "computing", "searching"):
+        for unwanted in (
+            "Traceback",
+            "bug in microvib",
+            "━",
+            "\x1b",
+            " of 2 s",
+            "computing",
+            "searching",
+        ):
             assert unwanted not in said, (name, said)
         assert status == in_pipe[name][0], name
         assert same(said, in_pipe[name][1]), name
@@ -201,7 +236,9 @@ def test_every_refusal_is_one_sentence_in_a_terminal_and_in_a_pipe(copied):
 
 
 def test_misuse_is_told_with_what_is_right(tmp_path):
-    for name, (status, said) in (shown(MISUSED, tmp_path, columns=60) | piped(MISUSED, tmp_path)).items():
+    for name, (status, said) in (
+        shown(MISUSED, tmp_path, columns=60) | piped(MISUSED, tmp_path)
+    ).items():
         assert status == 2, (name, said)
         assert said.startswith("Usage: "), said
         assert "Try " in said
@@ -209,7 +246,11 @@ def test_misuse_is_told_with_what_is_right(tmp_path):
 
 
 def test_help_and_version(tmp_path):
-    lines = {"help": ["--help"], "version": ["--version"], **{name: [*name.split(), "--help"] for name in leaves(main)}}
+    lines = {
+        "help": ["--help"],
+        "version": ["--version"],
+        **{name: [*name.split(), "--help"] for name in leaves(main)},
+    }
     for name, (status, said) in shown(lines, tmp_path, columns=80).items():
         assert status == 0
         assert name == "version" or "Usage: microvib" in said, name

@@ -15,19 +15,32 @@ from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.runs import lines_csv
 from microvib.io.sources import open_source
-from microvib.reports.comparison import clock_sentence, comparison_report, comparison_text, verdict_sentence
+from microvib.reports.comparison import (
+    clock_sentence,
+    comparison_report,
+    comparison_text,
+    verdict_sentence,
+)
 from microvib.reports.document import Table, Text
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
 from microvib.studies.analyse import analyse
-from microvib.studies.compare import Figures, Row, Side, _with_names_of, compare, comparison_csv, misread
-from microvib.studies.evidence import chosen, evidence_of
+from microvib.studies.compare import (
+    Row,
+    Side,
+    SideLine,
+    _match_unlisted_names,
+    compare,
+    comparison_csv,
+    misread,
+)
+from microvib.studies.evidence import evidence_of, select_evidence
 from microvib.testdata.recording import Recording
 
 
 def row(line: str, a: tuple[float, ...], b: tuple[float, ...]) -> Row:
     """Amplitude and uncertainty of both sides [N m]; of one that says nothing, nothing."""
-    return Row(line, *(Figures(10.0, *side) if side else Figures() for side in (a, b)))
+    return Row(line, *(SideLine(10.0, *side) if side else SideLine() for side in (a, b)))
 
 
 SHORT = {"record.settle": "2 s", "record.duration": "4 s", "record.sample_rate": "1024 Hz"}
@@ -55,11 +68,15 @@ def test_two_standard_uncertainties_of_the_difference_decide():
 
 def test_a_line_that_does_not_stand_out_agrees_with_nothing():
     """Under a floor that is high enough any two would."""
-    loud = Row("drive_1", Figures(10.0, 0.5, 0.4, seen=False), Figures(10.0, 0.1, 0.001))
+    loud = Row("drive_1", SideLine(10.0, 0.5, 0.4, seen=False), SideLine(10.0, 0.1, 0.001))
     assert loud.verdict == "hidden"
     assert Row("drive_1", loud.b, loud.a).verdict == "hidden"
-    assert Row("drive_1", loud.a, replace(loud.b, amplitude=5.0)).verdict == "differs"  # larger than the floor allows
-    assert Row("drive_1", replace(loud.a, amplitude=2.0), loud.b).verdict == "hidden"  # what noise alone may make
+    assert (
+        Row("drive_1", loud.a, replace(loud.b, amplitude=5.0)).verdict == "differs"
+    )  # larger than the floor allows
+    assert (
+        Row("drive_1", replace(loud.a, amplitude=2.0), loud.b).verdict == "hidden"
+    )  # what noise alone may make
     assert verdict_sentence([loud]).startswith("No line is judged")
     assert "1 line hidden by the floor of one side (drive_1)" in verdict_sentence([*ROWS, loud])
 
@@ -67,7 +84,9 @@ def test_a_line_that_does_not_stand_out_agrees_with_nothing():
 def test_noise_does_not_agree_with_a_drive(state_1):
     """A recording of ten newton metres of noise, of a drive that may have stood still."""
     loud = np.random.default_rng(1).normal(size=16_384)
-    rows = compare(Recording({"Mz": 10.0 * loud}, 1024.0, {"Mz": "N*m"}, "noise"), state_1.with_(SHORT)).rows
+    rows = compare(
+        Recording({"Mz": 10.0 * loud}, 1024.0, {"Mz": "N*m"}, "noise"), state_1.with_(SHORT)
+    ).rows
     assert sum(row.verdict == "hidden" for row in rows) > 30
     assert not [row.line for row in rows if row.verdict in ("agrees", "differs")]
 
@@ -75,7 +94,12 @@ def test_noise_does_not_agree_with_a_drive(state_1):
 def heard(*tones: tuple[float, float]) -> Recording:
     t = np.arange(8192) / 1024.0
     x = 1e-3 * np.random.default_rng(2).normal(size=t.size)
-    return Recording({"Mz": x + sum(a * np.cos(2.0 * np.pi * f * t) for f, a in tones)}, 1024.0, {"Mz": "N*m"}, "heard")
+    return Recording(
+        {"Mz": x + sum(a * np.cos(2.0 * np.pi * f * t) for f, a in tones)},
+        1024.0,
+        {"Mz": "N*m"},
+        "heard",
+    )
 
 
 @pytest.mark.parametrize(
@@ -86,13 +110,16 @@ def heard(*tones: tuple[float, float]) -> Recording:
         (53.0, [(106.0, 0.05), (212.0, 0.02)], ["drive_2, drive_4 stand out: the drive may have run at 2 times"]),
         (53.0, [(53.0, 0.05), (106.0, 0.02)], []),
         (60.1, [(60.1, 0.05), (120.2, 0.02), (15.025, 0.01)], ["pick-up of the mains (50 or 60 Hz) may stand: drive_1, drive_2"]),
-        (53.0, [(71.0, 0.05)], ["no line of the step clock stands out within 2 % of the scenario's rate"]),
+        (53.0, [(71.0, 0.05)], ["no line of the step clock is detected within 2 % of the scenario's rate"]),
         (53.0, [], ["no line of the step clock"]),
     ],
 )  # fmt: skip
 def test_what_speaks_against_a_clock_is_told(state_1, nominal, tones, told):
     scenario = state_1.with_(
-        {"tracking.clock_ratio": nominal / (state_1.driving_frequency / state_1.tracking.clock_ratio)}
+        {
+            "tracking.clock_ratio": nominal
+            / (state_1.driving_frequency / state_1.tracking.clock_ratio)
+        }
     )
     notes = analyse(Prepared(heard(*tones)), scenario=scenario).recording.notes
     assert len(notes) == len(told)
@@ -125,13 +152,17 @@ def test_a_comb_of_another_machine_larger_than_the_drives_is_told_and_not_taken_
     assert found.table["drive_1"].frequency_hz == pytest.approx(53.0, rel=1e-4)
     (note,) = (note for note in found.recording.notes if "multiples" in note)
     assert "other_4, multiples of 37.3 Hz, are larger than all lines of the step clock" in note
-    assert not any("multiples" in n for n in analyse(Prepared(heard(*own)), scenario=scenario).recording.notes)
+    assert not any(
+        "multiples" in n for n in analyse(Prepared(heard(*own)), scenario=scenario).recording.notes
+    )
 
 
 def ringing(duration: float, scale: float = 1.0) -> Recording:
     """A mode that rings down and a driving line, as a record of some length that begins at one time."""
     t = np.arange(int(1024 * duration)) / 1024.0
-    x = 0.02 * np.exp(-0.1 * t) * np.cos(2.0 * np.pi * 1.19 * t) + 0.05 * np.cos(2.0 * np.pi * 53.0 * t)
+    x = 0.02 * np.exp(-0.1 * t) * np.cos(2.0 * np.pi * 1.19 * t) + 0.05 * np.cos(
+        2.0 * np.pi * 53.0 * t
+    )
     x += 1e-5 * np.random.default_rng(int(duration)).normal(size=t.size)
     return Recording({"Mz": scale * x}, 1024.0, {"Mz": "N*m"}, f"{duration:g} s")
 
@@ -171,7 +202,10 @@ def test_a_recording_of_another_unit_sign_or_order_is_told(change, told):
 
 
 def test_the_axis_that_shows_the_drive_is_told(state_1):
-    table, quiet = heard((53.0, 0.05), (106.0, 0.02), (3.3125, 0.004), (159.0, 0.003), (212.0, 0.004)), heard()
+    table, quiet = (
+        heard((53.0, 0.05), (106.0, 0.02), (3.3125, 0.004), (159.0, 0.003), (212.0, 0.004)),
+        heard(),
+    )
     channels = {"Mx": table["Mz"], "Mz": quiet["Mz"]}
     both = replace(table, channels=channels, units=dict.fromkeys(channels, "N*m"))
     scenario = state_1.with_(SHORT)
@@ -179,9 +213,10 @@ def test_the_axis_that_shows_the_drive_is_told(state_1):
     assert "channel Mx shows" in doubt
     assert doubt in compare(both, scenario).a.notes
     with pytest.raises(
-        MicrovibError, match=r"no line of the scenario's drive stands out of the floor in channel Mz .*Mx"
+        MicrovibError,
+        match=r"no line of the scenario's drive stands out of the floor in channel Mz .*Mx",
     ):
-        chosen([evidence_of(both, scenario)], scenario)
+        select_evidence([evidence_of(both, scenario)], scenario)
 
 
 def test_bands_and_bins_without_a_reference(state_1):
@@ -190,24 +225,32 @@ def test_bands_and_bins_without_a_reference(state_1):
     rows = compare(a, b, bands=["50:60 Hz"]).rows
     assert {"drive_1", "drive_1_plus_1"} <= {row.line for row in rows}
     assert all(50.0 <= row.b.place <= 60.0 for row in rows)
-    with pytest.raises(MicrovibError, match=r"band: no line of either side lies in it; lines are from"):
+    with pytest.raises(
+        MicrovibError, match=r"band: no line of either side lies in it; lines are from"
+    ):
         compare(a, b, bands=["600:700 Hz"])
     mean = Row(
-        "electrical_1", Figures(bin_frequency=0.0, bin_amplitude=1e-19), Figures(bin_frequency=0.0, bin_amplitude=1.0)
+        "electrical_1",
+        SideLine(bin_frequency=0.0, bin_amplitude=1e-19),
+        SideLine(bin_frequency=0.0, bin_amplitude=1.0),
     )
     assert math.isnan(mean.bin_error)
-    assert math.isnan(Row("drive_1", Figures(10.0, 1e-9, 1e-9, seen=False), Figures(10.0, 1.0, 1e-9)).error)
-    assert math.isnan(Row("drive_1", Figures(10.0, 0.0, 0.0), Figures(10.0, 1.0, 1e-9)).error)
+    assert math.isnan(
+        Row("drive_1", SideLine(10.0, 1e-9, 1e-9, seen=False), SideLine(10.0, 1.0, 1e-9)).error
+    )
+    assert math.isnan(Row("drive_1", SideLine(10.0, 0.0, 0.0), SideLine(10.0, 1.0, 1e-9)).error)
 
 
 def test_a_limit_is_not_passed_by_a_drive_that_stood_still(state_1):
     scenario, limit = state_1.with_(SHORT), mv.Limit("20 mN*m", "10 Hz", "300 Hz")
     judged = mv.judge(mv.lines(heard(), scenario=scenario), limit, scenario)
     assert judged.verdict == "not judged"
-    assert judged.gaps[0].startswith("no line of the step clock stands out within 2 %")
+    assert judged.gaps[0].startswith("no line of the step clock is detected within 2 %")
     moved = heard((53.0, 0.015), (106.0, 0.01), (159.0, 0.002))
     assert mv.judge(mv.lines(moved, scenario=scenario), limit, scenario).verdict == "pass"
-    twice = mv.judge(mv.lines(heard((106.0, 0.01), (212.0, 0.005)), scenario=scenario), limit, scenario)
+    twice = mv.judge(
+        mv.lines(heard((106.0, 0.01), (212.0, 0.005)), scenario=scenario), limit, scenario
+    )
     assert (twice.verdict, len(twice.gaps)) == ("not judged", 1)
 
 
@@ -215,30 +258,42 @@ def test_lines_under_the_floor_of_a_table_are_no_evidence(state_1, tmp_path):
     """Their amplitudes are those of the noise."""
     found = analyse(Prepared(heard((53.0, 0.05), (106.0, 0.02))), scenario=state_1)
     (tmp_path / "lines.csv").write_text(lines_csv(found.table))
-    told = {o.line for o in evidence_of(open_source(str(tmp_path / "lines.csv")), state_1).observations}
+    told = {
+        o.line for o in evidence_of(open_source(str(tmp_path / "lines.csv")), state_1).observations
+    }
     assert {"drive_1", "drive_2"} <= told <= {x.line for x in found.table if x.seen}
     assert len(told) < 10 < len(found.table)
 
 
 def test_another_component_than_the_drives_is_not_compared(state_1):
     table = heard((53.0, 0.05))
-    six = replace(table, channels={"Mx": table["Mz"], "Mz": 0.01 * table["Mz"]}, units={"Mx": "N*m", "Mz": "N*m"})
+    six = replace(
+        table,
+        channels={"Mx": table["Mz"], "Mz": 0.01 * table["Mz"]},
+        units={"Mx": "N*m", "Mz": "N*m"},
+    )
     about_x = state_1.with_({"array.drive_axis": "x", **SHORT})
     for look in (lambda: compare(six, about_x), lambda: evidence_of(six, about_x)):
         with pytest.raises(
-            MicrovibError, match="heard: the scenario's drive axis is x: its torque is channel Mx, not Mz"
+            MicrovibError,
+            match="heard: the scenario's drive axis is x: its torque is channel Mx, not Mz",
         ):
             look()
-    assert {row.line: row for row in compare(six, about_x, channel="Mx").rows}["drive_1"].a.amplitude > 0.049
-    assert "not the torque about the drive axis" in analyse(Prepared(six), scenario=about_x).recording.notes[-1]
+    assert {row.line: row for row in compare(six, about_x, channel="Mx").rows}[
+        "drive_1"
+    ].a.amplitude > 0.049
+    assert (
+        "not the torque about the drive axis"
+        in analyse(Prepared(six), scenario=about_x).recording.notes[-1]
+    )
 
 
 def test_unexpected_lines_are_the_same_within_their_uncertainty():
-    a = Side("a", "table", {"other_1": Figures(2.0, 1.0, frequency_uncertainty=1e-3)})
-    b = Side("b", "table", {"other_1": Figures(2.003, 1.0, frequency_uncertainty=1e-3)})
-    assert list(_with_names_of(a, b).lines) == ["other_1"]
+    a = Side("a", "table", {"other_1": SideLine(2.0, 1.0, frequency_uncertainty=1e-3)})
+    b = Side("b", "table", {"other_1": SideLine(2.003, 1.0, frequency_uncertainty=1e-3)})
+    assert list(_match_unlisted_names(a, b).lines) == ["other_1"]
     apart = replace(b, lines={"other_1": replace(b.lines["other_1"], frequency=2.01)})
-    assert list(_with_names_of(a, apart).lines) == ["other_1_of_b"]
+    assert list(_match_unlisted_names(a, apart).lines) == ["other_1_of_b"]
 
 
 def test_the_sentence_counts_and_names():
@@ -246,7 +301,10 @@ def test_the_sentence_counts_and_names():
         "1 of 2 lines agrees within 2 standard uncertainties of the difference (drive_1); 1 differs (drive_2)."
         " 1 line only A has (drive_4). 1 line only B has (drive_5). 2 lines without uncertainties (drive_6, drive_3)."
     )
-    assert verdict_sentence(ROWS[2:3]) == "No line is judged: one side has no known uncertainty, or hides them."
+    assert (
+        verdict_sentence(ROWS[2:3])
+        == "No line is judged: on one side the uncertainty is unknown or the lines are below the noise floor."
+    )
 
 
 def test_the_file_keeps_all_digits_and_the_verdict():
@@ -267,10 +325,17 @@ def test_the_first_page_says_which_lines_agree():
     a, b = (Side(name, "table", {}) for name in ("/home/me/secret/a.csv", "b.csv"))
     document = comparison_report(a, b, ROWS)
     assert document.facts[0].value == "1 of 2"
-    assert any(isinstance(x, Text) and x.text.startswith(verdict_sentence(ROWS)) for x in document.first_page)
-    noise = Row("drive_9", Figures(10.0, 0.4, 0.3, seen=False), Figures(10.0, 0.1, 0.001))
-    assert comparison_report(a, b, [*ROWS, noise, noise, noise]).facts == document.facts  # no figure is made of noise
-    main = next(x for x in document.first_page if isinstance(x, Table) and x.columns[0].title == "line")
+    assert any(
+        isinstance(x, Text) and x.text.startswith(verdict_sentence(ROWS))
+        for x in document.first_page
+    )
+    noise = Row("drive_9", SideLine(10.0, 0.4, 0.3, seen=False), SideLine(10.0, 0.1, 0.001))
+    assert (
+        comparison_report(a, b, [*ROWS, noise, noise, noise]).facts == document.facts
+    )  # no figure is made of noise
+    main = next(
+        x for x in document.first_page if isinstance(x, Table) and x.columns[0].title == "line"
+    )
     verdicts = {r.cells[0]: (r.cells[-1], r.mark) for r in main.rows}
     assert verdicts["drive_1"] == ("agrees", "pass")
     assert verdicts["drive_2"] == ("differs", "off")

@@ -100,11 +100,21 @@ def results(module):
     m, c, v = np.zeros((1, 1)), np.arange(12.0).reshape(2, 2, 3), np.array([1.0, -2.0])
     v.flags.writeable = False
     module.fill(m, c)
-    return module.numbers(mixed, 2, 1.0 + 3.0j), m[0, 0], *module.arrays(v, np.array([1.0 + 2.0j, 5.0]))
+    return (
+        module.numbers(mixed, 2, 1.0 + 3.0j),
+        m[0, 0],
+        *module.arrays(v, np.array([1.0 + 2.0j, 5.0])),
+    )
 
 
 def expected():
-    return 1.5 + 5.0 + 5.0 + 1.0 - 3.0 + np.sin(1.5), 8.0, [[1.0, -2.0], [2.0, -4.0]], 1.0 + 2.0j, [1.0 + 2.0j, 5.0]
+    return (
+        1.5 + 5.0 + 5.0 + 1.0 - 3.0 + np.sin(1.5),
+        8.0,
+        [[1.0, -2.0], [2.0, -4.0]],
+        1.0 + 2.0j,
+        [1.0 + 2.0j, 5.0],
+    )
 
 
 def keep_beside(module):
@@ -115,7 +125,9 @@ def keep_beside(module):
 
 
 def test_every_unit_that_is_kept_is_looked_at():
-    assert {module.code.file for module in OF_THE_PACKAGE} == set(Path(mv.__file__).parent.rglob("*.llvm"))
+    assert {module.code.file for module in OF_THE_PACKAGE} == set(
+        Path(mv.__file__).parent.rglob("*.llvm")
+    )
 
 
 @pytest.mark.parametrize("name", UNITS)
@@ -146,15 +158,22 @@ class C(NamedTuple):
         ("1e-3", "2e-3"),
     ):
         file.write_text(text.replace(old, new), encoding="utf-8")
-        found.append(sources.of_meaning([file]))
+        found.append(sources.semantic_digest([file]))
     assert found[:4] == ["fd1dbedeb8ef8dfb0527b9e7728893148f0a4c45f4db53dc359cd1e91282b6f2"] * 4
     assert found[4] != found[0]
 
 
 @pytest.mark.parametrize("name", UNITS)
 def test_what_is_kept_names_no_file_of_the_machine_that_made_it(name):
-    text = str(llvm.parse_bitcode(lzma.decompress(UNITS[name].file.read_bytes().partition(b"\n")[2])))
-    for folder in (sys.prefix, Path(np.__file__).parents[1], Path(mv.__file__).parents[1], "site-packages"):
+    text = str(
+        llvm.parse_bitcode(lzma.decompress(UNITS[name].file.read_bytes().partition(b"\n")[2]))
+    )
+    for folder in (
+        sys.prefix,
+        Path(np.__file__).parents[1],
+        Path(mv.__file__).parents[1],
+        "site-packages",
+    ):
         assert str(folder) not in text
 
 
@@ -172,15 +191,25 @@ def test_a_unit_names_every_file_that_it_is_made_from(name):
     sources = set(UNITS[name].sources)
     for source in sources:
         missing = {file for file in imported_files(source) if file.exists()} - sources
-        assert source.parent != UNITS[name].file.parent or not missing, f"{source.name} imports from {missing}"
+        assert source.parent != UNITS[name].file.parent or not missing, (
+            f"{source.name} imports from {missing}"
+        )
 
 
 def said_by(script, folder, timeout):
     """What a program prints that runs in a folder, and keeps its machine code there."""
-    environment = os.environ | dict.fromkeys(("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(folder))
+    environment = os.environ | dict.fromkeys(
+        ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"), str(folder)
+    )
     command = [sys.executable, "-c", script]
     run = subprocess.run(
-        command, env=environment, cwd=folder, capture_output=True, text=True, check=True, timeout=timeout
+        command,
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=timeout,
     )
     return run.stdout
 
@@ -206,7 +235,9 @@ def begun(monkeypatch):
     """Processes that were started ahead, on a machine that has cores for them."""
     started, start = [], subprocess.Popen
     monkeypatch.setattr(ahead, "cores", lambda: 2)
-    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *a, **k: started.append(start(*a, **k)) or started[-1])
+    monkeypatch.setattr(
+        ahead.subprocess, "Popen", lambda *a, **k: started.append(start(*a, **k)) or started[-1]
+    )
     yield started
     assert all(process.poll() is not None for process in started), "a process is left"
 
@@ -244,11 +275,17 @@ def test_who_waits_makes_what_comes_next(small, cache, begun, tmp_path, monkeypa
 
     module.code.begin(Next(), Next())
     assert results(module)[0] == expected()[0]
-    assert calls == ["made"], "the second waits for its turn, since there is nothing to wait for any more"
+    assert calls == ["made"], (
+        "the second waits for its turn, since there is nothing to wait for any more"
+    )
 
 
-@pytest.mark.parametrize("fault", ["raise SystemExit(1)", "", "import time; time.sleep(600)", "import no_such_module"])
-def test_where_the_other_process_fails_code_is_made_here(fault, small, cache, begun, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "fault", ["raise SystemExit(1)", "", "import time; time.sleep(600)", "import no_such_module"]
+)
+def test_where_the_other_process_fails_code_is_made_here(
+    fault, small, cache, begun, tmp_path, monkeypatch
+):
     keep_beside(small())
     program = tmp_path / "program.py"
     program.write_text(fault)
@@ -263,7 +300,11 @@ def test_where_the_other_process_fails_code_is_made_here(fault, small, cache, be
 
 def test_no_process_where_it_would_be_in_the_way(small, cache, begun, monkeypatch):
     keep_beside(small())
-    for where, name, value in ((ahead, "cores", lambda: 1), (sys, "frozen", True), (sys, "executable", "")):
+    for where, name, value in (
+        (ahead, "cores", lambda: 1),
+        (sys, "frozen", True),
+        (sys, "executable", ""),
+    ):
         with monkeypatch.context() as patch:
             patch.setattr(where, name, value, raising=False)
             small().code.begin()
@@ -307,7 +348,9 @@ def test_code_that_is_kept_is_used_and_edits_are_not_missed(small, cache):
     assert sorted(path.suffix for path in cache.iterdir()) == [".llvm", ".o", ".o"]
 
 
-def test_an_installed_package_takes_what_is_kept_without_a_look_at_sources(small, cache, monkeypatch, capsys):
+def test_an_installed_package_takes_what_is_kept_without_a_look_at_sources(
+    small, cache, monkeypatch, capsys
+):
     keep_beside(small())
     edited = small("x * x", "x * x * x")
     monkeypatch.setattr(sources, "editable", lambda: False)
@@ -317,7 +360,11 @@ def test_an_installed_package_takes_what_is_kept_without_a_look_at_sources(small
 
 
 def test_a_package_is_edited_in_a_checkout_alone(tmp_path, monkeypatch):
-    for folder, project, editable in (("src", True, True), ("src", False, False), ("site-packages", True, False)):
+    for folder, project, editable in (
+        ("src", True, True),
+        ("src", False, False),
+        ("site-packages", True, False),
+    ):
         (tmp_path / folder / "microvib").mkdir(parents=True, exist_ok=True)
         (tmp_path / "pyproject.toml").unlink(missing_ok=True)
         if project:
@@ -344,7 +391,9 @@ def test_refused_code_is_said_once_with_what_to_do(small, cache, monkeypatch, ca
 
 def test_code_that_cannot_be_read_or_linked_is_compiled_on_the_spot(small, cache, monkeypatch):
     module = small()
-    module.code.file.write_bytes(" ".join(module.code.stamps()).encode() + b"\n" + lzma.compress(b"of another LLVM"))
+    module.code.file.write_bytes(
+        " ".join(module.code.stamps()).encode() + b"\n" + lzma.compress(b"of another LLVM")
+    )
     assert results(module)[0] == expected()[0]
     module = small()
     monkeypatch.setattr(machine, "load", lambda *_: 1 / 0)
@@ -376,7 +425,7 @@ def test_what_is_kept_does_not_pile_up(cache):
     for k in range(20):
         machine.keep(f"unit-{k}.o", bytes([k]))
         machine.keep(f"another-{k}.o", bytes([k]))
-    assert len(list(cache.iterdir())) == 2 * machine.KEPT
+    assert len(list(cache.iterdir())) == 2 * machine.MAX_KEPT_VERSIONS
     assert machine.kept("unit-19.o") == bytes([19])
 
 
@@ -406,7 +455,9 @@ for name in {[unit.module for unit in units]!r}:
     scenario = state_1.with_si({"record.duration": 1.0, "record.settle": 0.5})
     ours, used = mv.simulate(scenario), []
     for unit in units:
-        addresses = machine.load(unit.module, (tmp_path / unit.module).read_bytes(), [*unit.entries, "deliver"])
+        addresses = machine.load(
+            unit.module, (tmp_path / unit.module).read_bytes(), [*unit.entries, "deliver"]
+        )
         for name, entry in unit.entries.items():
             made = entry.signature.caller(addresses[name], addresses["deliver"])
             monkeypatch.setitem(entry.__dict__, "_compiled", noting(used, name, made))
@@ -441,5 +492,7 @@ for module in map(import_module, {names!r}):
     code = module.code.file.read_bytes().partition(b"\\n")[2]
     print(len(codegen.object_file(code, {triple!r}, "generic", "")) > 5_000)
 """
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=300)
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=300
+    )
     assert run.stdout.splitlines() == ["True"] * len(names)

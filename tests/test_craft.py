@@ -34,12 +34,12 @@ from microvib.cli.main import main
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.linear import coupled_modes
 from microvib.model.mode_names import names_a_mode
-from microvib.signals.pointing import weight
+from microvib.signals.pointing import metric_weight
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.integration import from_rest
+from microvib.solve.integration import simulate_from_rest
 from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
+from microvib.solve.sampling import empty_sample_buffer
 from microvib.units import Si
 
 
@@ -49,7 +49,9 @@ def undamped() -> np.ndarray:
 
 
 @pytest.mark.parametrize(("packed_for", "within"), [(pack, 2e-6), (rodas4.packed_for_rodas4, 1e-4)])
-def test_loads_and_motions_are_those_of_the_whole_system(undamped: np.ndarray, packed_for: Any, within: float) -> None:
+def test_loads_and_motions_are_those_of_the_whole_system(
+    undamped: np.ndarray, packed_for: Any, within: float
+) -> None:
     scenario = scenario_of(UNDAMPED)
     craft = scenario.craft
     assert craft is not None
@@ -62,7 +64,10 @@ def test_loads_and_motions_are_those_of_the_whole_system(undamped: np.ndarray, p
         (craft.acceleration("center"), [UNDAMPED.accelerations(y)[:6] for y in undamped]),
     ):
         assert off(seen(scenario, outputs, found), np.array(wanted)) < within
-    assert off(np.array([row[2][:2] for row in found]), undamped[:, [UNDAMPED.n - 2, UNDAMPED.n - 1]]) < within
+    assert (
+        off(np.array([row[2][:2] for row in found]), undamped[:, [UNDAMPED.n - 2, UNDAMPED.n - 1]])
+        < within
+    )
 
 
 def test_a_flexible_controlled_hub_is_as_the_whole_system() -> None:
@@ -111,7 +116,10 @@ def test_lines_where_damping_couples_the_modes_are_those_of_the_whole_system(cas
     assert craft is not None
     pairs = [
         (craft.motion("interface"), [full.root @ y[:n_q] for y in states]),
-        (craft.acceleration("interface"), [full.root @ full.accelerations(y)[:n_q] for y in states]),
+        (
+            craft.acceleration("interface"),
+            [full.root @ full.accelerations(y)[:n_q] for y in states],
+        ),
     ]
     if not full.flexible:
         pairs += [(craft.loads(), [full.hub_loads(y) for y in states])]
@@ -119,7 +127,10 @@ def test_lines_where_damping_couples_the_modes_are_those_of_the_whole_system(cas
     both += [(np.array([row[2][:2] for row in found]), states[:, [full.n - 2, full.n - 1]])]
     for ours, theirs in both:
         assert off(ours, theirs) < 1e-5
-        lines, wanted = (np.abs(np.fft.rfft(x * np.hanning(96)[:, None], axis=0))[[4, 16, 32]] for x in (ours, theirs))
+        lines, wanted = (
+            np.abs(np.fft.rfft(x * np.hanning(96)[:, None], axis=0))[[4, 16, 32]]
+            for x in (ours, theirs)
+        )
         assert np.all(np.abs(lines - wanted) < 1e-3 * wanted + 1e-9 * wanted.max(axis=0))
 
 
@@ -148,12 +159,18 @@ def test_momentum_of_a_free_craft_that_sticks_and_slips_is_conserved(damping: np
     craft = scenario.craft
     assert craft is not None
     packed = pack(scenario)
-    packed.advance(0.5, no_samples(packed.channels)._replace(width=0.0), *Command(scenario).microsteps(0.0, 0.5))
+    packed.advance(
+        0.5,
+        empty_sample_buffer(packed.channels)._replace(width=0.0),
+        *Command(scenario).microsteps(0.0, 0.5),
+    )
     assert packed.state.counters[kernel.STICKS] > 3
     eta, rate, shafts = instants(scenario, np.array([0.5]))[0]
     y = craft.modes
     of_modes = y.p @ rate - y.q @ (y.d * rate + y.k * eta + y.g @ shafts[4:])
-    hub_and_modes = craft.shapes @ of_modes + craft.by_output * shafts[4] + craft.by_rotor * shafts[5]
+    hub_and_modes = (
+        craft.shapes @ of_modes + craft.by_output * shafts[4] + craft.by_rotor * shafts[5]
+    )
     rates = np.concatenate([hub_and_modes, shafts[4:]])
     left, exchanged = full.M[:6] @ rates, np.abs(full.M[:6] * rates).max(axis=1)
     assert np.abs(left / exchanged).max() < 1e-12
@@ -168,14 +185,26 @@ def test_invariants_on_a_craft_with_friction(full: whole.FullCraft) -> None:
     assert motion.invariants.momentum < 1e-5
 
 
-@pytest.mark.parametrize(("rigid", "damped"), [(False, False), (True, False), (False, True), (True, True)])
+@pytest.mark.parametrize(
+    ("rigid", "damped"), [(False, False), (True, False), (False, True), (True, True)]
+)
 def test_both_methods_agree_where_bodies_stick(rigid: bool, damped: bool) -> None:
     changes: dict[str, Any] = {
         "friction.coulomb": 0.02, "friction.breakaway": 0.3, "motor.friction.coulomb": 2e-4, "motor.friction.breakaway": 5e-4,
     }  # fmt: skip
-    changes |= {"reducer.stiffness": "rigid", "friction.coulomb": 1.0, "friction.breakaway": 3.0} if rigid else {}
-    changes |= {"reducer.transmission_error": [{"order": 2, "amplitude": 1e-4, "phase": 0.3}]} if rigid else {}
-    light = whole.FullCraft(hub_scale=0.1, rotor_inertia=2e-3)  # so that both shafts feel each other through the hub
+    changes |= (
+        {"reducer.stiffness": "rigid", "friction.coulomb": 1.0, "friction.breakaway": 3.0}
+        if rigid
+        else {}
+    )
+    changes |= (
+        {"reducer.transmission_error": [{"order": 2, "amplitude": 1e-4, "phase": 0.3}]}
+        if rigid
+        else {}
+    )
+    light = whole.FullCraft(
+        hub_scale=0.1, rotor_inertia=2e-3
+    )  # so that both shafts feel each other through the hub
     if damped:
         light = replace(light, bandwidth=0.3, control_damping=1.5, damping=np.full(4, 0.3))
         changes |= {"friction.coulomb": 2.0, "friction.breakaway": 8.0} if rigid else {}
@@ -201,7 +230,9 @@ def test_about_one_axis_a_rigid_hub_in_closed_form() -> None:
         {
             "array": {
                 "inertia": J,
-                "modes": [{"frequency": f, "damping": 0.01, "interface_participation": [0, 0, 0, 0, 0, H]}],
+                "modes": [
+                    {"frequency": f, "damping": 0.01, "interface_participation": [0, 0, 0, 0, 0, H]}
+                ],
                 "rigid_body": {
                     "mass": 30.0,
                     "center_of_mass": [0.0, 0.0, 2.0],
@@ -215,7 +246,9 @@ def test_about_one_axis_a_rigid_hub_in_closed_form() -> None:
     )
     craft = scenario.craft
     assert craft is not None
-    assert craft.frequency == pytest.approx([f / math.sqrt(1.0 - H**2 / (J + J_flex + J_m + J_hub))])
+    assert craft.frequency == pytest.approx(
+        [f / math.sqrt(1.0 - H**2 / (J + J_flex + J_m + J_hub))]
+    )
     motion = mv.simulate(scenario)
     assert motion["My"] == pytest.approx(motion["T_d"], abs=1e-9)
     # The torque on the hub turns the hub: los_x is its rotation about hub y, for a boresight along x.
@@ -230,18 +263,24 @@ def test_lines_of_angles_are_those_of_the_angles_themselves() -> None:
     found = hub_lines(result.motion, result.table)
     k = found.names.index("drive_1")
     assert found.los is not None
-    assert np.abs(found.loads[k, 4]) == pytest.approx(result.table["drive_1"].amplitude_n_m, rel=1e-6)
+    assert np.abs(found.loads[k, 4]) == pytest.approx(
+        result.table["drive_1"].amplitude_n_m, rel=1e-6
+    )
     x, f = result.motion["los_x"], float(found.frequency[k])
     t = np.arange(x.size) / scenario.record.sample_rate
     window = np.hanning(x.size) * np.exp(-2j * np.pi * f * t)
-    assert 2.0 * np.sum(window * (x - x.mean())) / np.hanning(x.size).sum() == pytest.approx(found.los[k, 0], rel=1e-3)
+    assert 2.0 * np.sum(window * (x - x.mean())) / np.hanning(x.size).sum() == pytest.approx(
+        found.los[k, 0], rel=1e-3
+    )
     rms = found.mean_squares("rpe", 0.01)[k]
-    assert rms == pytest.approx(weight("rpe", f, 0.01) * 0.5 * np.abs(found.los[k]) ** 2)
+    assert rms == pytest.approx(metric_weight("rpe", f, 0.01) * 0.5 * np.abs(found.los[k]) ** 2)
     header, rows = found.pointing_table()
     assert rows[k][header.index("rpe_10ms_x_rad")] == pytest.approx(math.sqrt(rms[0]))
     summed = found.summary()
     assert len(summed["windows"]) == 2 * 7
-    assert summed["cumulative"]["rms_up_los_x_rad"][-1] == pytest.approx(summed["cumulative"]["rms_down_los_x_rad"][0])
+    assert summed["cumulative"]["rms_up_los_x_rad"][-1] == pytest.approx(
+        summed["cumulative"]["rms_down_los_x_rad"][0]
+    )
 
 
 @pytest.mark.parametrize("control", [0.0, 0.3])
@@ -283,8 +322,12 @@ def test_directions_of_any_length_are_the_same(size: float) -> None:
     assert a is not None
     assert b is not None
     at = np.array([1.0, 53.3])
-    assert b.transfer(b.loads(), at) == pytest.approx(a.transfer(a.loads(), at), rel=1e-9, abs=1e-12)
-    assert b.transfer(b.line_of_sight(), at) == pytest.approx(a.transfer(a.line_of_sight(), at), rel=1e-9, abs=1e-12)
+    assert b.transfer(b.loads(), at) == pytest.approx(
+        a.transfer(a.loads(), at), rel=1e-9, abs=1e-12
+    )
+    assert b.transfer(b.line_of_sight(), at) == pytest.approx(
+        a.transfer(a.line_of_sight(), at), rel=1e-9, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("case", WRONG)
@@ -297,7 +340,9 @@ def test_what_cannot_be_a_craft_is_one_sentence(case: str) -> None:
 
 
 def test_a_flexible_hub_needs_shapes_where_the_drive_sits() -> None:
-    with pytest.raises(mv.ScenarioError, match=r"interface\.position: no point of the hub's modes lies at"):
+    with pytest.raises(
+        mv.ScenarioError, match=r"interface\.position: no point of the hub's modes lies at"
+    ):
         scenario_of(FLEXIBLE, **{"spacecraft.interface.position": [0.0, 0.0, 0.0]})
     with pytest.raises(mv.ScenarioError, match="centre of mass of a flexible hub has no shapes"):
         scenario_of(FLEXIBLE, **{"spacecraft.line_of_sight.point": "center"})
@@ -307,11 +352,22 @@ def test_the_example_runs(tmp_path: Path) -> None:
     out = tmp_path / "run"
     example = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
     done = CliRunner().invoke(
-        main, ["run", str(example), "--out", str(out), "--set", "record.settle=1 s", "--set", "record.duration=4 s"]
+        main,
+        [
+            "run",
+            str(example),
+            "--out",
+            str(out),
+            "--set",
+            "record.settle=1 s",
+            "--set",
+            "record.duration=4 s",
+        ],
     )
     assert done.exit_code == 0, done.output
     lines, loads, pointing = (
-        list(csv.DictReader((out / f"{name}.csv").read_text().splitlines())) for name in ("lines", "loads", "pointing")
+        list(csv.DictReader((out / f"{name}.csv").read_text().splitlines()))
+        for name in ("lines", "loads", "pointing")
     )
     assert [row["line"] for row in loads] == [row["line"] for row in pointing]
     drive = next(row for row in loads if row["line"] == "drive_1")
@@ -335,7 +391,11 @@ def test_any_array_axis_may_be_the_drives(axis: str) -> None:
     moved = {"x": [2, 0, 1], "y": [1, 2, 0]}[axis]  # which old axis each new one is
     turn = np.eye(3)[moved]
     modes = [
-        {"frequency": f, "damping": xi, "interface_participation": [*p[:3][moved].tolist(), *p[3:][moved].tolist()]}
+        {
+            "frequency": f,
+            "damping": xi,
+            "interface_participation": [*p[:3][moved].tolist(), *p[3:][moved].tolist()],
+        }
         for f, xi, p in zip(whole.FREQUENCIES, whole.DAMPING, whole.PARTICIPATION.T, strict=True)
     ]
     array = {
@@ -356,7 +416,10 @@ def test_any_array_axis_may_be_the_drives(axis: str) -> None:
 
 
 def test_an_array_from_finite_elements_brings_its_six_components(tmp_path: Path) -> None:
-    path, data = tmp_path / "craft.yaml", parse_yaml(mv.dump_scenario(scenario_of(whole.FullCraft())), "craft")
+    path, data = (
+        tmp_path / "craft.yaml",
+        parse_yaml(mv.dump_scenario(scenario_of(whole.FullCraft())), "craft"),
+    )
     path.write_text(json.dumps({**data, "array": {"fem": "reference-array", "modes": 8}}))
     scenario = mv.load_scenario(path)
     array, craft = scenario.array, scenario.craft
@@ -377,14 +440,21 @@ def test_an_array_from_finite_elements_brings_its_six_components(tmp_path: Path)
         (whole.FullCraft(), ["array"] * 4),
         (whole.FullCraft(bandwidth=0.02), ["control"] * 3 + ["array"] * 4),
         (whole.FullCraft(bandwidth=0.02, control_damping=1.5), ["control"] * 2 + ["array"] * 4),
-        (whole.FullCraft(bandwidth=2.0), ["array", "control", "array", "control", "control", "array", "array"]),
         (
-            whole.FullCraft(bandwidth=0.02, flexible=[(5.0, 0.01, BENDING), (30.0, 0.01, 2.0 * BENDING)]),
+            whole.FullCraft(bandwidth=2.0),
+            ["array", "control", "array", "control", "control", "array", "array"],
+        ),
+        (
+            whole.FullCraft(
+                bandwidth=0.02, flexible=[(5.0, 0.01, BENDING), (30.0, 0.01, 2.0 * BENDING)]
+            ),
             ["control"] * 3 + ["array"] * 3 + ["hub", "array", "hub"],
         ),
     ],
 )
-def test_modes_are_named_by_what_holds_their_energy(full: whole.FullCraft, names: list[str]) -> None:
+def test_modes_are_named_by_what_holds_their_energy(
+    full: whole.FullCraft, names: list[str]
+) -> None:
     """Frequencies against the whole matrices with held shafts; an overdamped mode of the control has no name."""
     found = coupled_modes(scenario_of(full))
     assert all(names_a_mode(m.name) == (m.fixed_frequency is not None) for m in found)
@@ -392,13 +462,23 @@ def test_modes_are_named_by_what_holds_their_energy(full: whole.FullCraft, names
     kinds = [m.name.split("_mode_")[0] for m in modes]
     assert kinds == names
     for kind in set(kinds):  # each kind is counted by itself
-        numbers = [int(m.name.rpartition("_")[2]) for m, own in zip(modes, kinds, strict=True) if own == kind]
+        numbers = [
+            int(m.name.rpartition("_")[2])
+            for m, own in zip(modes, kinds, strict=True)
+            if own == kind
+        ]
         assert numbers == sorted(set(numbers))
     n = full.n - 2
     squares, shapes = eigh(full.K[:n, :n], full.M[:n, :n])
     for mode, kind in zip(modes, kinds, strict=True):
-        k = int(np.argmin(np.abs(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi) - mode.fixed_frequency)))
-        assert math.sqrt(squares[k]) == pytest.approx(2.0 * math.pi * mode.fixed_frequency, rel=1e-6)
+        k = int(
+            np.argmin(
+                np.abs(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi) - mode.fixed_frequency)
+            )
+        )
+        assert math.sqrt(squares[k]) == pytest.approx(
+            2.0 * math.pi * mode.fixed_frequency, rel=1e-6
+        )
         x = shapes[:, k]
         rows = {"control": slice(3, 6), "hub": slice(6, full.n_q), "array": slice(full.n_q, n)}
         energy = {name: float(x[at] @ full.K[at, at] @ x[at]) for name, at in rows.items()}
@@ -411,11 +491,13 @@ def test_the_line_of_sight_that_cases_of_a_campaign_keep_is_that_of_a_run(durati
     changes = {"record.settle": Si(2.0), "record.duration": Si(duration)}
     scenario = scenario_of(whole.FullCraft(bandwidth=0.02), **changes)
     motion = mv.simulate(scenario)
-    few = from_rest(scenario, channels=("T_d", "alpha_l", "alpha_m", "los_ax", "los_ay"))
+    few = simulate_from_rest(scenario, channels=("T_d", "alpha_l", "alpha_m", "los_ax", "los_ay"))
     for name in ("T_d", "alpha_l", "los_ay"):
         assert np.abs(few[name] - motion[name]).max() < 1e-12 * np.abs(motion[name]).max()
     assert few.invariants.energy == motion.invariants.energy
-    later = from_rest(scenario, channels=("T_d", "alpha_l", "alpha_m", "los_ax", "los_ay"), balanced=False)
+    later = simulate_from_rest(
+        scenario, channels=("T_d", "alpha_l", "alpha_m", "los_ax", "los_ay"), balanced=False
+    )
     assert np.abs(later["T_d"] - motion["T_d"]).max() < 1e-5 * np.abs(motion["T_d"]).max()
     assert later.invariants.energy < 1e-5
     assert later.invariants.momentum < 1e-5
@@ -430,4 +512,4 @@ def test_the_line_of_sight_that_cases_of_a_campaign_keep_is_that_of_a_run(durati
     assert np.all(apart[clock] < 1e-5 * size[clock] + 1e-6 * size.max())
     assert np.all(apart[~clock].max(axis=1) < 0.01 * size[~clock].max(axis=1))
     with pytest.raises(mv.MicrovibError, match="los_x' is made of others"):
-        from_rest(scenario, channels=("los_x",))
+        simulate_from_rest(scenario, channels=("los_x",))

@@ -13,7 +13,13 @@ from microvib.studies.measure import measure
 from microvib.units import Si
 
 SHORT = {"record.settle": Si(4.0), "record.duration": Si(4.0)}
-WING = {"interface": {"position": [0.35, -0.9, -0.2], "drive_axis": [0.0, -1.0, 0.0], "reference": [1.0, 0.0, 0.0]}}
+WING = {
+    "interface": {
+        "position": [0.35, -0.9, -0.2],
+        "drive_axis": [0.0, -1.0, 0.0],
+        "reference": [1.0, 0.0, 0.0],
+    }
+}
 
 
 def craft(**changes: object) -> Scenario:
@@ -21,10 +27,14 @@ def craft(**changes: object) -> Scenario:
 
 
 @pytest.mark.parametrize("own", [{}, {"spacecraft": None}])
-def test_a_parameter_of_the_drive_is_found_in_flight_and_on_the_ground(own: dict[str, None]) -> None:
+def test_a_parameter_of_the_drive_is_found_in_flight_and_on_the_ground(
+    own: dict[str, None],
+) -> None:
     scenario, true = craft(), 8800.0
     recording = recorded(scenario.with_si({"reducer.stiffness": true, **own}))
-    fit = mv.identify(scenario, [(recording, own)], ["reducer.stiffness=8000N*m/rad:9500N*m/rad"], starts=2)
+    fit = mv.identify(
+        scenario, [(recording, own)], ["reducer.stiffness=8000N*m/rad:9500N*m/rad"], starts=2
+    )
     assert fit.goodness.explained
     assert fit.scenario.reducer.stiffness == pytest.approx(true, rel=0.005)
     assert fit.scenario.spacecraft == scenario.spacecraft
@@ -36,7 +46,8 @@ def test_two_drives_in_one_recording_are_refused() -> None:
     recording = mv.Recording({"Mz": np.sin(np.arange(8192) / 9.0)}, 1024.0, {"Mz": "N*m"}, "made")
     two = craft(**{"spacecraft.second_wing": {**WING, "drive": "driven"}})
     with pytest.raises(
-        mv.MicrovibError, match=r"made: spacecraft\.second_wing\.drive: driven is not known to identification"
+        mv.MicrovibError,
+        match=r"made: spacecraft\.second_wing\.drive: driven is not known to identification",
     ):
         mv.identify(two, [recording], ["reducer.stiffness"])
 

@@ -25,7 +25,9 @@ def test_a_tone_in_the_band_keeps_amplitude_and_phase(f):
     assert x == pytest.approx(np.cos(2 * np.pi * f * np.arange(x.size)), abs=2e-4)
 
 
-@pytest.mark.parametrize("f", [1 - PASSBAND, 0.8, 1.0, 1.2, 1 + PASSBAND, 2.1, FACTOR - 1 + PASSBAND])
+@pytest.mark.parametrize(
+    "f", [1 - PASSBAND, 0.8, 1.0, 1.2, 1 + PASSBAND, 2.1, FACTOR - 1 + PASSBAND]
+)
 def test_what_would_fold_into_the_band_is_80_db_down(f):
     assert np.max(np.abs(sampled(f))) < 1.2e-4
 
@@ -45,6 +47,8 @@ def test_low_sample_rates_do_not_alias_onto_lines():
     import microvib as mv
 
     scenario = mv.load_scenario("state-1").with_si({"record.settle": 4.0, "record.duration": 30.0})
-    fine, coarse = (mv.lines(mv.simulate(scenario.with_si({"record.sample_rate": f}))) for f in (4096.0, 50.0))
+    fine, coarse = (
+        mv.lines(mv.simulate(scenario.with_si({"record.sample_rate": f}))) for f in (4096.0, 50.0)
+    )
     for name in ("full_step_1", "full_step_2"):
         assert coarse[name].amplitude_n_m == pytest.approx(fine[name].amplitude_n_m, rel=3e-3)

@@ -14,8 +14,17 @@ from microvib.cli import docs as site
 from microvib.cli.main import main
 
 ROOT = Path(__file__).parents[1]
-EXECUTED = ("tutorial", "howto/rate", "theory/array", "theory/lines", "validation-table", "reference/scenario")
-PAGES = sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)
+EXECUTED = (
+    "tutorial",
+    "howto/rate",
+    "theory/array",
+    "theory/lines",
+    "validation-table",
+    "reference/scenario",
+)
+PAGES = sorted(
+    p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts
+)
 EVERY_PAGE = ["README.md", "CONTRIBUTING.md", "benchmarks/README.md", *PAGES]
 # what a browser loads by itself: scripts, styles, pictures, frames, fonts; not the links that a reader may follow
 LOADED = re.compile(
@@ -26,14 +35,27 @@ LOADED = re.compile(
 def needs_sphinx() -> None:
     """Skip a test where what builds the site is not installed: it is of the extra ``docs``, not of ``test``."""
     for library in ("sphinx", "myst_nb", "furo", "sphinx_click", "latex2mathml", "ipykernel"):
-        pytest.importorskip(library, reason="what builds the site is not installed (microvib[docs])")
+        pytest.importorskip(
+            library, reason="what builds the site is not installed (microvib[docs])"
+        )
 
 
 def built(out: Path) -> Path:
     """The site as CI builds it: warnings are errors, and a cell that fails is one."""
     needs_sphinx()
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-d", str(out / "doctrees")]
-    done = subprocess.run([*command, str(ROOT / "docs"), str(out / "html")], capture_output=True, text=True, cwd=ROOT)
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-W",
+        "--keep-going",
+        "-q",
+        "-d",
+        str(out / "doctrees"),
+    ]
+    done = subprocess.run(
+        [*command, str(ROOT / "docs"), str(out / "html")], capture_output=True, text=True, cwd=ROOT
+    )
     assert done.returncode == 0, done.stderr
     return out / "html"
 
@@ -41,7 +63,10 @@ def built(out: Path) -> Path:
 @pytest.mark.long
 def test_the_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     html = built(tmp_path)
-    pages = {p.relative_to(html).with_suffix("").as_posix(): p.read_text("utf-8") for p in html.rglob("*.html")}
+    pages = {
+        p.relative_to(html).with_suffix("").as_posix(): p.read_text("utf-8")
+        for p in html.rglob("*.html")
+    }
     assert {"index", "search", "genindex", *EXECUTED} <= set(pages)
     files = [*html.rglob("*.html"), *html.rglob("*.css"), *html.rglob("*.js")]
     loaded = {str(f): found for f in files if (found := LOADED.findall(f.read_text("utf-8")))}
@@ -73,9 +98,16 @@ def test_wide_sentences_are_folded_and_tables_keep_their_columns():
 
 
 def test_what_a_browser_loads_is_told_from_what_a_reader_follows():
-    assert LOADED.findall('<script async src="https://cdn.example/x.js">') == ["https://cdn.example/x.js"]
-    assert LOADED.findall("@font-face { src: url(//fonts.example/a.woff2) }") == ["//fonts.example/a.woff2"]
-    assert LOADED.findall('<a href="https://pypi.org/project/pyfe3d/"> <script src="_static/x.js">') == []
+    assert LOADED.findall('<script async src="https://cdn.example/x.js">') == [
+        "https://cdn.example/x.js"
+    ]
+    assert LOADED.findall("@font-face { src: url(//fonts.example/a.woff2) }") == [
+        "//fonts.example/a.woff2"
+    ]
+    assert (
+        LOADED.findall('<a href="https://pypi.org/project/pyfe3d/"> <script src="_static/x.js">')
+        == []
+    )
 
 
 @pytest.mark.parametrize("page", EVERY_PAGE)
@@ -93,9 +125,17 @@ def test_what_a_page_names_exists(page):
     commands = [span.split() for span in re.findall(r"`((?:pytest|python) [^`]+)`", text)]
     run = [(word, words) for words in commands for word in words if word.endswith(".py")]
     files = {*re.findall(r"`([a-z_/]+/[a-z_]+\.py)`", text), *(word for word, _ in run)}
-    assert [f for f in sorted(files) if not any((ROOT / top / f).exists() for top in ("", "src/microvib"))] == []
+    assert [
+        f
+        for f in sorted(files)
+        if not any((ROOT / top / f).exists() for top in ("", "src/microvib"))
+    ] == []
     options = {(f, w.split("=")[0]) for f, words in run for w in words if w.startswith("--")}
-    assert [(f, option) for f, option in sorted(options) if f'"{option}"' not in (ROOT / f).read_text("utf-8")] == []
+    assert [
+        (f, option)
+        for f, option in sorted(options)
+        if f'"{option}"' not in (ROOT / f).read_text("utf-8")
+    ] == []
     assert [name for name in re.findall(r"\bmv\.(\w+)", text) if not hasattr(mv, name)] == []
 
 
@@ -104,7 +144,9 @@ def test_tests_that_a_page_picks_by_a_word_are_there(page):
     text = (ROOT / page).read_text("utf-8")
     for file, words in re.findall(r'`pytest (\S+\.py) -k "?([^"`]+?)"?(?: -m "")?`', text):
         names = re.findall(r"^def (test_\w+)", (ROOT / file).read_text("utf-8"), re.M)
-        assert [word for word in words.split(" or ") if not any(word in name for name in names)] == [], file
+        assert [
+            word for word in words.split(" or ") if not any(word in name for name in names)
+        ] == [], file
 
 
 def docs(*arguments: str):

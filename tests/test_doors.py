@@ -15,13 +15,18 @@ from microvib.model.expected import expected_lines
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.spectrum import power_spectral_density, waterfall
 from microvib.studies.angles import sweep_angles
-from microvib.studies.orbit import over_orbit
+from microvib.studies.orbit import analyse_orbit
 from microvib.studies.rates import at_rate, plan_rates, rate_grid
 from microvib.testdata.bench import Bench
 from microvib.testdata.preparation import Preparation
 from microvib.units import Si
 
-RATE, TORQUE, HZ, SECONDS = (math.radians(0.05), "0.05 deg/s"), (0.01, "10 mN*m"), (2.0, "2 Hz"), (3.0, "3 s")
+RATE, TORQUE, HZ, SECONDS = (
+    (math.radians(0.05), "0.05 deg/s"),
+    (0.01, "10 mN*m"),
+    (2.0, "2 Hz"),
+    (3.0, "3 s"),
+)
 
 CRAFT = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
 QUICK = {"record.settle": "0 s", "record.duration": "0.5 s", "record.sample_rate": "512 Hz"}
@@ -90,9 +95,11 @@ def test_a_rate_without_a_unit_is_proposed_in_the_unit_that_people_mean(state_1,
 def test_angles_of_an_orbit_are_no_bare_numbers():
     craft = mv.load_scenario(CRAFT, QUICK)
     with pytest.raises(mv.MicrovibError, match=r"^angles: 1\.0 needs a unit, such as '1\.0 deg'"):
-        over_orbit(craft, ["0 deg", 1.0])
-    with pytest.raises(mv.MicrovibError, match="angles in this order are expected"):  # read, and in the wrong order
-        over_orbit(craft, ["30 deg", Si(0.0)])
+        analyse_orbit(craft, ["0 deg", 1.0])
+    with pytest.raises(
+        mv.MicrovibError, match="angles in this order are expected"
+    ):  # read, and in the wrong order
+        analyse_orbit(craft, ["30 deg", Si(0.0)])
 
 
 def test_numbers_without_a_unit_need_none(state_1):
@@ -106,7 +113,11 @@ def test_si_says_so_in_its_name(state_1):
 
 
 def test_bands_as_text_and_as_ends():
-    assert Limit.of("1 N*m", "0.5:5 Hz") == Limit.of("1 N*m", ("0.5 Hz", "5 Hz")) == Limit("1 N*m", "500 mHz", Si(5.0))
+    assert (
+        Limit.of("1 N*m", "0.5:5 Hz")
+        == Limit.of("1 N*m", ("0.5 Hz", "5 Hz"))
+        == Limit("1 N*m", "500 mHz", Si(5.0))
+    )
     with pytest.raises(mv.MicrovibError, match=r"^band: '0\.5' needs a unit, such as '0\.5 Hz'$"):
         Limit.of("1 N*m", "0.5:5")
 
@@ -116,7 +127,10 @@ def test_bands_as_text_and_as_ends():
     [
         ("evidence", lambda s, r: mv.identify(s, r, ["reducer.stiffness"])),
         ("keys", lambda s, r: mv.identify(s, [r], "reducer.stiffness")),
-        ("share", lambda s, r: mv.identify(s, [r], ["reducer.stiffness"], share="reducer.stiffness")),
+        (
+            "share",
+            lambda s, r: mv.identify(s, [r], ["reducer.stiffness"], share="reducer.stiffness"),
+        ),
         ("select", lambda s, r: mv.identify(s, [r], ["reducer.stiffness"], select="all")),
         ("rates", lambda s, r: mv.rates(s, "0.06 deg/s")),
         ("microsteps", lambda s, r: mv.rates(s, ["0.06 deg/s"], 16)),
@@ -125,12 +139,17 @@ def test_bands_as_text_and_as_ends():
 )
 def test_one_thing_is_not_taken_for_a_list(state_1, key, call):
     recording = mv.Recording({"Mz": np.zeros(64)}, Si(64.0), {"Mz": "N*m"})
-    with pytest.raises(mv.ObjectError, match=rf"^{key}: .* is not a list; one is expected, such as \["):
+    with pytest.raises(
+        mv.ObjectError, match=rf"^{key}: .* is not a list; one is expected, such as \["
+    ):
         call(state_1, recording)
 
 
 WRONG = {
-    "harmonics": (lambda s, m, x: mv.lines(m, harmonics=x), [-1, 2.5, "8", None, True, 10**400, np.zeros(2)]),
+    "harmonics": (
+        lambda s, m, x: mv.lines(m, harmonics=x),
+        [-1, 2.5, "8", None, True, 10**400, np.zeros(2)],
+    ),
     "harmonics of a run": (lambda s, m, x: mv.run(s, harmonics=x), [-1, None]),
     "harmonics of a steady state": (lambda s, m, x: mv.steady(s, harmonics=x), [-1, None]),
     "seeds": (lambda s, m, x: mv.run(s, seeds=x), [-1, "2", None]),
@@ -169,7 +188,9 @@ def test_what_is_of_no_use_is_refused_in_a_sentence(state_1, motion_1, door):
 
 
 def test_counts_and_ratios_of_a_data_sheet_may_be_numbers():
-    given = mv.new_scenario(phases=3, microsteps=32, ratio=100, holding_torque="0.5 N*m", detent=0.04)
+    given = mv.new_scenario(
+        phases=3, microsteps=32, ratio=100, holding_torque="0.5 N*m", detent=0.04
+    )
     assert given == mv.new_scenario(
         phases="3", microsteps="32", ratio="100", holding_torque="0.5 N*m", detent="4 percent"
     )

@@ -9,18 +9,18 @@ from support.scenarios import NO_FRICTION, baseline, recorded
 
 import microvib as mv
 from microvib.errors import OptionError
-from microvib.model.driver import electrical_turn, quantized
+from microvib.model.driver import quantized, references_over_electrical_period
 from microvib.model.expected import angle_errors, expected_lines
 from microvib.model.linear import linear_lines
 from microvib.reports.identification import fit_json, fit_text
 from microvib.reports.parameters import derived
 from microvib.solve.batch import simulate_torques
 from microvib.solve.command import Command
-from microvib.solve.steady.period import repeats_after
+from microvib.solve.steady.period import common_period
 from microvib.solve.steady.state import steady_state
-from microvib.studies.evidence import Evidence, Observation, chosen, evidence_of
-from microvib.studies.identify import Trust, identify, parse_fit
-from microvib.studies.identify.images import images, turns
+from microvib.studies.evidence import Evidence, Observation, evidence_of, select_evidence
+from microvib.studies.identify import ErrorModel, identify, parse_fit
+from microvib.studies.identify.images import quarter_turn_solutions, symmetric_solutions
 from microvib.studies.identify.problem import Problem
 
 ERRORS = {"gain_b": 0.012, "offset_a": 0.006, "offset_b": -0.004, "quadrature": math.radians(0.9)}
@@ -28,12 +28,16 @@ FREE = {"sources": {}, **NO_FRICTION}
 
 
 def driver_with(**errors):
-    return baseline().with_si({f"driver.imperfections.{key}": value for key, value in errors.items()}).driver
+    return (
+        baseline()
+        .with_si({f"driver.imperfections.{key}": value for key, value in errors.items()})
+        .driver
+    )
 
 
 def angle_error(driver):
     """Angle of the current vector less theta_e, by the four-quadrant arctangent, (b n,)."""
-    turn = electrical_turn(driver, 0.6)
+    turn = references_over_electrical_period(driver, 0.6)
     theta_e = 2 * math.pi * np.arange(len(turn)) / len(turn)
     return np.angle(np.exp(1j * (np.arctan2(turn[:, 1], turn[:, 0]) - theta_e)))
 
@@ -56,7 +60,11 @@ def amplitude(x, order):
 def test_small_errors_have_the_angle_errors_of_the_closed_forms(errors, order, expected):
     found = angle_error(driver_with(**errors))
     assert amplitude(found, order) == pytest.approx(expected, rel=0.02)
-    rest = found - found.mean() - np.real(amplitude(found, order) * np.exp(2j * math.pi * order * np.arange(64) / 64))
+    rest = (
+        found
+        - found.mean()
+        - np.real(amplitude(found, order) * np.exp(2j * math.pi * order * np.arange(64) / 64))
+    )
     assert np.max(np.abs(rest)) < 0.02 * abs(expected)
     assert found.mean() == pytest.approx(errors.get("quadrature", 0.0) / 2, abs=1e-4)
     (said,) = (x for x in angle_errors(driver_with(**errors)) if x.amplitude > 0.1 * abs(expected))
@@ -65,14 +73,17 @@ def test_small_errors_have_the_angle_errors_of_the_closed_forms(errors, order, e
 
 
 @pytest.mark.parametrize(
-    ("bits", "fourth", "rms"), [(6, 1.9e-3, 7.4e-3), (8, 1.6e-3, 2.3e-3), (10, 1.3e-4, 4.7e-4), (12, 5e-5, 1.5e-4)]
+    ("bits", "fourth", "rms"),
+    [(6, 1.9e-3, 7.4e-3), (8, 1.6e-3, 2.3e-3), (10, 1.3e-4, 4.7e-4), (12, 5e-5, 1.5e-4)],
 )
 def test_rounded_references_have_the_angle_errors_of_an_independent_computation(bits, fourth, rms):
     """Figures computed outside the project, to two digits."""
     found = angle_error(driver_with(dac_bits=bits))
     assert abs(amplitude(found, 4)) == pytest.approx(fourth, rel=0.05)
     assert found.std() == pytest.approx(rms, rel=0.05)
-    assert {x.order % 4 for x in angle_errors(driver_with(dac_bits=bits)) if x.amplitude > 1e-8} == {0}
+    assert {
+        x.order % 4 for x in angle_errors(driver_with(dac_bits=bits)) if x.amplitude > 1e-8
+    } == {0}
 
 
 @pytest.mark.parametrize("phases", [2, 3, 5])
@@ -82,7 +93,7 @@ def test_a_perfect_drive_stays_symmetric_when_its_references_are_rounded(phases,
     steps = {2: 4, 3: 6, 5: 10}[phases]
     for bits in range(4, 15):
         driver = driver_with(dac_bits=bits).model_copy(update={"beats": steps, "microsteps": n})
-        A, B = electrical_turn(driver, 0.6, phases).T
+        A, B = references_over_electrical_period(driver, 0.6, phases).T
         vector = A + 1j * B
         turned = vector * np.exp(2j * math.pi / steps)
         np.testing.assert_allclose(np.roll(vector, -n), turned, rtol=0.0, atol=1e-12)
@@ -101,7 +112,7 @@ def test_a_half_step_of_the_rounding_goes_away_from_zero_whatever_its_noise():
 
 def test_a_dead_band_at_half_the_current_treats_three_phases_alike():
     driver = driver_with(dead_band=0.5).model_copy(update={"beats": 6, "microsteps": 16})
-    A, B = electrical_turn(driver, 1.0, 3).T
+    A, B = references_over_electrical_period(driver, 1.0, 3).T
     turned = (A + 1j * B) * np.exp(1j * math.pi / 3)
     np.testing.assert_allclose(np.roll(A + 1j * B, -16), turned, rtol=0.0, atol=1e-12)
 
@@ -123,28 +134,40 @@ def test_references_with_errors_repeat_exactly_and_are_the_formula():
     assert np.array_equal(A[:-64], A[64:])
     theta_e = 2 * math.pi * k / 64
     np.testing.assert_allclose(A, 0.6 * (np.cos(theta_e) + 0.006), atol=1e-14)
-    np.testing.assert_allclose(B, 0.6 * (1.012 * np.sin(theta_e + ERRORS["quadrature"]) - 0.004), atol=1e-14)
+    np.testing.assert_allclose(
+        B, 0.6 * (1.012 * np.sin(theta_e + ERRORS["quadrature"]) - 0.004), atol=1e-14
+    )
 
 
 def test_a_dead_band_holds_small_references_at_zero():
-    A, B = electrical_turn(driver_with(dead_band=0.15), 1.0).T
+    A, B = references_over_electrical_period(driver_with(dead_band=0.15), 1.0).T
     assert np.array_equal(A == 0.0, np.abs(np.cos(2 * math.pi * np.arange(64) / 64)) < 0.15)
     assert np.array_equal(B == 0.0, np.abs(np.sin(2 * math.pi * np.arange(64) / 64)) < 0.15)
 
 
 @pytest.mark.parametrize(
     ("errors", "after"),
-    [(ERRORS, 64), ({"offset_a": 1e-6}, 64), ({"dac_bits": 8}, 16), ({"dead_band": 0.11}, 16), ({"gain_b": 0.01}, 64)],
+    [
+        (ERRORS, 64),
+        ({"offset_a": 1e-6}, 64),
+        ({"dac_bits": 8}, 16),
+        ({"dead_band": 0.11}, 16),
+        ({"gain_b": 0.01}, 64),
+    ],
     ids=str,
 )
-def test_a_steady_state_repeats_after_an_electrical_turn_unless_the_errors_are_the_same_in_each_quarter(errors, after):
+def test_a_steady_state_repeats_after_an_electrical_turn_unless_the_errors_are_the_same_in_each_quarter(
+    errors, after
+):
     s = baseline().with_si({f"driver.imperfections.{key}": value for key, value in errors.items()})
-    assert repeats_after(s) == (after, after)
+    assert common_period(s) == (after, after)
 
 
 @pytest.fixture(scope="module")
 def distorted():
-    return baseline().with_si({f"driver.imperfections.{key}": value for key, value in ERRORS.items()})
+    return baseline().with_si(
+        {f"driver.imperfections.{key}": value for key, value in ERRORS.items()}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -160,9 +183,15 @@ def test_lines_of_the_electrical_period_are_named_by_what_makes_them(distorted, 
     assert by_name["full_step_1"].origin == "full step, order 1"
     for name in ("electrical_1", "electrical_2"):
         assert by_name[name].amplitude_n_m > 1e-4
-        assert by_name[name].frequency_hz == pytest.approx(int(name[-1]) * distorted.driving_frequency / 64, rel=1e-12)
+        assert by_name[name].frequency_hz == pytest.approx(
+            int(name[-1]) * distorted.driving_frequency / 64, rel=1e-12
+        )
     ideal = {x.name for x in expected_lines(baseline(), "100 Hz")}
-    assert {x for x in ideal if x.startswith("electrical")} == {"electrical_1", "electrical_2", "electrical_3"}
+    assert {x for x in ideal if x.startswith("electrical")} == {
+        "electrical_1",
+        "electrical_2",
+        "electrical_3",
+    }
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -176,7 +205,9 @@ def test_any_driver_makes_lines_at_multiples_of_the_electrical_frequency_only(se
     }
     if seed % 2:
         angle = 2 * math.pi * np.arange(64) / 64 + r.uniform(-0.02, 0.02, 64)
-        driver["driver.table"] = {"currents": np.column_stack([np.cos(angle), np.sin(angle)]).tolist()}
+        driver["driver.table"] = {
+            "currents": np.column_stack([np.cos(angle), np.sin(angle)]).tolist()
+        }
     rigid = {"array.modes": [], "array.rigid_inertia": None, "array.inertia": 0.2}
     s = baseline().with_si({**driver, **rigid, "record.settle": 10.0, "record.duration": 12.0})
     spectrum = np.abs(np.fft.rfft(mv.simulate(s, channels=("T_d",))["T_d"]))[1:4800]  # up to 400 Hz
@@ -189,7 +220,9 @@ def test_any_driver_makes_lines_at_multiples_of_the_electrical_frequency_only(se
 def test_the_steady_state_is_that_of_a_run(distorted, steady_distorted):
     run = mv.lines(mv.simulate(distorted.with_si({"record.settle": 60.0}), channels=("T_d",)))
     for name in ("electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_2"):
-        assert run[name].amplitude_n_m == pytest.approx(steady_distorted.lines[name].amplitude_n_m, rel=0.01), name
+        assert run[name].amplitude_n_m == pytest.approx(
+            steady_distorted.lines[name].amplitude_n_m, rel=0.01
+        ), name
 
 
 def test_reference_integration_finds_the_same_lines(distorted):
@@ -215,7 +248,12 @@ def test_a_slow_angle_error_turns_the_apparent_inertia(errors, name, error):
     s = baseline().with_si(
         FREE
         | {f"driver.imperfections.{key}": value for key, value in errors.items()}
-        | {"motor.detent_torque": 0.0, "array.modes": [], "array.rigid_inertia": None, "array.inertia": 0.2}
+        | {
+            "motor.detent_torque": 0.0,
+            "array.modes": [],
+            "array.rigid_inertia": None,
+            "array.inertia": 0.2,
+        }
     )
     order = int(name[-1])
     omega = 2 * math.pi * order * s.driving_frequency / 64
@@ -228,7 +266,9 @@ def test_a_table_against_the_detent_torque_removes_its_line():
     free = FREE | {"array.modes": [], "array.rigid_inertia": None, "array.inertia": 0.2}
     s = baseline().with_si({**free, "tracking.rate": math.radians(0.006)})
     e = s.motor.detent_torque / (s.motor.torque_constant * s.motor.current)
-    table = {"harmonics": [{"order": 4, "amplitude": e}]}  # theta_e + e sin 4 theta_e, for a small e
+    table = {
+        "harmonics": [{"order": 4, "amplitude": e}]
+    }  # theta_e + e sin 4 theta_e, for a small e
     with_table = s.with_si({"driver.table": table})
     before, after = (mv.steady(x).lines["full_step_1"] for x in (s, with_table))
     assert after.amplitude_n_m < 0.1 * before.amplitude_n_m
@@ -240,14 +280,22 @@ def test_a_ramp_weakens_driving_lines_by_its_spectrum(ramp):
     smooth = FREE | {"motor.detent_torque": 0.0, "driver.microstep_ramp": ramp}
     s = baseline().with_si(smooth)
     table = mv.steady(s).lines
-    stepped = {x.order: abs(x.amplitude) for x in linear_lines(s.with_si({"driver.microstep_ramp": 0.0}))}
+    stepped = {
+        x.order: abs(x.amplitude) for x in linear_lines(s.with_si({"driver.microstep_ramp": 0.0}))
+    }
     for line in linear_lines(s, 3):
-        assert abs(line.amplitude) == pytest.approx(stepped[line.order] * abs(np.sinc(line.order * ramp)), rel=1e-9)
-        assert abs(line.amplitude) == pytest.approx(table[f"drive_{line.order}"].amplitude_n_m, rel=0.03)
+        assert abs(line.amplitude) == pytest.approx(
+            stepped[line.order] * abs(np.sinc(line.order * ramp)), rel=1e-9
+        )
+        assert abs(line.amplitude) == pytest.approx(
+            table[f"drive_{line.order}"].amplitude_n_m, rel=0.03
+        )
 
 
 def test_a_ramp_ends_where_the_next_microstep_comes():
-    s = baseline().with_si({"driver.microstep_ramp": 1.0, "record.settle": 0.5, "record.duration": 1.0})
+    s = baseline().with_si(
+        {"driver.microstep_ramp": 1.0, "record.settle": 0.5, "record.duration": 1.0}
+    )
     motion = mv.simulate(s)
     k = Command(s).count(motion.time)
     found = motion["i_ref_A"] + 1j * motion["i_ref_B"]
@@ -259,7 +307,9 @@ def test_a_ramp_ends_where_the_next_microstep_comes():
 
 
 def test_a_delay_moves_everything_by_itself():
-    s = baseline().with_si({"record.settle": 0.25, "record.duration": 1.0, "record.sample_rate": 2048.0})
+    s = baseline().with_si(
+        {"record.settle": 0.25, "record.duration": 1.0, "record.sample_rate": 2048.0}
+    )
     late = s.with_si({"driver.delay": 0.125, "record.settle": 0.375})
     now, then = (mv.simulate(x, channels=("T_d",))["T_d"] for x in (s, late))
     assert np.max(np.abs(now - then)) < 1e-3 * np.max(np.abs(now))
@@ -279,7 +329,10 @@ def test_a_steady_state_with_ramps_is_found(distorted):
 
 def test_show_lists_the_orders_with_their_causes(distorted):
     said = "\n".join(derived(distorted))
-    assert "angle error of the references, electrical_1 at 0.833333 Hz 0.00717 rad (offset_a, offset_b)" in said
+    assert (
+        "angle error of the references, electrical_1 at 0.833333 Hz 0.00717 rad (offset_a, offset_b)"
+        in said
+    )
     assert "angle error of the references, electrical_2 at 1.66667 Hz" in said
     assert "angle error" not in "\n".join(derived(baseline()))
 
@@ -341,7 +394,11 @@ def test_bad_tables_get_a_sentence(tmp_path, text, sentence):
         ("driver.imperfections.gain_b", 0.7, "must be at least -0.5 and at most 0.5"),
         ("driver.imperfections.quadrature", 0.9, "needs a unit, such as '0.9 deg'"),
         ("driver.imperfections.dac_bits", 1, "a whole number from 2 to 24 is expected"),
-        ("driver.imperfections.gain", 0.1, "unknown key; did you mean driver.imperfections.gain_b?"),
+        (
+            "driver.imperfections.gain",
+            0.1,
+            "unknown key; did you mean driver.imperfections.gain_b?",
+        ),
         ("driver.microstep_ramp", 1.5, "must be at least 0 and at most 1"),
         ("driver.delay", "-1 ms", "must be at least 0 s"),
         ("driver.table", "nowhere.csv", "cannot be read: No such file or directory"),
@@ -391,7 +448,9 @@ def test_phases_of_electrical_lines_do_not_depend_on_the_first_sample(distorted)
 def test_half_an_electrical_turn_later_both_offsets_have_the_other_sign(distorted):
     """The ambiguity that identification speaks of: the same lines, each turned by its order times half a turn."""
     fine = distorted.with_si({"solver.accuracy": 1e-4})
-    other = fine.with_si({"driver.imperfections.offset_a": -0.006, "driver.imperfections.offset_b": 0.004})
+    other = fine.with_si(
+        {"driver.imperfections.offset_a": -0.006, "driver.imperfections.offset_b": 0.004}
+    )
     a, b = (steady_state(s) for s in (fine, other))
     one, two = a.harmonics(), b.harmonics()
     k = np.arange(one.size)
@@ -401,7 +460,10 @@ def test_half_an_electrical_turn_later_both_offsets_have_the_other_sign(distorte
 
 
 def test_what_may_be_of_either_sign_needs_no_range():
-    assert parse_fit(baseline(), "driver.imperfections.gain_b").range == (-0.5, 0.5)  # over the width of 0.1
+    assert parse_fit(baseline(), "driver.imperfections.gain_b").range == (
+        -0.5,
+        0.5,
+    )  # over the width of 0.1
     key = parse_fit(driver_scenario(offset_a=-0.03), "driver.imperfections.offset_a")
     assert (key.low, key.high) == (-0.12, 0.12)
     with pytest.raises(OptionError, match="starts at 0; give its range"):
@@ -409,7 +471,9 @@ def test_what_may_be_of_either_sign_needs_no_range():
 
 
 def driver_scenario(**errors):
-    return baseline().with_si({f"driver.imperfections.{key}": value for key, value in errors.items()})
+    return baseline().with_si(
+        {f"driver.imperfections.{key}": value for key, value in errors.items()}
+    )
 
 
 def fitted(errors, seed, late=0.0, **how):
@@ -418,7 +482,10 @@ def fitted(errors, seed, late=0.0, **how):
         SHORT | {"record.settle": SHORT["record.settle"] + late, "tracking.clock_ratio": 0.9962}
     )
     return identify(
-        baseline().with_si(SHORT), [recorded(truth, seed)], [f"driver.imperfections.{key}" for key in errors], **how
+        baseline().with_si(SHORT),
+        [recorded(truth, seed)],
+        [f"driver.imperfections.{key}" for key in errors],
+        **how,
     )
 
 
@@ -432,7 +499,9 @@ def estimates(errors, seed, **how):
 
 def check(found, errors):
     for key, e in found.items():
-        assert abs(e.estimate - errors[key]) < max(0.05 * abs(errors[key]), 2.0 * e.standard_error), e
+        assert abs(e.estimate - errors[key]) < max(
+            0.05 * abs(errors[key]), 2.0 * e.standard_error
+        ), e
         assert e.standard_error < 0.05 * abs(errors[key]), e
 
 
@@ -440,10 +509,12 @@ def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
     """The lines of the driver turned by half a turn differ in the phase at the first sample alone; by a quarter, hardly in more."""
     truth = distorted.with_si({**SHORT, "record.settle": 60.0})
     keys = [parse_fit(baseline(), f"driver.imperfections.{key}") for key in ERRORS]
-    told = chosen([evidence_of(recorded(truth), truth)], truth, without=["array_mode_1"])  # the start is another
-    problem = Problem(truth, [(told[0], {})], keys, Trust(0.004))
+    told = select_evidence(
+        [evidence_of(recorded(truth), truth)], truth, without=["array_mode_1"]
+    )  # the start is another
+    problem = Problem(truth, [(told[0], {})], keys, ErrorModel(0.004))
     x = np.array([key.coordinate(ERRORS[key.key.rpartition(".")[2]]) for key in keys])
-    quarter, half, *_ = images(problem, x)
+    quarter, half, *_ = symmetric_solutions(problem, x)
     assert [key.value(c) for key, c in zip(keys, half, strict=True)] == pytest.approx(
         [0.012, -0.006, 0.004, ERRORS["quadrature"]]
     )
@@ -452,19 +523,35 @@ def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
     )
     here, there, aside = (r[: problem.figures] for r in problem.residuals([x, half, quarter]))
     turn = np.array([o.form == "turn" for _, o in problem.observed])
-    assert np.max(np.abs(there - here)[~turn]) < 1.0  # standard deviations; 0.54, as what rings from the start
+    assert (
+        np.max(np.abs(there - here)[~turn]) < 1.0
+    )  # standard deviations; 0.54, as what rings from the start
     assert np.max(np.abs(there)[turn]) > 5.0
     assert np.max(np.abs(aside)[turn]) > 2.0
-    assert len(turns(problem, x)) == 3
+    assert len(quarter_turn_solutions(problem, x)) == 3
     alone = Problem(
-        truth, [(told[0], {})], keys[1:3], Trust(0.004)
+        truth, [(told[0], {})], keys[1:3], ErrorModel(0.004)
     )  # gain and quadrature are known: they tell quarters
-    (half,) = turns(alone, x[1:3])
+    (half,) = quarter_turn_solutions(alone, x[1:3])
     assert half == pytest.approx(-x[1:3])
     positive = [parse_fit(baseline(), "driver.imperfections.offset_a=0.001:0.05"), *keys[2:3]]
-    assert len(turns(Problem(baseline(), [(told[0], {})], positive, Trust(0.004)), np.log([0.006, 1.0]))) == 0
-    problem = Problem(truth, [(told[0], {})], [parse_fit(truth, "reducer.stiffness")], Trust(0.004))
-    assert images(problem, problem.start) == turns(problem, problem.start) == []
+    assert (
+        len(
+            quarter_turn_solutions(
+                Problem(baseline(), [(told[0], {})], positive, ErrorModel(0.004)),
+                np.log([0.006, 1.0]),
+            )
+        )
+        == 0
+    )
+    problem = Problem(
+        truth, [(told[0], {})], [parse_fit(truth, "reducer.stiffness")], ErrorModel(0.004)
+    )
+    assert (
+        symmetric_solutions(problem, problem.start)
+        == quarter_turn_solutions(problem, problem.start)
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -479,14 +566,19 @@ def test_a_search_looks_at_the_other_quarters_of_the_electrical_turn(distorted):
 def test_references_of_another_part_of_the_turn_are_the_same_later(phases, beats, given, count):
     """Against the currents themselves, microstep by microstep; gains of three phases have images half a turn away only."""
     true = driver_scenario(**given).with_si({"motor.phases": phases, "driver.beats": beats})
-    evidence = Evidence("made", (Observation("drive_1", "amplitude", 1.0, 0.1),), None, 16.0, 4096.0)
+    evidence = Evidence(
+        "made", (Observation("drive_1", "amplitude", 1.0, 0.1),), None, 16.0, 4096.0
+    )
     keys = [parse_fit(true, f"driver.imperfections.{key}") for key in given]
-    problem = Problem(true, [(evidence, {})], keys, Trust(0.004))
-    found = turns(problem, problem.start)
+    problem = Problem(true, [(evidence, {})], keys, ErrorModel(0.004))
+    found = quarter_turn_solutions(problem, problem.start)
     assert len(found) == count
     for point in found:
         other = true.with_si(dict(problem.changes(point, 0)))
-        one, its = (electrical_turn(s.driver, 1.0, phases) @ (1.0, 1j) for s in (true, other))
+        one, its = (
+            references_over_electrical_period(s.driver, 1.0, phases) @ (1.0, 1j)
+            for s in (true, other)
+        )
         apart = []
         for k in range(1, true.motor.detent_periods):
             later = np.roll(one, -k * one.size // true.motor.detent_periods)
@@ -505,9 +597,14 @@ def test_without_the_time_before_a_recording_offsets_have_no_signs(late):
     assert not any(e.identifiable for e in fit.estimates)
     assert all("from another quarter of the electrical turn" in e.verdict for e in fit.estimates)
     found = {(e.key.rpartition(".")[2]): e.estimate for e in fit.estimates}
-    quarters = [found] + [{key.rpartition(".")[2]: v for key, v in other.items()} for other in fit.alternatives]
+    quarters = [found] + [
+        {key.rpartition(".")[2]: v for key, v in other.items()} for other in fit.alternatives
+    ]
     assert len(quarters) == 4
-    assert any(all(abs(one[key] - errors[key]) < 0.05 * abs(errors[key]) for key in errors) for one in quarters)
+    assert any(
+        all(abs(one[key] - errors[key]) < 0.05 * abs(errors[key]) for key in errors)
+        for one in quarters
+    )
     assert fit_json(fit)["alternatives"] == list(fit.alternatives)
     assert fit_text(fit).count("as good: ") == 3
 
@@ -522,7 +619,9 @@ def test_offsets_are_identified_with_their_signs():
 
 def test_a_settling_time_is_fitted_or_its_error_is_stated():
     one = Evidence("made", (Observation("drive_1", "amplitude", 1.0, 0.1),), None, 16.0, 4096.0)
-    with pytest.raises(OptionError, match=r"^settle_error: record\.settle is fitted; fit it or state its error"):
+    with pytest.raises(
+        OptionError, match=r"^settle_error: record\.settle is fitted; fit it or state its error"
+    ):
         identify(baseline(), [one], ["record.settle"], settle_error="0.1 s")
 
 

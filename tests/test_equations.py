@@ -70,15 +70,23 @@ def test_eq_3_back_emf_balances_the_power_of_eq_4(no_detent):
 
 def test_eq_4_stiffness_about_equilibrium(no_detent):
     d = 1e-6
-    stiffness = -(of_motor(no_detent, 0.6, 0.0, d)[0] - of_motor(no_detent, 0.6, 0.0, -d)[0]) / (2 * d)
-    assert stiffness == pytest.approx(no_detent.motor.electromagnetic_stiffness) == pytest.approx(9.0)
+    stiffness = -(of_motor(no_detent, 0.6, 0.0, d)[0] - of_motor(no_detent, 0.6, 0.0, -d)[0]) / (
+        2 * d
+    )
+    assert (
+        stiffness == pytest.approx(no_detent.motor.electromagnetic_stiffness) == pytest.approx(9.0)
+    )
 
 
 def test_eq_4_detent_torque_has_its_amplitude_and_four_periods_a_tooth(state_1, no_detent):
     motor = state_1.motor
     for theta_m in (0.01, 0.11, 0.3):
-        detent = of_motor(state_1, 0.4, -0.3, theta_m)[0] - of_motor(no_detent, 0.4, -0.3, theta_m)[0]
-        assert detent == pytest.approx(-motor.detent_torque * math.sin(4 * motor.rotor_teeth * theta_m))
+        detent = (
+            of_motor(state_1, 0.4, -0.3, theta_m)[0] - of_motor(no_detent, 0.4, -0.3, theta_m)[0]
+        )
+        assert detent == pytest.approx(
+            -motor.detent_torque * math.sin(4 * motor.rotor_teeth * theta_m)
+        )
 
 
 def test_eq_5_and_7_friction(state_1):
@@ -87,11 +95,15 @@ def test_eq_5_and_7_friction(state_1):
     assert friction.torque(fast) == pytest.approx(0.0246 + 0.544_925 + 0.0255 * fast, abs=1e-6)
     assert friction.torque(-fast) == -friction.torque(fast)
     assert friction.torque(1e-12) == pytest.approx(friction.breakaway_torque, rel=1e-6)
-    assert friction.torque(friction.stribeck_rate) == pytest.approx(0.0246 + 0.0216 / math.e + 0.544_925, abs=3e-6)
+    assert friction.torque(friction.stribeck_rate) == pytest.approx(
+        0.0246 + 0.0216 / math.e + 0.544_925, abs=3e-6
+    )
 
 
 def test_eq_6_slip_ring():
-    ring = in_si(SlipRing, contact_pairs=320, contact_force=0.042, friction_factor=1.53, ring_radius=0.0265)
+    ring = in_si(
+        SlipRing, contact_pairs=320, contact_force=0.042, friction_factor=1.53, ring_radius=0.0265
+    )
     assert ring.torque == pytest.approx(0.54492, abs=1e-5)
 
 
@@ -133,14 +145,20 @@ def test_eq_26_driving_frequency(state_1):
 
 
 def test_the_ledger_has_a_row_for_each_equation_and_each_row_a_module():
-    rows = re.findall(r"^\| (\d+) \| (.+?) \| (.+?) \| (.+?) \|$", (ROOT / "docs/paper.md").read_text(), re.MULTILINE)
+    rows = re.findall(
+        r"^\| (\d+) \| (.+?) \| (.+?) \| (.+?) \|$",
+        (ROOT / "docs/paper.md").read_text(),
+        re.MULTILINE,
+    )
     assert [int(number) for number, *_ in rows] == list(range(1, 27))
     for number, _, modules, verdict in rows:
         for module in re.findall(r"`(.+?)`", modules):
             path = ROOT / "src/microvib" / module
             assert path.is_file(), module
             if not verdict.startswith("not used"):
-                assert int(number) in equations_named_in(path), f"Eq. {number} is not named in {module}"
+                assert int(number) in equations_named_in(path), (
+                    f"Eq. {number} is not named in {module}"
+                )
 
 
 def equations_named_in(path: Path) -> set[int]:
@@ -155,9 +173,11 @@ def test_many_coupled_modes_are_those_of_the_whole_eigenproblem(state_1, monkeyp
         {"frequency": f"{3 * k} Hz", "damping": 0.01, "effective_inertia": f"{4 / k**1.5} kg*m^2"}
         for k in range(1, 121)
     ]
-    scenario = state_1.with_({"array.modes": modes, "array.inertia": "15 kg*m^2", "array.rigid_inertia": None})
+    scenario = state_1.with_(
+        {"array.modes": modes, "array.inertia": "15 kg*m^2", "array.rigid_inertia": None}
+    )
     exact = mv.coupled_modes(scenario)
-    monkeypatch.setattr("microvib.model.linear.MANY", 40)
+    monkeypatch.setattr("microvib.model.linear.MAX_DENSE_MODES", 40)
     _coupled_modes.cache_clear()
     near = mv.coupled_modes(scenario)
     _coupled_modes.cache_clear()

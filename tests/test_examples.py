@@ -11,11 +11,41 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 # mN m, `python examples/states.py`; state 1 is calibrated, the others follow from it
 PINNED = {
-    1: {"array_mode_1": 3.828, "drive_1": 47.814, "drive_2": 13.703, "drive_3": 2.2971, "full_step_1": 5.114},
-    2: {"array_mode_1": 2.714, "drive_1": 47.767, "drive_2": 13.168, "drive_3": 2.2250, "full_step_1": 7.727},
-    3: {"array_mode_1": 1.800, "drive_1": 47.677, "drive_2": 12.489, "drive_3": 2.4108, "full_step_1": 11.089},
-    4: {"array_mode_1": 8.206, "drive_1": 47.620, "drive_2": 12.477, "drive_3": 2.7237, "full_step_1": 10.595},
-    5: {"array_mode_1": 13.575, "drive_1": 47.207, "drive_2": 11.267, "drive_3": 4.2691, "full_step_1": 15.883},
+    1: {
+        "array_mode_1": 3.828,
+        "drive_1": 47.814,
+        "drive_2": 13.703,
+        "drive_3": 2.2971,
+        "full_step_1": 5.114,
+    },
+    2: {
+        "array_mode_1": 2.714,
+        "drive_1": 47.767,
+        "drive_2": 13.168,
+        "drive_3": 2.2250,
+        "full_step_1": 7.727,
+    },
+    3: {
+        "array_mode_1": 1.800,
+        "drive_1": 47.677,
+        "drive_2": 12.489,
+        "drive_3": 2.4108,
+        "full_step_1": 11.089,
+    },
+    4: {
+        "array_mode_1": 8.206,
+        "drive_1": 47.620,
+        "drive_2": 12.477,
+        "drive_3": 2.7237,
+        "full_step_1": 10.595,
+    },
+    5: {
+        "array_mode_1": 13.575,
+        "drive_1": 47.207,
+        "drive_2": 11.267,
+        "drive_3": 4.2691,
+        "full_step_1": 15.883,
+    },
 }
 
 
@@ -85,12 +115,27 @@ def test_ten_modes_of_table_1_and_sixty_modes_run():
         }
         for r in read_table("table1_array_modes")
     ]
-    short = {"record.settle": 2.0, "record.duration": 4.0, "array.rigid_inertia": None, "array.inertia": 7.70}
+    short = {
+        "record.settle": 2.0,
+        "record.duration": 4.0,
+        "array.rigid_inertia": None,
+        "array.inertia": 7.70,
+    }
     ten = mv.simulate(mv.load_scenario("state-1").with_si({**short, "array.modes": table}))
     assert ten["eta"].shape == (16384, 10)
-    assert ten.scenario.array.J_h == pytest.approx(7.70 - sum(mode["effective_inertia"] for mode in table))
-    more = [*table, *({"frequency": 12.0 + 2.0 * k, "damping": 0.005, "effective_inertia": 1e-4} for k in range(50))]
-    sixty = mv.simulate(mv.load_scenario("state-1").with_si({**short, "array.modes": more, "array.inertia": 7.71}))
+    assert ten.scenario.array.J_h == pytest.approx(
+        7.70 - sum(mode["effective_inertia"] for mode in table)
+    )
+    more = [
+        *table,
+        *(
+            {"frequency": 12.0 + 2.0 * k, "damping": 0.005, "effective_inertia": 1e-4}
+            for k in range(50)
+        ),
+    ]
+    sixty = mv.simulate(
+        mv.load_scenario("state-1").with_si({**short, "array.modes": more, "array.inertia": 7.71})
+    )
     assert sixty["eta"].shape == (16384, 60)
     assert sixty.invariants.torque_forms < 1e-11
     assert sixty.invariants.energy < 1e-4

@@ -17,7 +17,7 @@ from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.named import catalog_text
 from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.fields import part_in
+from microvib.model.fields import part_type_of
 from microvib.model.scenario import Scenario, set_key
 from microvib.web.routes import forms
 
@@ -48,7 +48,9 @@ _watching: list[Path] = []
 def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     if _watching and event in ("open", "os.listdir", "os.scandir"):
         name = arguments[0]
-        if isinstance(name, (str, bytes, os.PathLike)) and str(_watching[-1]) in os.path.realpath(os.fsdecode(name)):
+        if isinstance(name, (str, bytes, os.PathLike)) and str(_watching[-1]) in os.path.realpath(
+            os.fsdecode(name)
+        ):
             _watched.append(f"{event} {os.fsdecode(name)}")
 
 
@@ -77,10 +79,12 @@ def secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def places(part: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Every key of a part at every depth, with the part that it holds, if any; of lists the first item."""
     for name, field in part.model_fields.items():
-        inner = part_in(field.annotation)
+        inner = part_type_of(field.annotation)
         yield f"{prefix}{name}", inner
         if inner is not None:
-            yield from places(inner, f"{prefix}{name}.{'0.' if 'tuple' in str(field.annotation) else ''}")
+            yield from places(
+                inner, f"{prefix}{name}.{'0.' if 'tuple' in str(field.annotation) else ''}"
+            )
 
 
 def craft_data() -> dict[str, Any]:
@@ -145,7 +149,11 @@ def test_no_change_of_a_key_opens_a_file(secrets: Path) -> None:
     ]
     for key in keys:
         name = str(secrets / "private.yaml")
-        for value in (name, f"{{scenario: {name}, array: {{fem: {name}}}}}", f"{{second_wing: {{scenario: {name}}}}}"):
+        for value in (
+            name,
+            f"{{scenario: {name}, array: {{fem: {name}}}}}",
+            f"{{second_wing: {{scenario: {name}}}}}",
+        ):
             view = forms.view_of(forms.Spec(base="state-1", changes={key: value}))
             assert SECRET not in str(view), (key, value)
             assert _watched == [], (key, value)
@@ -172,7 +180,8 @@ def test_what_a_command_opens_is_refused_where_no_files_are_opened(secrets: Path
         return {**data, **parse_yaml(NAMED[key].replace("NAME", str(secrets / "private.csv")), "x")}
 
     with pytest.raises(
-        MicrovibError, match=rf"{key}: .*names a file, and no files are opened here; write what it holds"
+        MicrovibError,
+        match=rf"{key}: .*names a file, and no files are opened here; write what it holds",
     ):
         scenario_of(given(), "x", None, NO_FILES)
     assert _watched == []
@@ -183,7 +192,9 @@ def test_what_a_command_opens_is_refused_where_no_files_are_opened(secrets: Path
 
 @pytest.mark.parametrize("name", ["", "a\0b", 7, None, ["a.csv"]])
 def test_what_is_no_name_is_said(name: Any) -> None:
-    with pytest.raises(MicrovibError, match=r"^key: .* is not allowed; the name of a file is expected$"):
+    with pytest.raises(
+        MicrovibError, match=r"^key: .* is not allowed; the name of a file is expected$"
+    ):
         FileAccess(Path()).under("key").path(name)
 
 

@@ -16,9 +16,9 @@ from microvib.model.linear import coupled_modes, dynamic_stiffness, momentum_row
 from microvib.model.orders import drive_orders
 from microvib.model.reducer import Reducer
 from microvib.reports.parameters import order_lines
-from microvib.solve.steady.period import repeats_after
+from microvib.solve.steady.period import common_period
 from microvib.solve.steady.state import steady_state
-from microvib.studies.rates import _meetings
+from microvib.studies.rates import _resonance_crossings
 
 
 def stage(**keys):
@@ -81,9 +81,9 @@ def test_planets_pass_one_another_where_their_tips_do():
     assert stage(sun=62, ring=228, planets=5).planets == 5
     with pytest.raises(ScenarioError, match="6 of 83 teeth overlap"):
         stage(sun=62, ring=228, planets=6, equally_spaced=False)
-    assert stage(sun=27, planet=35, ring=99, planets=4, equally_spaced=False).orders["mesh"].cycles == Fraction(
-        27 * 99, 126
-    )
+    assert stage(sun=27, planet=35, ring=99, planets=4, equally_spaced=False).orders[
+        "mesh"
+    ].cycles == Fraction(27 * 99, 126)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,9 @@ def test_each_arrangement_turns_as_counted_teeth_do(fixed, driven, lead):
 
 @pytest.mark.parametrize(("pinion", "wheel"), [(23, 67), (20, 60), (18, 24)])
 def test_the_same_two_teeth_meet_as_often_as_counting_says(pinion, wheel):
-    meets = next(n for n in range(1, pinion * wheel + 1) if n % pinion == 0 and n % wheel == 0)  # teeth gone by
+    meets = next(
+        n for n in range(1, pinion * wheel + 1) if n % pinion == 0 and n % wheel == 0
+    )  # teeth gone by
     assert stage(pinion=pinion, wheel=wheel).orders["hunting"].cycles == Fraction(pinion, meets)
 
 
@@ -193,7 +195,9 @@ def test_a_train_with_a_stepped_planet_has_its_lines():
 
 def test_inertia_and_stiffness_are_reflected_by_energy():
     first = stage(pinion=20, wheel=60, input_inertia=2e-7, output_inertia=5e-6, stiffness=400.0)
-    second = stage(sun=20, ring=70, planets=3, input_inertia=1e-6, planet_inertia=3e-7, stiffness=5000.0)
+    second = stage(
+        sun=20, ring=70, planets=3, input_inertia=1e-6, planet_inertia=3e-7, stiffness=5000.0
+    )
     reducer = reducer_of(first, second, wave_generator_inertia=1e-7)
     omega = -1 / 3  # second stage's sun, for one of the rotor
     carrier = omega * 20 / 90
@@ -249,7 +253,11 @@ def by_linear_drive(scenario, frequency, amplitude):
 def test_lines_of_a_train_stand_where_its_teeth_put_them_with_the_size_of_its_errors(way, turn):
     """The sizes by the linear drive, on whose output spring and damper of the gear push with the error."""
     scenario = geared(
-        **{"record.duration": 20.0, "record.settle": 5.0, "tracking.rate": turn * math.radians(10.0)},
+        **{
+            "record.duration": 20.0,
+            "record.settle": 5.0,
+            "tracking.rate": turn * math.radians(10.0),
+        },
         **({"reducer.train.0.internal": True} if way == "with" else {}),
     )
     assert scenario.reducer.h == pytest.approx(13.25 if way == "against" else -13.25)
@@ -280,15 +288,21 @@ def test_the_steady_state_takes_the_true_period_however_long():
     """53 and 20 teeth: many turns of the rotor; of the mesh alone, a twentieth of one."""
     scenario = geared()
     turn, orders = 4 * 4 * 50, [x.order for x in scenario.reducer.errors]
-    n = next(n for n in range(4, 100 * turn, 4) if all((n * order / turn).denominator == 1 for order in orders))
+    n = next(
+        n
+        for n in range(4, 100 * turn, 4)
+        if all((n * order / turn).denominator == 1 for order in orders)
+    )
     assert n > 13 * turn
-    assert repeats_after(scenario) == (n, 4)
+    assert common_period(scenario) == (n, 4)
     assert steady_state(scenario).microsteps == n
     mesh = [{"order": "mesh", "amplitude": 4e-5}]
     scenario = scenario.with_si({"reducer.train.0.errors": mesh, "reducer.train.1.errors": []})
-    assert repeats_after(scenario) == (40, 4)
+    assert common_period(scenario) == (40, 4)
     (line,) = (x for x in steady_lines(scenario) if x.line == "stage_1_mesh")
-    assert line.amplitude_n_m == pytest.approx(by_linear_drive(scenario, line.frequency_hz, 4e-5 / 5), rel=0.01)
+    assert line.amplitude_n_m == pytest.approx(
+        by_linear_drive(scenario, line.frequency_hz, 4e-5 / 5), rel=0.01
+    )
 
 
 def steady_lines(scenario):
@@ -319,7 +333,10 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"reducer.ratio": 13.0}, r"reducer\.ratio: 13 is not what follows from the other keys, 13\.25; leave it out"),
+        (
+            {"reducer.ratio": 13.0},
+            r"reducer\.ratio: 13 is not what follows from the other keys, 13\.25; leave it out",
+        ),
         (
             {"reducer.train.0.wheel": None},
             r"reducer\.train\.0: has the teeth of pinion; pinion and wheel are expected, or sun",
@@ -328,8 +345,14 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
             {"reducer.train.1.ring": 71},
             r"train\.1\.planet: ring less sun is 53, odd, so that planets have shifted profiles",
         ),
-        ({"reducer.train.1.ring": 19}, r"train\.1\.ring: 19 teeth leave no room for planets about a sun of 18"),
-        ({"reducer.train.1.planet": 40}, r"train\.1\.planet: 40 teeth do not fit between a sun of 18 and a ring of 72"),
+        (
+            {"reducer.train.1.ring": 19},
+            r"train\.1\.ring: 19 teeth leave no room for planets about a sun of 18",
+        ),
+        (
+            {"reducer.train.1.planet": 40},
+            r"train\.1\.planet: 40 teeth do not fit between a sun of 18 and a ring of 72",
+        ),
         (
             {"reducer.train.1.planets": 4},
             r"train\.1\.planets: 4 cannot be assembled at equal angles between a sun of 18 and a ring of 72, since 90 teeth are"
@@ -339,13 +362,22 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
             {"reducer.train.1.planets": 5},
             r"train\.1\.planets: 5 of 27 teeth overlap about a sun of 18; at most 4 have room",
         ),
-        ({"reducer.train.1.input": "ring"}, r"train\.1\.input: the ring stands \(fixed\); another member is expected"),
-        ({"reducer.train.0.planet_inertia": 1e-7}, r"train\.0\.planet_inertia: a spur stage has no planets"),
+        (
+            {"reducer.train.1.input": "ring"},
+            r"train\.1\.input: the ring stands \(fixed\); another member is expected",
+        ),
+        (
+            {"reducer.train.0.planet_inertia": 1e-7},
+            r"train\.0\.planet_inertia: a spur stage has no planets",
+        ),
         (
             {"reducer.train.0.errors.0.order": "2 sun"},
-            r"errors\.0\.order: '2 sun' is none of this stage's; names are pinion, wheel",
+            r"errors\.0\.order: '2 sun' is not an order of this stage; the orders are pinion, wheel",
         ),
-        ({"reducer.train.0.errors.0.order": "mesh - 20 pinion"}, r"errors\.0\.order: 'mesh - 20 pinion' is no order"),
+        (
+            {"reducer.train.0.errors.0.order": "mesh - 20 pinion"},
+            r"errors\.0\.order: 'mesh - 20 pinion' is no order",
+        ),
         (
             {"reducer.train.1.output_inertia": 1e-5},
             r"train\.1\.output_inertia: is on the output; give it as reducer\.output_inertia",
@@ -388,7 +420,9 @@ def test_an_output_that_turns_with_the_rotor_is_the_mirrored_drive(stiffness, me
             "wave_generator_inertia": 5e-6, "damping": 5.0, "stiffness": 9000.0,
         }  # fmt: skip
         motions.append(
-            mv.simulate(baseline().with_si({"reducer": in_si(Reducer, **reducer), "sources": {}, **changes}))
+            mv.simulate(
+                baseline().with_si({"reducer": in_si(Reducer, **reducer), "sources": {}, **changes})
+            )
         )
     one, other = motions
     assert one.solver["sticks"] > 3
@@ -403,9 +437,13 @@ def test_an_output_that_turns_with_the_rotor_is_the_mirrored_drive(stiffness, me
         "T_e": -1,
     }.items():
         size = np.max(np.abs(one[channel]))
-        np.testing.assert_allclose(other[channel], sign * one[channel], atol=1e-6 * size, err_msg=channel)
+        np.testing.assert_allclose(
+            other[channel], sign * one[channel], atol=1e-6 * size, err_msg=channel
+        )
     own = one.scenario.rotor_inertia * one["alpha_m"]
-    np.testing.assert_allclose(other["T_d"], one["T_d"] + 2.0 * own, atol=1e-6 * np.max(np.abs(one["T_d"])))
+    np.testing.assert_allclose(
+        other["T_d"], one["T_d"] + 2.0 * own, atol=1e-6 * np.max(np.abs(one["T_d"]))
+    )
     assert other.invariants.torque_forms < 1e-9
     assert other.invariants.energy < 1e-5
 
@@ -421,7 +459,8 @@ def test_a_ratio_that_turns_the_same_way_is_such_a_train(stiffness):
     assert np.array_equal(one["T_d"], other["T_d"])
     assert np.sign(one["omega_m"].mean()) == np.sign(one["omega_l"].mean())
     with pytest.raises(
-        ScenarioError, match=r"same_way: the teeth of a train say which way its output turns; leave it out"
+        ScenarioError,
+        match=r"same_way: the teeth of a train say which way its output turns; leave it out",
     ):
         by_teeth.with_({"reducer.same_way": True})
 
@@ -434,10 +473,16 @@ def test_show_prints_the_orders_and_marks_those_near_a_mode():
     assert rows["stage 1, mesh"].split()[3:5] == ["265", "7.361111"]
     assert rows["stage 2, mesh"].split()[3:5] == ["72", "2"]
     assert rows["stage 2, mesh"].endswith("<- near array_mode_1")
-    assert rows["stage 2, mesh + sun_tooth"].endswith("sideband of the mesh, sun_tooth")  # 5.6 % off
+    assert rows["stage 2, mesh + sun_tooth"].endswith(
+        "sideband of the mesh, sun_tooth"
+    )  # 5.6 % off
     still = order_lines(baseline().with_si({"tracking.rate": 0.0}))
     assert "near" not in "".join(still)
-    turn = [x for x in drive_orders(baseline().with_si(THREE)) if x.name in ("full_step_1", "detent", "electrical_1")]
+    turn = [
+        x
+        for x in drive_orders(baseline().with_si(THREE))
+        if x.name in ("full_step_1", "detent", "electrical_1")
+    ]
     assert [x.per_turn for x in turn] == [6 * 5000, 6 * 5000, 5000]
     changing = {
         "tracking.rate": None,
@@ -450,5 +495,8 @@ def test_rates_at_which_a_mesh_meets_a_mode_are_looked_at():
     mode = {"frequency": 2.0, "damping": 0.02, "effective_inertia": 0.02}
     scenario = geared(**{"array.modes": [mode], "array.inertia": 0.04})
     (seen,) = (x for x in coupled_modes(scenario) if x.fixed_frequency)
-    found = {x.line: x.rate for x in _meetings(scenario, 4, [seen], math.radians(1.0), math.radians(20.0))}
+    found = {
+        x.line: x.rate
+        for x in _resonance_crossings(scenario, 4, [seen], math.radians(1.0), math.radians(20.0))
+    }
     assert found["stage_1_mesh"] == pytest.approx(seen.frequency / 265 * 2 * math.pi)

@@ -90,7 +90,9 @@ TRICKS = [
 
 
 @pytest.mark.parametrize("ending", [".mat", ".nc"])
-@pytest.mark.parametrize(("trick", "complaint"), TRICKS, ids=[trick.__name__ for trick, _ in TRICKS])
+@pytest.mark.parametrize(
+    ("trick", "complaint"), TRICKS, ids=[trick.__name__ for trick, _ in TRICKS]
+)
 def test_a_file_that_leads_out_is_refused(tmp_path, secret, trick, complaint, ending):
     path = tmp_path / f"upload{ending}"
     with h5py.File(path, "w") as f:
@@ -111,7 +113,10 @@ def test_a_link_of_an_unknown_kind_and_a_name_that_is_a_path(tmp_path, secret):
     at = data.index(b"\x40\x03ext")  # kind of the link, length of its name, the name
     data[at] = 0x41
     (tmp_path / "link.h5").write_bytes(data)
-    with open_hdf5(tmp_path / "link.h5") as root, pytest.raises(MicrovibError, match="/ext is a link to another file"):
+    with (
+        open_hdf5(tmp_path / "link.h5") as root,
+        pytest.raises(MicrovibError, match="/ext is a link to another file"),
+    ):
         root.members()
 
     with h5py.File(tmp_path / "name.h5", "w") as f:
@@ -120,7 +125,10 @@ def test_a_link_of_an_unknown_kind_and_a_name_that_is_a_path(tmp_path, secret):
     whole = (tmp_path / "name.h5").read_bytes()
     for name in (b"out/Mz", b"..\0\0\0\0", b".\0\0\0\0\0"):
         (tmp_path / "name.h5").write_bytes(whole.replace(b"out_Mz", name))
-        with pytest.raises(MicrovibError, match="not a name"), open_hdf5(tmp_path / "name.h5") as root:
+        with (
+            pytest.raises(MicrovibError, match="not a name"),
+            open_hdf5(tmp_path / "name.h5") as root,
+        ):
             root.members()
 
 
@@ -187,7 +195,9 @@ def test_references_and_attributes_lead_nowhere(tmp_path, secret):
     """References to regions and attributes that are lists or references are not followed."""
     with h5py.File(tmp_path / "made.mat", "w") as f:
         f["fs"], f["Mz"] = 4096.0, np.arange(64.0)
-        hidden = f.create_dataset("#refs#/a", shape=(64,), dtype="u1", external=[(str(secret), 0, 64)])
+        hidden = f.create_dataset(
+            "#refs#/a", shape=(64,), dtype="u1", external=[(str(secret), 0, 64)]
+        )
         f.create_dataset("region", data=[hidden.regionref[:]], dtype=h5py.regionref_dtype)
         f["Mz"].attrs["DIMENSION_LIST"] = np.array([hidden.ref], dtype=h5py.ref_dtype)
         f["Mz"].attrs["units"] = ["N*m", "N"]
@@ -196,19 +206,23 @@ def test_references_and_attributes_lead_nowhere(tmp_path, secret):
     assert set(read_recording(tmp_path / "made.mat").channels) == {"Mz"}
     with open_hdf5(tmp_path / "made.mat") as root:
         member = root.dataset("Mz")
-        assert [member.attribute(name) for name in ("DIMENSION_LIST", "units", "MATLAB_class", "none")] == [None] * 4
+        assert [
+            member.attribute(name) for name in ("DIMENSION_LIST", "units", "MATLAB_class", "none")
+        ] == [None] * 4
 
 
 def test_what_is_whole_in_itself_is_read(tmp_path):
     """Chunks, filters, a hard link, a named type, and MATLAB's texts, cells and structs."""
     values = np.random.default_rng(0).normal(size=SAMPLES)
     with h5py.File(tmp_path / "good.mat", "w") as f:
-        f.create_dataset("a", data=values, chunks=(500,), compression="gzip", shuffle=True, fletcher32=True)
+        f.create_dataset(
+            "a", data=values, chunks=(500,), compression="gzip", shuffle=True, fletcher32=True
+        )
         f["b"] = f["a"]
         f["kind"] = np.dtype("f8")
-        f.create_dataset("test/label", data=[[ord(c)] for c in "table"], dtype="u2").attrs["MATLAB_class"] = np.bytes_(
-            "char"
-        )
+        f.create_dataset("test/label", data=[[ord(c)] for c in "table"], dtype="u2").attrs[
+            "MATLAB_class"
+        ] = np.bytes_("char")
         one = f.create_dataset("#refs#/b", data=[[ord("N")]], dtype="u2")
         one.attrs["MATLAB_class"] = np.bytes_("char")
         cells = f.create_dataset("cells", data=[[one.ref, f["a"].ref]], dtype=h5py.ref_dtype)
@@ -228,7 +242,11 @@ def _element(kind: int, body: bytes) -> bytes:
 def _matrix(kind: int, dimensions: tuple[int, ...], name: bytes, *parts: bytes) -> bytes:
     flags = _element(6, struct.pack("<2I", kind, 0))
     return _element(
-        14, flags + _element(5, struct.pack(f"<{len(dimensions)}i", *dimensions)) + _element(1, name) + b"".join(parts)
+        14,
+        flags
+        + _element(5, struct.pack(f"<{len(dimensions)}i", *dimensions))
+        + _element(1, name)
+        + b"".join(parts),
     )
 
 
@@ -238,7 +256,10 @@ def _mat_5(*elements: bytes) -> bytes:
 
 def _nested(depth: int) -> bytes:
     """Cells within cells: all that is before the next one is the same but for the length."""
-    inner, cell = _matrix(6, (1, 1), b"", _element(9, struct.pack("<d", 1.0))), _matrix(1, (1, 1), b"")
+    inner, cell = (
+        _matrix(6, (1, 1), b"", _element(9, struct.pack("<d", 1.0))),
+        _matrix(1, (1, 1), b""),
+    )
     lengths = (len(inner) + k * len(cell) - 8 for k in range(depth, 0, -1))
     return b"".join(struct.pack("<2I", 14, length) + cell[8:] for length in lengths) + inner
 
@@ -272,5 +293,7 @@ def test_a_packed_matlab_file_is_bounded(tmp_path, monkeypatch):
 @pytest.mark.parametrize("form", ["4", "5"])
 def test_matlab_files_of_older_versions_are_read(tmp_path, form):
     values = np.random.default_rng(0).normal(size=SAMPLES)
-    scipy.io.savemat(tmp_path / "old.mat", {"Mz": values, "fs": 4096.0}, format=form, do_compression=form == "5")
+    scipy.io.savemat(
+        tmp_path / "old.mat", {"Mz": values, "fs": 4096.0}, format=form, do_compression=form == "5"
+    )
     np.testing.assert_array_equal(read_matlab(tmp_path / "old.mat")["Mz"], values)

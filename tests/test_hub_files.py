@@ -13,8 +13,8 @@ from microvib.io.hub_sources import COLUMNS
 from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import receiver_of
-from microvib.model.rigid import motion_of
-from microvib.structures.hub import FreeModes, freed, hub_of
+from microvib.model.rigid import rigid_motion_at
+from microvib.structures.hub import FreeModes, free_free_modes, hub_of
 from microvib.structures.modal import ModalError, ModalModel
 
 HUB_COLUMNS = ("mode", "frequency_hz", "damping", *COLUMNS[2:])
@@ -39,7 +39,10 @@ def free_modes() -> FreeModes:
     mixed = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
     rigid = vectors @ np.diag(values**-0.5) @ mixed
     shapes = np.array(
-        [np.column_stack([motion(place) @ rigid, BENDING * (1.0 + k)]) for k, place in enumerate(POINTS.values())]
+        [
+            np.column_stack([motion(place) @ rigid, BENDING * (1.0 + k)])
+            for k, place in enumerate(POINTS.values())
+        ]
     )
     tiny = np.array([3e-5, 1e-4, 0.0, 2e-4, 1e-5, 4e-4])
     places = np.array(list(POINTS.values())) - ORIGIN
@@ -51,19 +54,31 @@ def table(modes: FreeModes) -> str:
     for k, f in enumerate(modes.frequency):
         for p, name in enumerate(modes.names):
             values = [*modes.positions[p], *modes.shapes[p, :, k]]
-            lines.append(",".join([str(k + 1), repr(float(f)), "0.003", name, *(repr(float(v)) for v in values)]))
+            lines.append(
+                ",".join(
+                    [str(k + 1), repr(float(f)), "0.003", name, *(repr(float(v)) for v in values)]
+                )
+            )
     return "\n".join(lines) + "\n"
 
 
 SPACECRAFT = {
     "hub": {"modes": "hub.csv"},
-    "interface": {"position": ["0.35 m", "0.9 m", "-0.2 m"], "drive_axis": [0, 1, 0], "reference": [1, 0, 0]},
+    "interface": {
+        "position": ["0.35 m", "0.9 m", "-0.2 m"],
+        "drive_axis": [0, 1, 0],
+        "reference": [1, 0, 0],
+    },
     "line_of_sight": {"rows": "los.csv", "windows": ["10 ms"]},
 }
 ARRAY = {
     "inertia": "12.2 kg*m^2",
     "modes": [
-        {"frequency": "1.19 Hz", "damping": "1 percent", "interface_participation": [0.1, -0.1, 0.02, 0.3, -0.4, 3.35]}
+        {
+            "frequency": "1.19 Hz",
+            "damping": "1 percent",
+            "interface_participation": [0.1, -0.1, 0.02, 0.3, -0.4, 3.35],
+        }
     ],
     "rigid_body": {
         "mass": "36.15 kg",
@@ -71,7 +86,10 @@ ARRAY = {
         "inertia": [f"{x} kg*m^2" for x in (420, 430, 12.2, 1.5, -4, -2.2)],
     },
 }
-ROWS = ",".join(("axis", "point", *SHAPE)) + "\nx,payload,0,0,0,1,0,0\nx,root,0.5,0,0,0,0,0\ny,payload,0,0,0,0,1,0\n"
+ROWS = (
+    ",".join(("axis", "point", *SHAPE))
+    + "\nx,payload,0,0,0,1,0,0\nx,root,0.5,0,0,0,0,0\ny,payload,0,0,0,0,1,0\n"
+)
 
 
 @pytest.fixture
@@ -111,29 +129,38 @@ def test_a_scenario_names_its_tables(file: Path, tmp_path: Path) -> None:
 
 def test_a_hub_freed_of_its_clamp_weighs_what_its_clamped_modes_say(tmp_path: Path) -> None:
     """Apparent mass at the root, D_0 + sum p p' (w_k^2 + 2 j z w_k w) / (w_k^2 - w^2 + 2 j z w_k w), with unequal damping."""
-    M = motion_of(np.array([0.2, -0.1, 0.6]))
+    M = rigid_motion_at(np.array([0.2, -0.1, 0.6]))
     M = M.T @ np.diag([300.0, 300.0, 300.0, 150.0, 120.0, 180.0]) @ M
     parts = np.random.default_rng(2).normal(size=(6, 4))
     P = 0.9 * np.linalg.cholesky(M) @ parts / np.linalg.norm(parts, 2)
     f, xi = np.array([9.0, 9.4, 21.0, 30.0]), np.array([0.2, 0.001, 0.1, 0.02])
-    hub = hub_of(freed(ModalModel(f, xi, P, M)))
-    place = {"position": hub.points[0].position, "drive_axis": (0.0, 1.0, 0.0), "reference": (1.0, 0.0, 0.0)}
+    hub = hub_of(free_free_modes(ModalModel(f, xi, P, M)))
+    place = {
+        "position": hub.points[0].position,
+        "drive_axis": (0.0, 1.0, 0.0),
+        "reference": (1.0, 0.0, 0.0),
+    }
     craft = {"hub": hub, "interface": place}
     scenario = scenario_of(whole.FullCraft(), spacecraft=craft)
     at, w_k = np.geomspace(1.0, 60.0, 41), 2.0 * np.pi * f
     w = 2.0 * np.pi * at[:, None]
     shares = (w_k**2 + 2j * xi * w_k * w) / (w_k**2 - w**2 + 2j * xi * w_k * w)
     wanted = np.linalg.inv(M - P @ P.T + np.einsum("ik,mk,jk->mij", P, shares, P))
-    assert receiver_of(scenario).accelerance(at) == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+    assert receiver_of(scenario).accelerance(at) == pytest.approx(
+        wanted, abs=1e-9 * np.abs(wanted).max()
+    )
     alone = [mode.model_copy(update={"coupling": ()}) for mode in hub.modes]
     diagonal = scenario.with_si({"spacecraft.hub.modes": alone})
-    assert np.abs(receiver_of(diagonal).accelerance(at) - wanted).max() > 0.05 * np.abs(wanted).max()
+    assert (
+        np.abs(receiver_of(diagonal).accelerance(at) - wanted).max() > 0.05 * np.abs(wanted).max()
+    )
     (tmp_path / "again.yaml").write_text(mv.dump_scenario(scenario))
     assert load_scenario(tmp_path / "again.yaml") == scenario
     with pytest.raises(mv.ScenarioError, match="damping and coupling would feed the hub"):
         scenario.with_si({"spacecraft.hub.modes.1.coupling": [1e3]})
     with pytest.raises(
-        mv.ScenarioError, match=r"modes\.1\.coupling: has 2 values; one for each mode before it, 1, is expected"
+        mv.ScenarioError,
+        match=r"modes\.1\.coupling: has 2 values; one for each mode before it, 1, is expected",
     ):
         scenario.with_si({"spacecraft.hub.modes.1.coupling": [0.1, 0.2]})
 
@@ -165,9 +192,21 @@ def test_modes_that_are_no_free_hubs_are_one_sentence(wrong, says) -> None:
         ("los.csv", lambda t: t.replace("payload", "star"), "'star' is not a point of the hub"),
         ("los.csv", lambda t: "", "is not a table of sensitivities"),
         ("craft.yaml", lambda t: t.replace("hub.csv", "none.csv"), "No such file"),
-        ("craft.yaml", lambda t: t.replace("hub.csv", "hub.doc"), "is not a source of a hub's modes"),
-        ("craft.yaml", lambda t: t.replace('"hub.csv"', '"hub.csv", "mass": "3 kg"'), "does not go with hub.modes"),
-        ("craft.yaml", lambda t: t.replace("0.35 m", "0.36 m"), "no point of the hub's modes lies at"),
+        (
+            "craft.yaml",
+            lambda t: t.replace("hub.csv", "hub.doc"),
+            "is not a source of a hub's modes",
+        ),
+        (
+            "craft.yaml",
+            lambda t: t.replace('"hub.csv"', '"hub.csv", "mass": "3 kg"'),
+            "does not go with hub.modes",
+        ),
+        (
+            "craft.yaml",
+            lambda t: t.replace("0.35 m", "0.36 m"),
+            "no point of the hub's modes lies at",
+        ),
     ],
 )
 def test_bad_files_are_one_sentence(file: Path, name: str, edit, says: str) -> None:

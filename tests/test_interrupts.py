@@ -8,10 +8,12 @@ import threading
 
 import pytest
 
-from microvib.studies.interrupts import any_done, held, look, result
-from microvib.studies.workers import all_cores
+from microvib.studies.interrupts import any_done, check_interrupt, deferred_interrupts, result
+from microvib.studies.workers import parallel_calls
 
-posix = pytest.mark.skipif(os.name != "posix", reason="interrupts of one's own program are sent as signals")
+posix = pytest.mark.skipif(
+    os.name != "posix", reason="interrupts of one's own program are sent as signals"
+)
 
 INTERRUPTED_OFTEN = """
 import random, signal
@@ -42,24 +44,26 @@ def test_work_that_is_interrupted_at_any_instant_ends():
         "import signal\nsignal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))"
         + INTERRUPTED_OFTEN
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 50
 
 
 @posix
 def test_an_interrupt_is_held_until_it_is_looked_for():
-    with held(), held():
+    with deferred_interrupts(), deferred_interrupts():
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
-            look()
-        look()
+            check_interrupt()
+        check_interrupt()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @posix
 def test_an_interrupt_after_the_last_look_is_not_lost():
-    with pytest.raises(KeyboardInterrupt), held():
+    with pytest.raises(KeyboardInterrupt), deferred_interrupts():
         signal.raise_signal(signal.SIGINT)
 
 
@@ -73,7 +77,7 @@ def test_the_third_interrupt_in_a_row_is_not_held_back():
             sent.append(True)
             signal.raise_signal(signal.SIGINT)
 
-    with pytest.raises(KeyboardInterrupt), held():
+    with pytest.raises(KeyboardInterrupt), deferred_interrupts():
         press()
     assert len(sent) == 3
 
@@ -81,14 +85,14 @@ def test_the_third_interrupt_in_a_row_is_not_held_back():
 def test_other_handlers_and_other_threads_are_left_alone():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with held():
+        with deferred_interrupts():
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
     seen = []
 
     def elsewhere():
-        with held():
+        with deferred_interrupts():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=elsewhere)
@@ -98,7 +102,7 @@ def test_other_handlers_and_other_threads_are_left_alone():
 
 
 def test_results_and_errors_come_back():
-    with all_cores() as calls:
+    with parallel_calls() as calls:
         assert calls(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
         with pytest.raises(ZeroDivisionError):
             calls(divmod, [(1, 0)])
@@ -147,7 +151,9 @@ def test_an_interrupt_within_a_command_is_a_sentence_wherever_it_comes():
     """Within an import of the command, and in a destructor, where Python itself would print a traceback and go on."""
     for name, where in (("microvib.io.scenario_file", ""), ("-", IN_A_DESTRUCTOR)):
         program = f"NAME = {name!r}\n{where}{AT_AN_IMPORT}"
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+        )
         assert done.returncode == 130
         assert done.stderr.strip() == "Interrupted; no file was left half-written."
 
@@ -182,6 +188,8 @@ def test_a_coordinator_that_is_killed_leaves_nothing_on_the_terminal(ready):
         "        [pool.submit(os.urandom, 1000) for _ in range(1000)]\n"
         "        os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=100, check=False
+    )
     assert done.returncode == -signal.SIGKILL
     assert done.stderr == ""

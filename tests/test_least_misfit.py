@@ -10,7 +10,7 @@ import microvib as mv
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import parse_fit
 from microvib.studies.identify.goodness import goodness
-from microvib.studies.identify.problem import Problem, Trust, cost
+from microvib.studies.identify.problem import ErrorModel, Problem, cost
 from microvib.studies.identify.search import Optimum, least_misfit
 from microvib.testdata.recording import Recording
 
@@ -27,14 +27,20 @@ def made():
     random = np.random.default_rng(DRAW)
     rate, stiffness = np.exp(random.uniform(np.log([0.02, 4e3]), np.log([0.1, 1.2e4])))
     record = {"tracking.rate": math.radians(rate), "record.settle": 3.0, "record.duration": 4.0}
-    model = mv.load_scenario("state-1").with_si({**record, "friction.presliding": {"stiffness": float(stiffness)}})
+    model = mv.load_scenario("state-1").with_si(
+        {**record, "friction.presliding": {"stiffness": float(stiffness)}}
+    )
     truth = {key: float(model[key]) * math.exp(random.uniform(-0.7, 0.7)) for key in KEYS}
     truth["reducer.damping"] = float(model["reducer.damping"]) * math.exp(random.uniform(0.0, 2.5))
     torque = mv.simulate(model.with_si(truth), channels=("T_d",))["T_d"]
-    recording = Recording({"Mz": torque + random.normal(0.0, 1e-5, torque.size)}, 4096.0, {"Mz": "N*m"}, "made")
+    recording = Recording(
+        {"Mz": torque + random.normal(0.0, 1e-5, torque.size)}, 4096.0, {"Mz": "N*m"}, "made"
+    )
     one = evidence_of(recording, model)
     wrong = [
-        replace(o, value=o.value * math.exp(LINES * random.normal())) if o.form == "amplitude" else o
+        replace(o, value=o.value * math.exp(LINES * random.normal()))
+        if o.form == "amplitude"
+        else o
         for o in one.observations
     ]
     kept = tuple(o for o in wrong if (o.line, o.form) != ("array_mode_1", "amplitude"))
@@ -43,7 +49,9 @@ def made():
 
 def posed(made, model_error):
     model, _, evidence = made
-    return Problem(model, [(evidence, {})], [parse_fit(model, key) for key in KEYS], Trust(model_error))
+    return Problem(
+        model, [(evidence, {})], [parse_fit(model, key) for key in KEYS], ErrorModel(model_error)
+    )
 
 
 def at(problem, values):

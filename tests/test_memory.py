@@ -30,7 +30,8 @@ def virgin(elements, limit, angle):
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "angle", "count"), [(6000.0, None, 6), (6000.0, 5e-4, 10), (2e5, 1e-4, 4), (3e3, 1.0, 2)]
+    ("stiffness", "angle", "count"),
+    [(6000.0, None, 6), (6000.0, 5e-4, 10), (2e5, 1e-4, 4), (3e3, 1.0, 2)],
 )
 def test_elements_have_the_stiffness_the_limit_and_the_angle_asked_for(stiffness, angle, count):
     limit = 0.6
@@ -46,7 +47,10 @@ def test_elements_have_the_stiffness_the_limit_and_the_angle_asked_for(stiffness
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"stiffness": 1e3, "breakaway_angle": 1e-5}, r"breakaway_angle is 1e-05 rad; it must be above"),
+        (
+            {"stiffness": 1e3, "breakaway_angle": 1e-5},
+            r"breakaway_angle is 1e-05 rad; it must be above",
+        ),
         ({"stiffness": 1e3, "breakaway_angle": 1e-5, "elements": 1}, "one element slides at"),
         ({"stiffness": 0.0}, "stiffness"),
         ({"stiffness": 1e3, "elements": 11}, "elements"),
@@ -88,7 +92,12 @@ def test_an_inner_loop_is_forgotten_where_it_closes():
     memory, limit = maxwell_elements(6e3, 0.6, 6), 0.6
     straight = np.linspace(0.0, 3e-4, 400)
     there = np.concatenate(
-        [straight[:200], np.linspace(straight[199], 5e-5, 50), np.linspace(5e-5, straight[199], 50), straight[200:]]
+        [
+            straight[:200],
+            np.linspace(straight[199], 5e-5, 50),
+            np.linspace(5e-5, straight[199], 50),
+            straight[200:],
+        ]
     )
     assert quasi_static_torque(memory, limit, there)[-200:] == pytest.approx(
         quasi_static_torque(memory, limit, straight)[-200:], abs=1e-12
@@ -126,11 +135,16 @@ def test_a_cycle_dissipates_what_its_elements_slide(amplitude):
     path = loop(amplitude)
     torque = quasi_static_torque(memory, limit, path.ravel()).reshape(5, -1)
     lost = sum(float(np.trapezoid(torque[k], path[k])) for k in (1, 2))
-    exact = sum(4.0 * share * limit * max(amplitude - share * limit / k, 0.0) for k, share in memory)
+    exact = sum(
+        4.0 * share * limit * max(amplitude - share * limit / k, 0.0) for k, share in memory
+    )
     assert lost == pytest.approx(exact, abs=2e-2 * limit * amplitude)
 
 
-SPLIT, LIMIT = ((4000.0, 0.2), (1500.0, 0.3), (700.0, 0.5)), 0.545  # the last slides at 389 microradians
+SPLIT, LIMIT = (
+    ((4000.0, 0.2), (1500.0, 0.3), (700.0, 0.5)),
+    0.545,
+)  # the last slides at 389 microradians
 
 
 def measured(amplitude, noise=0.0, offset=0.0, first=0, seed=1):
@@ -164,7 +178,9 @@ def test_a_measured_loop_makes_elements_that_go_round_it(amplitude, noise, offse
 def test_a_first_loading_alone_is_enough():
     angle = np.linspace(0.0, 1e-3, 300)
     for side in (1.0, -1.0):
-        rows = tuple(zip(side * angle, side * quasi_static_torque(SPLIT, LIMIT, angle), strict=True))
+        rows = tuple(
+            zip(side * angle, side * quasi_static_torque(SPLIT, LIMIT, angle), strict=True)
+        )
         ours = quasi_static_torque(loop_elements(rows, LIMIT, 6), LIMIT, angle)
         assert ours == pytest.approx(quasi_static_torque(SPLIT, LIMIT, angle), abs=0.02 * LIMIT)
 
@@ -172,7 +188,10 @@ def test_a_first_loading_alone_is_enough():
 def test_a_scenario_takes_a_measured_loop_as_csv(state_1, tmp_path):
     rows = [f"{angle * 1e6:.6f},{torque * 1e3:.6f}" for angle, torque in measured(1e-3)]
     (tmp_path / "loop.csv").write_text("\n".join(["angle [urad],torque [mN*m]", *rows]))
-    changes = {"friction.presliding.loop": str(tmp_path / "loop.csv"), "friction.breakaway": "0 N*m"}
+    changes = {
+        "friction.presliding.loop": str(tmp_path / "loop.csv"),
+        "friction.breakaway": "0 N*m",
+    }
     with pytest.raises(MicrovibError, match=r"friction\.presliding: loop levels at 0\.545 N\*m"):
         mv.load_scenario("state-1", {"friction.presliding.loop": str(tmp_path / "loop.csv")})
     scenario = mv.load_scenario("state-1", {**changes, "friction.coulomb": "0 N*m"})
@@ -188,11 +207,20 @@ def test_a_scenario_takes_a_measured_loop_as_csv(state_1, tmp_path):
     ("changes", "sentence"),
     [
         ({"loop": [[0.0, 0.0], [1e-3, 0.5]]}, "loop: at least 5 rows are expected"),
-        ({"loop": [[1e-3 * k, -0.1 * k] for k in range(6)]}, "loop: its torque does not rise with the angle"),
+        (
+            {"loop": [[1e-3 * k, -0.1 * k] for k in range(6)]},
+            "loop: its torque does not rise with the angle",
+        ),
         ({"loop": [[1e-3 * k, 0.3] for k in range(1, 7)]}, "loop levels at .* is expected"),
         ({"loop": [[1e-3 * k, 0.4 * k] for k in range(6)]}, "loop reaches 2 N.m; at most"),
-        ({"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "stiffness": 1e4}, "give either stiffness or loop"),
-        ({"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "breakaway_angle": 1e-3}, "says where all slides"),
+        (
+            {"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "stiffness": 1e4},
+            "give either stiffness or loop",
+        ),
+        (
+            {"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "breakaway_angle": 1e-3},
+            "says where all slides",
+        ),
         ({"elements": 3}, "give either stiffness or loop"),
     ],
 )
@@ -203,7 +231,10 @@ def test_loops_that_say_nothing_are_told(state_1, changes, sentence):
 
 def along(scenario, microsteps=12, per_microstep=400):
     """Snapshots through the first microsteps, by channel."""
-    rows, _ = rows_at(scenario, np.arange(microsteps * per_microstep) / (per_microstep * scenario.driving_frequency))
+    rows, _ = rows_at(
+        scenario,
+        np.arange(microsteps * per_microstep) / (per_microstep * scenario.driving_frequency),
+    )
     return dict(zip(kernel.CHANNELS, rows[:, : kernel.N_CHANNELS].T, strict=True))
 
 
@@ -221,7 +252,9 @@ def test_friction_without_a_rate_is_the_quasi_static_one_of_the_path(state_1):
 
 
 def test_the_gears_hysteresis_is_the_quasi_static_one_of_its_twist(state_1):
-    scenario = state_1.with_si({"reducer.hysteresis": {"loss": 2e-6, "stiffness": 8e3}, "reducer.damping": 0.0})
+    scenario = state_1.with_si(
+        {"reducer.hysteresis": {"loss": 2e-6, "stiffness": 8e3}, "reducer.damping": 0.0}
+    )
     seen, gear = along(scenario), scenario.reducer
     twist = -seen["theta_m"] / gear.ratio - seen["theta_l"]
     lag = seen["T_g"] - gear.stiffness * twist
@@ -232,10 +265,14 @@ def test_the_gears_hysteresis_is_the_quasi_static_one_of_its_twist(state_1):
 
 def test_stiff_contacts_give_the_lines_of_a_friction_that_sticks(state_1):
     short = state_1.with_si({"record.settle": 1.0, "record.duration": 2.0})
-    rigid, *stiff = mv.batch([short, *(short.with_si({"friction.presliding": {"stiffness": k}}) for k in (6e3, 1e8))])
+    rigid, *stiff = mv.batch(
+        [short, *(short.with_si({"friction.presliding": {"stiffness": k}}) for k in (6e3, 1e8))]
+    )
 
     def drive_1(torque):
-        spectrum = np.abs(np.fft.rfft((torque.T_d - torque.T_d.mean()) * np.hanning(torque.T_d.size)))
+        spectrum = np.abs(
+            np.fft.rfft((torque.T_d - torque.T_d.mean()) * np.hanning(torque.T_d.size))
+        )
         return float(spectrum[round(2.0 * short.driving_frequency) + np.arange(-1, 2)].max())
 
     apart = [abs(drive_1(x) / drive_1(rigid) - 1.0) for x in stiff]
@@ -295,7 +332,9 @@ def test_a_steady_state_goes_on_with_what_the_elements_remember(presliding):
     state = steady_state(presliding)
     record = mv.lines(state.motion(channels=("T_d",)))
     for name in ("drive_1", "drive_2"):
-        assert record[name].amplitude_n_m == pytest.approx(mv.lines(state)[name].amplitude_n_m, rel=0.01)
+        assert record[name].amplitude_n_m == pytest.approx(
+            mv.lines(state)[name].amplitude_n_m, rel=0.01
+        )
 
 
 def test_the_torque_alone_is_as_accurate_as_with_all_channels_where_friction_remembers(state_1):
@@ -303,4 +342,6 @@ def test_the_torque_alone_is_as_accurate_as_with_all_channels_where_friction_rem
     fine = mv.simulate(scenario.with_si({"solver.refinement": 4}), channels=("T_d",))["T_d"]
     [alone] = simulate_torques([scenario])
     deviation = float(np.std(alone.T_d - fine) / np.std(fine))
-    assert deviation < 1e-3  # 1.3 % where what happens inside steps counts as little as without memory
+    assert (
+        deviation < 1e-3
+    )  # 1.3 % where what happens inside steps counts as little as without memory

@@ -7,12 +7,12 @@ import pytest
 
 import microvib as mv
 from microvib.studies.evidence import evidence_of
-from microvib.studies.identify import Trust, identify, parse_fit
-from microvib.studies.identify.fit import without_the_start
-from microvib.studies.identify.misread import misread
+from microvib.studies.identify import ErrorModel, identify, parse_fit
+from microvib.studies.identify.fit import without_start_dependence
+from microvib.studies.identify.misread import diagnose_units_signs
 from microvib.studies.identify.problem import Problem, cost
-from microvib.studies.identify.scattered import jumps
-from microvib.studies.identify.search import Optimum, local_at
+from microvib.studies.identify.scattered import is_noisy
+from microvib.studies.identify.search import Optimum, linearise_at
 from microvib.testdata.recording import Recording
 
 
@@ -29,8 +29,8 @@ def torque(short):
 
 def posed(model, channels):
     recording = Recording(channels, 4096.0, dict.fromkeys(channels, "N*m"), title="made")
-    keys, trust = [parse_fit(model, "reducer.stiffness")], Trust(0.004)
-    tests, _ = without_the_start([(evidence_of(recording, model), {})], model, keys, trust)
+    keys, trust = [parse_fit(model, "reducer.stiffness")], ErrorModel(0.004)
+    tests, _ = without_start_dependence([(evidence_of(recording, model), {})], model, keys, trust)
     return Problem(model, tests, keys, trust)
 
 
@@ -40,33 +40,42 @@ def posed(model, channels):
         (-1.0, "with its sign reversed the model"),
         (1e3, "divided by 1000, as in mN*m taken for N*m, the model"),
         (1.0 / 0.112985, "divided by 8.85073, as in lbf*in taken for N*m, the model"),
-        (-1e-3, "with its sign reversed and multiplied by 1000, as in N*m taken for mN*m, the model"),
+        (
+            -1e-3,
+            "with its sign reversed and multiplied by 1000, as in N*m taken for mN*m, the model",
+        ),
         (1.7, "divided by 1.7 the model"),
     ],
 )
 def test_a_channel_of_another_sign_or_unit_is_told(short, torque, factor, said):
-    (one,) = misread(posed(short, {"Mz": factor * torque}))
+    (one,) = diagnose_units_signs(posed(short, {"Mz": factor * torque}))
     assert one == f"made: {said} explains it; look at order, sign and unit of Mz."
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_samples_in_reverse_order_are_told(short, torque, sign):
-    (one,) = misread(posed(short, {"Mz": sign * torque[::-1]}))
+    (one,) = diagnose_units_signs(posed(short, {"Mz": sign * torque[::-1]}))
     what = "its time" if sign > 0.0 else "its sign and time"
-    assert one == f"made: with {what} reversed the model explains it; look at order, sign and unit of Mz."
+    assert (
+        one
+        == f"made: with {what} reversed the model explains it; look at order, sign and unit of Mz."
+    )
 
 
 def test_a_channel_that_is_right_is_not(short, torque):
-    assert misread(posed(short, {"Mz": torque})) == ()
+    assert diagnose_units_signs(posed(short, {"Mz": torque})) == ()
 
 
 def test_another_axis_is_told(short, torque):
     noise = np.random.default_rng(2).normal(0.0, 2e-4, torque.size)
     other = 5.0 * np.gradient(torque) + noise
-    (one,) = misread(posed(short, {"Mz": other, "Mx": noise, "My": torque}))
+    (one,) = diagnose_units_signs(posed(short, {"Mz": other, "Mx": noise, "My": torque}))
     assert one == "made: the model explains My in place of Mz; look at the drive's axis."
-    (one,) = misread(posed(short, {"Mz": other, "Mx": -torque}))
-    assert one == "made: the model explains Mx in place of Mz, with its sign reversed; look at the drive's axis."
+    (one,) = diagnose_units_signs(posed(short, {"Mz": other, "Mx": -torque}))
+    assert (
+        one
+        == "made: the model explains Mx in place of Mz, with its sign reversed; look at the drive's axis."
+    )
 
 
 def test_phases_that_are_half_a_turn_off_are_no_figures_that_scatter(short, torque):
@@ -74,12 +83,15 @@ def test_phases_that_are_half_a_turn_off_are_no_figures_that_scatter(short, torq
     problem = posed(short.with_si({"reducer.stiffness": 5300.0}), {"Mz": -torque})
     (r,) = problem.residuals([problem.start])
     best = Optimum(problem.start, r, cost(r))
-    assert not jumps(problem, best, local_at(problem, best))
+    assert not is_noisy(problem, best, linearise_at(problem, best))
 
 
 def test_a_fit_to_a_reversed_recording_says_so(short, torque):
     fit = identify(
-        short, [Recording({"Mz": -torque}, 4096.0, {"Mz": "N*m"}, title="made")], ["reducer.stiffness"], starts=8
+        short,
+        [Recording({"Mz": -torque}, 4096.0, {"Mz": "N*m"}, title="made")],
+        ["reducer.stiffness"],
+        starts=8,
     )
     assert not fit.goodness.explained
     assert "with its sign reversed the model explains it" in fit.notes[0]
@@ -93,7 +105,9 @@ def test_the_least_misfit_and_the_error_that_would_explain_are_told(short, torqu
         o if o.form != "amplitude" else replace(o, value=o.value * random.lognormal(0.0, 0.03))
         for o in one.observations
     ]
-    fit = identify(short, [replace(one, observations=tuple(wrong))], ["reducer.stiffness"], starts=8)
+    fit = identify(
+        short, [replace(one, observations=tuple(wrong))], ["reducer.stiffness"], starts=8
+    )
     assert not fit.goodness.explained
     assert fit.converged
     assert fit.estimates[0].estimate == pytest.approx(5300.0, rel=0.03)

@@ -47,16 +47,22 @@ def test_a_scenario_takes_its_array_from_a_table(tmp_path, spatial):
     data = dump_scenario(before).splitlines()
     first = data.index("array:")
     last = next(k for k in range(first + 1, len(data)) if not data[k].startswith(" "))
-    text = "\n".join([*data[:first], "array: {from: modes.csv, modes: 2, damping: 2 percent}", *data[last:]])
+    text = "\n".join(
+        [*data[:first], "array: {from: modes.csv, modes: 2, damping: 2 percent}", *data[last:]]
+    )
     text = text.replace("array.rigid_inertia", "array").replace("array.modes.0.damping", "array")
-    (tmp_path / "mine.yaml").write_text("\n".join(x for x in text.splitlines() if "  array" not in x))
+    (tmp_path / "mine.yaml").write_text(
+        "\n".join(x for x in text.splitlines() if "  array" not in x)
+    )
     scenario = load_scenario(tmp_path / "mine.yaml")
     assert [m.frequency for m in scenario.array.modes] == [0.9, 1.2]
     assert scenario.array.modes[0].damping == pytest.approx(0.02)
     assert scenario.array.J_h == pytest.approx(model().first(2).J_h)
     assert (scenario.array.interface is not None) == spatial
     assert "modes.csv" in scenario.source_of("array.inertia")
-    assert load_scenario("state-1", {"array.from": str(tmp_path / "modes.csv")}).array.inertia == pytest.approx(7.7)
+    assert load_scenario(
+        "state-1", {"array.from": str(tmp_path / "modes.csv")}
+    ).array.inertia == pytest.approx(7.7)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +85,10 @@ def test_a_broken_table_is_named(tmp_path, change, words):
 @pytest.mark.parametrize(
     ("second", "sentence"),
     [
-        ("4.5,0.5,10,z", r"row 3: inertia_kg_m2 is 10, and 9 in row 2; one value for the whole array is expected"),
+        (
+            "4.5,0.5,10,z",
+            r"row 3: inertia_kg_m2 is 10, and 9 in row 2; one value for the whole array is expected",
+        ),
         ("4.5,0.5,9,x", r"drive_axis is x and z; one for the whole array is expected"),
     ],
 )
@@ -100,7 +109,9 @@ def test_more_effective_inertia_than_inertia_is_refused():
         heavy.array()
 
 
-@pytest.mark.parametrize("changes", [{"array.from": "none.csv"}, {"array.from": "x.csv", "array.inertia": "7 kg*m^2"}])
+@pytest.mark.parametrize(
+    "changes", [{"array.from": "none.csv"}, {"array.from": "x.csv", "array.inertia": "7 kg*m^2"}]
+)
 def test_bad_origin_of_modes(changes):
     with pytest.raises(MicrovibError, match=r"none.csv: cannot be read|array.inertia"):
         load_scenario("state-1", changes)

@@ -47,7 +47,9 @@ def test_a_disk_that_fills_up_is_an_error_with_its_reason(tmp_path):
     write(tmp_path / "whole.nc")
     assert (tmp_path / "whole.nc").stat().st_size > max(ROOMS)
     program = [sys.executable, "-B", "-c", LIMITED, str(Path(__file__).parent), json.dumps(ROOMS)]
-    done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        program, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
     ended = json.loads(done.stdout)
     assert {room: os.waitstatus_to_exitcode(status) for room, status in ended.items()} == {

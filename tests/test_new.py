@@ -32,7 +32,11 @@ def test_the_page_of_the_motor_has_the_catalog_of_gears():
         rows = [[float(x) for x in row.values()] for row in csv.DictReader(stream)]
     page = (Path(__file__).parents[1] / "docs/howto/motor.md").read_text()
     told = [re.sub(r"(?<=\d) (?=\d)", "", line.strip("| ")) for line in page.splitlines()]
-    printed = [[float(x) for x in line.split("|")] for line in told if line[:2].isdigit() and line.count("|") == 7]
+    printed = [
+        [float(x) for x in line.split("|")]
+        for line in told
+        if line[:2].isdigit() and line.count("|") == 7
+    ]
     assert printed == rows
     assert tuple(catalog_gears()) == SIZES
 
@@ -54,7 +58,10 @@ def test_a_gear_gives_its_stiffness_and_half_of_its_accuracy(size):
     reducer = scenario.reducer
     (error,) = reducer.transmission_error
     assert (reducer.ratio, reducer.stiffness) == (120.0, gear.stiffnesses[0])
-    assert (error.order, error.amplitude) == (2, pytest.approx(convert(f"{gear.accuracy} arcmin", "rad") / 2))
+    assert (error.order, error.amplitude) == (
+        2,
+        pytest.approx(convert(f"{gear.accuracy} arcmin", "rad") / 2),
+    )
     critical = 2.0 * math.sqrt(reducer.stiffness * scenario.output_inertia)
     assert reducer.damping == pytest.approx(0.02 * critical, rel=6e-3)  # written with three digits
 
@@ -73,7 +80,10 @@ def test_of_the_gear_the_file_says_what_is_of_the_data_sheet_and_what_is_assumed
         assert scenario.source_of(f"reducer.{key}").startswith("assumed: ")
     others = [key for key, *_ in scenario.entries() if not key.startswith("reducer.")]
     plain = mv.new_scenario()
-    assert all(scenario[key] == plain[key] and scenario.source_of(key) == plain.source_of(key) for key in others)
+    assert all(
+        scenario[key] == plain[key] and scenario.source_of(key) == plain.source_of(key)
+        for key in others
+    )
 
 
 def test_the_commented_file_stays_as_it_is_but_for_the_gear():
@@ -101,9 +111,15 @@ def test_a_wave_generator_grows_with_the_size_of_its_gear_and_is_assumed():
 
 def test_what_is_assumed_of_a_gear_is_told(tmp_path):
     alone = microvib("new", "a.yaml", "--gear", "size 25 ratio 100", cwd=tmp_path)
-    sheet = microvib("new", "b.yaml", "--from-datasheet", "--gear", "size 25 ratio 100", cwd=tmp_path)
+    sheet = microvib(
+        "new", "b.yaml", "--from-datasheet", "--gear", "size 25 ratio 100", cwd=tmp_path
+    )
     for done in (alone, sheet):
-        for key in ("wave_generator_inertia: 0.599 kg*cm^2", "damping: ", "transmission_error.0.amplitude: 24 arcsec"):
+        for key in (
+            "wave_generator_inertia: 0.599 kg*cm^2",
+            "damping: ",
+            "transmission_error.0.amplitude: 24 arcsec",
+        ):
             assert f"  reducer.{key}" in done.stdout
         assert "The gear's hysteresis is in the file as a comment" in done.stdout
     assert "friction (the gear's too)" in alone.stdout
@@ -149,7 +165,9 @@ def largest_torque(scenario: mv.Scenario, i_A: float, i_B: float) -> float:
     motor = scenario.motor
     theta = np.linspace(0.0, 2.0 * math.pi / motor.rotor_teeth, 100_001)
     z = motor.rotor_teeth
-    return float(np.max(motor.torque_constant * (i_B * np.cos(z * theta) - i_A * np.sin(z * theta))))
+    return float(
+        np.max(motor.torque_constant * (i_B * np.cos(z * theta) - i_A * np.sin(z * theta)))
+    )
 
 
 @pytest.mark.parametrize(("on", "currents"), [("2", (0.8, 0.8)), ("1", (0.8, 0.0))])
@@ -163,7 +181,9 @@ def test_a_holding_torque_is_what_the_motor_then_holds(on, currents):
 @pytest.mark.parametrize(("phases", "on"), [(3, 1), (3, 2), (3, 3), (5, 4), (5, 5)])
 def test_a_holding_torque_of_more_phases_is_what_they_then_hold(phases, on):
     """Over all ways to feed I forward or backward into so many of the phases, and over the rotor's angle."""
-    scenario = mv.new_scenario(**{**SHEET, "phases": str(phases), "phases_on": str(on), "step_angle": "0.01 deg"})
+    scenario = mv.new_scenario(
+        **{**SHEET, "phases": str(phases), "phases_on": str(on), "step_angle": "0.01 deg"}
+    )
     assert (scenario.motor.phases, scenario.driver.beats) == (phases, 2 * phases)
     assert scenario.motor.rotor_teeth == 360 / (2 * phases * 120 * 0.01)
     axes = np.exp(2j * math.pi * np.arange(phases) / phases)
@@ -203,7 +223,11 @@ def test_a_data_sheet_becomes_a_scenario():
     assert scenario.reducer.stiffness == 10_000.0
     # the zero of the current loop cancels the winding's pole; its bandwidth is assumed
     assert driver.integral_gain / driver.proportional_gain == pytest.approx(5.0 / 9e-3, rel=1e-5)
-    stated = {key for key, *_ in scenario.entries() if provenance(scenario.source_of(key)).status == "data sheet"}
+    stated = {
+        key
+        for key, *_ in scenario.entries()
+        if provenance(scenario.source_of(key)).status == "data sheet"
+    }
     assert stated == {
         "motor.rotor_teeth", "motor.current", "motor.torque_constant", "motor.detent_torque", "motor.winding_resistance",
         "motor.winding_inductance", "motor.rotor_inertia", "driver.microsteps", "reducer.ratio", "reducer.stiffness",
@@ -214,12 +238,16 @@ def test_a_data_sheet_becomes_a_scenario():
 
 @pytest.mark.parametrize("missing", list(SHEET))
 def test_what_is_missing_is_assumed_and_lies_in_its_range(missing):
-    scenario = mv.new_scenario(**{key: text for key, text in SHEET.items() if key not in (missing, "gear")})
+    scenario = mv.new_scenario(
+        **{key: text for key, text in SHEET.items() if key not in (missing, "gear")}
+    )
     ranged = 0
     for key, value, quantity in scenario.entries():
         found = re.search(r"; range (.+) to (.+)$", scenario.source_of(key))
         if found:
-            low, high = (convert(text, quantity.unit if quantity else "") for text in found.groups())
+            low, high = (
+                convert(text, quantity.unit if quantity else "") for text in found.groups()
+            )
             assert low <= value <= high * 1.001
             assert low < high
             (
@@ -239,7 +267,9 @@ def test_without_a_ratio_the_step_at_the_output_says_it():
 def test_a_file_of_a_data_sheet_reads_back_and_runs(tmp_path):
     done = microvib("new", "my.yaml", "--from-datasheet", *OPTIONS, cwd=tmp_path)
     assert done.exit_code == 0, done.output
-    told = {line.split(":")[0].strip() for line in done.stdout.splitlines() if line.startswith("  ")}
+    told = {
+        line.split(":")[0].strip() for line in done.stdout.splitlines() if line.startswith("  ")
+    }
     assert told == {
         "driver.proportional_gain", "driver.integral_gain", "reducer.damping", "reducer.transmission_error.0.amplitude",
         "reducer.wave_generator_inertia",
@@ -269,7 +299,9 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
         "32",
         "size 17",
     ]
-    shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers)
+    shown = in_terminal(
+        "new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers
+    )
     assert shown.status == 0, shown.text
     assert "needs a unit, such as '0.5 N*m'" in shown.text
     assert "6 is not allowed; a whole number from 1 to 5 is expected" in shown.text
@@ -280,9 +312,14 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
 def test_answers_that_contradict_each_other_are_asked_for_again(tmp_path):
     """The motor's step in place of the output's is known to be wrong only in the end; the other answers stay."""
     answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 6, "0.018 deg"]
-    shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers)
+    shown = in_terminal(
+        "new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers
+    )
     assert shown.status == 0, shown.text
-    assert "Full step at the output: 1.8 deg at the output is 180 deg at the motor with ratio 100" in shown.text
+    assert (
+        "Full step at the output: 1.8 deg at the output is 180 deg at the motor with ratio 100"
+        in shown.text
+    )
     expected = mv.new_scenario(holding_torque="0.5 N*m", step_angle="0.018 deg", ratio="100")
     assert mv.load_scenario(tmp_path / "my.yaml") == expected
 
@@ -298,7 +335,9 @@ def test_a_person_who_gives_up_leaves_no_file(tmp_path):
             0.5
         )  # until it reads: before, the interrupt is seen with the next key
 
-    shown = in_terminal("new", "my.yaml", "--from-datasheet", cwd=tmp_path, until=waiting, seconds=30.0)
+    shown = in_terminal(
+        "new", "my.yaml", "--from-datasheet", cwd=tmp_path, until=waiting, seconds=30.0
+    )
     assert shown.status == 130
     assert list(tmp_path.iterdir()) == []
 
@@ -317,21 +356,42 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
     ("arguments", "sentence"),
     [
         (["--holding-torque", "0.5"], "--holding-torque: '0.5' needs a unit, such as '0.5 N*m'"),
-        (["--detent", "80 percent"], "--detent: '80 percent' is not allowed; it must be at least 0 and at most 0.5"),
-        (["--phases-on", "6"], "--phases-on: 6 is not allowed; a whole number from 1 to 5 is expected"),
-        (["--phases-on", "3"], "--phases-on: 3 is not allowed with 2 phases; 1 to that number is expected"),
+        (
+            ["--detent", "80 percent"],
+            "--detent: '80 percent' is not allowed; it must be at least 0 and at most 0.5",
+        ),
+        (
+            ["--phases-on", "6"],
+            "--phases-on: 6 is not allowed; a whole number from 1 to 5 is expected",
+        ),
+        (
+            ["--phases-on", "3"],
+            "--phases-on: 3 is not allowed with 2 phases; 1 to that number is expected",
+        ),
         (["--phases", "4"], "--phases: 4 is not allowed; write 2, 3 or 5"),
         (["--drive", "power"], "--drive: 'power' is not allowed; write 'current' or 'voltage'"),
-        (["--resistance", "-1 ohm"], "--resistance: '-1 ohm' is not allowed; it must be greater than 0 ohm"),
-        (["--microsteps", "many"], "--microsteps: 'many' is not allowed; a whole number from 1 to 65536 is expected"),
+        (
+            ["--resistance", "-1 ohm"],
+            "--resistance: '-1 ohm' is not allowed; it must be greater than 0 ohm",
+        ),
+        (
+            ["--microsteps", "many"],
+            "--microsteps: 'many' is not allowed; a whole number from 1 to 65536 is expected",
+        ),
         (["--step-angle", "1.8 deg"], "--step-angle: 1.8 deg at the output would be ratio 1"),
         (
             ["--step-angle", "0.018 deg", "--ratio", "170"],
             "is 3.06 deg at the motor with ratio 170: 90 deg over a whole",
         ),
-        (["--gear", "size 14 ratio 100", "--ratio", "120"], "has another ratio than the one given separately, 120"),
+        (
+            ["--gear", "size 14 ratio 100", "--ratio", "120"],
+            "has another ratio than the one given separately, 120",
+        ),
         (["--gear", "size 13"], "size 13 is not in the catalog"),
-        (["--gear", "none", "--ratio", "5"], "--ratio: 5 is not allowed without a gear; 1 is expected, or none"),
+        (
+            ["--gear", "none", "--ratio", "5"],
+            "--ratio: 5 is not allowed without a gear; 1 is expected, or none",
+        ),
         (
             ["--gear", "spur"],
             "write 'size 14 ratio 100', sizes are 14, 17, 20, 25, 32; or of a data sheet planetary or none",
@@ -350,16 +410,27 @@ def test_a_data_sheet_that_is_wrong_is_told_in_one_sentence(tmp_path, arguments,
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("sheet", [{"ratio": "1"}, {"gear": "none"}, {"gear": "None", "step_angle": "1.8 deg"}])
+@pytest.mark.parametrize(
+    "sheet", [{"ratio": "1"}, {"gear": "none"}, {"gear": "None", "step_angle": "1.8 deg"}]
+)
 def test_a_drive_without_a_gear_gets_none(sheet):
     reducer = mv.new_scenario(holding_torque="0.8 N*m", **sheet).reducer
-    assert (reducer.rigid, reducer.h, reducer.input_inertia, reducer.errors) == (True, -1.0, 0.0, ())
+    assert (reducer.rigid, reducer.h, reducer.input_inertia, reducer.errors) == (
+        True,
+        -1.0,
+        0.0,
+        (),
+    )
 
 
 @pytest.mark.parametrize("sheet", [{"ratio": "50", "gear": "planetary"}, {"ratio": "5"}])
 def test_a_planetary_gear_has_no_errors_of_a_wave_generator(sheet):
     drive = mv.new_scenario(holding_torque="0.8 N*m", **sheet)
-    assert (drive.reducer.h, drive.reducer.errors, drive.reducer.rigid) == (-float(sheet["ratio"]), (), False)
+    assert (drive.reducer.h, drive.reducer.errors, drive.reducer.rigid) == (
+        -float(sheet["ratio"]),
+        (),
+        False,
+    )
     assert drive.source_of("reducer.same_way").startswith("assumed")
     assert "range 2000 N*m/rad" in drive.source_of("reducer.stiffness")
 
@@ -367,7 +438,10 @@ def test_a_planetary_gear_has_no_errors_of_a_wave_generator(sheet):
 def test_a_detent_torque_is_read_as_data_sheets_write_it():
     drive = mv.new_scenario(holding_torque="0.4 N*m", detent="18 mNm")
     assert drive["motor.detent_torque"] == pytest.approx(0.018)
-    assert drive.source_of("motor.detent_torque") == "data sheet: detent torque, taken for the amplitude"
+    assert (
+        drive.source_of("motor.detent_torque")
+        == "data sheet: detent torque, taken for the amplitude"
+    )
     assert (
         drive["motor.detent_torque"]
         == mv.new_scenario(holding_torque="0.4 N*m", detent="4.5 percent")["motor.detent_torque"]
@@ -381,4 +455,7 @@ def test_the_command_that_comes_next_can_be_copied(tmp_path):
 
 def test_entries_of_a_data_sheet_want_to_be_called_so(tmp_path):
     done = microvib("new", "my.yaml", "--ratio", "100", cwd=tmp_path)
-    assert (done.exit_code, done.stderr) == (1, "Error: --ratio: belongs to a data sheet; it needs --from-datasheet\n")
+    assert (done.exit_code, done.stderr) == (
+        1,
+        "Error: --ratio: belongs to a data sheet; it needs --from-datasheet\n",
+    )

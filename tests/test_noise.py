@@ -10,7 +10,7 @@ from support.automaton import Automaton, both
 from support.scenarios import limit_of
 
 import microvib as mv
-from microvib.analysis.limits import judge, unsettled
+from microvib.analysis.limits import judge, transient_warnings
 from microvib.solve.noise import torque_noise
 from microvib.solve.steady.state import steady_state
 
@@ -25,7 +25,9 @@ def drawn(scenario):
 
 
 def test_the_draw_has_the_density_asked_for_in_its_band_and_nothing_outside(state_1):
-    scenario = state_1.with_si({"friction.torque_noise": NOISE, "record.settle": 0.0, "record.duration": 2000.0})
+    scenario = state_1.with_si(
+        {"friction.torque_noise": NOISE, "record.settle": 0.0, "record.duration": 2000.0}
+    )
     t, values, slopes = drawn(scenario)
     f, S = welch(values, 1.0 / (t[1] - t[0]), nperseg=2048)
     assert S[(f > 1.0) & (f < 19.0)].mean() == pytest.approx(2e-6, rel=0.02)
@@ -36,7 +38,10 @@ def test_the_draw_has_the_density_asked_for_in_its_band_and_nothing_outside(stat
 
 
 def test_the_seed_is_the_draw(state_1):
-    seeds = [drawn(state_1.with_si({"friction.torque_noise": {**NOISE, "seed": k}}))[1] for k in (3, 3, 4)]
+    seeds = [
+        drawn(state_1.with_si({"friction.torque_noise": {**NOISE, "seed": k}}))[1]
+        for k in (3, 3, 4)
+    ]
     assert np.array_equal(seeds[0], seeds[1])
     assert abs(np.corrcoef(seeds[0], seeds[2])[0, 1]) < 0.1
 
@@ -51,14 +56,18 @@ def test_an_independent_integration_with_the_same_draw_agrees(state_1):
     t, values, slopes = drawn(scenario)
     automaton = Automaton(scenario, CubicHermiteSpline(t, values, slopes))
     quiet = Automaton(scenario)
-    (y, packed), (other, _) = (both(one, 0.7 / scenario.driving_frequency) for one in (automaton, quiet))
+    (y, packed), (other, _) = (
+        both(one, 0.7 / scenario.driving_frequency) for one in (automaton, quiet)
+    )
     moved = abs(y[6] - other[6])
     assert moved > 1e-9
     assert packed.state.y[6] == pytest.approx(y[6], abs=1e-3 * moved)
 
 
 def test_two_forms_of_the_torque_and_the_balances_hold_with_noise(state_1):
-    scenario = state_1.with_si({"friction.torque_noise": NOISE, "record.settle": 0.5, "record.duration": 1.0})
+    scenario = state_1.with_si(
+        {"friction.torque_noise": NOISE, "record.settle": 0.5, "record.duration": 1.0}
+    )
     motion = mv.simulate(scenario)
     assert motion.invariants.torque_forms < 1e-9
     assert motion.invariants.momentum < 1e-5
@@ -77,8 +86,14 @@ def test_without_density_nothing_changes_to_the_last_bit(state_1):
     ("changes", "said"),
     [
         ({"friction.torque_noise": {"density": -1.0}}, "friction.torque_noise.density"),
-        ({"friction.torque_noise": {"density": 1e-6, "lowest": 5.0, "highest": 2.0}}, "is not above lowest"),
-        ({"friction.torque_noise": {"density": 1e-6, "lowest": 3000.0}}, "is not below half the sample rate, 2048 Hz"),
+        (
+            {"friction.torque_noise": {"density": 1e-6, "lowest": 5.0, "highest": 2.0}},
+            "is not above lowest",
+        ),
+        (
+            {"friction.torque_noise": {"density": 1e-6, "lowest": 3000.0}},
+            "is not below half the sample rate, 2048 Hz",
+        ),
         ({"motor.friction.torque_noise": {"density": 1e-6}}, "noise acts on the output"),
     ],
 )
@@ -97,7 +112,9 @@ def test_what_cannot_take_noise_says_so(state_1):
 
 def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
     loud = {"density": 4e-6, "lowest": 0.0, "highest": 20.0, "seed": 1}
-    scenario = state_1.with_si({"friction.torque_noise": loud, "record.settle": 40.0, "record.duration": 8.0})
+    scenario = state_1.with_si(
+        {"friction.torque_noise": loud, "record.settle": 40.0, "record.duration": 8.0}
+    )
     table = mv.lines(mv.simulate(scenario, channels=("T_d",)))
     mode, drive = table["array_mode_1"], table["drive_1"]
     assert mode.amplitude_n_m > 0.0
@@ -106,6 +123,12 @@ def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
         assert judged.of(mode).verdict == "not judged"
         assert "one draw of many" in judged.of(mode).why
         assert judged.of(drive).verdict != "not judged"
-    assert any(x.startswith("array_mode_1") and "one draw of many" in x for x in unsettled(table, scenario))
+    assert any(
+        x.startswith("array_mode_1") and "one draw of many" in x
+        for x in transient_warnings(table, scenario)
+    )
     quiet = state_1.with_si({"record.settle": 2.0, "record.duration": 8.0})
-    assert not any("draw" in x for x in unsettled(mv.lines(mv.simulate(quiet, channels=("T_d",))), quiet))
+    assert not any(
+        "draw" in x
+        for x in transient_warnings(mv.lines(mv.simulate(quiet, channels=("T_d",))), quiet)
+    )

@@ -35,10 +35,19 @@ def test_keys_of_a_scenario_complete_and_give_their_values(state_1):
 @pytest.mark.parametrize(
     ("key", "sentence"),
     [
-        ("reducer.stifness", "reducer.stifness: unknown key; did you mean reducer.stiffness? allowed here are ratio, "),
+        (
+            "reducer.stifness",
+            "reducer.stifness: unknown key; did you mean reducer.stiffness? allowed here are ratio, ",
+        ),
         ("traking.rate", "traking: unknown key; did you mean tracking? allowed here are title, "),
-        ("stiffness", "stiffness: unknown key; did you mean reducer.stiffness? allowed here are title, "),
-        ("array.modes.0.freqency", "did you mean array.modes.0.frequency? allowed here are frequency, damping"),
+        (
+            "stiffness",
+            "stiffness: unknown key; did you mean reducer.stiffness? allowed here are title, ",
+        ),
+        (
+            "array.modes.0.freqency",
+            "did you mean array.modes.0.frequency? allowed here are frequency, damping",
+        ),
     ],
 )
 def test_a_misspelt_key_is_told_what_it_may_mean(state_1, key, sentence):
@@ -93,7 +102,8 @@ def test_amplitudes_of_another_channel_carry_its_unit(motion_1):
 def test_a_line_that_a_table_does_not_have(table):
     assert table._ipython_key_completions_() == [line.line for line in table]
     with pytest.raises(
-        LineError, match=r"^no line 'drive1' in this table; did you mean drive_1\? there are array_mode_1, "
+        LineError,
+        match=r"^no line 'drive1' in this table; did you mean drive_1\? there are array_mode_1, ",
     ):
         table["drive1"]
     with pytest.raises(KeyError):
@@ -127,7 +137,12 @@ def test_lines_of_all_that_has_some(state_1, motion_1, table):
 def test_lines_and_spectra_of_a_force(state_1):
     six = {"array.modes.0.interface_participation": (0.5, 3.0, 0.0, 0.0, 0.0, state_1.array.H[0])}
     motion = mv.simulate(state_1.with_({**SHORT, **six}))
-    assert mv.lines(motion, "Fy").unit == mv.spectrum(motion, "Fy").unit == mv.psd(motion, "Fy").unit == "N"
+    assert (
+        mv.lines(motion, "Fy").unit
+        == mv.spectrum(motion, "Fy").unit
+        == mv.psd(motion, "Fy").unit
+        == "N"
+    )
     assert mv.lines(motion, "Fx")["drive_1"].amplitude_n_m > 0.0
     recording = mv.Recording({"Fy": motion["Fy"]}, motion.sample_rate, {"Fy": "N"}, "mine")
     assert mv.lines(recording, "Fy", scenario=motion.scenario).unit == "N"
@@ -138,7 +153,9 @@ def test_spectra_of_all_that_has_samples(motion_1):
     for source in (motion_1, recording):
         assert mv.psd(source, resolution="1 Hz").resolution == pytest.approx(1.0)
         assert mv.waterfall(source, resolution="1 Hz").amplitude.shape[0] > 10
-        np.testing.assert_array_equal(mv.spectrum(source).amplitude, mv.spectrum(motion_1).amplitude)
+        np.testing.assert_array_equal(
+            mv.spectrum(source).amplitude, mv.spectrum(motion_1).amplitude
+        )
     assert repr(mv.psd(motion_1, resolution="1 Hz")).startswith(
         "power spectral density (Welch), one-sided; Hann window"
     )
@@ -155,7 +172,10 @@ def test_what_a_cell_ends_with_is_shown_in_a_line_or_as_its_lines(motion_1):
     assert repr(torque) == f"Torque of {title}: 12288 samples at 4096 Hz"
     run = mv.run(scenario.with_(SHORT), lines_only=True)
     assert repr(run) == f"Run of {title}\n{run.table!r}"
-    assert repr(mv.rates(scenario, ["0.06 deg/s"], linear=True)) == f"Rate plan of {title}: 1 cases, 0 resonances"
+    assert (
+        repr(mv.rates(scenario, ["0.06 deg/s"], linear=True))
+        == f"Rate plan of {title}: 1 cases, 0 resonances"
+    )
 
 
 def recorded(x, rate=4096.0, unit="N*m", **channels):
@@ -174,9 +194,9 @@ def test_samples_of_ones_own_come_in_many_forms(motion_1, form):
 
 
 def test_numbers_of_numpy_are_numbers(state_1):
-    assert state_1.with_({"driver.microsteps": np.int64(8), "tracking.clock_ratio": np.array(0.99)}) == state_1.with_(
-        {"driver.microsteps": 8, "tracking.clock_ratio": 0.99}
-    )
+    assert state_1.with_(
+        {"driver.microsteps": np.int64(8), "tracking.clock_ratio": np.array(0.99)}
+    ) == state_1.with_({"driver.microsteps": 8, "tracking.clock_ratio": 0.99})
     assert state_1.with_(pd.Series({"driver.microsteps": 8}))["driver.microsteps"] == 8
     assert mv.rates(state_1, ["0.06 deg/s"], np.array([8, 16]), linear=True).counts == (8, 16)
 
@@ -291,9 +311,15 @@ def test_types_are_seen_from_outside_and_tell_bare_numbers(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "complaint"),
     [
-        (lambda x: np.where(np.arange(x.size) == 700, np.nan, x), "has 1 samples that are not numbers"),
+        (
+            lambda x: np.where(np.arange(x.size) == 700, np.nan, x),
+            "has 1 samples that are not numbers",
+        ),
         (lambda x: np.clip(x, -0.03, 0.03), "is clipped"),
-        (lambda x: np.where((np.arange(x.size) > 700) & (np.arange(x.size) < 900), 0.0, x), "repeats one value"),
+        (
+            lambda x: np.where((np.arange(x.size) > 700) & (np.arange(x.size) < 900), 0.0, x),
+            "repeats one value",
+        ),
         (lambda x: x[:0], "is empty"),
     ],
     ids=["nan", "clipped", "dropped", "empty"],

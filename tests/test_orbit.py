@@ -14,12 +14,12 @@ from support import craft as whole
 from support.craft_scenarios import scenario_of
 
 import microvib as mv
-from microvib.analysis.turning import moved_by
+from microvib.analysis.turning import hub_response
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.studies.angles import angles_in, sweep_angles
-from microvib.studies.orbit import NOT_QUASI_STATIC, TOLERANCE, over_orbit
+from microvib.studies.orbit import MAX_QUASI_STATIC_CHANGE, TOLERANCE, analyse_orbit
 from microvib.units import Si
 
 SHORT = {"record.settle": Si(2.0), "record.duration": Si(4.0)}
@@ -28,13 +28,15 @@ SHORT = {"record.settle": Si(2.0), "record.duration": Si(4.0)}
 def near_a_mode(**changes: object) -> Scenario:
     """Full steps at 3.48 Hz, which the third mode crosses as the array turns."""
     return scenario_of(
-        whole.FullCraft(bandwidth=0.02), **SHORT, **{"tracking.rate": Si(math.radians(0.0626)), **changes}
+        whole.FullCraft(bandwidth=0.02),
+        **SHORT,
+        **{"tracking.rate": Si(math.radians(0.0626)), **changes},
     )
 
 
 def test_between_runs_it_is_what_runs_there_say() -> None:
     scenario = near_a_mode()
-    orbit = over_orbit(scenario, angles_in("30:210:45"))
+    orbit = analyse_orbit(scenario, angles_in("30:210:45"))
     assert orbit.interpolation < TOLERANCE
     assert orbit.time[-1] == pytest.approx(math.pi / scenario.rate)
     at = np.radians([37.3, 61.0, 94.4, 101.9, 133.7, 188.2])
@@ -50,15 +52,19 @@ def test_between_runs_it_is_what_runs_there_say() -> None:
 
 
 def test_worst_and_rms_are_those_of_the_time() -> None:
-    orbit = over_orbit(near_a_mode(), angles_in("30:120:30"))
+    orbit = analyse_orbit(near_a_mode(), angles_in("30:120:30"))
     whole_orbit, size = orbit.windows[0], orbit.size("ape", 1.0)
     assert whole_orbit.worst == size.max() == size[whole_orbit.at]
     assert size == pytest.approx(orbit.sweep.rms("ape", 1.0))
     one = next(w for w in orbit.windows if (w.metric, w.window) == ("jitter", 0.1))
     assert one.worst == pytest.approx(orbit.sweep.rms("jitter", 0.1).max())
     even = np.linspace(0.0, orbit.time[-1], 4001)
-    assert whole_orbit.rms == pytest.approx(math.sqrt(np.mean(np.interp(even, orbit.time, size) ** 2)), rel=1e-3)
-    backwards = over_orbit(near_a_mode(**{"tracking.rate": Si(-math.radians(0.0626))}), angles_in("120:30:-30"))
+    assert whole_orbit.rms == pytest.approx(
+        math.sqrt(np.mean(np.interp(even, orbit.time, size) ** 2)), rel=1e-3
+    )
+    backwards = analyse_orbit(
+        near_a_mode(**{"tracking.rate": Si(-math.radians(0.0626))}), angles_in("120:30:-30")
+    )
     assert backwards.windows[0].rms == pytest.approx(whole_orbit.rms, rel=1e-3)
 
 
@@ -68,7 +74,9 @@ class Turning:
     def __init__(self, scenario: Scenario, full: whole.FullCraft, frequency: float) -> None:
         # M is a trigonometric polynomial of order 2 in psi
         psi = 2.0 * np.pi * np.arange(8) / 8
-        masses = np.array([whole.FullCraft(angle=float(x), bandwidth=full.bandwidth).M for x in psi])
+        masses = np.array(
+            [whole.FullCraft(angle=float(x), bandwidth=full.bandwidth).M for x in psi]
+        )
         self.series = np.fft.fft(masses, axis=0) / 8
         n, self.omega = full.n, 2.0 * np.pi * frequency
         motor, reducer = scenario.motor, scenario.reducer
@@ -93,14 +101,19 @@ class Turning:
 
     def quasi_static(self, psi: float) -> np.ndarray:
         return np.linalg.solve(
-            self.K - self.omega**2 * self.mass(psi) + 1j * self.omega * self.C, self.F.astype(complex)
+            self.K - self.omega**2 * self.mass(psi) + 1j * self.omega * self.C,
+            self.F.astype(complex),
         )
 
     def turned(self, psi: np.ndarray, rate: float) -> np.ndarray:
         """Amplitudes at the angles, from the first one's: implicit midpoint rule."""
         n, step = len(self.F), (psi[1] - psi[0]) / rate
         X = self.quasi_static(psi[0])
-        y, F, found = np.r_[X, 1j * self.omega * self.mass(psi[0]) @ X], np.r_[np.zeros(n), self.F], [X]
+        y, F, found = (
+            np.r_[X, 1j * self.omega * self.mass(psi[0]) @ X],
+            np.r_[np.zeros(n), self.F],
+            [X],
+        )
         for a, b in itertools.pairwise(psi.tolist()):
             A = 0.5 * step * self.rates(0.5 * (a + b))
             y = np.linalg.solve(np.eye(2 * n) - A, y + A @ y + step * F)
@@ -116,7 +129,10 @@ def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
     psi = np.radians(np.arange(40.0, 140.0, 0.1 * rate))  # every 0.1 s
     los = other.turned(psi, math.radians(rate))[:, 3:5]
     at = np.linspace(1000 * 0.06 / rate, psi.size - 1, 61).astype(int)
-    moved = [moved_by(scenario.at_angle(Si(a)), np.array([f]), np.array([[1.0, 0.0]])) for a in psi[at].tolist()]
+    moved = [
+        hub_response(scenario.at_angle(Si(a)), np.array([f]), np.array([[1.0, 0.0]]))
+        for a in psi[at].tolist()
+    ]
     still, slope = np.array([m.los[0] for m in moved]), np.array([m.slope[0] for m in moved])
     wanted = np.array([other.quasi_static(a)[3:5] for a in psi[at].tolist()])
     assert np.abs(still - wanted).max() < 2e-3 * np.abs(wanted).max()
@@ -127,28 +143,40 @@ def test_what_the_turning_changes_is_of_the_stated_size(rate: float) -> None:
 
 
 def test_a_mode_that_rings_too_long_does_not_allow_angles_one_by_one() -> None:
-    orbit = over_orbit(near_a_mode(**{"array.modes.2.damping": 0.0005}), angles_in("60:120:20"))
+    orbit = analyse_orbit(near_a_mode(**{"array.modes.2.damping": 0.0005}), angles_in("60:120:20"))
     assert not orbit.quasi_static
     assert "cannot be taken one by one here" in " ".join(orbit.notes())
-    calm = over_orbit(near_a_mode(), angles_in("60:120:20"))
+    calm = analyse_orbit(near_a_mode(), angles_in("60:120:20"))
     assert calm.quasi_static
     assert not calm.notes()
-    assert calm.windows[0].turning < NOT_QUASI_STATIC < orbit.windows[0].turning
+    assert calm.windows[0].turning < MAX_QUASI_STATIC_CHANGE < orbit.windows[0].turning
     # 2/D of the third mode, 0.6 % at 3.1 Hz with clamped root, times the rate; the first rings longer still
     assert math.degrees(calm.turned_in_decay) > 0.0626 / (2.0 * math.pi * 3.1 * 0.006)
 
 
 def test_angles_without_a_steady_state_are_said_once() -> None:
-    orbit = over_orbit(near_a_mode(**{"friction.torque_noise": {"density": Si(1e-12)}}), angles_in("60:100:40"))
+    orbit = analyse_orbit(
+        near_a_mode(**{"friction.torque_noise": {"density": Si(1e-12)}}), angles_in("60:100:40")
+    )
     broken = replace(orbit, runs=replace(orbit.runs, fallbacks=("it does not repeat",) * 2 + ("",)))
     noise, without = broken.notes()
     assert noise.startswith("Torque noise and roughness of the friction are left out here")
-    assert without.startswith("No steady state at 2 of 3 angles, from 60 to 80 deg: it does not repeat.")
+    assert without.startswith(
+        "No steady state at 2 of 3 angles, from 60 to 80 deg: it does not repeat."
+    )
 
 
 def test_command_writes_what_it_says(tmp_path: Path) -> None:
     (tmp_path / "craft.yaml").write_text(dump_scenario(near_a_mode()))
-    arguments = ["run", str(tmp_path / "craft.yaml"), "--orbit", "--angles", "60:100:20", "--out", str(tmp_path / "o")]
+    arguments = [
+        "run",
+        str(tmp_path / "craft.yaml"),
+        "--orbit",
+        "--angles",
+        "60:100:20",
+        "--out",
+        str(tmp_path / "o"),
+    ]
     done = CliRunner().invoke(main, arguments, prog_name="microvib")
     assert done.exit_code == 0, done.output
     said = json.loads((tmp_path / "o" / "orbit.json").read_text())
@@ -167,8 +195,8 @@ def test_command_writes_what_it_says(tmp_path: Path) -> None:
 
 def test_an_array_that_does_not_turn_this_way_is_refused() -> None:
     with pytest.raises(mv.MicrovibError, match="in this order"):
-        over_orbit(near_a_mode(), angles_in("90:0:-30"))
+        analyse_orbit(near_a_mode(), angles_in("90:0:-30"))
     with pytest.raises(mv.MicrovibError, match="a constant rate"):
-        over_orbit(near_a_mode(**{"tracking.rate": Si(0.0)}))
+        analyse_orbit(near_a_mode(**{"tracking.rate": Si(0.0)}))
     with pytest.raises(mv.MicrovibError, match="spacecraft: missing"):
-        over_orbit(mv.load_scenario("state-1"))
+        analyse_orbit(mv.load_scenario("state-1"))

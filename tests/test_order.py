@@ -7,7 +7,7 @@ from support.scenarios import ERROR, NO_FRICTION, RIGID, THREE_MODES, baseline
 
 from microvib.solve import kernel, propagators
 from microvib.solve.pack import pack
-from microvib.solve.sampling import no_samples
+from microvib.solve.sampling import empty_sample_buffer
 
 SMOOTH = {
     "sources": {},
@@ -61,7 +61,7 @@ def histories(changes, step):
     q.scale[:] = 0.0
     object.__setattr__(q, "drive", q.drive._replace(max_step=step))
     q.state.clock[kernel.NEXT_STEP] = step
-    nothing = no_samples(q.channels)
+    nothing = empty_sample_buffer(q.channels)
     states, sums = [], []
     for stop in STOPS:
         assert q.advance(stop, nothing, np.zeros(0), np.zeros((0, 3))) == kernel.OK
@@ -110,7 +110,10 @@ def states_in_equal_steps(changes, step, monkeypatch):
     q.state.levels[:] = 0
     states = []
     for stop in STOPS:
-        assert q.advance(stop, no_samples(q.channels), np.zeros(0), np.zeros((0, 3))) == kernel.OK
+        assert (
+            q.advance(stop, empty_sample_buffer(q.channels), np.zeros(0), np.zeros((0, 3)))
+            == kernel.OK
+        )
         states.append(q.state.y / q.sizes)
     assert q.state.counters[kernel.STEPS] == round(STOPS[-1] / step)
     return np.array(states)
@@ -122,7 +125,10 @@ def test_ends_of_propagated_steps_converge_with_order_six(case, monkeypatch):
     changes = {**SLOW_LOOP, **CASES[case]}
     exact = states_in_equal_steps(changes, 2.0**-15, monkeypatch)
     errors = np.array(
-        [np.abs(states_in_equal_steps(changes, 2.0**-k, monkeypatch) - exact).max() for k in (10, 11, 12)]
+        [
+            np.abs(states_in_equal_steps(changes, 2.0**-k, monkeypatch) - exact).max()
+            for k in (10, 11, 12)
+        ]
     )
     order = np.log2(errors[:-1] / errors[1:])
     assert np.all((order > 5.7) & (order < 6.3)), order  # measured 5.81 to 6.03

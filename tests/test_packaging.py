@@ -40,26 +40,45 @@ def imported(folder):
             for module in modules:
                 top = module.partition(".")[0]
                 if top not in sys.stdlib_module_names:
-                    yield path, top, {re.sub(r"[-_.]+", "-", name).lower() for name in packages.get(top, [top])}
+                    yield (
+                        path,
+                        top,
+                        {re.sub(r"[-_.]+", "-", name).lower() for name in packages.get(top, [top])},
+                    )
 
 
 def test_what_the_package_imports_is_declared():
     """By it, or by a library that it always needs, such as pandas by xarray."""
     needed = set(names(PROJECT["project"]["dependencies"]))
-    theirs = (line for name in needed for line in importlib.metadata.requires(name) or [] if "extra" not in line)
+    theirs = (
+        line
+        for name in needed
+        for line in importlib.metadata.requires(name) or []
+        if "extra" not in line
+    )
     declared = {"microvib", *needed, *names(theirs), *names(EXTRAS["all"]), *names(EXTRAS["docs"])}
-    assert {(p.name, top) for p, top, distributions in imported(ROOT / "src") if not distributions & declared} == set()
+    assert {
+        (p.name, top)
+        for p, top, distributions in imported(ROOT / "src")
+        if not distributions & declared
+    } == set()
 
 
 def test_what_the_tests_import_is_in_their_extra():
     declared = {"microvib", *names(PROJECT["project"]["dependencies"]), *names(EXTRAS["test"])}
     own = {"support", "small_unit", *(path.stem for path in (ROOT / "tests").iterdir())}
-    lacking = {(p.name, top) for p, top, distributions in imported(ROOT / "tests") if not distributions & declared}
+    lacking = {
+        (p.name, top)
+        for p, top, distributions in imported(ROOT / "tests")
+        if not distributions & declared
+    }
     assert {(name, top) for name, top in lacking if top not in own} == set()
 
 
 def test_every_python_is_declared():
-    declared = {c.rpartition(" ")[2] for c in PROJECT["project"]["classifiers"] if "Python :: 3." in c}
+    declared = {
+        c.rpartition(" ")[2] for c in PROJECT["project"]["classifiers"] if "Python :: 3." in c
+    }
     assert declared >= {"3.11", "3.12", "3.13"}
     assert f"{sys.version_info.major}.{sys.version_info.minor}" in declared
 
@@ -68,8 +87,13 @@ def test_a_source_distribution_holds_what_is_needed_to_test_it():
     """Whatever git keeps, but for what only git reads."""
     if not (ROOT / ".git").exists():
         pytest.skip("not a checkout")
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    kept = {line.partition("/")[0] for line in listed.splitlines()} - {".gitignore", ".gitattributes"}
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    kept = {line.partition("/")[0] for line in listed.splitlines()} - {
+        ".gitignore",
+        ".gitattributes",
+    }
     packaged = {*PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"], "pyproject.toml"}
     assert kept == packaged
 
@@ -86,7 +110,10 @@ def test_a_source_distribution_holds_what_is_needed_to_test_it():
 def test_a_missing_library_is_named_with_its_extra(module, extra):
     error = ModuleNotFoundError(f"No module named {module!r}", name=module)
     package = module.partition(".")[0]
-    assert missing_library(error) == f"this needs {package}, which is not installed; pip install 'microvib{extra}'"
+    assert (
+        missing_library(error)
+        == f"this needs {package}, which is not installed; pip install 'microvib{extra}'"
+    )
 
 
 @pytest.mark.parametrize("module", ["microvib.nothing", "tomllib.nothing", ""])
@@ -102,7 +129,11 @@ def test_a_module_that_no_installation_brings_is_a_bug(module):
         ("uvicorn", "serve", ["serve", "--no-browser"]),
         ("typst", "report", ["run", "state-1", "--pdf", "--out", "x"]),
         ("pyfe3d", "fem", ["modes", "reference-array"]),
-        ("pyyeti", "fem", ["modes", "model.op4", "--units", "SI", "--interface", "0,0,0", "--drive-axis", "z"]),
+        (
+            "pyyeti",
+            "fem",
+            ["modes", "model.op4", "--units", "SI", "--interface", "0,0,0", "--drive-axis", "z"],
+        ),
         ("pyuff", "test-data", ["measure", "state-1", "-o", "new.uff", *SHORT]),
         ("nptdms", "test-data", ["analyse", "recording.tdms"]),
         ("distributed", "dask", ["campaign", "run", "cases", "--on", "dask"]),
@@ -121,9 +152,16 @@ if "campaign" in sys.argv:
 sys.modules[sys.argv[1]] = None
 main(sys.argv[2:])
 """
-    done = subprocess.run([sys.executable, "-c", script, missing, *words], cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script, missing, *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
     (line,) = done.stderr.splitlines()
     assert done.returncode == 1
     assert line.startswith("Error: ")
-    assert line.endswith(f"this needs {missing}, which is not installed; pip install 'microvib[{extra}]'")
+    assert line.endswith(
+        f"this needs {missing}, which is not installed; pip install 'microvib[{extra}]'"
+    )
     assert not (tmp_path / "x").exists()

@@ -13,11 +13,11 @@ import microvib as mv
 from microvib.errors import ScenarioError
 from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes, linear_lines
-from microvib.model.part import plain
-from microvib.model.sentences import validated
+from microvib.model.part import to_plain_data
+from microvib.model.sentences import validate_part
 from microvib.solve import kernel
 from microvib.solve.pack import pack
-from microvib.solve.steady.period import repeats_after
+from microvib.solve.steady.period import common_period
 from microvib.solve.steady.state import steady_state
 
 SMOOTH = {
@@ -38,7 +38,13 @@ VOLTAGE = {
     "motor.friction.viscous": 0.01,
 }
 ERRORS = {
-    "driver.imperfections": {"gain_b": 0.03, "offset_a": 0.02, "offset_b": -0.01, "quadrature": 0.03, "dac_bits": 7}
+    "driver.imperfections": {
+        "gain_b": 0.03,
+        "offset_a": 0.02,
+        "offset_b": -0.01,
+        "quadrature": 0.03,
+        "dac_bits": 7,
+    }
 }
 BARE = {"motor.detent_torque": 0.0, "motor.friction.viscous": 1e-4}
 CASES = {
@@ -50,7 +56,10 @@ CASES = {
     "five phases, errors of the references": (FIVE | ERRORS, "star"),
     "two phases, voltages": (VOLTAGE, "apart"),
     "three phases, voltages": (THREE | VOLTAGE, "star"),
-    "five phases, voltages, errors, ramps": (FIVE | VOLTAGE | ERRORS | {"driver.microstep_ramp": 0.5}, "apart"),
+    "five phases, voltages, errors, ramps": (
+        FIVE | VOLTAGE | ERRORS | {"driver.microstep_ramp": 0.5},
+        "apart",
+    ),
 }
 
 
@@ -99,7 +108,9 @@ class Phases:
         if self.star:
             across = across - across.mean()
         T_e = -motor.torque_constant * i @ np.sin(electrical)
-        T_e -= motor.detent_torque * math.sin((motor.detent_order or 2 * m) * motor.rotor_teeth * tm)
+        T_e -= motor.detent_torque * math.sin(
+            (motor.detent_order or 2 * m) * motor.rotor_teeth * tm
+        )
         g = s.reducer
         T_g = g.stiffness * (-tm / g.ratio - tl) + g.damping * (-wm / g.ratio - wl)
         am = (T_e - motor.friction.viscous * wm + T_g / g.ratio) / s.rotor_inertia
@@ -109,7 +120,13 @@ class Phases:
     def run(self, times):
         """Rows of theta_m, omega_m, theta_l, omega_l, T_d, power of the sources and energy in the windings at ``times``."""
         s, m = self.s, self.m
-        ratio = s.driver.beats * s.motor.rotor_teeth * s.driver.microsteps * s.reducer.ratio / (2 * math.pi)
+        ratio = (
+            s.driver.beats
+            * s.motor.rotor_teeth
+            * s.driver.microsteps
+            * s.reducer.ratio
+            / (2 * math.pi)
+        )
         per_second = -ratio * s.tracking.rate * s.tracking.clock_ratio
         ramp = s.driver.microstep_ramp / abs(per_second)
         y, t = np.zeros(2 * m + 4), 0.0
@@ -121,11 +138,19 @@ class Phases:
         self.way, rows, k = (0.0, self.goal(0), self.goal(0), 0.0), [], 0
         while t < times[-1]:
             stop = (abs(k) + 0.5) / abs(per_second)
-            breaks = [x for x in (self.way[0] + self.way[3], stop) if t + 1e-12 < x < times[-1]] + [times[-1]]
+            breaks = [x for x in (self.way[0] + self.way[3], stop) if t + 1e-12 < x < times[-1]] + [
+                times[-1]
+            ]
             end = min(breaks)
             inside = times[(times > t) & (times <= end)]
-            out = solve_ivp(self, (t, end), y, "LSODA", t_eval=np.unique([*inside, end]), rtol=1e-10, atol=1e-13)
-            rows += [self.row(when, state) for when, state in zip(out.t, out.y.T, strict=True) if when in inside]
+            out = solve_ivp(
+                self, (t, end), y, "LSODA", t_eval=np.unique([*inside, end]), rtol=1e-10, atol=1e-13
+            )
+            rows += [
+                self.row(when, state)
+                for when, state in zip(out.t, out.y.T, strict=True)
+                if when in inside
+            ]
             y, t = out.y[:, -1], end
             if end == stop:
                 k += int(math.copysign(1, per_second))
@@ -162,11 +187,15 @@ def test_two_axes_move_as_the_phases_do(case):
     assert np.max(np.abs(found - expected) / np.max(np.abs(expected), axis=0)) < 2e-6
 
 
-@pytest.mark.parametrize(("changes", "steps"), [({}, 4), (THREE, 6), (FIVE, 10)], ids=["two", "three", "five"])
+@pytest.mark.parametrize(
+    ("changes", "steps"), [({}, 4), (THREE, 6), (FIVE, 10)], ids=["two", "three", "five"]
+)
 def test_an_ideal_drive_repeats_after_a_full_step_and_its_lines_are_orders_of_it(changes, steps):
     scenario = baseline().with_si(changes)
-    assert math.degrees(scenario.driver.full_step(scenario.motor)) == pytest.approx({4: 1.8, 6: 1.2, 10: 0.72}[steps])
-    assert repeats_after(scenario) == (16, 16)
+    assert math.degrees(scenario.driver.full_step(scenario.motor)) == pytest.approx(
+        {4: 1.8, 6: 1.2, 10: 0.72}[steps]
+    )
+    assert common_period(scenario) == (16, 16)
     found = {x.name: x for x in expected_lines(scenario, "300 Hz")}
     f_e = scenario.motor.rotor_teeth * scenario.reducer.ratio * abs(scenario.rate) / (2 * math.pi)
     assert found["electrical_1"].frequency == pytest.approx(f_e)
@@ -178,11 +207,13 @@ def test_an_ideal_drive_repeats_after_a_full_step_and_its_lines_are_orders_of_it
 
 def test_a_detent_of_the_half_step_has_its_own_order():
     scenario = baseline().with_si(FIVE | {"motor.detent_order": 20})
-    assert repeats_after(scenario) == (8, 8)
+    assert common_period(scenario) == (8, 8)
     found = {x.name: x.frequency for x in expected_lines(scenario, "300 Hz")}
     assert found["drive_1"] - found["drive_1_minus_1"] == pytest.approx(2 * found["full_step_1"])
     strong = {
-        x.line for x in mv.steady(scenario.with_si({"motor.detent_torque": 0.02})).lines if x.amplitude_n_m > 1e-5
+        x.line
+        for x in mv.steady(scenario.with_si({"motor.detent_torque": 0.02})).lines
+        if x.amplitude_n_m > 1e-5
     }
     assert "full_step_2" in strong
     assert "full_step_1" not in strong
@@ -194,7 +225,9 @@ def test_a_detent_of_the_half_step_has_its_own_order():
     ids=["three", "five, errors", "voltages", "all"],
 )
 def test_the_steady_state_is_what_a_run_settles_to(changes):
-    scenario = baseline().with_si(changes | {"tracking.rate": math.radians(0.1), "record.settle": 40.0})
+    scenario = baseline().with_si(
+        changes | {"tracking.rate": math.radians(0.1), "record.settle": 40.0}
+    )
     steady = {x.line: x.amplitude_n_m for x in mv.steady(scenario).lines}
     run = {x.line: x for x in mv.lines(mv.simulate(scenario))}
     for name in ("drive_1", "drive_2", "full_step_1"):
@@ -203,14 +236,20 @@ def test_the_steady_state_is_what_a_run_settles_to(changes):
 
 @pytest.mark.parametrize("rate", [0.06, 0.4])
 def test_lines_of_voltages_are_the_closed_form_of_the_linear_drive(rate):
-    scenario = baseline().with_si({**SMOOTH, **VOLTAGE, **BARE, "tracking.rate": math.radians(rate)})
+    scenario = baseline().with_si(
+        {**SMOOTH, **VOLTAGE, **BARE, "tracking.rate": math.radians(rate)}
+    )
     state, f_d = steady_state(scenario), scenario.driving_frequency
     for line in linear_lines(scenario, 3):
         found = state.harmonics()[round(line.frequency / state.frequency)]
         assert abs(found) == pytest.approx(abs(line.amplitude), rel=2e-3), line.order
     assert line.frequency == pytest.approx(3 * f_d)
-    loop = linear_lines(scenario.with_si({"driver.drive": "current", "driver.proportional_gain": 500.0}), 1)[0]
-    assert abs(loop.amplitude) != pytest.approx(abs(linear_lines(scenario, 1)[0].amplitude), rel=0.1)
+    loop = linear_lines(
+        scenario.with_si({"driver.drive": "current", "driver.proportional_gain": 500.0}), 1
+    )[0]
+    assert abs(loop.amplitude) != pytest.approx(
+        abs(linear_lines(scenario, 1)[0].amplitude), rel=0.1
+    )
 
 
 def test_modes_through_a_drive_of_voltages_are_those_of_the_kernels_derivative():
@@ -226,16 +265,34 @@ def test_modes_through_a_drive_of_voltages_are_those_of_the_kernels_derivative()
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"motor.phases": 4}, r"motor\.phases: 4 is not allowed; write 2, 3 or 5 \(number of phases\)"),
+        (
+            {"motor.phases": 4},
+            r"motor\.phases: 4 is not allowed; write 2, 3 or 5 \(number of phases\)",
+        ),
         (
             {"motor.phases": 3},
             "beats 4 is not allowed with 3 phases; a multiple of their number is expected, such as 6",
         ),
-        (THREE | {"motor.detent_order": 4}, r"motor\.detent_order: 4 is not allowed with 3 phases; a multiple of 6"),
-        (THREE | {"driver.supply_voltage": 28.0}, "supply_voltage 28 V limits each of the 3 phases"),
-        ({"driver.drive": "voltage"}, "drive: voltage has no current loop; set proportional_gain, integral_gain,"),
-        ({"driver.drive": "power"}, r"driver\.drive: 'power' is not allowed; write 'current' or 'voltage'"),
-        (VOLTAGE | {"driver.supply_voltage": 3.0}, "cannot drive 0.6 A through 6 ohm; it must be at least 3.6 V"),
+        (
+            THREE | {"motor.detent_order": 4},
+            r"motor\.detent_order: 4 is not allowed with 3 phases; a multiple of 6",
+        ),
+        (
+            THREE | {"driver.supply_voltage": 28.0},
+            "supply_voltage 28 V limits each of the 3 phases",
+        ),
+        (
+            {"driver.drive": "voltage"},
+            "drive: voltage has no current loop; set proportional_gain, integral_gain,",
+        ),
+        (
+            {"driver.drive": "power"},
+            r"driver\.drive: 'power' is not allowed; write 'current' or 'voltage'",
+        ),
+        (
+            VOLTAGE | {"driver.supply_voltage": 3.0},
+            "cannot drive 0.6 A through 6 ohm; it must be at least 3.6 V",
+        ),
     ],
 )
 def test_what_does_not_go_together_is_a_sentence(changes, sentence):
@@ -244,9 +301,10 @@ def test_what_does_not_go_together_is_a_sentence(changes, sentence):
 
 
 def test_gains_are_still_asked_for_where_there_is_a_loop():
-    data = plain(baseline())
+    data = to_plain_data(baseline())
     del data["driver"]["integral_gain"]
     with pytest.raises(
-        ScenarioError, match=r"driver\.integral_gain: missing \(integral gain of the current loop, in V"
+        ScenarioError,
+        match=r"driver\.integral_gain: missing \(integral gain of the current loop, in V",
     ):
-        validated(mv.Scenario, data, si=True)
+        validate_part(mv.Scenario, data, si=True)

@@ -17,7 +17,10 @@ from microvib.solve.steady.state import steady_state
 
 ROUGH = {"density": 1e-6, "lowest": 2000.0, "highest": 30_000.0, "seed": 3}
 FIELD = {
-    "harmonics": [{"order": 3, "amplitude": 0.2, "phase": 0.5}, {"order": 20_000, "amplitude": 0.1}],
+    "harmonics": [
+        {"order": 3, "amplitude": 0.2, "phase": 0.5},
+        {"order": 20_000, "amplitude": 0.1},
+    ],
     "roughness": ROUGH,
 }
 
@@ -30,7 +33,9 @@ def field(scenario):
     angles = np.arange(values.size + 1) / per_radian
     g = CubicHermiteSpline(angles, np.r_[values, values[0]], np.r_[slopes, slopes[0]] * per_radian)
     return lambda angle: (
-        1.0 + sum(h.amplitude * math.cos(h.order * angle + h.phase) for h in listed) + float(g(angle % (2 * math.pi)))
+        1.0
+        + sum(h.amplitude * math.cos(h.order * angle + h.phase) for h in listed)
+        + float(g(angle % (2 * math.pi)))
     )
 
 
@@ -67,8 +72,12 @@ def test_an_independent_integration_with_the_same_field_agrees(state_1):
             "motor.friction.coulomb": 0.0, "motor.friction.breakaway": 0.0, "tracking.rate": 0.02,
         }
     )  # fmt: skip
-    by_field, by_none = (Automaton(scenario, grip=grip) for grip in (field(scenario), lambda angle: 1.0))
-    (same, packed), (without, _) = (both(one, 20.0 / scenario.driving_frequency) for one in (by_field, by_none))
+    by_field, by_none = (
+        Automaton(scenario, grip=grip) for grip in (field(scenario), lambda angle: 1.0)
+    )
+    (same, packed), (without, _) = (
+        both(one, 20.0 / scenario.driving_frequency) for one in (by_field, by_none)
+    )
     moved = abs(same[6] - without[6])
     assert moved > 1e-7
     assert packed.state.y[6] == pytest.approx(same[6], abs=1e-3 * moved)
@@ -80,7 +89,9 @@ def test_both_integrations_and_batches_take_it(state_1, rigid):
     changes = {"friction.position": FIELD, "record.settle": 0.3, "record.duration": 0.5}
     scenario = state_1.with_({"reducer.stiffness": "rigid"} if rigid else {}).with_si(changes)
     motion = mv.simulate(scenario)
-    reference = rodas4.simulate(scenario.with_si({"solver.refinement": 2}), channels=("T_d",))["T_d"]
+    reference = rodas4.simulate(scenario.with_si({"solver.refinement": 2}), channels=("T_d",))[
+        "T_d"
+    ]
     plain = mv.simulate(scenario.with_si({"friction.position": None}), channels=("T_d",))["T_d"]
     effect = np.std(plain - reference)
     assert effect > 0.01 * np.std(reference)
@@ -94,7 +105,9 @@ def test_both_integrations_and_batches_take_it(state_1, rigid):
 def test_without_amplitude_nothing_changes_to_the_last_bit(state_1):
     short = state_1.with_si({"record.settle": 0.2, "record.duration": 0.3})
     none = {"harmonics": [{"order": 2, "amplitude": 0.0}], "roughness": {**ROUGH, "density": 0.0}}
-    assert np.array_equal(mv.simulate(short)["T_d"], mv.simulate(short.with_si({"friction.position": none}))["T_d"])
+    assert np.array_equal(
+        mv.simulate(short)["T_d"], mv.simulate(short.with_si({"friction.position": none}))["T_d"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +138,9 @@ def test_the_steady_search_says_why_not(state_1):
 
 def test_a_density_comes_from_a_file(tmp_path, state_1):
     (tmp_path / "psd.csv").write_text("frequency [Hz],PSD [mN^2*m^2/Hz]\n0,9\n0.5,4.0\n5,0.04\n")
-    scenario = mv.load_scenario("state-1", {"friction.torque_noise": {"table": str(tmp_path / "psd.csv"), "seed": 2}})
+    scenario = mv.load_scenario(
+        "state-1", {"friction.torque_noise": {"table": str(tmp_path / "psd.csv"), "seed": 2}}
+    )
     noise = scenario.friction.torque_noise
     assert noise.table == ((0.5, pytest.approx(4e-6)), (5.0, pytest.approx(4e-8)))
     # straight in logarithms: 1/f^2 between the rows, nothing beyond them
@@ -140,7 +155,10 @@ def test_a_density_comes_from_a_file(tmp_path, state_1):
     }
     flat = {**same, "friction.torque_noise": {"density": 2e-6, "lowest": 0.01, "highest": 50.0}}
     assert np.allclose(
-        mv.simulate(state_1.with_si(same))["T_d"], mv.simulate(state_1.with_si(flat))["T_d"], rtol=1e-9, atol=1e-12
+        mv.simulate(state_1.with_si(same))["T_d"],
+        mv.simulate(state_1.with_si(flat))["T_d"],
+        rtol=1e-9,
+        atol=1e-12,
     )
 
 
@@ -159,5 +177,7 @@ def test_a_file_that_is_no_density_is_a_sentence(tmp_path, text, said):
     with pytest.raises(mv.ScenarioError, match=re.escape(said)):
         mv.load_scenario("state-1", {"friction.torque_noise.table": str(tmp_path / "psd.csv")})
     (tmp_path / "rough.csv").write_text("order,density\n10,1e-9\n1000,1e-9\n")
-    rough = mv.load_scenario("state-1", {"friction.position.roughness.table": str(tmp_path / "rough.csv")})
+    rough = mv.load_scenario(
+        "state-1", {"friction.position.roughness.table": str(tmp_path / "rough.csv")}
+    )
     assert rough.friction.position.roughness.band == (10.0, 1000.0)

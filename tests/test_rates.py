@@ -16,12 +16,12 @@ from microvib.cli.main import main
 from microvib.cli.rates import _counts
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
-from microvib.reports.rates import best_text, draw_campbell, found_text, plan_text
+from microvib.reports.rates import best_text, draw_campbell, plan_text, solution_counts_text
 from microvib.studies.rates import (
-    ABOVE,
+    ABOVE_LIMIT,
     ABOVE_PASSBAND,
-    HIDES,
-    NOT_LINEAR,
+    BEYOND_LINEAR_MODEL,
+    HIDDEN_LINE,
     RateCase,
     RateLine,
     at_rate,
@@ -38,14 +38,22 @@ DEG = math.pi / 180.0
 @pytest.fixture(scope="module")
 def plan(state_1):
     # about the rate at which the full-step line meets the array mode, 0.0208 deg/s
-    return plan_rates(state_1, rate_grid("0.016 deg/s", "0.026 deg/s", 11), (8, 16), limit="30 mN*m", band="0.1:5 Hz")
+    return plan_rates(
+        state_1,
+        rate_grid("0.016 deg/s", "0.026 deg/s", 11),
+        (8, 16),
+        limit="30 mN*m",
+        band="0.1:5 Hz",
+    )
 
 
 def test_a_line_peaks_where_it_meets_the_mode(plan, state_1):
     meeting = next(r for r in plan.resonances if r.mode == "array_mode_1" and r.microsteps == 16)
     assert meeting.line == "full_step_1"
     assert meeting.frequency == pytest.approx(1.1565, rel=0.03)
-    assert meeting.frequency == pytest.approx(at_rate(state_1, meeting.rate, 16).driving_frequency / 16, rel=1e-9)
+    assert meeting.frequency == pytest.approx(
+        at_rate(state_1, meeting.rate, 16).driving_frequency / 16, rel=1e-9
+    )
     others = [x.amplitude for c in plan.of(16) for x in c.lines if x.line == "full_step_1"]
     assert meeting.amplitude == max(others)
     assert meeting.amplitude > 5.0 * np.median(others)
@@ -69,7 +77,9 @@ def test_forbidden_bands_end_where_the_largest_line_is_at_the_limit(plan, state_
         assert b.low < 0.0208 * DEG < b.high
         for edge, inward in ((b.low, 1.0), (b.high, -1.0)):
             outside, inside = (
-                full_case(state_1, Si(edge + side * 5e-6 * DEG), b.microsteps).largest(plan.band).amplitude
+                full_case(state_1, Si(edge + side * 5e-6 * DEG), b.microsteps)
+                .largest(plan.band)
+                .amplitude
                 for side in (-inward, inward)
             )
             assert outside < 0.03 < inside
@@ -77,7 +87,9 @@ def test_forbidden_bands_end_where_the_largest_line_is_at_the_limit(plan, state_
 
 def test_the_best_rate_is_outside_and_smallest(plan):
     case, top = plan.best()
-    assert all(not b.low <= case.rate <= b.high for b in plan.forbidden if b.microsteps == case.microsteps)
+    assert all(
+        not b.low <= case.rate <= b.high for b in plan.forbidden if b.microsteps == case.microsteps
+    )
     assert top == min(line.amplitude for c in plan.cases if (line := c.largest(plan.band)))
     assert plan.best(16)[1] >= top
     assert plan.worst(16) > 0.2
@@ -119,7 +131,7 @@ def test_how_cases_were_found_is_counted(plan):
     some[3] = replace(some[3], lines=(), reason="lost")
     steady = sum(not case.reason for case in some)
     in_time = len(some) - steady - 1
-    assert found_text(limited(plan, cases=tuple(some))) == (
+    assert solution_counts_text(limited(plan, cases=tuple(some))) == (
         f"{steady} steady states of the full model, {in_time} time integrations, 1 failed"
     )
 
@@ -159,13 +171,17 @@ def test_cases_without_a_steady_state_and_failed_ones_are_marked(state_1):
 def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     """Without a steady state a record tells the lines: what it does not resolve, or its floor hides, may be above the limit."""
     noise = {"density": "1e-5 N^2*m^2/Hz", "highest": "200 Hz"}
-    noisy = state_1.with_({"friction.torque_noise": noise, "record.settle": "4 s", "record.duration": "4 s"})
+    noisy = state_1.with_(
+        {"friction.torque_noise": noise, "record.settle": "4 s", "record.duration": "4 s"}
+    )
     slow = full_case(noisy, Si(0.0025 * DEG), 16)
     lines = {x.line: x.amplitude for x in slow.hidden}
     assert "full_step_1" in lines
     assert not set(lines) & {x.line for x in slow.lines}
     assert slow.verdict((0.0, math.inf), 2.0 * max(lines.values())) == ""
-    assert slow.verdict((0.0, math.inf), 1.01 * slow.largest((0.0, math.inf)).amplitude) == HIDES
+    assert (
+        slow.verdict((0.0, math.inf), 1.01 * slow.largest((0.0, math.inf)).amplitude) == HIDDEN_LINE
+    )
     best, top = limited(plan).best()
     hidden = (replace(best.lines[0], line="full_step_3", frequency=1.0, amplitude=1.0),)
     cases = tuple(replace(case, hidden=hidden) if case is best else case for case in plan.cases)
@@ -173,20 +189,25 @@ def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     assert limited(plan, cases=cases).best(best.microsteps)[0].rate != best.rate
 
 
-def test_a_steady_state_beside_rates_at_which_the_drive_excites_itself_is_confirmed(state_1, monkeypatch):
+def test_a_steady_state_beside_rates_at_which_the_drive_excites_itself_is_confirmed(
+    state_1, monkeypatch
+):
     """The middle of three rates has neighbours whose largest line is of no clock: its run from rest is waited for."""
     rates = [0.05 * DEG, 0.06 * DEG, 0.07 * DEG]
     asked = []
 
     def solved(scenario, rate, microsteps, confirmed=False):
         asked.append((rate, confirmed))
-        lines = RateLine("drive_1", "drive", 1.0, 50.0, 0.01), RateLine("other_1", "other", 0.06, 2.9, 0.4)
+        lines = (
+            RateLine("drive_1", "drive", 1.0, 50.0, 0.01),
+            RateLine("other_1", "other", 0.06, 2.9, 0.4),
+        )
         if rate == rates[1] and not confirmed:
             return RateCase(rate, microsteps, lines[:1])
         return RateCase(rate, microsteps, lines, "a run from rest does not settle")
 
     monkeypatch.setattr("microvib.studies.rates.full_case", solved)
-    monkeypatch.setattr("microvib.studies.rates._meetings", lambda *given: [])
+    monkeypatch.setattr("microvib.studies.rates._resonance_crossings", lambda *given: [])
     plan = plan_rates(state_1, [Si(rate) for rate in rates], (16,), limit="100 mN*m")
     assert (rates[1], True) in asked
     assert plan.best() is None
@@ -203,8 +224,12 @@ def test_a_confirmed_steady_state_is_the_one_that_was_found(state_1):
 def test_a_rate_at_which_the_array_does_not_turn_yet_is_not_the_best(state_1):
     """Where there is no steady state, and the record is over before the drive is wound up, lines are those of an array that stands."""
     error = [{"order": 7, "amplitude": "1 arcsec"}]
-    held = state_1.with_({"reducer.transmission_error": error, "record.settle": "1 s", "record.duration": "4 s"})
-    plan = plan_rates(held, rate_grid("0.0005 deg/s", "0.03 deg/s", 2), limit="100 mN*m", band="0.1:50 Hz")
+    held = state_1.with_(
+        {"reducer.transmission_error": error, "record.settle": "1 s", "record.duration": "4 s"}
+    )
+    plan = plan_rates(
+        held, rate_grid("0.0005 deg/s", "0.03 deg/s", 2), limit="100 mN*m", band="0.1:50 Hz"
+    )
     slow, fast = plan.cases[0], plan.cases[-1]
     assert slow.lines == ()
     assert slow.reason.startswith("the array does not turn yet")
@@ -234,7 +259,9 @@ def test_the_linear_lines_are_those_of_a_drive_without_stick_and_detent(state_1,
     table = mv.steady(scenario).lines
     for line in linear_lines(scenario):
         # currents do not follow quite at once: back-EMF damps by 2 %
-        assert abs(line.amplitude) == pytest.approx(table[f"drive_{line.order}"].amplitude_n_m, rel=0.03)
+        assert abs(line.amplitude) == pytest.approx(
+            table[f"drive_{line.order}"].amplitude_n_m, rel=0.03
+        )
         assert line.frequency == pytest.approx(table[f"drive_{line.order}"].frequency_hz)
     assert linear_lines(scenario.with_si({"tracking.rate": 0.0})) == ()
 
@@ -271,7 +298,10 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
     with (out / "rates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert {row["microsteps"] for row in rows} == {"16", "32"}
-    assert all(row["status"] == "steady" or row["status"].startswith("in time: a run from rest") for row in rows)
+    assert all(
+        row["status"] == "steady" or row["status"].startswith("in time: a run from rest")
+        for row in rows
+    )
     assert sum(row["status"] == "steady" for row in rows) > 0.8 * len(rows)
     drive = next(row for row in rows if row["line"] == "drive_2")
     assert float(drive["order"]) == pytest.approx(2.0)
@@ -291,14 +321,23 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
         (["--from", "0 deg/s", "--to", "0.1 deg/s"], "must be above 0"),
         (["--from", "0.1", "--to", "0.1 deg/s"], "--from: '0.1' needs a unit"),
         (["--from", "0.1 Hz", "--to", "1 deg/s"], "mixes cycles and angles"),
-        (["--from", "0.1 deg/s", "--to", "1 deg/s", "--microsteps", "8,many"], "whole numbers from 1 to 65536"),
-        (["--from", "0.1 deg/s", "--to", "1 deg/s", "--limit", "10 mN"], "--limit: '10 mN' has the wrong dimension"),
+        (
+            ["--from", "0.1 deg/s", "--to", "1 deg/s", "--microsteps", "8,many"],
+            "whole numbers from 1 to 65536",
+        ),
+        (
+            ["--from", "0.1 deg/s", "--to", "1 deg/s", "--limit", "10 mN"],
+            "--limit: '10 mN' has the wrong dimension",
+        ),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--limit", "0 N*m"], "must be greater than 0"),
         (
             ["--from", "0.1 deg/s", "--to", "1 deg/s", "--keep-away", "5 Hz"],
             "--keep-away: '5 Hz' has the wrong dimension",
         ),
-        (["--from", "0.1 deg/s", "--to", "1 deg/s", "--keep-away", "120 percent"], "below 100 percent"),
+        (
+            ["--from", "0.1 deg/s", "--to", "1 deg/s", "--keep-away", "120 percent"],
+            "below 100 percent",
+        ),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--band", "5 Hz"], "write LOW:HIGH"),
         (["--from", "0.1 deg/s", "--to", "1 deg/s", "--band", "5:0.5 Hz"], "below the second"),
     ],
@@ -330,7 +369,9 @@ def test_a_script_without_a_guard_is_told_so_and_one_worker_needs_none(tmp_path)
         "    sys.exit(3)\n"
     )
     runs = [
-        subprocess.run([sys.executable, script, workers], capture_output=True, text=True, timeout=300)
+        subprocess.run(
+            [sys.executable, script, workers], capture_output=True, text=True, timeout=300
+        )
         for workers in ("1", "2")
     ]
     assert [run.returncode for run in runs] == [0, 3]
@@ -345,7 +386,12 @@ def test_a_rate_is_not_allowed_for_lines_above_the_passband(state_1):
     limits = 0.003, 0.015, 0.06
     whole = plan_rates(state_1, rates, limit="15 mN*m", band="5:100 Hz")
     for sample_rate in ("40 Hz", "150 Hz"):
-        plan = plan_rates(state_1.with_({"record.sample_rate": sample_rate}), rates, limit="15 mN*m", band="5:100 Hz")
+        plan = plan_rates(
+            state_1.with_({"record.sample_rate": sample_rate}),
+            rates,
+            limit="15 mN*m",
+            band="5:100 Hz",
+        )
         for case, truth in zip(plan.cases, whole.cases, strict=True):
             assert case.rate == truth.rate
             for limit in limits:
@@ -355,7 +401,10 @@ def test_a_rate_is_not_allowed_for_lines_above_the_passband(state_1):
             said = plan_text(plan)
             assert "0 failed" not in said
             assert "failed" not in said
-            assert "not judged: what is above the passband may be above the limit (record.sample_rate >= " in said
+            assert (
+                "not judged: lines above the passband may exceed the limit (record.sample_rate >= "
+                in said
+            )
             assert "a full-step line at" in said
             assert plan.forbidden[0].why.startswith(ABOVE_PASSBAND)
     assert whole.best() is not None
@@ -365,7 +414,7 @@ def test_a_linear_plan_allows_no_rate_for_what_it_does_not_have(state_1):
     rates = rate_grid("0.2 deg/s", "0.4 deg/s", 4)
     plan = plan_rates(state_1, rates, limit="15 mN*m", band="5:100 Hz", linear=True)
     assert plan.best() is None
-    assert NOT_LINEAR in plan_text(plan)
+    assert BEYOND_LINEAR_MODEL in plan_text(plan)
     assert plan_rates(state_1, rates, linear=True).best() is not None
 
 
@@ -374,7 +423,10 @@ def test_a_small_line_in_the_band_is_not_dropped_for_a_large_one_outside(state_1
     top = max(x.amplitude for x in case.lines)
     small = max((x for x in case.lines if x.amplitude < 1e-3 * top), key=lambda x: x.amplitude)
     assert small.amplitude > 1e-5 * top
-    assert case.verdict((0.999 * small.frequency, 1.001 * small.frequency), 0.5 * small.amplitude) == ABOVE
+    assert (
+        case.verdict((0.999 * small.frequency, 1.001 * small.frequency), 0.5 * small.amplitude)
+        == ABOVE_LIMIT
+    )
 
 
 def test_a_band_without_a_listed_line_is_judged_by_what_no_line_accounts_for():
@@ -387,7 +439,12 @@ def test_a_band_without_a_listed_line_is_judged_by_what_no_line_accounts_for():
 
 def test_a_mode_is_named_where_its_name_covers_the_fewest_points():
     """At 16 microsteps drive_1 comes down on the resonance from the left below: the name stands at the right, or above."""
-    plan = plan_rates(mv.load_scenario("state-1"), rate_grid("0.03 deg/s", "0.06 deg/s", 24), (16, 64), linear=True)
+    plan = plan_rates(
+        mv.load_scenario("state-1"),
+        rate_grid("0.03 deg/s", "0.06 deg/s", 24),
+        (16, 64),
+        linear=True,
+    )
     drawing = draw_campbell(plan)
     drawing.canvas.draw()
     for ax in drawing.axes[:2]:

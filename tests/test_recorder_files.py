@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat, wavfile
 
 from microvib.io.recordings import load_preparation, read_prepared, read_recording
-from microvib.testdata.recording import Recording, RecordingError, check
+from microvib.testdata.recording import Recording, RecordingError, require_usable_channel
 
 RATE = 4096.0
 T = np.arange(2048) / RATE
@@ -14,7 +14,9 @@ MZ = 0.05 * np.cos(2 * np.pi * 53 * T) + np.random.default_rng(0).normal(0, 1e-3
 
 def read(tmp_path, write, name, how=None) -> Recording:
     path = tmp_path / name
-    write(path) if callable(write) else path.write_bytes(write if isinstance(write, bytes) else write.encode())
+    write(path) if callable(write) else path.write_bytes(
+        write if isinstance(write, bytes) else write.encode()
+    )
     if how is None:
         return read_recording(path)
     (tmp_path / "how.yaml").write_text(how)
@@ -23,11 +25,20 @@ def read(tmp_path, write, name, how=None) -> Recording:
 
 def assert_is_mz(recording, channel="Mz", atol=2e-9):
     assert recording.sample_rate == pytest.approx(RATE, rel=1e-5)
-    check(recording, channel)
+    require_usable_channel(recording, channel)
     np.testing.assert_allclose(recording[channel], MZ, atol=atol)
 
 
-def lvm(x="One", dimension="Time", decimal=".", separator="Tab", units=("N*m", "N"), step=1 / RATE, segments=1, x0=0.0):
+def lvm(
+    x="One",
+    dimension="Time",
+    decimal=".",
+    separator="Tab",
+    units=("N*m", "N"),
+    step=1 / RATE,
+    segments=1,
+    x0=0.0,
+):
     """A LabVIEW measurement file of two channels."""
     s = {"Tab": "\t", "Comma": ","}[separator]
     top = ["LabVIEW Measurement", s.join(["Writer_Version", "2"]), s.join(["Reader_Version", "2"]), s.join(["Separator", separator]),
@@ -65,7 +76,9 @@ def test_labview_files_that_are_something_else(tmp_path):
         read(tmp_path, lvm(step=1e-3), "c.lvm")
     with pytest.raises(RecordingError, match="truncated"):
         read(tmp_path, lvm()[:150], "d.lvm")
-    plain = "time [s]\tMz [N*m]\n" + "".join(f"{t:.9f}\t{m:.9f}\n" for t, m in zip(T, MZ, strict=True))
+    plain = "time [s]\tMz [N*m]\n" + "".join(
+        f"{t:.9f}\t{m:.9f}\n" for t, m in zip(T, MZ, strict=True)
+    )
     assert_is_mz(read(tmp_path, plain, "e.lvm"))
 
 
@@ -126,7 +139,11 @@ def test_catman_in_matlab_with_its_time_channel(tmp_path):
         "Channel_1_Header": time,
         "Channel_1_Data": T,
     }
-    found = read(tmp_path, lambda p: savemat(p, data | {"Channel_2_Header": header, "Channel_2_Data": MZ}), "a.mat")
+    found = read(
+        tmp_path,
+        lambda p: savemat(p, data | {"Channel_2_Header": header, "Channel_2_Data": MZ}),
+        "a.mat",
+    )
     assert list(found.channels) == ["Mz"]
     assert_is_mz(found)
 
@@ -135,7 +152,11 @@ UNITS = {
     "units beside one channel": {"Mz": 1e3 * MZ, "fs": RATE, "units": "mN*m"},
     "units beside one channel and its time": {"Mz": 1e3 * MZ, "t": T, "units": "mN*m"},
     "Mz_unit": {"Mz": 1e3 * MZ, "fs": RATE, "Mz_unit": "mNm"},
-    "Mz_units, text in a column": {"Mz": 1e3 * MZ[:, None], "fs": RATE, "Mz_units": np.array(["mNm"], dtype=object)},
+    "Mz_units, text in a column": {
+        "Mz": 1e3 * MZ[:, None],
+        "fs": RATE,
+        "Mz_units": np.array(["mNm"], dtype=object),
+    },
     "unit in the name": {"Mz_mNm": 1e3 * MZ, "fs": RATE},
 }
 
@@ -167,9 +188,9 @@ def test_what_a_library_prints_is_no_output(capfd):
     import sys
     import threading
 
-    from microvib.io.files import silent
+    from microvib.io.files import suppress_output
 
-    with silent():
+    with suppress_output():
         print("of a library")
         print("of a library", file=sys.stderr)
         other = threading.Thread(target=lambda: print("of another thread"))

@@ -11,7 +11,7 @@ from microvib.errors import OutputError
 from microvib.io.recordings import read_prepared, read_recording, write_recording
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.preparation import Preparation
-from microvib.testdata.recording import Recording, RecordingError, check
+from microvib.testdata.recording import Recording, RecordingError, require_usable_channel
 from microvib.testdata.time_axis import regular_rate
 
 RATE = 4096.0
@@ -20,7 +20,10 @@ T = np.arange(4096) / RATE
 
 def made(**changes) -> Recording:
     noise = np.random.default_rng(0).normal(0, 1e-3, (6, T.size))
-    channels = {name: noise[k] + 0.1 * (k + 1) * np.cos(2 * np.pi * 53 * T) for k, name in enumerate(COMPONENTS)}
+    channels = {
+        name: noise[k] + 0.1 * (k + 1) * np.cos(2 * np.pi * 53 * T)
+        for k, name in enumerate(COMPONENTS)
+    }
     units = {name: "N" if name.startswith("F") else "N*m" for name in COMPONENTS}
     return Recording(channels | changes, RATE, units, "made")
 
@@ -51,7 +54,9 @@ def test_a_disk_that_fills_up_is_a_sentence(tmp_path, ending):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
     try:
-        with pytest.raises(OutputError, match=rf"test\.{ending}: cannot be written: .*nothing was left behind"):
+        with pytest.raises(
+            OutputError, match=rf"test\.{ending}: cannot be written: .*nothing was left behind"
+        ):
             write_recording(made(), tmp_path / f"test.{ending}")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
@@ -85,7 +90,9 @@ def test_tdms(tmp_path):
 
     with TdmsWriter(str(tmp_path / "test.tdms")) as writer:
         properties = {"wf_increment": 1 / RATE, "unit_string": "mNm"}
-        writer.write_segment([ChannelObject("table", "Mz", 1e3 * made()["Mz"], properties=properties)])
+        writer.write_segment(
+            [ChannelObject("table", "Mz", 1e3 * made()["Mz"], properties=properties)]
+        )
     back = read_recording(tmp_path / "test.tdms")
     assert back.sample_rate == RATE
     assert back["Mz"] == pytest.approx(made()["Mz"])  # mN m became N m
@@ -107,7 +114,9 @@ def test_a_single_column_with_decimal_commas_is_not_two(tmp_path):
     """The comma that parts numbers in other files is their decimal mark where the header has one name."""
     path = tmp_path / "test.csv"
     numbers = [f"{v:.6f}".replace(".", ",") for v in 1e3 * made()["Mz"][:100]]
-    path.write_text("Abtastrate: 4096 Hz\nMz [mN*m]\n" + "\n".join(numbers) + "\n", encoding="utf-8")
+    path.write_text(
+        "Abtastrate: 4096 Hz\nMz [mN*m]\n" + "\n".join(numbers) + "\n", encoding="utf-8"
+    )
     back = read_recording(path)
     assert list(back.channels) == ["Mz"]
     assert back["Mz"] == pytest.approx(made()["Mz"][:100], abs=1e-9)
@@ -126,7 +135,9 @@ def test_a_rate_that_no_recording_of_loads_has_is_asked_about(tmp_path, said, ho
     """Kilohertz, milliseconds and days that the file does not call so; the preparation can say it."""
     path = tmp_path / "test.mat"
     scipy.io.savemat(path, said | {"Mz": made()["Mz"], "units": {"Mz": "N*m"}})
-    with pytest.raises(RecordingError, match=r"has a sample rate of .*; 20 Hz to 10 MHz is expected"):
+    with pytest.raises(
+        RecordingError, match=r"has a sample rate of .*; 20 Hz to 10 MHz is expected"
+    ):
         read_recording(path)
     told = read_prepared(path, Preparation.model_validate(how)).recording
     assert told.sample_rate == RATE
@@ -134,9 +145,13 @@ def test_a_rate_that_no_recording_of_loads_has_is_asked_about(tmp_path, said, ho
 
 def test_columns_that_end_early_are_told_as_another_rate(tmp_path):
     path = tmp_path / "test.csv"
-    rows = [f"{t:.6f},{t:.3f}" + (f",{2 * t:.6f},1.5" if k < 50 else "") for k, t in enumerate(T[:100])]
+    rows = [
+        f"{t:.6f},{t:.3f}" + (f",{2 * t:.6f},1.5" if k < 50 else "") for k, t in enumerate(T[:100])
+    ]
     path.write_text("t [s],Mz [N*m],t2 [s],Fx [N]\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match=r"row 51 .* as of another sample rate, go into a file of their own"):
+    with pytest.raises(
+        RecordingError, match=r"row 51 .* as of another sample rate, go into a file of their own"
+    ):
         read_recording(path)
 
 
@@ -184,7 +199,9 @@ def test_torques_that_are_moved_say_by_how_much_their_floor_rises(noise, times):
     assert ("raises the floor of Mz" in told) == (times is not None)
     if times is not None:
         floor = 1e-3 / np.sqrt(RATE / 2)
-        low, high = (float(x) for x in told.split("the floor of Mz from ")[1].split(" N*m")[0].split(" to "))
+        low, high = (
+            float(x) for x in told.split("the floor of Mz from ")[1].split(" N*m")[0].split(" to ")
+        )
         assert low == pytest.approx(floor, rel=0.05)
         assert high == pytest.approx(times * floor, rel=0.05)
 
@@ -213,13 +230,16 @@ def test_trim_detrend_decimate():
             "has 1 samples that are not numbers, the first at 0.001709 s",
         ),
         (lambda x: np.clip(x, -0.3, 0.3), "is clipped"),
-        (lambda x: np.concatenate([x[:1000], np.full(50, x[1000]), x[1050:]]), "repeats one value for"),
+        (
+            lambda x: np.concatenate([x[:1000], np.full(50, x[1000]), x[1050:]]),
+            "repeats one value for",
+        ),
         (lambda x: np.zeros_like(x), "is constant"),
     ],
 )
 def test_bad_channels_are_named_as_what_they_are(change, complaint):
     with pytest.raises(RecordingError, match=complaint):
-        check(made(Mz=change(made()["Mz"])), "Mz")
+        require_usable_channel(made(Mz=change(made()["Mz"])), "Mz")
 
 
 CLIPPED = np.clip(made()["Mz"], -0.3, 0.3)
@@ -231,7 +251,11 @@ CLIPPED = np.clip(made()["Mz"], -0.3, 0.3)
         ({"Mz": CLIPPED}, {"detrend": 1}, "Mz is clipped"),
         ({"Mz": CLIPPED}, {"response": "boxcar"}, "Mz is clipped"),
         ({"Mz": CLIPPED}, {"decimate": 2, "channels": {"Mz": "-Mz"}}, "Mz is clipped"),
-        ({"Mz": np.where((T > 0.5) & (T < 0.52), 0.1, made()["Mz"])}, {"detrend": 1}, "Mz repeats one value"),
+        (
+            {"Mz": np.where((T > 0.5) & (T < 0.52), 0.1, made()["Mz"])},
+            {"detrend": 1},
+            "Mz repeats one value",
+        ),
         ({"Mz": np.full_like(T, 0.1)}, {"detrend": 1}, "Mz is constant"),
         (
             {"Mz": np.where(np.arange(T.size) == 7, np.nan, T)},
@@ -244,37 +268,44 @@ CLIPPED = np.clip(made()["Mz"], -0.3, 0.3)
 )
 def test_what_is_wrong_is_told_whatever_is_done_to_it(changes, how, complaint):
     with pytest.raises(RecordingError, match=complaint):
-        check(Preparation(**how).apply(made(**changes)), "Mz")
+        require_usable_channel(Preparation(**how).apply(made(**changes)), "Mz")
 
 
 @pytest.mark.parametrize(
     ("changes", "how"),
     [
-        ({"Mz": np.where(T < 0.2, CLIPPED, made()["Mz"])}, {"start": "0.25 s", "detrend": 1}),  # cut away
+        (
+            {"Mz": np.where(T < 0.2, CLIPPED, made()["Mz"])},
+            {"start": "0.25 s", "detrend": 1},
+        ),  # cut away
         ({"Fx": CLIPPED}, {"offset": (1.0, 0.0, 0.0)}),  # no part of it
         ({"Fx": 1e-6 * np.round(10 * CLIPPED)}, {"offset": (0.0, 1.0, 0.0)}),  # of no account
     ],
 )
 def test_what_is_wrong_elsewhere_does_not_count(changes, how):
-    check(Preparation(**how).apply(made(**changes)), "Mz")
+    require_usable_channel(Preparation(**how).apply(made(**changes)), "Mz")
 
 
 def test_good_channels_pass_and_short_ones_do_not():
-    check(made(), "Mz")
+    require_usable_channel(made(), "Mz")
     with pytest.raises(RecordingError, match=r"lasts 1 s; the lines asked for need 16 s"):
-        check(made(), "Mz", shortest=16.0)
+        require_usable_channel(made(), "Mz", shortest=16.0)
     with pytest.raises(RecordingError, match="there is no channel 'Mq'; there are Fx"):
-        check(made(), "Mq")
+        require_usable_channel(made(), "Mq")
 
 
 def test_units_of_another_kind_are_refused():
     with pytest.raises(RecordingError, match=r"channel Mz is in 'N', but N\*m"):
         Recording({"Mz": T}, RATE, {"Mz": "N"}, "made").in_si()
-    assert Recording({"Fx": T}, RATE, {"Fx": "lbf"}, "made").in_si()["Fx"] == pytest.approx(4.4482216 * T)
-    with pytest.raises(RecordingError, match=r"channel Fx is in 'mV', .* sensitivity: {Fx: 0.01 N/mV}"):
-        check(Recording({"Fx": T}, RATE, {"Fx": "mV"}, "made").in_si(), "Fx")
+    assert Recording({"Fx": T}, RATE, {"Fx": "lbf"}, "made").in_si()["Fx"] == pytest.approx(
+        4.4482216 * T
+    )
+    with pytest.raises(
+        RecordingError, match=r"channel Fx is in 'mV', .* sensitivity: {Fx: 0.01 N/mV}"
+    ):
+        require_usable_channel(Recording({"Fx": T}, RATE, {"Fx": "mV"}, "made").in_si(), "Fx")
     with pytest.raises(RecordingError, match=r"channel Mz has no unit; .* units: {Mz: N\*m}"):
-        check(Recording({"Mz": T}, RATE, {}, "made").in_si(), "Mz")
+        require_usable_channel(Recording({"Mz": T}, RATE, {}, "made").in_si(), "Mz")
     assert Recording({"Fx": T}, RATE, {"Fx": "kN"}, "made").in_si()["Fx"] == pytest.approx(1e3 * T)
 
 
@@ -283,7 +314,9 @@ def test_time_axes():
     with pytest.raises(RecordingError, match="about 3 samples are missing, the first at"):
         regular_rate(np.delete(T, [100, 101, 102]))
     late = 100.0 + T
-    assert regular_rate(np.round(late, 4))[0] == pytest.approx(RATE, rel=1e-3)  # written to its last digit
+    assert regular_rate(np.round(late, 4))[0] == pytest.approx(
+        RATE, rel=1e-3
+    )  # written to its last digit
     for t in (T + 1e-4 * np.sin(7 * T), late + 2e-4 * np.sin(7 * T)):
         with pytest.raises(RecordingError, match="wanders"):
             regular_rate(t)

@@ -38,8 +38,14 @@ def write_netcdf(path):
     with h5netcdf.File(path, "w") as f:
         f.dimensions = {"time": T.size}
         f.create_variable("time", ("time",), data=1e3 * T).attrs["units"] = "ms"
-        variable = f.create_variable("Mz", ("time",), data=np.round(MZ / 1e-6).astype("i4"), compression="gzip")
-        for key, value in (("units", "N*m"), ("scale_factor", 1e-6), ("_FillValue", np.int32(-(2**31)))):
+        variable = f.create_variable(
+            "Mz", ("time",), data=np.round(MZ / 1e-6).astype("i4"), compression="gzip"
+        )
+        for key, value in (
+            ("units", "N*m"),
+            ("scale_factor", 1e-6),
+            ("_FillValue", np.int32(-(2**31))),
+        ):
             variable.attrs[key] = value
 
 
@@ -57,7 +63,12 @@ def write_german(path):
     path.write_bytes(("Prüfstand 3\nZeit;Mz\ns;Nm\n" + rows).encode("cp1252"))
 
 
-STRUCT = {"data": np.column_stack([MZ, MZ]), "labels": np.array(["Mz", "My"], dtype=object), "units": "N*m", "fs": RATE}
+STRUCT = {
+    "data": np.column_stack([MZ, MZ]),
+    "labels": np.array(["Mz", "My"], dtype=object),
+    "units": "N*m",
+    "fs": RATE,
+}
 FORMATS = {
     "own.uff": lambda path: write_recording(MADE, path),
     "own.mat": lambda path: write_recording(MADE, path),

@@ -14,7 +14,7 @@ from microvib.io.hub_sources import hub_from
 from microvib.io.named import catalog_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.rigid import tensor
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.structures.fem.hub_mesh import free_modes
 from microvib.structures.hub_design import HubDesign
 
@@ -30,7 +30,7 @@ def described(**changes):
         for group in groups:
             inside = inside[int(group) if group.isdigit() else group]
         inside[last] = value
-    return validated(HubDesign, data, origin=NAME)
+    return validate_part(HubDesign, data, origin=NAME)
 
 
 def test_mass_properties_are_those_of_the_parts():
@@ -42,18 +42,31 @@ def test_mass_properties_are_those_of_the_parts():
     parts += [(panel * a * b, (0, 0, z), (a, b, 0)) for z in (-c / 2, c / 2)]
     bench = design.bench
     level = c / 2 + bench.above
-    parts.append((bench.panel.areal_mass * bench.length * bench.width, (0, 0, level), (bench.length, bench.width, 0)))
+    parts.append(
+        (
+            bench.panel.areal_mass * bench.length * bench.width,
+            (0, 0, level),
+            (bench.length, bench.width, 0),
+        )
+    )
     parts += [(unit.mass, unit.position, (0, 0, 0)) for unit in design.equipment]
     masses, at = np.array([m for m, *_ in parts]), np.array([place for _, place, _ in parts], float)
-    masses, at = np.append(masses, bench.payload_mass), np.vstack([at, [0, 0, level + bench.payload_above]])
+    masses, at = (
+        np.append(masses, bench.payload_mass),
+        np.vstack([at, [0, 0, level + bench.payload_above]]),
+    )
     center = masses @ at / masses.sum()
     own = [m / 12 * (np.dot(s, s) * np.eye(3) - np.diag(np.square(s))) for m, _, s in parts]
     inertia = sum(own) + np.diag(bench.payload_inertia)
     for m, r in zip(masses, at - center, strict=True):
         inertia = inertia + m * (r @ r * np.eye(3) - np.outer(r, r))
     assert hub.mass == pytest.approx(masses.sum(), rel=1e-6)
-    assert tensor(hub.inertia) == pytest.approx(inertia, abs=5e-3 * inertia.max())  # the mesh lumps panels at nodes
-    assert hub.points[0].position == pytest.approx(np.array(design.points[0].position) - center, abs=2e-3)
+    assert tensor(hub.inertia) == pytest.approx(
+        inertia, abs=5e-3 * inertia.max()
+    )  # the mesh lumps panels at nodes
+    assert hub.points[0].position == pytest.approx(
+        np.array(design.points[0].position) - center, abs=2e-3
+    )
     assert [p.name for p in hub.points] == ["root", "wheels", "payload"]
     assert len(hub.modes) == 4
 
@@ -72,8 +85,15 @@ def test_a_stiff_bench_on_a_stiff_box_in_closed_form():
         }
         for x, y in ((0.3, 0.3), (0.3, -0.3), (-0.3, 0.3), (-0.3, -0.3))
     ]
-    face = [{"thickness": "0.5 mm", "angle": "0 deg", "poisson": 0.3, "density": "2700 kg/m^3", **stiff}]
-    core = {"thickness": "30 mm", "density": "50 kg/m^3", "shear_xz": "310 GPa", "shear_yz": "310 GPa"}
+    face = [
+        {"thickness": "0.5 mm", "angle": "0 deg", "poisson": 0.3, "density": "2700 kg/m^3", **stiff}
+    ]
+    core = {
+        "thickness": "30 mm",
+        "density": "50 kg/m^3",
+        "shear_xz": "310 GPa",
+        "shear_yz": "310 GPa",
+    }
     panel = {"face": face, "core": core}
     design = described(
         equipment=[], bus__panel=panel, bench__panel=panel, bench__mounts=mounts, bench__payload_above="0 m",
@@ -84,16 +104,26 @@ def test_a_stiff_bench_on_a_stiff_box_in_closed_form():
     a, b, c = design.bus.size
     m_1, m_2 = areal * (3 * b * c + 2 * a * c + 2 * a * b), areal + design.bench.payload_mass
     bounce = math.sqrt(4 * 2e6 * (1 / m_1 + 1 / m_2)) / (2 * math.pi)
-    assert np.abs(modes.frequency[6:] / bounce - 1.0).min() < 1e-2  # a thousand times as stiff is not rigid
-    J_1 = areal * (a * b * (a**2 + b**2) / 6 + b * c * (a**2 / 2 + 3 * b**2 / 12) + a * c * (b**2 / 2 + 2 * a**2 / 12))
+    assert (
+        np.abs(modes.frequency[6:] / bounce - 1.0).min() < 1e-2
+    )  # a thousand times as stiff is not rigid
+    J_1 = areal * (
+        a * b * (a**2 + b**2) / 6
+        + b * c * (a**2 / 2 + 3 * b**2 / 12)
+        + a * c * (b**2 / 2 + 2 * a**2 / 12)
+    )
     J_2 = areal / 6 + design.bench.payload_inertia[2]
     swing = math.sqrt((4 * 3e6 * 2 * 0.3**2 + 4) * (1 / J_1 + 1 / J_2)) / (2 * math.pi)
-    assert np.abs(modes.frequency[6:] / swing - 1.0).min() < 2e-2  # inertia of the panels is lumped at nodes
+    assert (
+        np.abs(modes.frequency[6:] / swing - 1.0).min() < 2e-2
+    )  # inertia of the panels is lumped at nodes
 
 
 @pytest.mark.long
 def test_a_finer_mesh_changes_little():
-    coarse, fine = (free_modes(described(mesh=mesh), 8).frequency[6:] for mesh in ("100 mm", "50 mm"))
+    coarse, fine = (
+        free_modes(described(mesh=mesh), 8).frequency[6:] for mesh in ("100 mm", "50 mm")
+    )
     assert fine == pytest.approx(coarse, rel=0.06)
 
 
@@ -101,7 +131,8 @@ def test_a_file_of_ones_own_and_what_is_refused(tmp_path):
     text = catalog_text(f"hubs/{NAME}")
     (tmp_path / "mine.yaml").write_text(text.replace("payload_mass: 75 kg", "payload_mass: 90 kg"))
     mine, ours = (
-        hub_from({"modes": name, "count": 1, "damping": 0.01}, FileAccess(tmp_path)) for name in ("mine.yaml", NAME)
+        hub_from({"modes": name, "count": 1, "damping": 0.01}, FileAccess(tmp_path))
+        for name in ("mine.yaml", NAME)
     )
     assert mine.mass == pytest.approx(ours.mass + 15.0)
     assert mine.modes[0].damping == 0.01
@@ -126,8 +157,12 @@ def test_a_file_of_ones_own_and_what_is_refused(tmp_path):
 
 
 def test_position_may_be_a_point_of_the_hub(tmp_path):
-    data = parse_yaml((Path(__file__).parents[1] / "examples" / "spacecraft.yaml").read_text(), "craft")
-    data["spacecraft"]["hub"] |= {"points": [{"name": "root", "position": ["0.35 m", "0.9 m", "-0.2 m"]}]}
+    data = parse_yaml(
+        (Path(__file__).parents[1] / "examples" / "spacecraft.yaml").read_text(), "craft"
+    )
+    data["spacecraft"]["hub"] |= {
+        "points": [{"name": "root", "position": ["0.35 m", "0.9 m", "-0.2 m"]}]
+    }
     path, loaded = tmp_path / "craft.yaml", []
     for position in (["0.35 m", "0.9 m", "-0.2 m"], "root"):
         data["spacecraft"]["interface"]["position"] = position
@@ -136,5 +171,7 @@ def test_position_may_be_a_point_of_the_hub(tmp_path):
     assert loaded[0] == loaded[1]
     data["spacecraft"]["interface"]["position"] = "tip"
     path.write_text(json.dumps(data))
-    with pytest.raises(mv.ScenarioError, match=r"interface\.position: 'tip' is not a point of the hub \(root\)"):
+    with pytest.raises(
+        mv.ScenarioError, match=r"interface\.position: 'tip' is not a point of the hub \(root\)"
+    ):
         mv.load_scenario(path)

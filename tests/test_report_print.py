@@ -13,12 +13,12 @@ from support.print import pages
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.reports import fonts, sheets
-from microvib.reports.blocks import study
+from microvib.reports.blocks import study_report
 from microvib.reports.document import Form, Row, Section, Table, Text, table
 from microvib.reports.fonts import package_fonts
 from microvib.reports.rendering import html, pdf
 from microvib.reports.title_block import TitleBlock, read_title_block
-from microvib.reports.typography import command_without_folders, in_print
+from microvib.reports.typography import command_without_folders, typeset_text
 from microvib.testdata.recording import Recording
 
 # Characters of print
@@ -42,15 +42,18 @@ from microvib.testdata.recording import Recording
             "drive /Y/B/, phases /A/B at /Y/1.5 A, /home/me/state-1 (run)",
             "drive /Y/B/, phases /A/B at /Y/1.5 A, state-1 (run)",
         ),
-        ("https://doi.org/10.3390/x, 1 / 2 N m/rad/s", "https://doi.org/10.3390/x, 1 / 2 N m/rad/s"),
+        (
+            "https://doi.org/10.3390/x, 1 / 2 N m/rad/s",
+            "https://doi.org/10.3390/x, 1 / 2 N m/rad/s",
+        ),
     ],
 )
 def test_characters_of_print(written, printed):
-    assert in_print(written).replace("\u00a0", " ") == printed
+    assert typeset_text(written).replace("\u00a0", " ") == printed
 
 
 def test_no_line_is_broken_before_or_within_a_unit():
-    assert in_print("16 s, 3.8 mN m, 9 N m/rad, 8 kg m², 12 steps") == (
+    assert typeset_text("16 s, 3.8 mN m, 9 N m/rad, 8 kg m², 12 steps") == (
         "16\u00a0s, 3.8\u00a0mN\u00a0m, 9\u00a0N\u00a0m/rad, 8\u00a0kg\u00a0m², 12 steps"
     )
 
@@ -58,7 +61,7 @@ def test_no_line_is_broken_before_or_within_a_unit():
 def test_a_column_that_says_nothing_is_left_out():
     rows = [Row(("all",), "group"), Row(("a", "", "1", "")), Row(("b", "", "", "x"))]
     found = Table(table(["line", "what it is", "size [mm]", "`key`"], ()).columns, tuple(rows))
-    made = study("Kind", "Title", "Subtitle", first_page=[found], sections=[])
+    made = study_report("Kind", "Title", "Subtitle", first_page=[found], sections=[])
     page = html(made)
     assert "what it is" not in page
     assert '<td colspan="3">all</td>' in page
@@ -67,9 +70,20 @@ def test_a_column_that_says_nothing_is_left_out():
 
 def test_a_command_names_files_and_no_folders():
     command = shlex.join(
-        ["microvib", "run", "/home/my runs/a.yaml", "--set", "array.from=/x/y/m.csv", "--out=/tmp/x/out", "a/b"]
+        [
+            "microvib",
+            "run",
+            "/home/my runs/a.yaml",
+            "--set",
+            "array.from=/x/y/m.csv",
+            "--out=/tmp/x/out",
+            "a/b",
+        ]
     )
-    assert command_without_folders(command) == "microvib run a.yaml --set array.from=m.csv --out=out a/b"
+    assert (
+        command_without_folders(command)
+        == "microvib run a.yaml --set array.from=m.csv --out=out a/b"
+    )
 
 
 NAMES = "Motor /Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\alpha Ж"
@@ -77,13 +91,19 @@ NAMES = "Motor /Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\al
 
 def test_a_title_is_printed_as_it_is_written():
     """No part of it is taken for a path, for markup of HTML or Typst, or for a formula."""
-    made = study(
-        "Kind", NAMES, NAMES, first_page=[Text(NAMES), table([NAMES, "b"], [[NAMES, NAMES]], NAMES)], sections=[]
+    made = study_report(
+        "Kind",
+        NAMES,
+        NAMES,
+        first_page=[Text(NAMES), table([NAMES, "b"], [[NAMES, NAMES]], NAMES)],
+        sections=[],
     )
     text = unescape(re.sub(r"<(?!b>|/b>)[^>]*>", "", html(made)))
     assert text.count(NAMES) == 7 + 1  # the page's own title, too
     printed = re.sub(r"\s+", " ", " ".join(pages(pdf(made))))
-    assert printed.count("/Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\alpha Ж") >= 3
+    assert (
+        printed.count("/Y/B/, phases /A/B & <b>no tag</b> $x_1$ _u_ *s* #set [a](b) \\alpha Ж") >= 3
+    )
 
 
 def test_names_in_pictures_are_no_formulas():
@@ -112,11 +132,22 @@ signatures: {prepared: A. Engineer, head of department:}
 def test_the_title_block_is_on_the_first_page(tmp_path):
     (tmp_path / "report.yaml").write_text(FULL)
     form = Form(title_block=read_title_block(tmp_path / "report.yaml"))
-    made = study(
-        "Kind", "Title", "Subtitle", first_page=[Text("x")], sections=[Section("S", (Text("y"),), True)]
+    made = study_report(
+        "Kind",
+        "Title",
+        "Subtitle",
+        first_page=[Text("x")],
+        sections=[Section("S", (Text("y"),), True)],
     ).in_form(form)
     first, second = pages(pdf(made))
-    for text in ("A. Engineer", "Example Space", "XY-TN-0042", "2.0", "2026-10-31", "Head of department"):
+    for text in (
+        "A. Engineer",
+        "Example Space",
+        "XY-TN-0042",
+        "2.0",
+        "2026-10-31",
+        "Head of department",
+    ):
         assert text in first
         assert text in html(made)
     assert "XY-TN-0042 · 2.0" in second  # in the head of every page
@@ -125,17 +156,27 @@ def test_the_title_block_is_on_the_first_page(tmp_path):
 def test_without_report_data_the_block_is_to_be_filled_in(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     block = TitleBlock()
-    assert block.facts == (("Document no.", ""), ("Issue", "draft"), ("Date", "1970-01-02"), ("Author", ""))
+    assert block.facts == (
+        ("Document no.", ""),
+        ("Issue", "draft"),
+        ("Date", "1970-01-02"),
+        ("Author", ""),
+    )
     assert [role for role, _ in block.signatures] == ["prepared", "checked", "approved"]
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
-    with pytest.raises(MicrovibError, match="SOURCE_DATE_EPOCH: 'yesterday' is not allowed; whole seconds"):
+    with pytest.raises(
+        MicrovibError, match="SOURCE_DATE_EPOCH: 'yesterday' is not allowed; whole seconds"
+    ):
         TitleBlock()
 
 
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("autor: me", "'autor' is not a key of report data; allowed are author, organisation, number, issue"),
+        (
+            "autor: me",
+            "'autor' is not a key of report data; allowed are author, organisation, number, issue",
+        ),
         ("author: [a, b]", "author: '['a', 'b']' is not allowed; a text of at most 80 characters"),
         (f"number: {'9' * 81}", "number: '9"),
         ("signatures: {}", "signatures: '{}' is not allowed; 1 to 6 roles"),
@@ -158,7 +199,7 @@ def test_bad_report_data_is_one_sentence(content, complaint, tmp_path):
 def test_characters_without_a_font_are_told_in_words(monkeypatch):
     monkeypatch.setattr("matplotlib.font_manager.findSystemFonts", list)
     fonts._found.cache_clear()
-    made = study("Kind", "衛星 drive", "Subtitle", first_page=[Text("x")], sections=[])
+    made = study_report("Kind", "衛星 drive", "Subtitle", first_page=[Text("x")], sections=[])
     (page,) = pages(pdf(made))
     assert "has the characters U+661F, U+885B: they are missing" in page
     assert "衛星" in html(made)
@@ -166,8 +207,12 @@ def test_characters_without_a_font_are_told_in_words(monkeypatch):
 
 
 def test_a_font_of_the_system_is_taken_where_those_of_the_package_lack_characters(monkeypatch):
-    stix = package_fonts() / "STIXNonUni.ttf"  # has characters of private use, as a font of the system may
-    monkeypatch.setattr("matplotlib.font_manager.findSystemFonts", lambda: [str(stix), "/no/such/font.ttf"])
+    stix = (
+        package_fonts() / "STIXNonUni.ttf"
+    )  # has characters of private use, as a font of the system may
+    monkeypatch.setattr(
+        "matplotlib.font_manager.findSystemFonts", lambda: [str(stix), "/no/such/font.ttf"]
+    )
     fonts._found.cache_clear()
     rare = next(chr(c) for c in sorted(fonts._characters(str(stix))) if 0xE000 <= c < 0xF8FF)
     found = fonts._found(frozenset({rare, "\u885b"}))

@@ -8,7 +8,7 @@ from support.scenarios import in_si
 
 from microvib.errors import MicrovibError
 from microvib.io.recordings import load_preparation, read_prepared, write_recording
-from microvib.signals.spectrum import power_spectral_density, tone, tone_amplitude
+from microvib.signals.spectrum import complex_tone, power_spectral_density, tone_amplitude
 from microvib.testdata.bench import Bench, measure
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, RecordingError
@@ -47,19 +47,29 @@ def test_means_over_another_interval():
 
 @pytest.mark.parametrize("kind", ["butterworth", "bessel"])
 def test_filters_have_their_corner_and_are_taken_out_with_their_phase(kind):
-    chain = [{"kind": kind, "order": 6, "corner": 800.0}, {"kind": kind, "order": 1, "corner": 3.0, "passes": "high"}]
+    chain = [
+        {"kind": kind, "order": 6, "corner": 800.0},
+        {"kind": kind, "order": 1, "corner": 3.0, "passes": "high"},
+    ]
     stages = in_si(Preparation, response=chain).response
     at = response(stages, np.array([3.0, 800.0]), RATE)
     assert np.abs(at) == pytest.approx([math.sqrt(0.5)] * 2, rel=1e-3)
     if kind == "butterworth":
         f = np.array([7.0, 373.1])
-        assert np.abs(response(stages[:1], f, RATE)) == pytest.approx(1 / np.sqrt(1 + (f / 800.0) ** 12), rel=1e-9)
-        assert response(stages[1:], f, RATE) == pytest.approx(1j * f / 3.0 / (1 + 1j * f / 3.0), rel=1e-9)
+        assert np.abs(response(stages[:1], f, RATE)) == pytest.approx(
+            1 / np.sqrt(1 + (f / 800.0) ** 12), rel=1e-9
+        )
+        assert response(stages[1:], f, RATE) == pytest.approx(
+            1j * f / 3.0 / (1 + 1j * f / 3.0), rel=1e-9
+        )
     low = {f: a for f, a in TONES.items() if f < 500.0}
-    x = sum((a * response(stages, np.array([f]), RATE)[0] * np.exp(2j * np.pi * f * T)).real for f, a in low.items())
+    x = sum(
+        (a * response(stages, np.array([f]), RATE)[0] * np.exp(2j * np.pi * f * T)).real
+        for f, a in low.items()
+    )
     found = prepared(x, response=chain)
     for f, a in low.items():
-        assert tone(found["Mz"], RATE, f) == pytest.approx(a, abs=2e-3 * a)
+        assert complex_tone(found["Mz"], RATE, f) == pytest.approx(a, abs=2e-3 * a)
 
 
 def test_a_table_from_a_file(tmp_path):
@@ -72,17 +82,23 @@ def test_a_table_from_a_file(tmp_path):
     )
     write_recording(Recording({"Mz": x}, RATE, {"Mz": "N*m"}, "made"), tmp_path / "test.uff")
     found = read_prepared(tmp_path / "test.uff", load_preparation(tmp_path / "how.yaml")).recording
-    assert tone(found["Mz"], RATE, 100.0) == pytest.approx(0.05, abs=1e-4)
-    assert tone_amplitude(found["Mz"], RATE, 900.0) == pytest.approx(0.01, rel=1e-3)  # not in the table: as recorded
+    assert complex_tone(found["Mz"], RATE, 100.0) == pytest.approx(0.05, abs=1e-4)
+    assert tone_amplitude(found["Mz"], RATE, 900.0) == pytest.approx(
+        0.01, rel=1e-3
+    )  # not in the table: as recorded
     assert "from 1 to 500 Hz" in found.notes[-1]
 
 
 def test_densities_are_corrected_too():
-    x = np.random.default_rng(1).normal(0, 1e-3, 16 * T.size).reshape(-1, 16).mean(axis=1)  # means over 16 fine samples
+    x = (
+        np.random.default_rng(1).normal(0, 1e-3, 16 * T.size).reshape(-1, 16).mean(axis=1)
+    )  # means over 16 fine samples
     found = prepared(x, response="boxcar")["Mz"]
     raw, corrected = (power_spectral_density(y, RATE, "16 Hz") for y in (x, found))
     k = np.searchsorted(raw.frequency, 1500.0)
-    assert corrected.density[k] / raw.density[k] == pytest.approx(np.sinc(1500.0 / RATE) ** -2, rel=0.02)
+    assert corrected.density[k] / raw.density[k] == pytest.approx(
+        np.sinc(1500.0 / RATE) ** -2, rel=0.02
+    )
 
 
 def test_where_little_is_left_nothing_is_blown_up():
@@ -90,7 +106,9 @@ def test_where_little_is_left_nothing_is_blown_up():
     found = prepared(x, response=[{"kind": "butterworth", "order": 8, "corner": 400.0}])
     assert np.std(found["Mz"] - x) < 0.05
     assert "outside, lines are as recorded" in found.notes[-1]
-    assert tone_amplitude(found["Mz"], RATE, 1500.0) == pytest.approx(tone_amplitude(x, RATE, 1500.0), rel=0.05)
+    assert tone_amplitude(found["Mz"], RATE, 1500.0) == pytest.approx(
+        tone_amplitude(x, RATE, 1500.0), rel=0.05
+    )
 
 
 def test_the_virtual_bench_agrees():

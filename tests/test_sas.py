@@ -18,7 +18,7 @@ from microvib.io.scenario_file import dump_part, load_scenario
 from microvib.io.tables import read_table
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.structures.fem.assembly import assemble
-from microvib.structures.fem.described import kinds, solved
+from microvib.structures.fem.described import kinds, solve_design
 from microvib.structures.fem.simulator_mesh import structure_of
 from microvib.structures.springs import allowable_stress, coil_stress, spring_energy, wahl_factor
 from microvib.studies.sas import (
@@ -96,7 +96,9 @@ def energy(design, angle):
         for sy in (-1, 1):
             inner = np.array([sx * design.arm, sy * design.plate.hook])
             outer = np.array([sx * design.arm, sy * design.hook_end])
-            turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+            turn = np.array(
+                [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+            )
             x = np.linalg.norm(turn @ outer - inner) - design.spring.free_length
             total += 2 * (design.spring.initial_tension * x + 0.5 * design.spring.rate * x**2)
     return total
@@ -112,22 +114,24 @@ def test_stiffness_with_tension_is_that_of_the_stretched_springs(design):
 
 
 def test_inertia_by_hand_is_that_of_the_elements(design):
-    assert solved(design, 4).mass[5, 5] == pytest.approx(design.inertia, rel=1e-12)
+    assert solve_design(design, 4).mass[5, 5] == pytest.approx(design.inertia, rel=1e-12)
     heavier = changed(design, counterweight__mass=3.0)
     w = design.counterweight
     assert heavier.inertia - design.inertia == pytest.approx(4 * (w.radius**2 + w.diameter**2 / 8))
     bare = changed(design, arm=0.2)
-    assert solved(bare, 4).mass[5, 5] == pytest.approx(bare.inertia, rel=1e-12)
+    assert solve_design(bare, 4).mass[5, 5] == pytest.approx(bare.inertia, rel=1e-12)
 
 
 @pytest.mark.parametrize("hook", [0.0, 0.015])
 def test_rigid_parts_give_eq_24(design, hook):
     stiff = rigid(design, plate__hook=hook)
-    modes = solved(stiff, 2)
+    modes = solve_design(stiff, 2)
     assert modes.frequency[0] == pytest.approx(stiff.frequency, rel=1e-5)
     assert modes.participation[5, 0] ** 2 == pytest.approx(stiff.moving_inertia, rel=1e-5)
     if hook == 0.0:
-        printed = 2 * stiff.arm * math.sqrt(2 * stiff.spring.rate / stiff.moving_inertia) / (2 * math.pi)
+        printed = (
+            2 * stiff.arm * math.sqrt(2 * stiff.spring.rate / stiff.moving_inertia) / (2 * math.pi)
+        )
         assert modes.frequency[0] == pytest.approx(printed, rel=1e-5)
 
 
@@ -135,7 +139,9 @@ def test_tension_resists_no_rigid_motion(design):
     """Springs and their tension alone, all of their ends turned and moved as one body over the ground."""
     structure = structure_of(design)
     springs = tuple(
-        part for part in structure.parts if part.name in ("spring", "tension") and hasattr(part, "stiffness")
+        part
+        for part in structure.parts
+        if part.name in ("spring", "tension") and hasattr(part, "stiffness")
     )
     assert len(springs) == 24
     alone = assemble(dataclasses.replace(structure, parts=springs), clamped=False)
@@ -151,11 +157,11 @@ def test_the_rope_adds_its_twist(design):
     rope = {"length": 2.0, "tension": 300.0, "axial": 2000.0, "twist": twist}
     with_rope = changed(with_rope, rope=rope)
     expected = math.sqrt((with_rope.stiffness + twist) / with_rope.moving_inertia) / (2 * math.pi)
-    assert solved(with_rope, 2).frequency[0] == pytest.approx(expected, rel=1e-5)
+    assert solve_design(with_rope, 2).frequency[0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_table_4(design):
-    modes = solved(design, 6)
+    modes = solve_design(design, 6)
     assert modes.frequency[0] == pytest.approx(1.187, rel=0.02)
     assert modes.mass[5, 5] == pytest.approx(8.46, rel=0.02)
     paper = [float(row["finite_element_hz"]) for row in read_table("table4_sas_modes")]
@@ -166,7 +172,7 @@ def test_table_4(design):
 
 
 def test_a_finer_mesh_changes_little(design):
-    coarse, fine = (solved(changed(design, mesh=m), 4).frequency for m in (0.1, 0.05))
+    coarse, fine = (solve_design(changed(design, mesh=m), 4).frequency for m in (0.1, 0.05))
     np.testing.assert_allclose(coarse, fine, rtol=1e-4)
 
 
@@ -187,9 +193,9 @@ def test_a_scenario_takes_the_simulator():
     assert scenario.array.inertia == pytest.approx(8.46, rel=1e-3)
     assert scenario.array.J_h == pytest.approx(0.2233, rel=1e-2)
     assert scenario.array.drive_axis == "z"
-    assert load_scenario("state-1", {"array.fem": "reference-sas"}).array.modes[0].frequency == pytest.approx(
-        1.187, rel=1e-3
-    )
+    assert load_scenario("state-1", {"array.fem": "reference-sas"}).array.modes[
+        0
+    ].frequency == pytest.approx(1.187, rel=1e-3)
 
 
 # Sizing
@@ -202,7 +208,9 @@ def test_the_five_states_of_table_2(sizing):
         f, J = setting.finite_elements
         assert f == pytest.approx(setting.state.frequency, rel=0.01)
         assert pytest.approx(setting.state.inertia, rel=0.01) == J
-        assert setting.design.frequency == pytest.approx(setting.state.frequency, rel=1e-3)  # settings to 0.1 mm
+        assert setting.design.frequency == pytest.approx(
+            setting.state.frequency, rel=1e-3
+        )  # settings to 0.1 mm
         assert setting.forces[0] > 0.0
         assert setting.stress < setting.allowable
 
@@ -216,7 +224,9 @@ def test_what_stands_for_the_array():
 
 def test_a_state_of_its_own_springs(design):
     """States that no stock spring reaches together have their own."""
-    sizing = size(TargetState("slow", 0.66, 8.18), [TargetState("fast", 3.2, 8.18)], design, TWO_DEGREES)
+    sizing = size(
+        TargetState("slow", 0.66, 8.18), [TargetState("fast", 3.2, 8.18)], design, TWO_DEGREES
+    )
     assert not sizing.one_spring
     assert [s.design.frequency for s in sizing.settings] == pytest.approx([0.66, 3.2], rel=1e-3)
 
@@ -281,7 +291,11 @@ def test_a_description_that_does_not_fit(design, change, words):
 
 
 def test_options_as_sentences(tmp_path):
-    assert parse_state("1.19 Hz:15.69 kg*m^2", "a") == parse_state("1.19:15.69", "a") == TargetState("a", 1.19, 15.69)
+    assert (
+        parse_state("1.19 Hz:15.69 kg*m^2", "a")
+        == parse_state("1.19:15.69", "a")
+        == TargetState("a", 1.19, 15.69)
+    )
     for text in ("-1", "nan", "0", "2 s", "x"):
         with pytest.raises(OptionError, match="state: "):
             parse_state(f"1.19:{text}", "a")
@@ -304,7 +318,14 @@ def test_the_drawing_has_its_dimensions(sizing):
     setting = sizing.target
     texts = [t.get_text() for ax in draw_simulator(setting).axes for t in ax.texts]
     d = setting.design
-    for wanted in (f"l = {1e3 * d.arm:.1f}", f"r = {1e3 * d.counterweight.radius:.1f}", "1600", "400", "200", "260"):
+    for wanted in (
+        f"l = {1e3 * d.arm:.1f}",
+        f"r = {1e3 * d.counterweight.radius:.1f}",
+        "1600",
+        "400",
+        "200",
+        "260",
+    ):
         assert wanted in texts
     assert any("4 × 2 kg" in text for text in texts)
 
@@ -314,7 +335,9 @@ def test_the_drawing_has_its_dimensions(sizing):
 
 def test_sas_size_writes_a_source_of_modes(tmp_path):
     out = tmp_path / "sas"
-    done = CliRunner().invoke(main, ["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)])
+    done = CliRunner().invoke(
+        main, ["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)]
+    )
     assert done.exit_code == 0, done.output
     assert "state 5" in done.output
     assert sorted(p.name for p in out.iterdir()) == [
@@ -327,7 +350,9 @@ def test_sas_size_writes_a_source_of_modes(tmp_path):
     assert "—" not in (out / "report.html").read_text()
     model = modal_source(str(out / "simulator.yaml"), 3, WORKING_FOLDER).model
     assert model.frequency[0] == pytest.approx(1.19, rel=0.01)
-    again = CliRunner().invoke(main, ["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)])
+    again = CliRunner().invoke(
+        main, ["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)]
+    )
     assert again.exit_code == 1
     assert "--overwrite" in again.output
 
@@ -339,9 +364,15 @@ def test_sas_size_writes_a_source_of_modes(tmp_path):
         (["--array", "reference-array", "--inertia", "8"], "array alone"),
         (["--inertia", "8.18", "--frequency", "1.19 rad/s"], "mixes angles and cycles"),
         (["--inertia", "8.18", "--frequency", "1.19", "--amplitude", "2"], "'2 deg'"),
-        (["--inertia", "8.18", "--frequency", "1.19", "--design", "reference-array"], "describes an array"),
+        (
+            ["--inertia", "8.18", "--frequency", "1.19", "--design", "reference-array"],
+            "describes an array",
+        ),
         (["--inertia", "8.18", "--frequency", "1.19", "--state", "1"], "is not a state"),
-        (["--inertia", "8.18", "--frequency", "1.19", "--state", "1:9", "--states", "x"], "cannot be combined"),
+        (
+            ["--inertia", "8.18", "--frequency", "1.19", "--state", "1:9", "--states", "x"],
+            "cannot be combined",
+        ),
         (["--inertia", "80", "--frequency", "1.19"], "out of reach"),
     ],
 )

@@ -7,10 +7,10 @@ import pytest
 
 import microvib as mv
 from microvib.studies.evidence import Evidence, Observation
-from microvib.studies.identify import Trust, identify, parse_fit
+from microvib.studies.identify import ErrorModel, identify, parse_fit
 from microvib.studies.identify.problem import Problem, cost
-from microvib.studies.identify.scattered import jumps, scattered
-from microvib.studies.identify.search import Optimum, local_at
+from microvib.studies.identify.scattered import is_noisy, noisy_objective
+from microvib.studies.identify.search import Optimum, linearise_at
 from microvib.testdata.recording import Recording
 
 KEYS = ("reducer.stiffness", "motor.friction.viscous")
@@ -36,8 +36,14 @@ class Made(Problem):
         for x, (own,) in zip(points, also or [[{}]] * len(points), strict=True):
             off = x - self.truth
             off[0] += LATE * math.log(own.get("record.settle", settle) / settle)
-            r = self.slopes @ (off + 0.3 * off**2) + SCATTER * self.random.normal(size=FIGURES) - self.errors
-            found.append(np.append(r / (self.weights / self.tight), 0.1 * (x - self.start) / self.spans))
+            r = (
+                self.slopes @ (off + 0.3 * off**2)
+                + SCATTER * self.random.normal(size=FIGURES)
+                - self.errors
+            )
+            found.append(
+                np.append(r / (self.weights / self.tight), 0.1 * (x - self.start) / self.spans)
+            )
         return found
 
     def within(self, x):
@@ -51,7 +57,7 @@ def problem(state_1):
         state_1,
         [(Evidence("made", rows, 1.0, 16.0, 4096.0), {})],
         [parse_fit(state_1, key) for key in KEYS],
-        Trust(0.0),
+        ErrorModel(0.0),
     )
 
 
@@ -59,7 +65,7 @@ def test_intervals_of_figures_that_scatter_hold_the_truth_as_often_as_they_say(p
     slopes = np.random.default_rng(0).normal(size=(FIGURES, 2)) * [60.0, 25.0]
     inside, off = [], []
     for seed in range(20):
-        found = scattered(problem, [problem.made(slopes, seed)])
+        found = noisy_objective(problem, [problem.made(slopes, seed)])
         assert found.converged
         inside += [i.low < x < i.high for i, x in zip(found.intervals, problem.truth, strict=True)]
         off.append((found.best.x - problem.truth) / found.local.spread)
@@ -68,13 +74,13 @@ def test_intervals_of_figures_that_scatter_hold_the_truth_as_often_as_they_say(p
 
 
 def test_what_such_figures_do_not_tell_is_wide_open(problem):
-    found = scattered(problem, [problem.made(np.full((FIGURES, 2), [60.0, 0.0]), 1)])
+    found = noisy_objective(problem, [problem.made(np.full((FIGURES, 2), [60.0, 0.0]), 1)])
     assert found.intervals[1].high - found.intervals[1].low > 1.0
 
 
 def test_what_rests_on_the_settling_time_is_told_of_such_figures(problem):
     slopes = np.random.default_rng(0).normal(size=(FIGURES, 2)) * [60.0, 25.0]
-    (late,) = scattered(problem, [problem.made(slopes, 3)]).leanings
+    (late,) = noisy_objective(problem, [problem.made(slopes, 3)]).leanings
     assert late.key == "record.settle"
     assert late.shifts == pytest.approx((-LATE * math.log(1.1) / 0.1, 0.0), abs=0.15)
 
@@ -86,10 +92,10 @@ def test_friction_with_memory_makes_figures_jump_and_the_rigid_contact_does_not(
     for presliding, expected in ((None, False), ({"stiffness": 8e3}, True)):
         drive = short.with_si({"friction.presliding": presliding})
         tests = [(Evidence("made", rows, 1.0, 2.0, 4096.0), {})]
-        problem = Problem(drive, tests, [parse_fit(drive, "reducer.stiffness")], Trust(0.004))
+        problem = Problem(drive, tests, [parse_fit(drive, "reducer.stiffness")], ErrorModel(0.004))
         (r,) = problem.residuals([problem.start])
         best = Optimum(problem.start, r, cost(r))
-        assert jumps(problem, best, local_at(problem, best)) is expected
+        assert is_noisy(problem, best, linearise_at(problem, best)) is expected
 
 
 @pytest.mark.long

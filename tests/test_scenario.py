@@ -14,7 +14,7 @@ from microvib.io.recordings import load_preparation
 from microvib.io.scenario_file import json_schema, load_scenario, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 
 EXAMPLE = """
 motor: {rotor_teeth: 50, current: 0.6 A, torque_constant: 0.3 N*m/A, detent_torque: 0.01 N*m, winding_resistance: 6 ohm,
@@ -51,7 +51,9 @@ def test_what_is_changed_of_the_catalog_is_changed_there_only():
 def test_table_2_states(state, frequency, inertia):
     scenario = load_scenario(f"state-{state}")
     seen = min(mv.coupled_modes(scenario), key=lambda mode: abs(mode.frequency - frequency))
-    assert seen.frequency == pytest.approx(frequency, rel=4e-3 if state == 1 else 1e-4)  # through the drive
+    assert seen.frequency == pytest.approx(
+        frequency, rel=4e-3 if state == 1 else 1e-4
+    )  # through the drive
     assert scenario.array.inertia == inertia
 
 
@@ -83,7 +85,9 @@ def test_a_dumped_scenario_is_the_same_scenario(name, tmp_path):
 
 def test_profile_and_transmission_error_survive_a_dump(tmp_path, file):
     changes = {
-        "tracking": {"profile": [{"rate": "0.1 deg/s", "ramp": "2 s", "hold": "3 s"}, {"rate": "-0.1 deg/s"}]},
+        "tracking": {
+            "profile": [{"rate": "0.1 deg/s", "ramp": "2 s", "hold": "3 s"}, {"rate": "-0.1 deg/s"}]
+        },
         "reducer.transmission_error": [{"order": 2, "amplitude": "20 arcsec", "phase": "30 deg"}],
         "reducer.stiffness": "rigid",
     }
@@ -158,7 +162,9 @@ def test_bad_values_are_one_clear_sentence(key, value, sentence):
 
 def test_a_missing_key_is_named(file):
     file.write_text(EXAMPLE.replace("current: 0.6 A, ", ""))
-    with pytest.raises(mv.ScenarioError, match=r"motor.current: missing \(amplitude of the phase currents, in A\)"):
+    with pytest.raises(
+        mv.ScenarioError, match=r"motor.current: missing \(amplitude of the phase currents, in A\)"
+    ):
         load_scenario(file)
 
 
@@ -210,7 +216,9 @@ def test_files_of_too_many_keys_are_refused_while_they_are_read(tmp_path, monkey
 
 def test_brackets_in_words_and_a_byte_order_mark_are_no_depth(tmp_path):
     path = tmp_path / "windows.yaml"
-    path.write_text(f"# {'[' * 500}\n{mv.dump_scenario(load_scenario('state-1'))}", encoding="utf-8-sig")
+    path.write_text(
+        f"# {'[' * 500}\n{mv.dump_scenario(load_scenario('state-1'))}", encoding="utf-8-sig"
+    )
     assert load_scenario(path) == load_scenario("state-1")
 
 
@@ -236,7 +244,9 @@ def test_a_file_that_is_not_there(tmp_path):
 def _json_like():
     leaf = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12)
     return st.recursive(
-        leaf, lambda x: st.lists(x, max_size=3) | st.dictionaries(st.text(max_size=6), x, max_size=3), max_leaves=8
+        leaf,
+        lambda x: st.lists(x, max_size=3) | st.dictionaries(st.text(max_size=6), x, max_size=3),
+        max_leaves=8,
     )
 
 
@@ -245,7 +255,9 @@ KEYS = [key for key, _, _ in load_scenario("state-1").entries()]
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
-    key=st.sampled_from([*KEYS, "motor", "array.modes", "array.modes.0", "tracking.profile", "sources", "solver"]),
+    key=st.sampled_from(
+        [*KEYS, "motor", "array.modes", "array.modes.0", "tracking.profile", "sources", "solver"]
+    ),
     value=_json_like(),
 )
 def test_any_value_gives_a_scenario_or_a_sentence(key, value):
@@ -265,7 +277,7 @@ def test_any_text_gives_a_scenario_or_a_sentence(text):
 
 
 def load_scenario_text(text: str) -> mv.Scenario:
-    return validated(Scenario, parse_yaml(text, "text"))
+    return validate_part(Scenario, parse_yaml(text, "text"))
 
 
 @settings(max_examples=60, deadline=None)
@@ -311,10 +323,12 @@ def test_schema_allows_a_craft_that_is_left_free():
 
 def test_a_changed_copy_is_what_its_whole_data_give(state_1):
     before = state_1.model_dump()
-    changed = state_1.with_({"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": "1.3 Hz"})
+    changed = state_1.with_(
+        {"motor.friction.viscous": "0.03 N*m*s/rad", "array.modes.0.frequency": "1.3 Hz"}
+    )
     data = state_1.model_dump()
     data["motor"]["friction"]["viscous"], data["array"]["modes"][0]["frequency"] = 0.03, 1.3
-    assert changed == validated(Scenario, data, si=True)
+    assert changed == validate_part(Scenario, data, si=True)
     assert state_1.model_dump() == before
 
 
@@ -322,7 +336,10 @@ def test_a_changed_copy_is_what_its_whole_data_give(state_1):
     ("changes", "sentence"),
     [
         ({"reducer.stiffness": -1.0, "motor.curent": 1.0}, "motor.curent: unknown key"),
-        ({"reducer.stiffness": -1.0, "motor.curent": 1.0}, "reducer.stiffness: -1.0 is not allowed"),
+        (
+            {"reducer.stiffness": -1.0, "motor.curent": 1.0},
+            "reducer.stiffness: -1.0 is not allowed",
+        ),
         ({"driver.supply_voltage": 2.0}, "driver: supply_voltage 2 V cannot drive 0.6 A"),
         ({"array.rigid_inertia": 9.0}, "array.rigid_inertia: 9 kg*m^2 is more than the inertia"),
         ({"gearbox.ratio": 1.0}, "gearbox: unknown key"),
@@ -339,20 +356,33 @@ BARE = {
     "record.settle": 4,
     "array.modes": [{"frequency": 1.2, "damping": 0.01}],
     "tracking": {"profile": [{"rate": 0.001}]},
-    "friction.slip_ring": {"contact_pairs": 20, "contact_force": 0.1, "friction_factor": 0.2, "ring_radius": 0.02},
+    "friction.slip_ring": {
+        "contact_pairs": 20,
+        "contact_force": 0.1,
+        "friction_factor": 0.2,
+        "ring_radius": 0.02,
+    },
 }
 
 
 @pytest.mark.parametrize("key", BARE)
 def test_a_bare_number_where_a_unit_decides_is_refused_in_every_door(state_1, key):
     for door in (state_1.with_, lambda changes: load_scenario("state-1", changes)):
-        with pytest.raises(mv.ScenarioError, match=rf"{key.split('.')[0]}\S* .*needs a unit, such as '"):
+        with pytest.raises(
+            mv.ScenarioError, match=rf"{key.split('.')[0]}\S* .*needs a unit, such as '"
+        ):
             door({key: BARE[key]})
 
 
 def test_the_si_door_takes_bare_numbers_in_si(state_1):
-    changed = state_1.with_si({"tracking.rate": 0.001, "record.settle": 4, "array.modes.0.frequency": "1.3 Hz"})
-    assert (changed.tracking.rate, changed.record.settle, changed.array.modes[0].frequency) == (0.001, 4.0, 1.3)
+    changed = state_1.with_si(
+        {"tracking.rate": 0.001, "record.settle": 4, "array.modes.0.frequency": "1.3 Hz"}
+    )
+    assert (changed.tracking.rate, changed.record.settle, changed.array.modes[0].frequency) == (
+        0.001,
+        4.0,
+        1.3,
+    )
     assert state_1.with_(tracking=changed.tracking).tracking == changed.tracking
     assert type(state_1.with_({"motor.current": "1 A"}).motor.torque_constant) is float
 
@@ -365,7 +395,13 @@ def test_changes_are_left_as_they_were(state_1):
 
 
 def test_sources_of_what_is_no_longer_there_are_dropped(state_1):
-    keys = ("array", "array.modes", "array.modes.0", "array.modes.0.damping", "friction.slip_ring.contact_pairs")
+    keys = (
+        "array",
+        "array.modes",
+        "array.modes.0",
+        "array.modes.0.damping",
+        "friction.slip_ring.contact_pairs",
+    )
     wrong = (
         "array.modes.1",
         "array.modes.00",
@@ -419,11 +455,19 @@ def test_nothing_of_the_catalog_is_doubtful(name):
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("array.modes.0.damping", "50 %", "50 % is unusual; 0.01 % to 15 % is expected (modal damping ratio)"),
+        (
+            "array.modes.0.damping",
+            "50 %",
+            "50 % is unusual; 0.01 % to 15 % is expected (modal damping ratio)",
+        ),
         ("motor.current", "0.25 mA", "0.00025 A is unusual; 0.005 A to 20 A is expected"),
         ("tracking.rate", "-3 rad/s", "-171.887 °/s is unusual; 0.0001 °/s to 10 °/s is expected"),
         ("motor.rotor_inertia", "0.2 kg*m^2", "2000 kg cm² is unusual"),
-        ("tracking", {"profile": [{"rate": "1 deg/s", "hold": "1 s"}, {"rate": "1 rad/s"}]}, "57.2958 °/s is unusual"),
+        (
+            "tracking",
+            {"profile": [{"rate": "1 deg/s", "hold": "1 s"}, {"rate": "1 rad/s"}]},
+            "57.2958 °/s is unusual",
+        ),
     ],
 )
 def test_what_is_allowed_but_of_an_unusual_size_is_doubted(key, value, said):
@@ -443,7 +487,12 @@ def test_nothing_is_doubted_where_zero_means_none():
 
 
 def test_every_usual_size_is_allowed():
-    declared = [quantity for name in mv.catalog_names() for _, _, quantity in load_scenario(name).entries() if quantity]
+    declared = [
+        quantity
+        for name in mv.catalog_names()
+        for _, _, quantity in load_scenario(name).entries()
+        if quantity
+    ]
     with_sizes = [quantity for quantity in declared if quantity.usual]
     assert len(with_sizes) > 100
     for quantity in with_sizes:
@@ -455,5 +504,7 @@ def test_every_usual_size_is_allowed():
 
 @pytest.mark.parametrize(("key", "value"), [("method", "propagators"), ("tolerance", "1e-6")])
 def test_a_removed_key_says_what_to_do_instead(key, value):
-    with pytest.raises(mv.ScenarioError, match=rf"solver.{key}: this key was removed; .*leave the key out"):
+    with pytest.raises(
+        mv.ScenarioError, match=rf"solver.{key}: this key was removed; .*leave the key out"
+    ):
         mv.load_scenario("state-1").with_({f"solver.{key}": value})

@@ -16,7 +16,7 @@ import microvib as mv
 from microvib.io.named import catalog_text
 from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.part import plain
+from microvib.model.part import to_plain_data
 
 pytestmark = pytest.mark.long
 COUNT = int(os.environ.get("MICROVIB_FUZZ", "150"))
@@ -26,7 +26,12 @@ TEXTS = [catalog_text(name) for name in NAMES]
 UNITS = {
     "N*m": [("Nm", 1.0), ("mNm", 1e-3), ("N mm", 1e-3), ("Ncm", 1e-2)],
     "kg*m^2": [("kgm2", 1.0), ("gcm2", 1e-7), ("kg·cm²", 1e-4), ("g m²", 1e-3)],
-    "rad/s": [("deg/s", math.pi / 180), ("°/s", math.pi / 180), ("rpm", math.pi / 30), ("mrad/s", 1e-3)],
+    "rad/s": [
+        ("deg/s", math.pi / 180),
+        ("°/s", math.pi / 180),
+        ("rpm", math.pi / 30),
+        ("mrad/s", 1e-3),
+    ],
     "Hz": [("Hz", 1.0), ("kHz", 1e3), ("mHz", 1e-3)],
     "A": [("A", 1.0), ("mA", 1e-3)],
     "s": [("s", 1.0), ("ms", 1e-3), ("min", 60.0)],
@@ -70,7 +75,11 @@ def mutated_data(r: random.Random):
         elif kind == 3:
             other = r.choice(list(leaves(data)))
             node[last] = copy.deepcopy(data[other[0]])
-        elif kind == 4 and isinstance(node[last], str) and node[last].split()[0].replace(".", "").isdigit():
+        elif (
+            kind == 4
+            and isinstance(node[last], str)
+            and node[last].split()[0].replace(".", "").isdigit()
+        ):
             number, *unit = node[last].split()
             node[last] = f"{float(number) * 10.0 ** r.randint(-6, 6)!r} {' '.join(unit)}"
         else:
@@ -108,7 +117,9 @@ def read(text_or_data, seed: int) -> mv.Scenario:
 
 def run(scenario: mv.Scenario) -> mv.Motion:
     """A short run, whose figures are finite."""
-    short = scenario.with_({"record.settle": "0.05 s", "record.duration": "0.25 s", "record.sample_rate": "1024 Hz"})
+    short = scenario.with_(
+        {"record.settle": "0.05 s", "record.duration": "0.25 s", "record.sample_rate": "1024 Hz"}
+    )
     motion = mv.simulate(short)
     assert all(np.isfinite(values).all() for values in motion.channels.values())
     assert all(np.isfinite(line.expected_hz) for line in mv.lines(motion))
@@ -145,7 +156,12 @@ def test_no_number_is_changed_in_silence():
         r = random.Random(seed)
         name, key, quantity = r.choice(WRITTEN)
         number = r.choice(
-            [f"{r.uniform(0, 10):.6g}", f"{10 ** r.uniform(-9, 9):.4e}", str(r.randint(0, 10**6)), f"-{r.random()}"]
+            [
+                f"{r.uniform(0, 10):.6g}",
+                f"{10 ** r.uniform(-9, 9):.4e}",
+                str(r.randint(0, 10**6)),
+                f"-{r.random()}",
+            ]
         )
         unit, factor = r.choice(UNITS[quantity.unit])
         text = f"{number}{r.choice(['', ' ', chr(160)])}{unit}".strip()
@@ -161,5 +177,5 @@ def test_no_number_is_changed_in_silence():
 
 def test_mutations_change_something():
     assert sum(mutated_text(random.Random(seed)) in TEXTS for seed in range(50)) < 5
-    whole = [plain(mv.load_scenario(name), text=True) for name in mv.catalog_names()]
+    whole = [to_plain_data(mv.load_scenario(name), text=True) for name in mv.catalog_names()]
     assert not any(mutated_data(random.Random(seed)) in whole for seed in range(20))

@@ -10,13 +10,13 @@ from support.automaton import Automaton, both
 from support.scenarios import NO_FRICTION, limit_of
 
 import microvib as mv
-from microvib.analysis.limits import judge, unsettled
+from microvib.analysis.limits import judge, transient_warnings
 from microvib.analysis.margins import margin
 from microvib.analysis.seeds import quantile_bounds
-from microvib.model.driven import driven_lines, noise_density, response
+from microvib.model.driven import friction_to_disturbance, noise_density, noise_driven_lines
 from microvib.reports.document import Text
 from microvib.reports.run.first_page import first_page
-from microvib.signals.line_table import DRIVEN, SeedLine
+from microvib.signals.line_table import NOISE_DRIVEN, SeedLine
 from microvib.solve.pack import pack
 
 NOISE = {"density": 2e-4, "lowest": 0.3, "highest": 5.0, "seed": 1}
@@ -27,7 +27,12 @@ SHORT = {"record.settle": 30.0, "record.duration": 16.0, "record.sample_rate": 5
 def noisy():
     """State 1 with a mode that noise alone keeps ringing: nothing is left of its start."""
     return mv.load_scenario("state-1").with_si(
-        {**SHORT, "friction.torque_noise": NOISE, "array.modes.0.damping": 0.02, "record.settle": 25.0}
+        {
+            **SHORT,
+            "friction.torque_noise": NOISE,
+            "array.modes.0.damping": 0.02,
+            "record.settle": 25.0,
+        }
     )
 
 
@@ -37,23 +42,30 @@ def drawn(noisy):
 
 
 def test_the_closed_form_is_what_draws_read_within_their_scatter(noisy, drawn):
-    (alone,) = driven_lines(noisy, 16.0)
+    (alone,) = noise_driven_lines(noisy, 16.0)
     seeds = drawn.over_seeds("array_mode_1")
-    assert seeds.draws >= 59  # in one the mode is small, and not told from a third of the full step, 1.3 bins away
+    assert (
+        seeds.draws >= 59
+    )  # in one the mode is small, and not told from a third of the full step, 1.3 bins away
     error = seeds.deviation_n_m / math.sqrt(seeds.draws)
     stuck = mv.batch([noisy])[0].stuck_output  # swallows its part of the noise
     assert (1.0 - stuck) * alone.mean - 3.0 * error < seeds.mean_n_m < alone.mean + 3.0 * error
-    assert seeds.deviation_n_m == pytest.approx(alone.deviation, rel=0.3)  # of 60 draws it is known to 9 %
-    assert drawn["array_mode_1"].status == DRIVEN
+    assert seeds.deviation_n_m == pytest.approx(
+        alone.deviation, rel=0.3
+    )  # of 60 draws it is known to 9 %
+    assert drawn["array_mode_1"].status == NOISE_DRIVEN
     assert drawn["array_mode_1"].noise_mean_n_m == alone.mean
 
 
 def test_the_response_is_the_energy_of_the_mode(noisy):
     # H^2 omega^2 / (2 xi K) of the design's estimate is the response near resonance, K the springs of gear and motor in series
     mode = mv.coupled_modes(noisy)[0]
-    K = 1.0 / (1.0 / noisy.reducer.stiffness + 1.0 / (noisy.motor.electromagnetic_stiffness * noisy.reducer.ratio**2))
+    K = 1.0 / (
+        1.0 / noisy.reducer.stiffness
+        + 1.0 / (noisy.motor.electromagnetic_stiffness * noisy.reducer.ratio**2)
+    )
     estimate = noisy.array.H[0] ** 2 * (2 * math.pi * mode.frequency) ** 2 / (2 * mode.damping * K)
-    assert abs(response(noisy, mode.frequency)) == pytest.approx(estimate, rel=0.2)
+    assert abs(friction_to_disturbance(noisy, mode.frequency)) == pytest.approx(estimate, rel=0.2)
 
 
 def test_roughness_is_the_noise_that_the_output_turns_past(noisy):
@@ -98,11 +110,19 @@ def test_verdicts_rest_on_the_quantile_where_seeds_were_run(noisy, drawn):
 
 
 def test_a_report_says_that_margins_are_those_of_the_quantile(noisy, drawn):
-    motion, limit = mv.simulate(noisy.with_si({"record.duration": 2.0}), channels=("T_d",)), limit_of(1.0)
+    motion, limit = (
+        mv.simulate(noisy.with_si({"record.duration": 2.0}), channels=("T_d",)),
+        limit_of(1.0),
+    )
     alone = mv.LineTable(drawn.lines, drawn.clock_ratio, None, drawn.samples, drawn.sample_rate)
-    for table, told in ((drawn, "over their 95 % quantile, without"), (alone, "limit over amplitude, of this one run")):
+    for table, told in (
+        (drawn, "over their 95 % quantile, without"),
+        (alone, "limit over amplitude, of this one run"),
+    ):
         texts = [
-            block.text for block in first_page(motion, table, judge(table, limit, noisy)) if isinstance(block, Text)
+            block.text
+            for block in first_page(motion, table, judge(table, limit, noisy))
+            if isinstance(block, Text)
         ]
         assert told in " ".join(texts)
 
@@ -113,7 +133,9 @@ def test_what_is_left_of_the_start_is_not_passed_as_noise(noisy):
     table = mv.run(scenario, lines_only=True, seeds=59).table
     mode, seeds = table["array_mode_1"], table.over_seeds("array_mode_1")
     assert seeds.mean_n_m > 1.5 * mode.noise_mean_n_m
-    assert judge(table, limit_of(1.05 * seeds.p95_high_n_m), scenario).of(mode).verdict == "not judged"
+    assert (
+        judge(table, limit_of(1.05 * seeds.p95_high_n_m), scenario).of(mode).verdict == "not judged"
+    )
 
 
 @pytest.mark.parametrize(("n", "bounded"), [(58, False), (59, True), (200, True)])
@@ -141,12 +163,16 @@ def test_a_rotor_off_its_first_command_aligns_with_it(state_1):
         reference = rodas4.simulate(scenario, channels=("T_d",))["T_d"]
         assert np.abs(reference).max() == pytest.approx(peaks[-1], rel=2e-3)
         commanded = -scenario.reducer.ratio * scenario.rate * motion.time
-        assert abs((motion["theta_m"] - commanded)[-50:].mean()) < 0.3 * scenario.driver.full_step(scenario.motor)
+        assert abs((motion["theta_m"] - commanded)[-50:].mean()) < 0.3 * scenario.driver.full_step(
+            scenario.motor
+        )
     assert peaks[0] < 0.2 < 0.9 < peaks[1] < 1.5 < peaks[2]
 
 
 def test_an_independent_integration_aligns_alike(state_1):
-    scenario = state_1.with_si({**NO_FRICTION, "solver.accuracy": 1e-6, "record.rotor_offset": -1.5})
+    scenario = state_1.with_si(
+        {**NO_FRICTION, "solver.accuracy": 1e-6, "record.rotor_offset": -1.5}
+    )
     y, step = pack(scenario).state.y, scenario.driver.full_step(scenario.motor)
     assert (y[4], y[6]) == pytest.approx((-1.5 * step, 1.5 * step / scenario.reducer.ratio))
     y, packed = both(Automaton(scenario), 0.9 * 0.5 / scenario.driving_frequency)
@@ -168,13 +194,17 @@ def test_an_offset_out_of_reach_is_a_sentence(state_1, changes, said):
 
 
 def test_draws_that_are_refused_are_so_before_anything_is_run(noisy, monkeypatch) -> None:
-    monkeypatch.setattr("microvib.analysis.run._solved", None)
+    monkeypatch.setattr("microvib.analysis.run._solve_one", None)
     with pytest.raises(mv.OptionError, match="2 to 100000 draws are expected"):
         mv.run(noisy, seeds=1)
 
 
 def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
-    short = {"record.settle": "0.2 s", "record.duration": "1 s", "friction.torque_noise.density": "2e-6 N^2*m^2/Hz"}
+    short = {
+        "record.settle": "0.2 s",
+        "record.duration": "1 s",
+        "friction.torque_noise.density": "2e-6 N^2*m^2/Hz",
+    }
     table = mv.run(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table
     assert table["drive_10"].amplitude_n_m > 0.0
     assert table.over_seeds("drive_10") is not None
@@ -183,7 +213,11 @@ def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
 @pytest.fixture(scope="module")
 def few():
     """State 1 with noise that scatters its lines of the clock, over as few draws as there may be."""
-    noise = {"friction.torque_noise": {"density": 2e-4}, "record.settle": 15.0, "record.duration": 8.0}
+    noise = {
+        "friction.torque_noise": {"density": 2e-4},
+        "record.settle": 15.0,
+        "record.duration": 8.0,
+    }
     scenario = mv.load_scenario("state-1").with_si(noise)
     return scenario, mv.run(scenario, lines_only=True, seeds=2).table
 
@@ -203,10 +237,10 @@ def test_few_draws_do_not_pass_a_line_of_the_clock_that_noise_scatters(few) -> N
 
 def test_few_draws_are_not_said_to_bound_the_quantile(few, drawn, noisy) -> None:
     scenario, table = few
-    (told,) = (x for x in unsettled(table, scenario) if x.startswith("array_mode_1"))
+    (told,) = (x for x in transient_warnings(table, scenario) if x.startswith("array_mode_1"))
     assert "95 % of them below" not in told
     assert "59 or more" in told
-    (enough,) = (x for x in unsettled(drawn, noisy) if x.startswith("array_mode_1"))
+    (enough,) = (x for x in transient_warnings(drawn, noisy) if x.startswith("array_mode_1"))
     assert "95 % of them below" in enough
 
 
@@ -214,7 +248,13 @@ def test_few_draws_are_not_said_to_bound_the_quantile(few, drawn, noisy) -> None
 def test_a_bound_from_few_draws_holds_as_often_as_it_says(few, draws: int) -> None:
     """A line with noise on it, of which noise is all: limits at its true 95 % quantile pass once in twenty times at most."""
     _, table = few
-    line = replace(table["drive_1"], amplitude_n_m=1e-6, amplitude_uncertainty_n_m=0.0, floor_n_m=0.0, status="ok")
+    line = replace(
+        table["drive_1"],
+        amplitude_n_m=1e-6,
+        amplitude_uncertainty_n_m=0.0,
+        floor_n_m=0.0,
+        status="ok",
+    )
     rng, passed, trials = np.random.default_rng(draws), 0, 400
     for _ in range(trials):
         values = np.sort(rng.rayleigh(0.01, draws))
@@ -228,7 +268,9 @@ def test_a_bound_from_few_draws_holds_as_often_as_it_says(few, draws: int) -> No
     assert passed <= 0.05 * trials + 3.0 * math.sqrt(0.05 * 0.95 * trials)
 
 
-def test_what_the_integration_leaves_open_is_told_where_more_draws_would_not_help(drawn, noisy) -> None:
+def test_what_the_integration_leaves_open_is_told_where_more_draws_would_not_help(
+    drawn, noisy
+) -> None:
     mode, seeds = drawn["array_mode_1"], drawn.over_seeds("array_mode_1")
     limit = limit_of(0.95 * seeds.p95_low_n_m)
     assert judge(replace(drawn, own_error=0.0), limit, noisy).of(mode).verdict == "fail"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from microvib.solve import kernel
-from microvib.solve.sampling import samples_into
-from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.sampling import sample_buffer
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.segments import Segments
 
 CHANGES = [
@@ -15,7 +15,10 @@ CHANGES = [
     {"driver.microsteps": 44},  # parts of two microsteps, which eight segments do not divide evenly
     {"tracking.rate": "-0.13 deg/s"},
     {"reducer.stiffness": "rigid"},
-    {"reducer.stiffness": "rigid", "reducer.transmission_error": [{"order": 200, "amplitude": "2 arcsec"}]},
+    {
+        "reducer.stiffness": "rigid",
+        "reducer.transmission_error": [{"order": 200, "amplitude": "2 arcsec"}],
+    },
     {"driver.integral_gain": 0.0, "driver.supply_voltage": 8.0},
     {"array.modes": [], "array.rigid_inertia": None},
 ]
@@ -24,14 +27,18 @@ CHANGES = [
 @pytest.fixture(params=CHANGES, ids=str)
 def period(request, state_1):
     scenario = state_1.with_si(request.param)
-    return PeriodMap(scenario, repeats_after(scenario)[0])
+    return PeriodMap(scenario, common_period(scenario)[0])
 
 
 def chain(period, segments, x):
     """Starts of all segments and the end of the last, one after the other; and all that is known of each segment."""
     states, known = [x], []
     for j in range(segments.bounds.size - 1):
-        known.append(segments.advance(states[-1][None], segments.bounds[j : j + 1], segments.bounds[j + 1 : j + 2], 20))
+        known.append(
+            segments.advance(
+                states[-1][None], segments.bounds[j : j + 1], segments.bounds[j + 1 : j + 2], 20
+            )
+        )
         states.append(known[-1].x[0])
     return np.array(states), known
 
@@ -46,14 +53,16 @@ def test_segments_in_a_row_are_the_period(period):
 
     rows = np.zeros((20 * period.microsteps, period.packed.columns))
     width = period.microstep_time / 20
-    end = period.advance(x, samples_into(rows, period.start, width))
+    end = period.advance(x, sample_buffer(rows, period.start, width))
     # Each segment begins with a step of its own: apart by the solver's tolerance.
     assert np.max(np.abs(states[-1] - end) / period.sizes) < 2e-3
     T_d = np.concatenate([ends.T_d for ends in known])
     assert T_d.shape == (len(rows),)
     assert np.sqrt(np.mean((T_d - rows[:, kernel.T_D]) ** 2)) < 2e-3 * np.max(np.abs(T_d))
     sticks = rows[:, kernel.CHANNELS.index("stuck_output")]
-    assert sum(ends.stuck_output for ends in known) * period.frequency == pytest.approx(sticks.mean(), abs=2e-3)
+    assert sum(ends.stuck_output for ends in known) * period.frequency == pytest.approx(
+        sticks.mean(), abs=2e-3
+    )
     for which, name in enumerate(("stuck_rotor", "stuck_output")):
         ever = bool(np.any(rows[:, kernel.CHANNELS.index(name)]))
         assert any(ends.ever[0, which] for ends in known) == ever

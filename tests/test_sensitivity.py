@@ -37,7 +37,10 @@ def test_effects_are_those_of_changed_scenarios(scenario):
     line = found["drive_1"]
     assert {effect.key for effect in line.effects} == set(RANGES)
     assert line.effects[0].key == "reducer.stiffness"
-    spans = [max(line.amplitude, *e.amplitudes) - min(line.amplitude, *e.amplitudes) for e in line.effects]
+    spans = [
+        max(line.amplitude, *e.amplitudes) - min(line.amplitude, *e.amplitudes)
+        for e in line.effects
+    ]
     assert spans == sorted(spans, reverse=True)
     effect = line.effects[0]
 
@@ -112,7 +115,9 @@ def test_a_resonance_inside_a_range_is_seen():
         "array.modes.0.frequency": "2.5 Hz",
         "reducer.stiffness": "80000 N*m/rad",
     }
-    line = {x.line: x for x in sensitivities(mv.load_scenario("state-1", brief).with_sources(sources))}["full_step_1"]
+    line = {
+        x.line: x for x in sensitivities(mv.load_scenario("state-1", brief).with_sources(sources))
+    }["full_step_1"]
     mode = next(e for e in line.effects if e.key == "array.modes.0.frequency")
     ends = max(line.amplitude, *mode.amplitudes)
     assert max(x for _, x in mode.between) > 3.0 * ends
@@ -129,9 +134,15 @@ def test_a_resonance_inside_a_range_is_seen():
             "3 of 3 values move it as far: which of them matters most cannot be said",
         ),
         ([(0.999, 1.0005), (1.0, 1.0)], "no value moves it beyond the error of a run"),
-        ([(0.5, 1.5), (math.nan, 1.1)], "a matters most; somewhere in the range of b it is not known"),
+        (
+            [(0.5, 1.5), (math.nan, 1.1)],
+            "a matters most; somewhere in the range of b it is not known",
+        ),
     ],
 )
 def test_what_matters_most_is_said_as_far_as_it_is_told(ends, says):
-    effects = (Effect(key, 1.0, (0.5, 2.0), 0.0, (0.0, 0.0), found) for key, found in zip("abc", ends, strict=False))
+    effects = (
+        Effect(key, 1.0, (0.5, 2.0), 0.0, (0.0, 0.0), found)
+        for key, found in zip("abc", ends, strict=False)
+    )
     assert LineEffects("line", 1.0, 1.0, tuple(effects)).verdict == says

@@ -33,7 +33,14 @@ from microvib.web.server.limits import Limits
 pytestmark = pytest.mark.long
 STRANGERS = 8
 LIMITS = replace(
-    Limits(), pause_s=0.4, stranger_s=0.8, reading_s=0.4, slowest=1e6, strangers=STRANGERS, receiving=2, structure=5000
+    Limits(),
+    pause_s=0.4,
+    stranger_s=0.8,
+    reading_s=0.4,
+    slowest=1e6,
+    strangers=STRANGERS,
+    receiving=2,
+    structure=5000,
 )
 
 
@@ -51,7 +58,9 @@ class Served:
 
     def head(self, first: str, *headers: str, owner: bool = True) -> bytes:
         shown = [f"Authorization: Bearer {self.access.token}"] if owner else []
-        return "\r\n".join([first, f"Host: 127.0.0.1:{self.port}", *shown, *headers, "", ""]).encode("latin-1")
+        return "\r\n".join(
+            [first, f"Host: 127.0.0.1:{self.port}", *shown, *headers, "", ""]
+        ).encode("latin-1")
 
     def ask(self, request: bytes) -> bytes:
         """All that is answered until the server ends the connection."""
@@ -120,7 +129,9 @@ def until(true: Callable[[], bool]) -> None:
 def test_half_sent_requests_keep_nobody_out(served: Served) -> None:
     with ExitStack() as stack:
         for _ in range(10 * STRANGERS):
-            stack.enter_context(served.connect()).sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
+            stack.enter_context(served.connect()).sendall(
+                b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: "
+            )
         assert statuses(served.jobs()) == [200]
         assert served.connections() <= STRANGERS + 1
         until(lambda: served.connections() == 0)  # and they end, although their clients do not
@@ -142,11 +153,15 @@ def test_a_head_that_trickles_comes_to_an_end_also_behind_a_good_request(served:
 
 @pytest.mark.parametrize("path", ["/api/recordings?name=x.csv", "/api/scenario"])
 @pytest.mark.parametrize("trickle", [False, True])
-def test_a_body_that_stalls_or_trickles_is_given_up(served: Served, path: str, trickle: bool) -> None:
+def test_a_body_that_stalls_or_trickles_is_given_up(
+    served: Served, path: str, trickle: bool
+) -> None:
     with ExitStack() as stack:
         for _ in range(LIMITS.receiving):
             client = stack.enter_context(served.connect())
-            client.sendall(served.head(f"POST {path} HTTP/1.1", "Content-Length: 1000000") + b"t,Mz\n")
+            client.sendall(
+                served.head(f"POST {path} HTTP/1.1", "Content-Length: 1000000") + b"t,Mz\n"
+            )
         assert statuses(served.jobs()) == [200]
         client.settimeout(0.1)
         answer = b""
@@ -160,16 +175,24 @@ def test_a_body_that_stalls_or_trickles_is_given_up(served: Served, path: str, t
     until(lambda: served.connections() == 0)
     assert not list(served.store.root.glob("*.csv"))
     body = b"a,b\n1,2\n"
-    small = served.head("POST /api/recordings?name=x.csv HTTP/1.1", "Connection: close", f"Content-Length: {len(body)}")
+    small = served.head(
+        "POST /api/recordings?name=x.csv HTTP/1.1",
+        "Connection: close",
+        f"Content-Length: {len(body)}",
+    )
     assert statuses(served.ask(small + body)) == [422]  # read, so there was room for it
 
 
 def test_strangers_send_no_bodies(served: Served) -> None:
     for first in ("POST /api/recordings?name=x.csv HTTP/1.1", "POST /api/scenario HTTP/1.1"):
-        assert statuses(served.ask(served.head(first, "Content-Length: 1000000", owner=False))) == [401]
+        assert statuses(served.ask(served.head(first, "Content-Length: 1000000", owner=False))) == [
+            401
+        ]
     stalled = served.head("POST /enter HTTP/1.1", "Content-Length: 400", owner=False)
     assert statuses(served.ask(stalled)) in ([408], [])
-    assert statuses(served.ask(served.head("POST /enter HTTP/1.1", "Content-Length: 3000000", owner=False))) == [413]
+    assert statuses(
+        served.ask(served.head("POST /enter HTTP/1.1", "Content-Length: 3000000", owner=False))
+    ) == [413]
 
 
 @pytest.mark.parametrize("owner", [True, False])
@@ -207,7 +230,9 @@ SMUGGLED = b"GET /api/smuggled HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
     ids=str,
 )
 def test_nothing_is_smuggled(served: Served, headers: list[str]) -> None:
-    answer = served.ask(served.head("POST /api/scenario HTTP/1.1", *headers) + b"0\r\n\r\n" + SMUGGLED)
+    answer = served.ask(
+        served.head("POST /api/scenario HTTP/1.1", *headers) + b"0\r\n\r\n" + SMUGGLED
+    )
     (status,) = statuses(answer)
     assert status in (400, 411, 413)
 
@@ -271,14 +296,25 @@ def test_no_path_leads_out(served: Served, path: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["../../x.csv", "/etc/x.csv", "..\\..\\x.csv", "C:\\x.csv", "\0.csv", "a" * 150 + ".csv", ".csv", "%2e%2e/x.csv"],
+    [
+        "../../x.csv",
+        "/etc/x.csv",
+        "..\\..\\x.csv",
+        "C:\\x.csv",
+        "\0.csv",
+        "a" * 150 + ".csv",
+        ".csv",
+        "%2e%2e/x.csv",
+    ],
 )
 def test_names_of_recordings_are_names_only(served: Served, name: str) -> None:
     before = sorted(served.store.root.iterdir())
     quoted = "".join(f"%{b:02x}" for b in name.encode())
     body = b"a,b\n1,2\n"
     first = f"POST /api/recordings?name={quoted} HTTP/1.1"
-    answer = served.ask(served.head(first, "Connection: close", f"Content-Length: {len(body)}") + body)
+    answer = served.ask(
+        served.head(first, "Connection: close", f"Content-Length: {len(body)}") + body
+    )
     assert statuses(answer) == [422]
     assert str(served.store.root).encode() not in answer
     assert sorted(served.store.root.iterdir()) == before
@@ -287,7 +323,9 @@ def test_names_of_recordings_are_names_only(served: Served, name: str) -> None:
 def test_whether_an_id_exists_is_not_told_to_strangers(served: Served) -> None:
     body = json.dumps({"inertia": "8 kg*m^2", "frequency": "1 Hz"}).encode()
     typed = ["Content-Type: application/json", "Connection: close", f"Content-Length: {len(body)}"]
-    id = json.loads(served.ask(served.head("POST /api/sas HTTP/1.1", *typed) + body).partition(b"\r\n\r\n")[2])["id"]
+    id = json.loads(
+        served.ask(served.head("POST /api/sas HTTP/1.1", *typed) + body).partition(b"\r\n\r\n")[2]
+    )["id"]
     answers = {
         re.sub(rb"date: .*\r\n", b"", served.ask(served.head(f"{method} /api/jobs/{one} HTTP/1.1", "Connection: close", owner=False)))
         for one in (id, "0" * 16) for method in ("GET", "DELETE")
@@ -298,7 +336,9 @@ def test_whether_an_id_exists_is_not_told_to_strangers(served: Served) -> None:
     served.ask(served.head(f"DELETE /api/jobs/{id} HTTP/1.1", "Connection: close"))
 
 
-@pytest.mark.parametrize("method", ["HEAD", "OPTIONS", "TRACE", "PUT", "PATCH", "DELETE", "PROPFIND"])
+@pytest.mark.parametrize(
+    "method", ["HEAD", "OPTIONS", "TRACE", "PUT", "PATCH", "DELETE", "PROPFIND"]
+)
 @pytest.mark.parametrize("path", ["/", "/enter", "/static/app.js", "/api/jobs", "/api/scenario"])
 def test_other_methods(served: Served, method: str, path: str) -> None:
     answer = served.ask(served.head(f"{method} {path} HTTP/1.1", "Connection: close"))
@@ -315,7 +355,9 @@ def test_a_websocket_is_not_opened(served: Served) -> None:
         "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
     ]
     assert statuses(served.ask(served.head("GET /api/jobs HTTP/1.1", *upgrade))) == [200]
-    assert statuses(served.ask(served.head("GET /api/jobs HTTP/1.1", *upgrade, owner=False))) == [401]
+    assert statuses(served.ask(served.head("GET /api/jobs HTTP/1.1", *upgrade, owner=False))) == [
+        401
+    ]
 
 
 PART = b'--x\r\nContent-Disposition: form-data; name="file"; filename="../x.csv"\r\n\r\n1,2'
@@ -356,12 +398,20 @@ def test_two_servers_know_nothing_of_each_other(served: Served) -> None:
                     "Connection: close",
                 ]
                 expected = status if key == served.access.key else 401
-                assert statuses(served.ask(served.head("GET /api/jobs HTTP/1.1", *shown, owner=False))) == [expected]
+                assert statuses(
+                    served.ask(served.head("GET /api/jobs HTTP/1.1", *shown, owner=False))
+                ) == [expected]
 
 
 def test_texts_name_files_without_their_folders() -> None:
-    assert without_folders("/tmp/microvib-1/ab/guide.yaml: motor: '2 kg*m^2/s'") == "guide.yaml: motor: '2 kg*m^2/s'"
-    assert without_folders(r"cannot read 'C:\Users\me\x.uff' (/etc/x/y.csv)") == "cannot read 'x.uff' (y.csv)"
+    assert (
+        without_folders("/tmp/microvib-1/ab/guide.yaml: motor: '2 kg*m^2/s'")
+        == "guide.yaml: motor: '2 kg*m^2/s'"
+    )
+    assert (
+        without_folders(r"cannot read 'C:\Users\me\x.uff' (/etc/x/y.csv)")
+        == "cannot read 'x.uff' (y.csv)"
+    )
     assert without_folders("5 N*m/rad/s, and/or 1/2") == "5 N*m/rad/s, and/or 1/2"
 
 
@@ -376,7 +426,9 @@ def test_folders_are_their_owners_alone(tmp_path: Path) -> None:
             store = Store(folder, LIMITS)
             store.submit("sas", "", options={})
             opening = opening_file(folder, "http://127.0.0.1:1/", Access())
-            modes = {path.stat().st_mode & 0o777 for path in (folder, *folder.iterdir()) if path.is_dir()}
+            modes = {
+                path.stat().st_mode & 0o777 for path in (folder, *folder.iterdir()) if path.is_dir()
+            }
             assert (modes, opening.stat().st_mode & 0o777) == ({0o700}, 0o600)
             store.close()
             store.join()
@@ -386,9 +438,19 @@ def test_folders_are_their_owners_alone(tmp_path: Path) -> None:
 
 def python_of_nobody() -> str | None:
     """An interpreter that nobody may run."""
-    for found in (sys.executable, os.path.realpath(sys.executable), "/usr/bin/python3", "/usr/local/bin/python3"):
+    for found in (
+        sys.executable,
+        os.path.realpath(sys.executable),
+        "/usr/bin/python3",
+        "/usr/local/bin/python3",
+    ):
         with suppress(OSError, KeyError):
-            if subprocess.run([found, "-I", "-c", ""], user="nobody", extra_groups=[], check=False).returncode == 0:
+            if (
+                subprocess.run(
+                    [found, "-I", "-c", ""], user="nobody", extra_groups=[], check=False
+                ).returncode
+                == 0
+            ):
                 return found
     return None
 
@@ -416,7 +478,9 @@ print(seen.replace(b"\\0", b" ").decode(errors="replace"))
 """
 
 
-@pytest.mark.skipif(not (sys.platform == "linux" and os.getuid() == 0), reason="only root can become another user")
+@pytest.mark.skipif(
+    not (sys.platform == "linux" and os.getuid() == 0), reason="only root can become another user"
+)
 def test_another_user_of_the_machine_gets_nothing(tmp_path: Path) -> None:
     python = python_of_nobody()
     if python is None:
@@ -438,16 +502,28 @@ def test_another_user_of_the_machine_gets_nothing(tmp_path: Path) -> None:
             port, token = re.search(r":(\d+)/\?token=(\S+)", server.stdout.readline()).groups()
             asked = Served(int(port), Access(token=token), None, None)  # type: ignore[arg-type]
             body = json.dumps({"inertia": "8 kg*m^2", "frequency": "1 Hz"}).encode()
-            typed = ["Content-Type: application/json", "Connection: close", f"Content-Length: {len(body)}"]
-            id = json.loads(asked.ask(asked.head("POST /api/sas HTTP/1.1", *typed) + body).partition(b"\r\n\r\n")[2])[
-                "id"
+            typed = [
+                "Content-Type: application/json",
+                "Connection: close",
+                f"Content-Length: {len(body)}",
             ]
+            id = json.loads(
+                asked.ask(asked.head("POST /api/sas HTTP/1.1", *typed) + body).partition(
+                    b"\r\n\r\n"
+                )[2]
+            )["id"]
             until(lambda: (tmp_path / "opened").exists())
             opened = (tmp_path / "opened").read_text()
             assert opened.startswith("file://")
             program = [python, "-I", "-c", NOBODY, port, id, shared]
             found = subprocess.run(
-                program, user="nobody", group="nogroup", extra_groups=[], capture_output=True, text=True, check=False
+                program,
+                user="nobody",
+                group="nogroup",
+                extra_groups=[],
+                capture_output=True,
+                text=True,
+                check=False,
             )
             assert found.returncode == 0, found.stderr
             said = found.stdout.splitlines()
@@ -456,7 +532,8 @@ def test_another_user_of_the_machine_gets_nothing(tmp_path: Path) -> None:
             assert "microvib serve --port 0" in found.stdout  # it did see the processes
             assert token not in found.stdout + opened
             assert token not in (
-                Path(f"/proc/{server.pid}/cmdline").read_text() + Path(f"/proc/{server.pid}/environ").read_text()
+                Path(f"/proc/{server.pid}/cmdline").read_text()
+                + Path(f"/proc/{server.pid}/environ").read_text()
             )
             assert id.encode() in asked.jobs()
         finally:

@@ -27,16 +27,27 @@ from microvib.web.server.application import create_app
 from microvib.web.server.limits import Limits
 
 pytestmark = pytest.mark.long
-CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+]
 ODD = settings(
-    deadline=None, max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True, phases=[Phase.generate]
+    deadline=None,
+    max_examples=8,
+    suppress_health_check=list(HealthCheck),
+    derandomize=True,
+    phases=[Phase.generate],
 )
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     """A store that takes little: whatever is started gives way soon, or is refused."""
-    with opened(tmp_path_factory.mktemp("store"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0)) as store:
+    with opened(
+        tmp_path_factory.mktemp("store"), Limits(at_once=1, waiting=4, wall_s=20.0, quick_s=5.0)
+    ) as store:
         yield store
 
 
@@ -78,7 +89,9 @@ def test_every_answer_is_as_described(app, known, mode):
                     case.body["scenario"] = {"base": "state-1"}
             case.call_and_validate(checks=CHECKS, headers=OWNER)
 
-        with contextlib.suppress(SkipTest, Unsatisfiable):  # nothing can be wrong with a request without parameters
+        with contextlib.suppress(
+            SkipTest, Unsatisfiable
+        ):  # nothing can be wrong with a request without parameters
             answered()
 
 
@@ -88,12 +101,26 @@ VALUES = st.one_of(
     st.floats().map(str),
     st.integers(-5, 10**9).map(str),
     st.sampled_from(
-        ["rigid", "null", "[]", "{}", "[1, 2]", "{a: b}", "1e999 N", "-1 Hz", "1 N*m", "1 percent", "0 s", "y"]
+        [
+            "rigid",
+            "null",
+            "[]",
+            "{}",
+            "[1, 2]",
+            "{a: b}",
+            "1e999 N",
+            "-1 Hz",
+            "1 N*m",
+            "1 percent",
+            "0 s",
+            "y",
+        ]
     ),
 )
 CHANGES = st.dictionaries(
     st.one_of(
-        st.sampled_from([*KEYS, "array", "sources", "title", "array.fem", "motor", "record"]), st.text(max_size=20)
+        st.sampled_from([*KEYS, "array", "sources", "title", "array.fem", "motor", "record"]),
+        st.text(max_size=20),
     ),
     VALUES,
     max_size=4,
@@ -104,7 +131,9 @@ CHANGES = st.dictionaries(
 @settings(ODD, max_examples=50)
 def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
     """Any text in any field: the form answers, and what it calls right can be read back."""
-    answer = TestClient(app, headers=OWNER).post("/api/scenario", json={"base": "state-1", "changes": changes})
+    answer = TestClient(app, headers=OWNER).post(
+        "/api/scenario", json={"base": "state-1", "changes": changes}
+    )
     assert answer.status_code in (200, 422, 429), answer.text
     if answer.status_code != 200:
         return
@@ -112,10 +141,19 @@ def test_whatever_is_typed_gets_an_answer_with_sentences(app, changes):
     assert bool(shown["errors"]) == (shown["yaml"] is None)
     assert all(error["error"] and "\n" not in error["error"] for error in shown["errors"])
     if shown["yaml"] is not None:
-        assert TestClient(app, headers=OWNER).post("/api/scenario", json={"text": shown["yaml"]}).json()["errors"] == []
+        assert (
+            TestClient(app, headers=OWNER)
+            .post("/api/scenario", json={"text": shown["yaml"]})
+            .json()["errors"]
+            == []
+        )
 
 
-@given(text=st.one_of(st.text(max_size=200), st.sampled_from(KEYS).map(lambda key: f"{key}: [1, {{a: 2}}]")))
+@given(
+    text=st.one_of(
+        st.text(max_size=200), st.sampled_from(KEYS).map(lambda key: f"{key}: [1, {{a: 2}}]")
+    )
+)
 @settings(ODD, max_examples=40)
 def test_whatever_is_uploaded_gets_a_sentence(app, text):
     answer = TestClient(app, headers=OWNER).post("/api/scenario", json={"text": text})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from microvib.cli.test_data import _named
+from microvib.cli.test_data import _parse_source
 from microvib.errors import MicrovibError
 from microvib.io.named import catalog_text
 from microvib.io.recordings import Prepared, write_recording
@@ -16,9 +16,7 @@ from microvib.signals.line_table import LineTable
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
 
-LINES = (
-    "line,frequency_hz,amplitude_n_m,phase_rad,status\ndrive_1,53.1,0.04,unread,ok\ndrive_2,,0.01,,below the floor\n"
-)
+LINES = "line,frequency_hz,amplitude_n_m,phase_rad,status\ndrive_1,53.1,0.04,unread,ok\ndrive_2,,0.01,,below the floor\n"
 
 
 @pytest.fixture
@@ -27,7 +25,10 @@ def files(tmp_path):
     (tmp_path / "lines.csv").write_text(LINES)
     x = np.random.default_rng(1).normal(size=64)
     write_recording(Recording({"Mz": x}, 64.0, {"Mz": "N*m"}, "made"), tmp_path / "record.csv")
-    for name, content in (("run", {"lines.csv": LINES, "scenario.yaml": catalog_text("state-2")}), ("other", {})):
+    for name, content in (
+        ("run", {"lines.csv": LINES, "scenario.yaml": catalog_text("state-2")}),
+        ("other", {}),
+    ):
         (tmp_path / name).mkdir()
         for file, text in content.items():
             (tmp_path / name / file).write_text(text)
@@ -36,7 +37,12 @@ def files(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [("mine.YAML", Scenario), ("lines.csv", LineTable), ("record.csv", Prepared), ("run", RunFolder)],
+    [
+        ("mine.YAML", Scenario),
+        ("lines.csv", LineTable),
+        ("record.csv", Prepared),
+        ("run", RunFolder),
+    ],
 )
 def test_a_file_is_what_it_holds(files, name, kind):
     assert isinstance(open_source(str(files / name)), kind)
@@ -56,7 +62,11 @@ def test_a_table_of_lines_says_what_it_says_and_no_more(files):
     assert (table["drive_1"].frequency_hz, table["drive_1"].amplitude_n_m) == (53.1, 0.04)
     assert [line.status for line in table] == ["ok", "below the floor"]
     assert np.isnan(
-        [table["drive_2"].frequency_hz, table["drive_1"].phase_rad, table["drive_1"].bin_amplitude_n_m]
+        [
+            table["drive_2"].frequency_hz,
+            table["drive_1"].phase_rad,
+            table["drive_1"].bin_amplitude_n_m,
+        ]
     ).all()
 
 
@@ -67,7 +77,11 @@ def test_a_table_from_a_spreadsheet_is_the_same(files):
 
 def test_a_folder_is_read_as_far_as_it_is_there(files):
     run = open_source(str(files / "run"))
-    assert (len(run.lines), run.motion, run.scenario.array.modes[0].frequency > 0.0) == (2, None, True)
+    assert (len(run.lines), run.motion, run.scenario.array.modes[0].frequency > 0.0) == (
+        2,
+        None,
+        True,
+    )
     with pytest.raises(MicrovibError, match=r"neither lines\.csv nor motion\.nc"):
         open_source(str(files / "other"))
 
@@ -76,9 +90,12 @@ def test_an_at_in_the_name_of_a_file_belongs_to_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "me@work").mkdir()
     (tmp_path / "me@work" / "a.uff").touch()
-    assert _named("me@work/a.uff@state-2@record.settle=1 s") == ("me@work/a.uff", ["state-2", "record.settle=1 s"])
-    assert _named("b.uff@state-2") == ("b.uff", ["state-2"])
-    assert _named("paper") == ("paper", [])
+    assert _parse_source("me@work/a.uff@state-2@record.settle=1 s") == (
+        "me@work/a.uff",
+        ["state-2", "record.settle=1 s"],
+    )
+    assert _parse_source("b.uff@state-2") == ("b.uff", ["state-2"])
+    assert _parse_source("paper") == ("paper", [])
 
 
 def test_recordings_are_prepared(files):

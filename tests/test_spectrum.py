@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from microvib.signals.spectrum import SpectrumError, amplitude_spectrum, power_spectral_density, waterfall
+from microvib.signals.spectrum import (
+    SpectrumError,
+    amplitude_spectrum,
+    power_spectral_density,
+    waterfall,
+)
 
 RATE, SAMPLES = 4096.0, 65536
 T = np.arange(SAMPLES) / RATE
@@ -16,7 +21,9 @@ def test_a_tone_on_a_bin_reads_its_amplitude(window):
     assert s.frequency[np.argmax(s.amplitude)] == 53.0
 
 
-@pytest.mark.parametrize(("window", "loss"), [("rectangular", 0.363), ("hann", 0.151), ("flat-top", 0.002)])
+@pytest.mark.parametrize(
+    ("window", "loss"), [("rectangular", 0.363), ("hann", 0.151), ("flat-top", 0.002)]
+)
 def test_worst_picket_fence_loss(window, loss):
     s = amplitude_spectrum(np.cos(2 * np.pi * (848.5 / 16) * T), RATE, window)
     assert 1.0 - s.amplitude.max() == pytest.approx(loss, abs=0.002)
@@ -38,9 +45,9 @@ def test_density_of_white_noise_and_of_a_tone():
 def test_band_rms_does_not_depend_on_where_bins_fall():
     x = np.random.default_rng(2).normal(0.0, 1.0, SAMPLES)
     psd = power_spectral_density(x, RATE, "4.0 Hz")
-    assert psd.band_rms("100.0 Hz", "333.0 Hz") ** 2 + psd.band_rms("333.0 Hz", "901.3 Hz") ** 2 == pytest.approx(
-        psd.band_rms("100 Hz", "901.3 Hz") ** 2
-    )
+    assert psd.band_rms("100.0 Hz", "333.0 Hz") ** 2 + psd.band_rms(
+        "333.0 Hz", "901.3 Hz"
+    ) ** 2 == pytest.approx(psd.band_rms("100 Hz", "901.3 Hz") ** 2)
     assert psd.band_rms("0.0 Hz", "1e6 Hz") == pytest.approx(psd.cumulative_rms[-1])
 
 

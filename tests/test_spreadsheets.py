@@ -15,7 +15,15 @@ from microvib.io.row_table import read_row_table
 from microvib.io.tables import plain_lines, read_lines
 from microvib.studies.sizing import read_states
 
-LOOP = [(0.0, 0.0), (1e-3, 0.02), (2e-3, 0.03), (0.0, -0.02), (-2e-3, -0.03), (0.0, 0.02), (2e-3, 0.03)]
+LOOP = [
+    (0.0, 0.0),
+    (1e-3, 0.02),
+    (2e-3, 0.03),
+    (0.0, -0.02),
+    (-2e-3, -0.03),
+    (0.0, 0.02),
+    (2e-3, 0.03),
+]
 
 
 def saved(rows, separator, decimal, head=""):
@@ -23,10 +31,14 @@ def saved(rows, separator, decimal, head=""):
     return "\n".join([*([head.replace(",", separator)] if head else []), *lines]) + "\n"
 
 
-@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", ","), (";", "."), ("\t", "."), (",", ".")])
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(";", ","), ("\t", ","), (";", "."), ("\t", "."), (",", ".")]
+)
 @pytest.mark.parametrize("head", ["", "angle,torque"])
 def test_a_loop_is_the_same_however_it_was_saved(tmp_path, separator, decimal, head):
-    (tmp_path / "loop.csv").write_text("\ufeff" + saved(LOOP, separator, decimal, head), encoding="utf-8")
+    (tmp_path / "loop.csv").write_text(
+        "\ufeff" + saved(LOOP, separator, decimal, head), encoding="utf-8"
+    )
     found = read_row_table(tmp_path / "loop.csv", ("angle", "rad"), ("torque", "N*m"))
     assert [tuple(row) for row in found] == LOOP
 
@@ -35,7 +47,9 @@ def test_currents_and_modes_are_the_same_however_they_were_saved(tmp_path):
     (tmp_path / "currents.csv").write_text("i_a;i_b\n1,0;0,0\n0,0;1,0\n-1,0;0,0\n0,0;-1,0\n")
     table = read_current_table(tmp_path / "currents.csv")
     assert table == {"currents": [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]}
-    (tmp_path / "modes.csv").write_text("frequency_hz;effective_inertia_kg_m2;inertia_kg_m2\n1,19;8,05;8,18\n")
+    (tmp_path / "modes.csv").write_text(
+        "frequency_hz;effective_inertia_kg_m2;inertia_kg_m2\n1,19;8,05;8,18\n"
+    )
     assert read_modes(tmp_path / "modes.csv").frequency.tolist() == [1.19]
 
 
@@ -47,7 +61,9 @@ def test_a_comma_that_may_part_thousands_is_no_decimal_mark():
 
 def test_a_loop_that_mixes_both_is_a_sentence(tmp_path):
     (tmp_path / "loop.csv").write_text("angle;torque\n1,234;0.5\n")
-    done = microvib("show", "state-1", "--set", "friction.presliding={loop: loop.csv}", cwd=tmp_path)
+    done = microvib(
+        "show", "state-1", "--set", "friction.presliding={loop: loop.csv}", cwd=tmp_path
+    )
     assert done.exit_code == 1
     assert "loop.csv, row 2: angle '1,234' is not a number" in done.stderr
 
@@ -91,7 +107,9 @@ def test_a_column_that_is_not_read_is_refused(tmp_path, read, text, says):
 
 
 def test_names_of_columns_may_have_capitals_and_blanks_and_spreadsheets_leave_empty_ones(tmp_path):
-    (tmp_path / "t.csv").write_text("Mode_Frequency_Hz , INERTIA_kg_m2,comment,,\n1.5,8,of the test,,\n")
+    (tmp_path / "t.csv").write_text(
+        "Mode_Frequency_Hz , INERTIA_kg_m2,comment,,\n1.5,8,of the test,,\n"
+    )
     (state,) = read_states(tmp_path / "t.csv")
     assert (state.frequency, state.inertia) == (1.5, 8.0)
 
@@ -99,7 +117,9 @@ def test_names_of_columns_may_have_capitals_and_blanks_and_spreadsheets_leave_em
 def test_units_in_names_of_two_columns_count(tmp_path):
     path = tmp_path / "loop.csv"
     path.write_text("angle_mrad,torque_mnm\n1,20\n")
-    assert read_row_table(path, ("angle", "rad"), ("torque", "N*m")) == [[pytest.approx(1e-3), pytest.approx(0.02)]]
+    assert read_row_table(path, ("angle", "rad"), ("torque", "N*m")) == [
+        [pytest.approx(1e-3), pytest.approx(0.02)]
+    ]
     path.write_text("torque_nm,angle_mrad\n20,1\n")
     with pytest.raises(MicrovibError, match="column 'torque_nm' has the wrong dimension"):
         read_row_table(path, ("angle", "rad"), ("torque", "N*m"))

@@ -14,7 +14,7 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge
-from microvib.analysis.lines import recording_notes
+from microvib.analysis.lines import recording_warnings
 from microvib.analysis.steadiness import may_be_larger
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_bench
@@ -98,7 +98,9 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
     name: str, torque: np.ndarray, scenario: mv.Scenario
 ) -> None:
     t = np.arange(torque.size) / FS
-    running = mv.lines(recorded(torque + _noise(torque)), scenario=scenario)["drive_1"].amplitude_n_m
+    running = mv.lines(recorded(torque + _noise(torque)), scenario=scenario)[
+        "drive_1"
+    ].amplitude_n_m
     table = mv.lines(recorded(UNSTEADY[name](t, torque)), scenario=scenario)
     for part in (0.3, 0.5, 0.7, 0.9):
         assert judge(table, limit_of(part * running, 40.0, 60.0), scenario).verdict != "pass"
@@ -110,7 +112,9 @@ def test_a_steady_recording_stays_judged(torque: np.ndarray, scenario: mv.Scenar
     size = table["drive_1"].amplitude_n_m
     assert judge(table, limit_of(1.05 * size, 40.0, 60.0), scenario).verdict == "pass"
     assert judge(table, limit_of(0.95 * size, 40.0, 60.0), scenario).verdict == "fail"
-    assert not any("steady" in note for note in recording_notes(recording, "Mz", scenario, table))
+    assert not any(
+        "steady" in note for note in recording_warnings(recording, "Mz", scenario, table)
+    )
 
 
 def test_a_recording_of_the_bench_stays_judged() -> None:
@@ -120,10 +124,14 @@ def test_a_recording_of_the_bench_stays_judged() -> None:
     table = mv.lines(recording, "Mz", scenario=scenario)
     size = table["drive_1"].amplitude_n_m
     assert judge(table, limit_of(1.1 * size, 5.0, 1000.0), scenario).verdict == "pass"
-    assert not any("steady" in note for note in recording_notes(recording, "Mz", scenario, table))
+    assert not any(
+        "steady" in note for note in recording_warnings(recording, "Mz", scenario, table)
+    )
 
 
-def test_the_reason_says_when_and_where_and_trimming_helps(torque: np.ndarray, scenario: mv.Scenario) -> None:
+def test_the_reason_says_when_and_where_and_trimming_helps(
+    torque: np.ndarray, scenario: mv.Scenario
+) -> None:
     whole = recorded(UNSTEADY["on in the last 30 %"](np.arange(torque.size) / FS, torque))
     table = mv.lines(whole, scenario=scenario)
     (why,) = may_be_larger(table, 45.0, 58.0, 0.5 * np.std(torque))
@@ -135,7 +143,9 @@ def test_the_reason_says_when_and_where_and_trimming_helps(torque: np.ndarray, s
 
 
 @pytest.mark.parametrize("name", ["rate ripple", "on and off", "90 % up and down"])
-def test_lines_of_what_is_not_steady_are_not_compared(name: str, torque: np.ndarray, scenario: mv.Scenario) -> None:
+def test_lines_of_what_is_not_steady_are_not_compared(
+    name: str, torque: np.ndarray, scenario: mv.Scenario
+) -> None:
     steady = Prepared(recorded(torque + _noise(torque)))
     changed = Prepared(recorded(UNSTEADY[name](np.arange(torque.size) / FS, torque)))
     rows = {row.line: row.verdict for row in compare(steady, changed, scenario=scenario).rows}
@@ -152,11 +162,18 @@ def test_lines_floor_and_excess_are_no_less_than_the_samples(name: str) -> None:
     x = UNSTEADY[name](t, line)
     table = estimate_lines(x, FS, ())
     seen = [one for one in table if one.seen][:1]
-    found = max((one.amplitude for one in excesses(x, FS, seen, table) if one.low < 53.0 < one.high), default=0.0)
+    found = max(
+        (one.amplitude for one in excesses(x, FS, seen, table) if one.low < 53.0 < one.high),
+        default=0.0,
+    )
     ends = (one.starting(table.duration) * np.exp(-one.decay_per_s * t[[0, -1]]) for one in seen)
     counted = max((max(x) for x in ends), default=0.0)
     # Of a fifth of a second the shortest piece that a third of an octave at 53 Hz resolves, half a second, shows three quarters.
-    loudest = 0.1 * {"90 % up and down": 1.8, "grows": 1.7, "on for a fifth of each second": 0.7}.get(name, 0.97)
+    loudest = 0.1 * {
+        "90 % up and down": 1.8,
+        "grows": 1.7,
+        "on for a fifth of each second": 0.7,
+    }.get(name, 0.97)
     assert np.hypot(counted, found) >= loudest
 
 
@@ -173,9 +190,9 @@ def test_noise_has_no_excess(seed: int) -> None:
 
 def test_excess_is_that_of_the_part_that_is_loud() -> None:
     t = np.arange(16384) / FS
-    x = np.where(t < 4.0, 1.0, 0.1) * np.cos(2.0 * np.pi * 53.0 * t) + 1e-3 * np.random.default_rng(1).standard_normal(
-        t.size
-    )
+    x = np.where(t < 4.0, 1.0, 0.1) * np.cos(2.0 * np.pi * 53.0 * t) + 1e-3 * np.random.default_rng(
+        1
+    ).standard_normal(t.size)
     (one,) = (each for each in excesses(x, FS, ()) if each.low < 53.0 < each.high)
     assert one.amplitude == pytest.approx(1.0, rel=0.02)
     assert one.times == pytest.approx(10.0, rel=0.05)
@@ -210,17 +227,25 @@ def test_no_budget_below_the_jitter_of_the_running_drive_is_passed(
     t = np.arange(next(iter(loads.values())).size) / FS
     changed = on_a_table({n: UNSTEADY[name](t, x) for n, x in loads.items()})
     parts = (0.1, 0.3, 0.5, 0.7, 0.9)
-    several = Requirements(requirements=[{**band, "limit": f"{part * running.value} rad"} for part in parts])
+    several = Requirements(
+        requirements=[{**band, "limit": f"{part * running.value} rad"} for part in parts]
+    )
     found = pointing_budget(craft, several, recording=changed).judged
     assert all(judged.verdict != "pass" for judged in found)
     # Of the drive that runs for a fifth of a second the shortest pieces show two thirds; parts that are loud show all of it.
     assert found[0].most >= (0.6 if "fifth" in name else 1.0) * running.value
 
 
-def test_a_steady_recording_is_judged_against_a_budget(craft: mv.Scenario, loads: dict[str, np.ndarray]) -> None:
+def test_a_steady_recording_is_judged_against_a_budget(
+    craft: mv.Scenario, loads: dict[str, np.ndarray]
+) -> None:
     band = {"axis": "x", "lowest": "10 Hz", "highest": "60 Hz", "limit": "1 urad"}
     recording = on_a_table({name: x + _noise(x) for name, x in loads.items()})
-    value = pointing_budget(craft, Requirements(requirements=[band]), recording=recording).judged[0].value
+    value = (
+        pointing_budget(craft, Requirements(requirements=[band]), recording=recording)
+        .judged[0]
+        .value
+    )
     limits = {1.5 * value: "pass", 0.5 * value: "fail"}
     several = Requirements(requirements=[{**band, "limit": f"{limit} rad"} for limit in limits])
     found = pointing_budget(craft, several, recording=recording).judged

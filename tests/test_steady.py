@@ -9,9 +9,9 @@ from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_k
 from support.steady_lines import long_run, settled_motion, worst_deviation
 
 import microvib as mv
-from microvib.analysis.limits import unsettled
+from microvib.analysis.limits import transient_warnings
 from microvib.analysis.run import solve_run
-from microvib.analysis.start import without_steady_state
+from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.expected import ExpectedLine
 from microvib.reports.document import Text
 from microvib.reports.run.report import run_report
@@ -19,7 +19,7 @@ from microvib.reports.run.text import run_text
 from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques
-from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.search import CONVERGED
 from microvib.solve.steady.state import find_steady, steady_state
 from microvib.studies.rates import plan_rates, rate_grid
@@ -37,17 +37,27 @@ def settled(scenario, time=90.0, duration=16.0):
 @pytest.mark.parametrize("name", ["state-1", "state-2", "state-3", "state-4", "state-5"])
 def test_lines_are_those_of_the_settled_run_in_time(name):
     scenario = settled(mv.load_scenario(name))
-    steady, in_time = mv.lines(steady_state(scenario)), mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    steady, in_time = (
+        mv.lines(steady_state(scenario)),
+        mv.lines(mv.simulate(scenario, channels=("T_d",))),
+    )
     compared = 0
     for line in in_time:
-        if line.kind in ("array mode", "other") or not line.amplitude_n_m > 1e-3 * in_time["drive_1"].amplitude_n_m:
+        if (
+            line.kind in ("array mode", "other")
+            or not line.amplitude_n_m > 1e-3 * in_time["drive_1"].amplitude_n_m
+        ):
             continue
         other = steady[line.line]
         compared += 1
         assert other.frequency_hz == pytest.approx(line.frequency_hz, rel=1e-6)
         assert other.amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), line.line
-        assert math.remainder(other.phase_rad - line.phase_rad, 2 * math.pi) == pytest.approx(0.0, abs=0.02), line.line
-        assert other.bin_amplitude_n_m == pytest.approx(line.bin_amplitude_n_m, rel=0.02, abs=2e-5), line.line
+        assert math.remainder(other.phase_rad - line.phase_rad, 2 * math.pi) == pytest.approx(
+            0.0, abs=0.02
+        ), line.line
+        assert other.bin_amplitude_n_m == pytest.approx(
+            line.bin_amplitude_n_m, rel=0.02, abs=2e-5
+        ), line.line
     assert compared > 20
     assert steady["array_mode_1"].status == TRANSIENT
 
@@ -73,13 +83,18 @@ def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
 )  # fmt: skip
 def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
     scenario = settled(state_1.with_si({"tracking.rate": "-0.11 deg/s", **changes}), 60.0)
-    steady, in_time = mv.lines(steady_state(scenario)), mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    steady, in_time = (
+        mv.lines(steady_state(scenario)),
+        mv.lines(mv.simulate(scenario, channels=("T_d",))),
+    )
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0)
     compared = 0
     for line in in_time:
         if line.kind not in ("array mode", "other") and line.amplitude_n_m > 0.01 * top:
             compared += 1
-            assert steady[line.line].amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), line.line
+            assert steady[line.line].amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), (
+                line.line
+            )
     assert compared >= 4
 
 
@@ -90,8 +105,12 @@ def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
     assert steady_1.distance < CONVERGED
     assert 0.9 < steady_1.multiplier < 1.0  # the array mode
     record = mv.lines(steady_1.motion(channels=("T_d",)))
-    assert record["array_mode_1"].amplitude_n_m < 1e-5  # it does not ring: 4.6e-3 after a start from rest
-    assert record["drive_1"].amplitude_n_m == pytest.approx(mv.lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3)
+    assert (
+        record["array_mode_1"].amplitude_n_m < 1e-5
+    )  # it does not ring: 4.6e-3 after a start from rest
+    assert record["drive_1"].amplitude_n_m == pytest.approx(
+        mv.lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3
+    )
 
 
 def test_a_record_from_the_steady_state_is_whole_from_its_first_sample(state_1):
@@ -107,7 +126,9 @@ def test_a_record_from_the_steady_state_is_whole_from_its_first_sample(state_1):
     motion = state.motion(channels=("T_d",))
     series = state.harmonics()[: int(0.34 * fast.record.sample_rate / state.frequency)]
     t = motion.time[:40] - fast.record.settle
-    made = (np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series).real
+    made = (
+        np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series
+    ).real
     assert motion["T_d"][:40] == pytest.approx(made, abs=5e-4 * np.max(np.abs(made)))
 
 
@@ -122,7 +143,9 @@ def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch)
     for _ in range(3):
         other = steady_state(state_1)
         assert other.microsteps == steady_1.microsteps
-        found = [(line.line, line.amplitude_n_m) for line in mv.lines(other) if line.kind == "drive"]
+        found = [
+            (line.line, line.amplitude_n_m) for line in mv.lines(other) if line.kind == "drive"
+        ]
         assert [amplitude for _, amplitude in found] == pytest.approx(
             [mv.lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6
         )
@@ -134,7 +157,9 @@ def test_invariants_hold_over_the_period(steady_1):
     assert i.momentum < 1e-4
     assert i.energy_mechanical < 1e-3
     assert abs(i.energy_stored) < 1e-3 * i.energy_dissipated  # what repeats stores nothing
-    assert abs(steady_1.harmonics()[0]) < 1e-4 * abs(steady_1.harmonics()[16])  # nor does it gather momentum
+    assert abs(steady_1.harmonics()[0]) < 1e-4 * abs(
+        steady_1.harmonics()[16]
+    )  # nor does it gather momentum
 
 
 def test_a_mode_without_damping_has_a_steady_state_all_the_same(state_1):
@@ -163,17 +188,24 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
     assert result.state is None
     assert result.fallback
     assert result.lines.text() == mv.lines(simulate_torques([scenario])[0]).text()
-    found, simulated = ([x.amplitude_n_m for x in table] for table in (result.lines, mv.lines(mv.simulate(scenario))))
+    found, simulated = (
+        [x.amplitude_n_m for x in table]
+        for table in (result.lines, mv.lines(mv.simulate(scenario)))
+    )
     assert found == pytest.approx(simulated, rel=1e-3, abs=1e-7, nan_ok=True)
 
 
 @pytest.mark.parametrize(
     "scenario",
     [
-        random_scenario(40),  # stick and slip take several microsteps in turn; how many is settled at the start
+        random_scenario(
+            40
+        ),  # stick and slip take several microsteps in turn; how many is settled at the start
         # Where this output is wound back, long and short slips alternate, and go on to: a run from rest does so, too.
         mv.load_scenario("state-1").with_({"tracking.rate": "0.01 deg/s", "driver.microsteps": 32}),
-        random_scenario(30),  # friction that falls with the rate: smooth slip, and an oscillation that sticks
+        random_scenario(
+            30
+        ),  # friction that falls with the rate: smooth slip, and an oscillation that sticks
         heavy_scenario(327),
         heavy_scenario(436),
         scenario_of_any_kind(36),  # slips that vary repeat after seven periods of the command
@@ -188,8 +220,14 @@ def test_of_several_motions_the_one_that_a_start_from_rest_leads_to_is_found(sce
 @pytest.mark.parametrize(
     ("seed", "why"),
     [
-        (51, "a run from rest .*does not settle"),  # small deviations grow, though its derivative does not show it
-        (18, r"friction that falls with the rate keeps it ringing: .* 3\d\d s .*, 1\d\.\d s by the modes' own damping"),
+        (
+            51,
+            "a run from rest .*does not settle",
+        ),  # small deviations grow, though its derivative does not show it
+        (
+            18,
+            r"friction that falls with the rate keeps it ringing: .* 3\d\d s .*, 1\d\.\d s by the modes' own damping",
+        ),
     ],
 )
 def test_a_motion_that_no_run_shows_is_not_taken(seed, why):
@@ -240,7 +278,10 @@ def test_what_is_found_does_not_depend_on_the_settling_time(name):
         size = float(np.std(found[0].T_d))
         for other in found[1:]:
             assert other.microsteps == found[0].microsteps
-            assert np.max(np.abs(np.abs(other.harmonics()) - np.abs(found[0].harmonics()))) < 1e-5 * size
+            assert (
+                np.max(np.abs(np.abs(other.harmonics()) - np.abs(found[0].harmonics())))
+                < 1e-5 * size
+            )
 
 
 TRANSMISSION_ERROR = {"reducer.transmission_error": [{"order": 2, "amplitude": 1e-4, "phase": 0.4}]}
@@ -256,10 +297,16 @@ BACKLASH = {"reducer.backlash": 2e-4}
         PRESLIDING,
         {"reducer.hysteresis": {"loss": 2e-5, "stiffness": 4000.0}},
         BACKLASH,
-        {**TRANSMISSION_ERROR, **PRESLIDING, "driver.imperfections": {"gain_b": 0.02, "offset_a": 0.01}},
+        {
+            **TRANSMISSION_ERROR,
+            **PRESLIDING,
+            "driver.imperfections": {"gain_b": 0.02, "offset_a": 0.01},
+        },
     ],
 )
-def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_from_rest(state_1, changes):
+def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_from_rest(
+    state_1, changes
+):
     scenario = state_1.with_si({**changes, "record.sample_rate": 1024.0})
     state = steady_state(scenario)
     deviation, line = worst_deviation(state, settled_motion(scenario))
@@ -267,23 +314,32 @@ def test_long_periods_and_frictions_with_memory_have_the_steady_state_of_a_run_f
     record = state.motion(channels=("T_d",))["T_d"]  # goes on with what the frictions remember
     series = state.harmonics()[: int(0.35 * 1024.0 / state.frequency)]
     t = np.arange(2000) / 1024.0
-    made = (np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series).real
+    made = (
+        np.exp(2j * np.pi * state.frequency * np.outer(t, np.arange(series.size))) @ series
+    ).real
     ours, theirs = (np.abs(np.fft.rfft(x * np.hanning(2000)))[:600] for x in (record[:2000], made))
     assert ours == pytest.approx(theirs, abs=0.01 * float(np.max(theirs)))
     assert abs(state.invariants.energy_stored) < 1e-3 * state.invariants.energy_dissipated
 
 
 def test_a_slow_mode_beside_a_friction_with_memory_is_not_waited_for(state_1):
-    scenario = state_1.with_si({"friction.presliding": {"stiffness": 1e5}, "array.modes.0.damping": 0.0014})
+    scenario = state_1.with_si(
+        {"friction.presliding": {"stiffness": 1e5}, "array.modes.0.damping": 0.0014}
+    )
     decay = min(m.decay for m in mv.coupled_modes(scenario) if m.frequency > 0.0)
     state = steady_state(scenario)
     assert state.solver["simulated_s"] < 6.0 / decay
-    settled = {"record.settle": 7.0 / decay, "record.duration": math.ceil(16.0 * state.frequency) / state.frequency}
+    settled = {
+        "record.settle": 7.0 / decay,
+        "record.duration": math.ceil(16.0 * state.frequency) / state.frequency,
+    }
     [run] = simulate_torques([scenario.with_si(settled)])
     assert np.std(state.T_d) == pytest.approx(np.std(run.T_d), rel=1e-3)
     wanted = {line.line: line.amplitude_n_m for line in mv.lines(run)}
     driving = [
-        line for line in mv.lines(state) if line.line in ("drive_1", "drive_2", "full_step_1", "drive_1_minus_1")
+        line
+        for line in mv.lines(state)
+        if line.line in ("drive_1", "drive_2", "full_step_1", "drive_1_minus_1")
     ]
     assert len(driving) == 4
     for line in driving:
@@ -334,8 +390,12 @@ def test_friction_heavy_sets_that_are_found_are_what_a_run_from_rest_shows():
 def test_a_step_on_the_way_to_an_event_is_held_to_its_tolerance_too():
     """Friction that falls steeply makes a step singular at one length: shortened to it, the rotor would jump, lose its synchronism."""
     long = heavy_scenario(27).with_si({"record.settle": 0.0, "record.duration": 140.0})
-    expected = float(np.std(mv.simulate(long.with_si({"solver.accuracy": 2.5e-5}), channels=("T_d",))["T_d"]))
-    assert float(np.std(mv.simulate(long, channels=("T_d",))["T_d"])) == pytest.approx(expected, rel=1e-3)
+    expected = float(
+        np.std(mv.simulate(long.with_si({"solver.accuracy": 2.5e-5}), channels=("T_d",))["T_d"])
+    )
+    assert float(np.std(mv.simulate(long, channels=("T_d",))["T_d"])) == pytest.approx(
+        expected, rel=1e-3
+    )
     assert float(np.std(simulate_torques([long])[0].T_d)) == pytest.approx(expected, rel=1e-3)
 
 
@@ -347,30 +407,43 @@ def test_a_run_that_was_to_be_steady_and_is_not_says_so_first_and_advises_no_ste
     said = r"No steady state: friction that varies .* \(friction\.position: null leaves it out\)\. Simulated from rest instead\."
     assert re.search(said, run_text(result))
     first = " ".join(
-        block.text for block in run_report(result.motion, result.table).first_page if isinstance(block, Text)
+        block.text
+        for block in run_report(result.motion, result.table).first_page
+        if isinstance(block, Text)
     )
     assert re.search(said, first)
     for of_motion in (mv.simulate(scenario), result.motion):
-        assert re.search(said, without_steady_state(of_motion.solver))
-    rings = [text for text in unsettled(result.table, scenario) if "decays" in text]
+        assert re.search(said, steady_state_fallback_note(of_motion.solver))
+    rings = [text for text in transient_warnings(result.table, scenario) if "decays" in text]
     assert rings
     assert not [text for text in rings if "steady" in text.replace("steady line", "")]
     from_rest = scenario.with_({"record.start": "rest"})
-    assert [text for text in unsettled(result.table, from_rest) if text.endswith("or record.start: steady.")]
+    assert [
+        text
+        for text in transient_warnings(result.table, from_rest)
+        if text.endswith("or record.start: steady.")
+    ]
 
 
 def test_the_common_period_that_is_too_long_is_named_with_what_makes_it_so(state_1):
     errors = [{"order": 7, "amplitude": 1e-5}, {"order": 3, "amplitude": 1e-5}]
-    slow = {"reducer.transmission_error": errors, "driver.microsteps": 4096, "tracking.rate": math.radians(1e-3)}
+    slow = {
+        "reducer.transmission_error": errors,
+        "driver.microsteps": 4096,
+        "tracking.rate": math.radians(1e-3),
+    }
     with pytest.raises(
-        NotPeriodic, match=r"common period .* microsteps .*reducer\.transmission_error: \[\] leaves out"
+        NotPeriodic,
+        match=r"common period .* microsteps .*reducer\.transmission_error: \[\] leaves out",
     ):
         steady_state(state_1.with_si(slow))
 
 
 def test_repetition_in_microsteps(state_1):
     def of(**changes):
-        return repeats_after(state_1.with_si({key.replace("__", "."): value for key, value in changes.items()}))
+        return common_period(
+            state_1.with_si({key.replace("__", "."): value for key, value in changes.items()})
+        )
 
     assert of() == (16, 16)
     assert of(driver__beats=5, driver__microsteps=1) == (5, 5)
@@ -389,7 +462,10 @@ def test_lines_of_a_series_are_those_of_its_samples():
         ExpectedLine(name, "drive", k * base, k * base, k * base, "made")
         for name, k in (("slow", 1), ("drive_1", 16), ("drive_2", 32))
     ]
-    exact, estimated = lines_of_series(series, base, 16, expected, n, rate), estimate_lines(x, rate, expected)
+    exact, estimated = (
+        lines_of_series(series, base, 16, expected, n, rate),
+        estimate_lines(x, rate, expected),
+    )
     assert [line.line for line in exact] == ["slow", "drive_1", "drive_2", "other_1"]
     assert exact["other_1"].origin == "17/16 of the driving frequency"
     for line in exact:

@@ -16,14 +16,27 @@ IMPORTS = re.compile(r"^\s*(?:from|import) (\w+)", re.M)
 def test_no_test_imports_from_another_or_from_benchmarks():
     """What several need is in ``support``."""
     folders = (TESTS, TESTS.parent / "benchmarks", TESTS.parent / "examples")
-    theirs = {path.stem for folder in folders for path in folder.rglob("*.py") if "support" not in path.parts}
-    theirs |= {path.name for folder in folders for path in (folder, *folder.iterdir()) if path.is_dir()} - {"support"}
+    theirs = {
+        path.stem
+        for folder in folders
+        for path in folder.rglob("*.py")
+        if "support" not in path.parts
+    }
+    theirs |= {
+        path.name for folder in folders for path in (folder, *folder.iterdir()) if path.is_dir()
+    } - {"support"}
     files = list(TESTS.rglob("*.py"))
     assert len(files) > 50
-    assert {path.name: both for path in files if (both := theirs & set(IMPORTS.findall(path.read_text("utf-8"))))} == {}
+    assert {
+        path.name: both
+        for path in files
+        if (both := theirs & set(IMPORTS.findall(path.read_text("utf-8"))))
+    } == {}
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="a script of a POSIX shell stands for the server")
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="a script of a POSIX shell stands for the server"
+)
 def test_a_test_that_fails_ends_its_server(tmp_path, monkeypatch):
     from support.page import served
 

@@ -29,7 +29,13 @@ def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     line = f'microvib() {{ "$PYTHON" -m microvib "$@"; }}; {line}'
     env = {**os.environ, "PYTHON": sys.executable}
     return subprocess.run(
-        ["sh", "-c", line], cwd=cwd, env=env, capture_output=True, text=True, timeout=240, check=False
+        ["sh", "-c", line],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
     )
 
 
@@ -96,7 +102,9 @@ INTERRUPTED = (130, -2)
 )  # fmt: skip
 def test_an_interrupt_ends_every_long_command_with_one_sentence(worked, tmp_path, arguments, sign):
     arguments = [text.format(worked=worked) for text in arguments]
-    shown = in_terminal(*arguments, cwd=tmp_path, columns=300, until=lambda written: sign in written)
+    shown = in_terminal(
+        *arguments, cwd=tmp_path, columns=300, until=lambda written: sign in written
+    )
     assert shown.status in INTERRUPTED, shown.text
     assert [line for line in shown.screen if line.strip(" ^C")] == [shown.screen[-1]], shown.text
     assert shown.screen[-1].startswith("Interrupted; ")
@@ -105,22 +113,33 @@ def test_an_interrupt_ends_every_long_command_with_one_sentence(worked, tmp_path
 
 def test_an_identification_that_is_interrupted_keeps_the_best_and_says_so(worked, tmp_path):
     tested = str(worked / "old" / "lines.csv")
-    search = ["identify", "state-1", tested, "--fit", "reducer.stiffness", "--starts", "4096", *SHORT, "--out", "out"]
-    shown = in_terminal(*search, cwd=tmp_path, columns=300, until=lambda written: "global: " in written)
+    search = [
+        "identify",
+        "state-1",
+        tested,
+        "--fit",
+        "reducer.stiffness",
+        "--starts",
+        "4096",
+        *SHORT,
+        "--out",
+        "out",
+    ]
+    shown = in_terminal(
+        *search, cwd=tmp_path, columns=300, until=lambda written: "global: " in written
+    )
     assert shown.status in INTERRUPTED, shown.text
     assert "Interrupted: the best so far" in shown.text
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["interrupted"] is True
 
 
 def test_an_interrupt_while_the_program_is_still_starting_is_quiet(tmp_path):
-    program = (
-        "import sys, threading, _thread\nimport microvib.cli.common as c\nsys.modules.pop('microvib.cli.serve', None)"
-    )
-    program += (
-        "\nclass Late:\n  def find_spec(self, name, *a):\n    if name.endswith('cli.serve'): raise KeyboardInterrupt"
-    )
+    program = "import sys, threading, _thread\nimport microvib.cli.common as c\nsys.modules.pop('microvib.cli.serve', None)"
+    program += "\nclass Late:\n  def find_spec(self, name, *a):\n    if name.endswith('cli.serve'): raise KeyboardInterrupt"
     program += "\nsys.meta_path.insert(0, Late())\nfrom microvib.cli.main import main\nmain()"
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert (done.returncode, done.stderr) == (130, "")
 
 
@@ -159,11 +178,17 @@ def test_a_run_without_standard_error_works_and_nothing_is_written_into_its_file
     line = "microvib run state-1 --set 'record.settle=0.5 s' --set 'record.duration=2 s' --out out"
     quiet = shell(f"{line} <&- >&- 2>&-", tmp_path)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
-    assert (tmp_path / "out" / "lines.csv").read_text() == (worked / "old" / "lines.csv").read_text()
+    assert (tmp_path / "out" / "lines.csv").read_text() == (
+        worked / "old" / "lines.csv"
+    ).read_text()
 
 
-def test_results_are_written_although_nobody_reads_the_text_whatever_the_window_system(worked, tmp_path):
-    done = shell(f"MPLBACKEND=nonsense microvib analyse '{worked}/old.csv' --out out | true", tmp_path)
+def test_results_are_written_although_nobody_reads_the_text_whatever_the_window_system(
+    worked, tmp_path
+):
+    done = shell(
+        f"MPLBACKEND=nonsense microvib analyse '{worked}/old.csv' --out out | true", tmp_path
+    )
     assert done.stderr == ""
     assert (tmp_path / "out" / "report.html").is_file()
 
@@ -216,7 +241,9 @@ def test_what_is_refused_before_the_work_begins_is_told_without_a_bar(capsys, mo
     assert capsys.readouterr().err == ""
     with progress_bar() as tell:
         tell(0.0, 46.0)
-        assert "compiles on first use" in capsys.readouterr().err  # at once, however soon the work is done
+        assert (
+            "compiles on first use" in capsys.readouterr().err
+        )  # at once, however soon the work is done
 
 
 def test_every_bar_is_a_line_a_minute_where_there_is_no_terminal(capsys, monkeypatch):
@@ -246,4 +273,7 @@ def test_progress_on_lines_has_rate_and_time_left(capsys, monkeypatch):
     with progress_bar("computing", "cases", lines_every=15.0) as tell:
         for done in (10, 20, 42, 50):
             tell(done, 50)
-    assert capsys.readouterr().err == "42 of 50 cases, 2 cases/s, 4 s left\n50 of 50 cases, 2 cases/s\n"
+    assert (
+        capsys.readouterr().err
+        == "42 of 50 cases, 2 cases/s, 4 s left\n50 of 50 cases, 2 cases/s\n"
+    )

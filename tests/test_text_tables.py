@@ -55,7 +55,11 @@ def test_a_narrow_table_keeps_every_figure_whole_and_every_column_apart(columns:
 @pytest.mark.parametrize("columns", [50], indirect=True)
 def test_words_at_the_beginning_fold_and_a_last_word_goes_below_its_row(columns: int) -> None:
     rows = [
-        ("state 5: amplitude of the line at the driving frequency", "1.25", "assumed: of a range of settling times"),
+        (
+            "state 5: amplitude of the line at the driving frequency",
+            "1.25",
+            "assumed: of a range of settling times",
+        ),
         ("b", "2", "ok"),
     ]
     lines = text_table(("item", "ours", "why"), rows, left=1, last_left=True).splitlines()
@@ -72,11 +76,15 @@ def test_words_at_the_beginning_fold_and_a_last_word_goes_below_its_row(columns:
 
 def test_a_figure_stays_with_its_unit() -> None:
     for width in range(12, 40):
-        for line in wrapped("drive_1 reaches 347.2 mN m at 0.06 deg/s, 12 % above 4096 Hz of 16 s each", width):
+        for line in wrapped(
+            "drive_1 reaches 347.2 mN m at 0.06 deg/s, 12 % above 4096 Hz of 16 s each", width
+        ):
             assert not re.search(r"(?<![_a-z])[\d.]+$|\bm?N$", line), line
 
 
-def test_a_line_table_folds_as_all_tables_do(motion_1: mv.Motion, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_table_folds_as_all_tables_do(
+    motion_1: mv.Motion, monkeypatch: pytest.MonkeyPatch
+) -> None:
     table = mv.lines(motion_1)
     whole = str(table)
     monkeypatch.setenv("COLUMNS", "60")

@@ -30,7 +30,9 @@ def written(
     first, rows = datetime.datetime.fromisoformat(start), [head]
     for k, x in enumerate(SMOOTH):
         time = (first + datetime.timedelta(seconds=k / RATE)).strftime(form[:-1])
-        rows.append(f"{time[: len(time) - cut]}{zone}{form[-1]}{float(scale) * x:.9f}".replace(".", decimal))
+        rows.append(
+            f"{time[: len(time) - cut]}{zone}{form[-1]}{float(scale) * x:.9f}".replace(".", decimal)
+        )
     path.write_text("\n".join(rows) + "\n")
     return path
 
@@ -66,7 +68,9 @@ def test_dates_and_times_of_day_are_seconds_from_the_first(
 
 def test_times_of_few_digits_need_the_rate(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "Time,Mz [N*m]", "%Y-%m-%d %H:%M:%S.%f,", cut=3)
-    with pytest.raises(RecordingError, match=r"too few digits to tell the samples apart, about 4\d\d\d in a second"):
+    with pytest.raises(
+        RecordingError, match=r"too few digits to tell the samples apart, about 4\d\d\d in a second"
+    ):
         mv.read_recording(path)
     assert mv.read_recording(path, "4096 Hz").samples == SAMPLES
     with pytest.raises(RecordingError, match="too few digits"):
@@ -86,7 +90,10 @@ def test_times_that_contradict_themselves_are_refused(tmp_path: Path) -> None:
             [*good[:2000], no_day, *good[2001:]],
             "row 2000 of its numbers has no time such as '2024-03-05 10:15:30.000000'",
         ),
-        ([*good[:2000], *good[1999:]], "1 of its samples have the time of the one before, the first at 0.487793"),
+        (
+            [*good[:2000], *good[1999:]],
+            "1 of its samples have the time of the one before, the first at 0.487793",
+        ),
     ):
         path.write_text("\n".join(rows) + "\n")
         for rate in (None, "4096 Hz"):
@@ -106,24 +113,36 @@ def with_glitch(size: float, width: int = 1) -> np.ndarray:
 @pytest.mark.parametrize("width", [1, 2, 3])
 def test_a_sample_that_stands_alone_is_told(width: int) -> None:
     found = mv.Recording({"Mz": with_glitch(60.0, width)}, RATE, {"Mz": "N*m"})
-    assert "channel Mz has a sample that stands alone at 0.5" in found.told("Mz")[-1]
+    assert "channel Mz has an isolated outlier sample at 0.5" in found.told("Mz")[-1]
     assert found.told("Mz")[-1].endswith("as a glitch does; it stays in")
 
 
 def test_what_rings_steps_or_is_noise_does_not_stand_alone() -> None:
     t = np.arange(SAMPLES) / RATE
-    blow = np.where(t > 0.5, 60.0 * np.exp(-40.0 * (t - 0.5)) * np.sin(2.0 * np.pi * 700.0 * (t - 0.5)), 0.0)
-    for x in (with_glitch(0.0), with_glitch(0.0) + blow, with_glitch(0.0) + 60.0 * (t > 0.5), with_glitch(60.0, 40)):
+    blow = np.where(
+        t > 0.5, 60.0 * np.exp(-40.0 * (t - 0.5)) * np.sin(2.0 * np.pi * 700.0 * (t - 0.5)), 0.0
+    )
+    for x in (
+        with_glitch(0.0),
+        with_glitch(0.0) + blow,
+        with_glitch(0.0) + 60.0 * (t > 0.5),
+        with_glitch(60.0, 40),
+    ):
         assert mv.Recording({"Mz": x}, RATE, {"Mz": "N*m"}).told("Mz") == ()
 
 
 def test_a_glitch_is_told_whatever_the_preparation_does(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(
-        "time [s],CH1 [N*m]\n" + "".join(f"{k / RATE:.9f},{x:.9f}\n" for k, x in enumerate(with_glitch(60.0)))
+        "time [s],CH1 [N*m]\n"
+        + "".join(f"{k / RATE:.9f},{x:.9f}\n" for k, x in enumerate(with_glitch(60.0)))
     )
     told = []
     for how in ("detrend: 1\ndecimate: 4\n", "start: 0.6 s\n"):
         (tmp_path / "how.yaml").write_text("channels: {Mz: -CH1}\n" + how)
-        told.append(read_prepared(tmp_path / "a.csv", load_preparation(tmp_path / "how.yaml")).recording.told("Mz"))
+        told.append(
+            read_prepared(
+                tmp_path / "a.csv", load_preparation(tmp_path / "how.yaml")
+            ).recording.told("Mz")
+        )
     assert "stands alone at 0.5 s: -60" in told[0][-1]
     assert "stands alone" not in "".join(told[1])

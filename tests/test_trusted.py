@@ -18,16 +18,16 @@ from microvib.analysis.limits import judge
 from microvib.analysis.run import RunResult, solve_run
 from microvib.analysis.seeds import with_seeds
 from microvib.io.runs import read_run
-from microvib.reports.run.first_page import facts
+from microvib.reports.run.first_page import leading_figures
 from microvib.reports.run.folder import Form, write_run
 from microvib.reports.run.text import run_text
-from microvib.reports.run.trust import failing, trust_section
+from microvib.reports.run.trust import failed_invariants, invariants_section
 from microvib.solve.batch import torque_from_rest
-from microvib.solve.motion import BAR, JOULE_HEAT, Invariants
+from microvib.solve.motion import BALANCE_TOLERANCE, JOULE_HEAT_TOLERANCE, Invariants
 from microvib.studies.budget.files import Requirement, Requirements
 from microvib.studies.budget.study import pointing_budget
 from microvib.studies.campaign.results import FAILED
-from microvib.studies.campaign.statistics import ANY, line_statistics
+from microvib.studies.campaign.statistics import LARGEST_LINE, line_statistics
 from microvib.studies.rates import full_case, plan_rates
 from microvib.web.jobs import tasks
 
@@ -76,13 +76,19 @@ def test_a_notebook_and_a_report_say_the_same(off: RunResult, coarse: mv.Scenari
     assert off.motion is not None
     table = mv.lines(off.motion)
     assert mv.judge(table, FAR, coarse).verdict == "not judged"
-    assert "does NOT hold" in str(trust_section(off.motion))
-    assert failing(off.motion) == ["energy_mechanical"]
-    whole = next(fact for fact in facts(off.motion, table, judge(table, FAR, coarse)) if fact.value == "Not judged")
+    assert "does NOT hold" in str(invariants_section(off.motion))
+    assert failed_invariants(off.motion) == ["energy_mechanical"]
+    whole = next(
+        fact
+        for fact in leading_figures(off.motion, table, judge(table, FAR, coarse))
+        if fact.value == "Not judged"
+    )
     assert WHY in whole.label
 
 
-def test_a_saved_run_says_the_same(off: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_saved_run_says_the_same(
+    off: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("microvib.reports.sheets.svg", lambda drawing: "<svg/>")
     write_run(off, tmp_path / "run", limit=FAR, form=Form())
     again = read_run(tmp_path / "run")
@@ -123,11 +129,13 @@ def test_the_torque_alone_shows_it(coarse: mv.Scenario) -> None:
     assert plain.broken == ()  # momentum holds, and energies are not known
     assert "energy_mechanical" in balanced.broken
     assert mv.lines(balanced).broken == balanced.broken
-    assert replace(plain, momentum=2.0 * BAR).broken == ("momentum",)
+    assert replace(plain, momentum=2.0 * BALANCE_TOLERANCE).broken == ("momentum",)
     assert torque_from_rest(coarse.with_si({"solver.accuracy": 5e-4}), balanced=True).broken == ()
 
 
-def test_draws_of_noise_are_looked_at(off: RunResult, coarse: mv.Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_draws_of_noise_are_looked_at(
+    off: RunResult, coarse: mv.Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
     noisy = coarse.with_({"friction.torque_noise": {"density": "1e-6 N^2*m^2/Hz"}})
     odd = replace(torque_from_rest(noisy), momentum=1.0)
     monkeypatch.setattr("microvib.analysis.seeds.simulate_torques", lambda scenarios: [odd])
@@ -139,7 +147,12 @@ def test_cases_of_a_campaign_have_no_known_answer(tmp_path: Path, solve: str) ->
     vary = {"friction.breakaway": {"distribution": "uniform", "within": "5 percent"}}
     settings = {"scenario": "state-1", "set": RECORD, "solve": solve}
     make = partial(
-        study, **settings, vary=vary, sampling={"method": "random", "count": 4}, limit="1 N*m", band="1:100 Hz"
+        study,
+        **settings,
+        vary=vary,
+        sampling={"method": "random", "count": 4},
+        limit="1 N*m",
+        band="1:100 Hz",
     )
     fine = computed(tmp_path, make())
     assert not np.any(fine.state == FAILED)
@@ -159,7 +172,7 @@ def test_one_case_among_others_widens_the_interval(tmp_path: Path) -> None:
         ),
     )  # fmt: skip
     lost = int(np.sum(found.state == FAILED))
-    row = next(row for row in line_statistics(found, 1.0, BAND) if row.line == ANY)
+    row = next(row for row in line_statistics(found, 1.0, BAND) if row.line == LARGEST_LINE)
     assert 0 < lost < 6
     assert (row.above, row.unknown, row.judged) == (0, lost, 6)
 
@@ -177,7 +190,9 @@ def test_a_budget_does_not_judge(monkeypatch: pytest.MonkeyPatch) -> None:
     craft = mv.load_scenario(str(Path(__file__).parents[1] / "examples" / "spacecraft.yaml"))
     short = craft.with_si({"record.settle": 20.0, "record.duration": 16.0})
     bounds = [
-        Requirement(name=name, metric="ape", lowest=mv.Si(10.0), highest=mv.Si(60.0), limit=mv.Si(at))
+        Requirement(
+            name=name, metric="ape", lowest=mv.Si(10.0), highest=mv.Si(60.0), limit=mv.Si(at)
+        )
         for name, at in (("far", 1.0), ("low", 1e-15))
     ]
     required = Requirements(requirements=tuple(bounds))
@@ -190,7 +205,10 @@ def test_a_budget_does_not_judge(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("microvib.studies.budget.study.solve_run", unbalanced)
     found = pointing_budget(short, required).judged
     assert fine == {"far": "pass", "low": "fail"}
-    assert {one.requirement.name: one.verdict for one in found} == {"far": "not judged", "low": "not judged"}
+    assert {one.requirement.name: one.verdict for one in found} == {
+        "far": "not judged",
+        "low": "not judged",
+    }
     assert WHY in " ".join(found[0].why)
 
 
@@ -202,9 +220,11 @@ def test_bars_allow_for_joule_heat_where_little_passes_the_shaft() -> None:
 
     assert left(0.9e-3, 1.0).broken == ()
     assert left(1.1e-3, 0.5).broken == ("energy", "energy_mechanical")
-    assert left(0.9 * JOULE_HEAT, 1e-6).broken == ()
-    assert left(0.9 * (JOULE_HEAT + 1e-3 * BAR), 1e-3).broken == ()
-    assert left(1.1 * (JOULE_HEAT + 1e-3 * BAR), 1e-3).broken == ("energy_mechanical",)
+    assert left(0.9 * JOULE_HEAT_TOLERANCE, 1e-6).broken == ()
+    assert left(0.9 * (JOULE_HEAT_TOLERANCE + 1e-3 * BALANCE_TOLERANCE), 1e-3).broken == ()
+    assert left(1.1 * (JOULE_HEAT_TOLERANCE + 1e-3 * BALANCE_TOLERANCE), 1e-3).broken == (
+        "energy_mechanical",
+    )
     assert left(float("nan"), 1.0).broken == ("energy", "energy_mechanical")
     assert left(0.0, 1.0).broken == ()
 
@@ -214,5 +234,8 @@ def test_the_catalog_is_judged(name: str) -> None:
     found = torque_from_rest(mv.load_scenario(name).with_si(SHORT), balanced=True)
     motion = mv.simulate(mv.load_scenario(name).with_si(SHORT), channels=("T_d",))
     assert motion.invariants.broken == found.broken == ()
-    worst = max(motion.invariants.energy / BAR, motion.invariants.energy_mechanical / BAR)
+    worst = max(
+        motion.invariants.energy / BALANCE_TOLERANCE,
+        motion.invariants.energy_mechanical / BALANCE_TOLERANCE,
+    )
     assert worst < 0.7  # without the allowance for Joule heat, too

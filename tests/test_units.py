@@ -79,7 +79,10 @@ def test_errors_come_back_from_other_processes_as_they_were(error):
         *((text, "N*m", 1.0) for text in ("Nm", "N m", "N·m", "N.m", "N-m")),
         *((text, "N*m", 1e-3) for text in ("mNm", "Nmm", "mN m", "mN·m", "N mm")),
         *((text, "N*m", 10.0) for text in ("daNm", "kNcm")),
-        *((text, "kg*m^2", 1e-4) for text in ("kgcm2", "kgcm²", "kg·cm²", "kg cm^2", "kg*cm**2", "kg.cm2", "kg-cm²")),
+        *(
+            (text, "kg*m^2", 1e-4)
+            for text in ("kgcm2", "kgcm²", "kg·cm²", "kg cm^2", "kg*cm**2", "kg.cm2", "kg-cm²")
+        ),
         *((text, "kg*m^2", 1e-7) for text in ("gcm2", "gcm²", "g·cm²", "g cm2")),
         *((text, "kg*m^2", 1.0) for text in ("kgm2", "kg m²", "kg·m^2")),
         *((text, "N*m*s/rad", 1.0) for text in ("Nms/rad", "N m s/rad", "Nm·s/rad", "Nms")),
@@ -105,7 +108,11 @@ def test_units_are_read_as_people_and_print_write_them(written, unit, value):
         ("5", "kg*m^2", "needs a unit"),
         ("5 kg", "kg*m^2", "wrong dimension"),
         ("banana", "kg*m^2", "is not a quantity"),
-        ("banana", "", "is not a number; write one without a unit, such as 0.5, or a percentage, such as '50 percent'"),
+        (
+            "banana",
+            "",
+            "is not a number; write one without a unit, such as 0.5, or a percentage, such as '50 percent'",
+        ),
         ("0,6 A", "A", "write a decimal point, not a comma"),
         ("0.6 A + 1 A", "A", "is not a quantity"),
         ("2 60 A", "A", "is not a quantity"),
@@ -137,7 +144,9 @@ def test_bad_quantities_are_named(text, unit, complaint):
         convert(text, unit)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "nan kg*m^2", "-3 kg*m^2", True, None, [1.0], {}])
+@pytest.mark.parametrize(
+    "value", [0.0, -1.0, math.nan, math.inf, "nan kg*m^2", "-3 kg*m^2", True, None, [1.0], {}]
+)
 def test_what_is_out_of_range_or_no_number_is_refused(value):
     with pytest.raises(ScenarioError, match="an inertia"):
         in_si(Sample, inertia=value)
@@ -188,7 +197,9 @@ def test_what_is_printed_of_any_parameter_is_read_back(quantity, value, sign):
 
 def test_parameters_of_all_kinds_are_tried():
     assert len(DECLARED) > 25
-    assert {"kg*m^2", "N*m*s/rad", "N/Hz^0.5", "kg^0.5*m", ""} <= {quantity.unit for quantity in DECLARED}
+    assert {"kg*m^2", "N*m*s/rad", "N/Hz^0.5", "kg^0.5*m", ""} <= {
+        quantity.unit for quantity in DECLARED
+    }
 
 
 def test_numbers_of_any_size_and_kind():
@@ -200,7 +211,9 @@ def test_numbers_of_any_size_and_kind():
 
 def test_numbers_need_a_unit_or_to_be_said_to_be_in_si():
     assert in_si(Sample, inertia=2.0) == Sample(inertia=Si(2.0)) == Sample(inertia="2 kg*m^2")
-    with pytest.raises(ScenarioError, match=r"inertia: 2\.0 needs a unit, such as '2\.0 kg\*cm\^2' \(an inertia\)"):
+    with pytest.raises(
+        ScenarioError, match=r"inertia: 2\.0 needs a unit, such as '2\.0 kg\*cm\^2' \(an inertia\)"
+    ):
         Sample(inertia=2.0)
 
 
@@ -243,4 +256,6 @@ def test_a_number_that_is_not_nought_needs_a_unit():
 
 
 def test_nought_is_taken_in_a_scenario(state_1):
-    assert state_1.with_(**{"friction.coulomb": 0, "friction.breakaway": "0"}).friction.coulomb == 0.0
+    assert (
+        state_1.with_(**{"friction.coulomb": 0, "friction.breakaway": "0"}).friction.coulomb == 0.0
+    )

@@ -8,7 +8,7 @@ import pytest
 import microvib as mv
 from microvib.errors import MicrovibError, OptionError
 from microvib.reports.identification import fit_json, fit_text
-from microvib.studies.identify import Trust, WholeKey, identify, parse_key
+from microvib.studies.identify import ErrorModel, IntegerKey, identify, parse_key
 from microvib.studies.identify.keys import DAC_BITS, FitKey
 from microvib.studies.identify.selection import Selector
 from microvib.testdata.recording import Recording
@@ -32,11 +32,11 @@ def rounded(short):
 
 
 def test_a_whole_number_is_given_as_those_that_may_be(short):
-    assert parse_key(short, DAC_BITS) == WholeKey(DAC_BITS, 4, 14)
+    assert parse_key(short, DAC_BITS) == IntegerKey(DAC_BITS, 4, 14)
     key = parse_key(short, f"{DAC_BITS} = 6:10")
-    assert isinstance(key, WholeKey)
+    assert isinstance(key, IntegerKey)
     assert list(key.numbers) == [6, 7, 8, 9, 10]
-    assert isinstance(parse_key(short, "friction.slip_ring.contact_pairs=310:330"), WholeKey)
+    assert isinstance(parse_key(short, "friction.slip_ring.contact_pairs=310:330"), IntegerKey)
     assert isinstance(parse_key(short, "reducer.stiffness"), FitKey)
 
 
@@ -60,19 +60,23 @@ def test_a_range_of_whole_numbers_that_cannot_be_is_refused(short, text, said):
 def test_a_whole_number_is_one_in_all_recordings_and_never_alone(short, rounded):
     both = [rounded, rounded]
     with pytest.raises(
-        MicrovibError, match=r"^share driver\.imperfections\.dac_bits: is a whole number, which has one value"
+        MicrovibError,
+        match=r"^share driver\.imperfections\.dac_bits: is a whole number, which has one value",
     ):
         identify(short, both, ["reducer.stiffness", DAC_BITS], share=["reducer.stiffness"])
     with pytest.raises(MicrovibError, match="fit a parameter that is none beside it"):
         identify(short, [rounded], [DAC_BITS])
     with pytest.raises(
-        MicrovibError, match=r"^select driver\.imperfections\.dac_bits: is fitted, and so taken for granted"
+        MicrovibError,
+        match=r"^select driver\.imperfections\.dac_bits: is fitted, and so taken for granted",
     ):
         identify(short, [rounded], ["reducer.stiffness", DAC_BITS], select=[DAC_BITS])
 
 
 def test_bits_are_identified_beside_a_stiffness(short, rounded):
-    fit = identify(short, [rounded], ["reducer.stiffness", f"{DAC_BITS}=8:10"], starts=8, finishes=1)
+    fit = identify(
+        short, [rounded], ["reducer.stiffness", f"{DAC_BITS}=8:10"], starts=8, finishes=1
+    )
     (stiffness,), (bits,) = fit.estimates, fit.whole
     assert stiffness.interval[0] < 5400.0 < stiffness.interval[1]
     assert bits.estimate == 9
@@ -89,7 +93,9 @@ def test_bits_are_identified_beside_a_stiffness(short, rounded):
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_bits_that_the_evidence_does_not_tell_apart_are_told(short):
     """Of references that are not rounded, 12 bits or more are no others."""
-    fit = identify(short, [recorded(short)], ["reducer.stiffness", f"{DAC_BITS}=11:14"], starts=6, finishes=1)
+    fit = identify(
+        short, [recorded(short)], ["reducer.stiffness", f"{DAC_BITS}=11:14"], starts=6, finishes=1
+    )
     (bits,) = fit.whole
     assert not bits.identifiable
     assert "explain the data as well" in bits.verdict or "explains the data as well" in bits.verdict
@@ -99,11 +105,13 @@ def test_bits_that_the_evidence_does_not_tell_apart_are_told(short):
 @pytest.mark.long
 def test_rounding_is_asked_for_where_it_is_and_not_where_it_is_not(short, rounded):
     from microvib.studies.evidence import evidence_of
-    from microvib.studies.identify.fit import without_the_start
+    from microvib.studies.identify.fit import without_start_dependence
 
     for recording, expected in ((rounded, True), (recorded(short), False)):
-        keys, trust = [parse_key(short, "reducer.stiffness")], Trust(0.004)
-        tests, _ = without_the_start([(evidence_of(recording, short), {})], short, keys, trust)
+        keys, trust = [parse_key(short, "reducer.stiffness")], ErrorModel(0.004)
+        tests, _ = without_start_dependence(
+            [(evidence_of(recording, short), {})], short, keys, trust
+        )
         scenario, _, _, (told,) = Selector(short, tests, keys, [DAC_BITS], trust, 1, 8, None).run()
         assert told.selected is expected
         assert told.parameters == 1

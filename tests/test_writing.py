@@ -16,7 +16,7 @@ from microvib.io.writing import (
     RUN_FILES,
     STUDY_FILES,
     check_folder,
-    clear,
+    clear_stale_workspaces,
     workspace,
     write_file,
     write_files,
@@ -93,15 +93,16 @@ def test_a_workspace_in_use_and_folders_of_others_are_left_alone(tmp_path):
     (tmp_path / ".link.microvib").symlink_to(tmp_path / ".mine.microvib")
     with workspace(tmp_path, "run") as space:
         (space / "half").write_text("half")
-        clear(tmp_path)
+        clear_stale_workspaces(tmp_path)
         assert (space / "half").exists()
-    clear(tmp_path)
+    clear_stale_workspaces(tmp_path)
     assert names(tmp_path) == [".link.microvib", ".mine.microvib"]
     assert (tmp_path / ".mine.microvib" / "thesis.txt").exists()
 
 
 @pytest.mark.parametrize(
-    "write", [lambda p: write_folder(p, {"lines.csv": "a"}), lambda p: write_file(p, "a"), check_folder]
+    "write",
+    [lambda p: write_folder(p, {"lines.csv": "a"}), lambda p: write_file(p, "a"), check_folder],
 )
 def test_links_in_a_circle_are_a_sentence(tmp_path, write):
     (tmp_path / "a").symlink_to(tmp_path / "b")
@@ -128,7 +129,9 @@ def test_results_have_the_permissions_that_the_user_s_other_files_have(tmp_path)
         write_file(tmp_path / "one.csv", "a")
     finally:
         os.umask(before)
-    modes = [(tmp_path / name).stat().st_mode & 0o777 for name in ("run", "run/lines.csv", "one.csv")]
+    modes = [
+        (tmp_path / name).stat().st_mode & 0o777 for name in ("run", "run/lines.csv", "one.csv")
+    ]
     assert modes == [0o700, 0o600, 0o600]
 
 
@@ -138,7 +141,9 @@ def test_a_file_that_cannot_be_written_keeps_the_old_one(tmp_path):
         raise OSError(28, "No space left on device")
 
     write_file(tmp_path / "one.csv", "old")
-    with pytest.raises(OutputError, match="cannot be written: No space left on device; go on with x"):
+    with pytest.raises(
+        OutputError, match="cannot be written: No space left on device; go on with x"
+    ):
         write_file(tmp_path / "one.csv", disk_full, overwrite=True, after="; go on with x")
     with pytest.raises(OutputError, match="already exists; nothing was written"):
         write_file(tmp_path / "one.csv", "new")

@@ -26,7 +26,11 @@ def _lines(line: str) -> list[str]:
     indent = re.match(" *", line)
     assert indent is not None
     return textwrap.wrap(
-        line, WIDTH, subsequent_indent=indent[0] + "  ", break_long_words=False, break_on_hyphens=False
+        line,
+        WIDTH,
+        subsequent_indent=indent[0] + "  ",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 
@@ -39,7 +43,14 @@ def console(line: str, cell: str) -> None:
     if words[0] == "microvib" and not {"|", ">", "&&"} & set(words):
         _in_process(words[1:])
     else:
-        print(folded(subprocess.run(cell, shell=True, text=True, check=True, stdout=subprocess.PIPE).stdout), end="")
+        print(
+            folded(
+                subprocess.run(
+                    cell, shell=True, text=True, check=True, stdout=subprocess.PIPE
+                ).stdout
+            ),
+            end="",
+        )
 
 
 def _in_process(arguments: list[str]) -> None:

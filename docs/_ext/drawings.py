@@ -21,7 +21,10 @@ def draw_simulator(path: Path) -> None:
     """The drawing of ``microvib sas size --inertia 8.18 --frequency 1.19``."""
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(StringIO()):
         out = Path(folder) / "sas"
-        main(["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)], standalone_mode=False)
+        main(
+            ["sas", "size", "--inertia", "8.18", "--frequency", "1.19", "--out", str(out)],
+            standalone_mode=False,
+        )
         path.write_bytes((out / "drawing.png").read_bytes())
 
 
@@ -30,7 +33,10 @@ def draw_state_1(path: Path) -> None:
     microvib.plot(microvib.simulate(microvib.load_scenario("state-1"))).savefig(path)
 
 
-DRAWINGS: dict[str, Callable[[Path], None]] = {"sas.png": draw_simulator, "state-1.png": draw_state_1}
+DRAWINGS: dict[str, Callable[[Path], None]] = {
+    "sas.png": draw_simulator,
+    "state-1.png": draw_state_1,
+}
 PAGES = {"../benchmarks/README.md": "benchmarks.md"}
 
 

@@ -34,7 +34,13 @@ def scripts() -> list[Path]:
 
 def show(app: Sphinx, page: str, source: list[str]) -> None:
     if page == "gallery":
-        run({script: place(app, script) for script in scripts() if not (place(app, script) / SAID).exists()})
+        run(
+            {
+                script: place(app, script)
+                for script in scripts()
+                if not (place(app, script) / SAID).exists()
+            }
+        )
         source[0] = source[0].replace(MARK, "\n\n".join(entry(app, path) for path in scripts()))
 
 
@@ -43,21 +49,29 @@ def entry(app: Sphinx, script: Path) -> str:
     comment, _, code = script.read_text().partition("\n")
     title, _, rest = comment.removeprefix("# ").partition(": ")
     folder = place(app, script)
-    said, pictures = (folder / SAID).read_text(encoding="utf-8"), [path.name for path in sorted(folder.glob("*.png"))]
+    said, pictures = (
+        (folder / SAID).read_text(encoding="utf-8"),
+        [path.name for path in sorted(folder.glob("*.png"))],
+    )
     return "\n".join(
         [
             f"## {title.rstrip('.')}\n",
             f"{rest[:1].upper()}{rest[1:]}\n" if rest else "",
             f"```python\n# examples/{script.name}\n{code.strip()}\n```\n",
             f"```text\n{folded(said.strip())}\n```\n" if said.strip() else "",
-            *(f"![{title.rstrip('.')}]({folder.relative_to(app.srcdir).as_posix()}/{name})\n" for name in pictures),
+            *(
+                f"![{title.rstrip('.')}]({folder.relative_to(app.srcdir).as_posix()}/{name})\n"
+                for name in pictures
+            ),
         ]
     )
 
 
 def place(app: Sphinx, script: Path) -> Path:
     """Folder of what a script prints and draws; kept by its text and the package's hash."""
-    version = hashlib.sha256(script.read_bytes() + app.config.nb_execution_cache_path.encode()).hexdigest()[:16]
+    version = hashlib.sha256(
+        script.read_bytes() + app.config.nb_execution_cache_path.encode()
+    ).hexdigest()[:16]
     return Path(app.srcdir) / "_build" / "gallery" / f"{script.stem}-{version}"
 
 
@@ -66,7 +80,13 @@ def run(scripts: dict[Path, Path]) -> None:
     for folder in scripts.values():
         folder.mkdir(parents=True, exist_ok=True)
     told = json.dumps({str(script): str(folder) for script, folder in scripts.items()})
-    subprocess.run([sys.executable, "-c", ONE_AFTER_ANOTHER], input=told, text=True, check=True, env=_environment())
+    subprocess.run(
+        [sys.executable, "-c", ONE_AFTER_ANOTHER],
+        input=told,
+        text=True,
+        check=True,
+        env=_environment(),
+    )
 
 
 def _environment() -> dict[str, str]:

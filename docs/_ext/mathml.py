@@ -12,7 +12,9 @@ FUNCTION = re.compile(r"(?<=[\w}])\s*(\\(?:sin|cos))\s+")
 
 def mathml(source: str, display: str) -> str:
     """MathML of a LaTeX formula; ``display`` is inline or block."""
-    spaced = FUNCTION.sub(r"\\,\1\\,", source)  # the converter sets functions without their thin spaces
+    spaced = FUNCTION.sub(
+        r"\\,\1\\,", source
+    )  # the converter sets functions without their thin spaces
     return convert(spaced.replace("{aligned}", "{align*}"), display=display)
 
 

@@ -16,13 +16,20 @@ def keys(part: type[Part], prefix: str) -> Markdown:
     """Table of the keys of one group of the file: symbol, SI unit, allowed range, default, meaning."""
     shown.add(part)
     head = "| key | symbol | unit | allowed | default | meaning |\n|---|---|---|---|---|---|"
-    rows = (_row(f"{prefix}{name}", field) for name, field in part.model_fields.items() if not part_of(field))
+    rows = (
+        _row(f"{prefix}{name}", field)
+        for name, field in part.model_fields.items()
+        if not part_of(field)
+    )
     return Markdown("\n".join([head, *rows]))
 
 
 def part_of(field: FieldInfo) -> type[Part] | None:
     """Group that a key holds, or a list of which it holds; None for a single value."""
-    return next((a for a in _arguments(field.annotation) if isinstance(a, type) and issubclass(a, Part)), None)
+    return next(
+        (a for a in _arguments(field.annotation) if isinstance(a, type) and issubclass(a, Part)),
+        None,
+    )
 
 
 def parts(part: type[Part]) -> Iterator[type[Part]]:
@@ -47,7 +54,13 @@ def _row(key: str, field: FieldInfo) -> str:
     else:
         other = pretty(quantity.display) if quantity.display not in ("", quantity.unit) else ""
         unit = pretty(quantity.unit) + (f" ({other})" if other else "")
-        cells = [_symbol(quantity.symbol), unit, _range(quantity), _default(field), quantity.meaning]
+        cells = [
+            _symbol(quantity.symbol),
+            unit,
+            _range(quantity),
+            _default(field),
+            quantity.meaning,
+        ]
     return "| " + " | ".join([f"`{key}`", *cells]) + " |"
 
 
@@ -58,15 +71,23 @@ def _symbol(text: str) -> str:
 def _range(bounds: Any) -> str:
     signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
     return ", ".join(
-        f"{sign}{bound:g}" for name, sign in signs.items() if (bound := getattr(bounds, name, None)) is not None
+        f"{sign}{bound:g}"
+        for name, sign in signs.items()
+        if (bound := getattr(bounds, name, None)) is not None
     )
 
 
 def _allowed(field: FieldInfo) -> str:
-    choices = [c for a in _arguments(field.annotation) if get_origin(a) is Literal for c in get_args(a)]
+    choices = [
+        c for a in _arguments(field.annotation) if get_origin(a) is Literal for c in get_args(a)
+    ]
     if choices:
         return ", ".join(f"`{choice}`" for choice in choices)
-    texts = [_range(item) for a in (field, *_arguments(field.annotation)) for item in getattr(a, "metadata", ())]
+    texts = [
+        _range(item)
+        for a in (field, *_arguments(field.annotation))
+        for item in getattr(a, "metadata", ())
+    ]
     whole = ["whole"] if any(a is int for a in _arguments(field.annotation)) else []
     return ", ".join([*whole, *filter(None, texts)])
 
@@ -75,4 +96,10 @@ def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     default = field.get_default(call_default_factory=True)
-    return "none" if default in (None, "", (), {}) else f"{default:g}" if isinstance(default, float) else f"{default}"
+    return (
+        "none"
+        if default in (None, "", (), {})
+        else f"{default:g}"
+        if isinstance(default, float)
+        else f"{default}"
+    )

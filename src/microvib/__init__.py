@@ -1,4 +1,5 @@
-"""microvib: disturbance torque of a sun-tracking solar array, from the drive's data sheet to its lines.
+"""microvib: disturbance torque of a sun-tracking solar array, from the drive's data sheet to its
+lines.
 
 >>> import microvib as mv
 >>> scenario = mv.load_scenario("state-1").with_({"tracking.clock_ratio": 0.994})
@@ -13,7 +14,8 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # that of typing, whose import takes a tenth of the time that --help takes
 
-# Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs none of it.
+# Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs
+# none of it.
 _HOME = {
     "ChannelError": "errors",
     "Limit": "analysis.limits",
@@ -153,7 +155,10 @@ def __getattr__(name: str) -> object:
 
 
 def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # a third of the time that --help takes
+    from importlib.metadata import (
+        PackageNotFoundError,
+        version,
+    )  # a third of the time that --help takes
 
     try:
         return version("microvib")

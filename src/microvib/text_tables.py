@@ -26,24 +26,37 @@ _terminal: ContextVar[int | None] = ContextVar("_terminal", default=None)
 
 
 def set_columns(columns: int | None) -> None:
-    """Say how many columns the terminal has that tables are printed to; None where lines may have any length."""
+    """Say how many columns the terminal has that tables are printed to; None where lines may have
+    any length.
+    """
     _terminal.set(columns)
 
 
 def columns() -> int | None:
-    """Columns of a line: what the environment's ``COLUMNS`` says, or else the terminal that was told; None without limit."""
+    """Columns of a line: what the environment's ``COLUMNS`` says, or else the terminal that was
+    told; None without limit.
+    """
     said = os.environ.get("COLUMNS", "")
-    return int(said) if said.isdigit() and int(said) > 0 else _terminal.get()
+    if said.isdigit() and int(said) > 0:
+        return int(said)
+    return _terminal.get()
 
 
 def text_table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 0, last_left: bool = False, indent: int = 0
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    left: int = 0,
+    last_left: bool = False,
+    indent: int = 0,
 ) -> str:
-    """A table for the terminal, cells to the right under their heads, each column as wide as its widest cell.
+    """A table for the terminal, cells to the right under their heads, each column as wide as its
+    widest cell.
 
-    Words may stand to the ``left`` in so many columns at the beginning, and in the last one (``last_left``). The caller adds
-    an ``indent`` of so many columns. Where the terminal is narrower than the table, words fold and figures never do: heads and
-    words at the beginning; a last cell of words goes below its row; and columns for which there is no room go on in a table
+    Words may stand to the ``left`` in so many columns at the beginning, and in the last one
+    (``last_left``). The caller adds an ``indent`` of so many columns. Where the terminal is
+    narrower than the table, words fold and figures never do: heads and words at the beginning; a
+    last cell of words goes below its row; and columns for which there is no room go on in a table
     below, behind the first ones again.
     """
     single = [tuple([text] for text in row) for row in (header, *rows)]
@@ -57,7 +70,9 @@ def text_table(
 
 
 class _Block(NamedTuple):
-    """Heads and cells as lines of text, how many columns stand to the left, and whether the last one does."""
+    """Heads and cells as lines of text, how many columns stand to the left, and whether the last
+    one does.
+    """
 
     header: tuple[list[str], ...]
     rows: tuple[tuple[list[str], ...], ...]
@@ -68,7 +83,8 @@ class _Block(NamedTuple):
     def widths(self) -> list[int]:
         """Of each column."""
         return [
-            max(len(text) for cell in column for text in cell) for column in zip(self.header, *self.rows, strict=True)
+            max(len(text) for cell in column for text in cell)
+            for column in zip(self.header, *self.rows, strict=True)
         ]
 
     @property
@@ -77,7 +93,9 @@ class _Block(NamedTuple):
         return sum(self.widths) + len(_GAP) * (len(self.header) - 1)
 
     def lines(self, most: int | None) -> Iterator[str]:
-        """The table line by line; last cells of words go below their rows where they do not fit in ``most`` columns."""
+        """The table line by line; last cells of words go below their rows where they do not fit in
+        ``most`` columns.
+        """
         yield from self._row(_at_bottom(self.header), most)
         for row in self.rows:
             yield from self._row(row, most)
@@ -85,7 +103,10 @@ class _Block(NamedTuple):
     def _row(self, row: Sequence[list[str]], most: int | None) -> Iterator[str]:
         widths = self.widths
         end = len(widths) - self.last_left
-        room = None if most is None else most - sum(widths[:end]) - len(_GAP) * end
+        if most is None:
+            room = None
+        else:
+            room = most - sum(widths[:end]) - len(_GAP) * end
         last = row[-1] if self.last_left else []
         below = room is not None and any(len(text) > room for text in last)
         shown = [*row[:end], [] if below else last] if self.last_left else row
@@ -98,7 +119,9 @@ class _Block(NamedTuple):
     def _placed(self, column: int, text: str, widths: Sequence[int]) -> str:
         if self.last_left and column == len(widths) - 1:
             return text
-        return text.ljust(widths[column]) if column < self.left else text.rjust(widths[column])
+        if column < self.left:
+            return text.ljust(widths[column])
+        return text.rjust(widths[column])
 
 
 def _at_bottom(header: Sequence[list[str]]) -> list[list[str]]:
@@ -108,7 +131,9 @@ def _at_bottom(header: Sequence[list[str]]) -> list[list[str]]:
 
 
 def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
-    """Lines between words, the later ones behind an ``indent``; a figure stays with its unit, and longer words stay whole."""
+    """Lines between words, the later ones behind an ``indent``; a figure stays with its unit, and
+    longer words stay whole.
+    """
     fold = textwrap.TextWrapper(
         max(width, 1),
         subsequent_indent=" " * indent,
@@ -123,7 +148,9 @@ def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
 def _folded(
     header: Sequence[str], rows: Sequence[Sequence[str]], left: int, last_left: bool, most: int
 ) -> list[list[list[str]]]:
-    """Columns with their heads as lines of text: heads are as wide as their cells, words at the beginning a part of the line."""
+    """Columns with their heads as lines of text: heads are as wide as their cells, words at the
+    beginning a part of the line.
+    """
     found = []
     for k, (head, *cells) in enumerate(zip(header, *rows, strict=True)):
         lines = [wrapped(cell, 2 * most // 5) if k < left else [cell] for cell in cells]
@@ -134,7 +161,9 @@ def _folded(
     return found
 
 
-def _blocks(folded: list[list[list[str]]], left: int, last_left: bool, most: int) -> Iterator[_Block]:
+def _blocks(
+    folded: list[list[list[str]]], left: int, last_left: bool, most: int
+) -> Iterator[_Block]:
     """Tables one below the other, each of as many columns as fit behind the first ones."""
     wide = [max(len(text) for cell in column for text in cell) + len(_GAP) for column in folded]
     end = len(folded) - last_left
@@ -142,7 +171,11 @@ def _blocks(folded: list[list[list[str]]], left: int, last_left: bool, most: int
     room = most + len(_GAP) - sum(wide[:keys])
     groups: list[list[int]] = [[]]
     for k in range(keys, end):
-        needed = sum(wide[c] for c in groups[-1]) + wide[k] + (_short(folded[-1]) if last_left and k == end - 1 else 0)
+        needed = (
+            sum(wide[c] for c in groups[-1])
+            + wide[k]
+            + (_short(folded[-1]) if last_left and k == end - 1 else 0)
+        )
         if groups[-1] and needed > room:
             groups.append([])
         groups[-1].append(k)
@@ -154,7 +187,11 @@ def _blocks(folded: list[list[list[str]]], left: int, last_left: bool, most: int
 
 
 def _short(column: list[list[str]]) -> int:
-    """Room that most cells of a last column need, where these are single words; others may go below their rows."""
+    """Room that most cells of a last column need, where these are single words; others may go below
+    their rows.
+    """
     sizes = sorted(len(" ".join(cell)) for cell in column[1:])
     middle = sizes[len(sizes) // 2] if sizes else 0
-    return len(_GAP) + middle if middle <= _WORD else 0
+    if middle <= _WORD:
+        return len(_GAP) + middle
+    return 0

@@ -1,7 +1,8 @@
 """Quantities with units at the edge, SI floats inside.
 
-A parameter is declared once, as ``Annotated[float, Quantity("kg*m^2", ...)]``: its unit, its range and its meaning. From
-that one declaration come the check, the text in error messages, the JSON Schema and the tables in reports.
+A parameter is declared once, as ``Annotated[float, Quantity("kg*m^2", ...)]``: its unit, its range
+and its meaning. From that one declaration come the check, the text in error messages, the JSON
+Schema and the tables in reports.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import cache, lru_cache
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from microvib.errors import OptionError, shown
+from microvib.errors import OptionError, quoted_value
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
@@ -22,7 +23,16 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r"\s*([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf))\s*")
 _UNIT = re.compile(r"(1?/)?[A-Za-z_][A-Za-z0-9_*/^.() -]*")
 _EXPONENT = re.compile(r"\^-?\d{1,2}(\.\d{1,2})?(?![\d.^])")
-_PRINTED = {"^0.5": "^½", "^-1": "⁻¹", "^2": "²", "^3": "³", "*": " ", "deg": "°", "ohm": "Ω", "percent": "%"}
+_PRINTED = {
+    "^0.5": "^½",
+    "^-1": "⁻¹",
+    "^2": "²",
+    "^3": "³",
+    "*": " ",
+    "deg": "°",
+    "ohm": "Ω",
+    "percent": "%",
+}
 """Units as they are declared, and as print shows them."""
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _GLUED = r"(?<![A-Za-z_])(da|[GMkhdcmun]?)"
@@ -53,7 +63,9 @@ _READ = (
     (_GLUED + r"([NVAW])s(?![A-Za-z])", r"\1\2*s"),
     (r"(?<=[A-Za-z])[.-](?=[A-Za-z])", "*"),
 )  # fmt: skip
-"""How units are written, and the same as pint reads it: print, keyboards without raised digits, products without a sign."""
+"""How units are written, and the same as pint reads it: print, keyboards without raised digits,
+products without a sign.
+"""
 _COMMON: dict[str, dict[str, float]] = {
     "": {"percent": 0.01},
     "A": {"A": 1.0, "mA": 0.001},
@@ -61,10 +73,20 @@ _COMMON: dict[str, dict[str, float]] = {
     "Hz": {"Hz": 1.0, "mHz": 0.001, "kHz": 1000.0},
     "N": {"N": 1.0, "mN": 0.001, "kN": 1000.0},
     "N*m": {"N*m": 1.0, "uN*m": 1e-6, "mN*m": 0.001, "kN*m": 1000.0, "N*mm": 0.001, "N*cm": 0.01},
-    "N*m*s/rad": {"N*m*s/rad": 1.0, "mN*m*s/rad": 0.001, "N*m*s": 1.0, "N*m*s/deg": 57.29577951308232},
+    "N*m*s/rad": {
+        "N*m*s/rad": 1.0,
+        "mN*m*s/rad": 0.001,
+        "N*m*s": 1.0,
+        "N*m*s/deg": 57.29577951308232,
+    },
     "N*m/A": {"N*m/A": 1.0, "mN*m/A": 0.001, "V*s/rad": 1.0},
     "N*m/Hz^0.5": {"N*m/Hz^0.5": 1.0, "mN*m/Hz^0.5": 0.001},
-    "N*m/rad": {"N*m/rad": 1.0, "mN*m/rad": 0.001, "kN*m/rad": 1000.0, "N*m/deg": 57.29577951308232},
+    "N*m/rad": {
+        "N*m/rad": 1.0,
+        "mN*m/rad": 0.001,
+        "kN*m/rad": 1000.0,
+        "N*m/deg": 57.29577951308232,
+    },
     "N^2*m^2/Hz": {"N^2*m^2/Hz": 1.0, "mN^2*m^2/Hz": 1e-6},
     "N*s^2/rad^2": {"N*s^2/rad^2": 1.0},
     "N*m*s^2/rad^2": {"N*m*s^2/rad^2": 1.0},
@@ -76,7 +98,13 @@ _COMMON: dict[str, dict[str, float]] = {
     "V/A": {"V/A": 1.0, "mV/A": 0.001},
     "V/A/s": {"V/A/s": 1.0, "V/(A*s)": 1.0},
     "kg": {"kg": 1.0, "g": 0.001},
-    "kg*m^2": {"kg*m^2": 1.0, "kg*cm^2": 1e-4, "kg*mm^2": 1e-6, "g*m^2": 0.001, "g*cm^2": 1.0000000000000001e-07},
+    "kg*m^2": {
+        "kg*m^2": 1.0,
+        "kg*cm^2": 1e-4,
+        "kg*mm^2": 1e-6,
+        "g*m^2": 0.001,
+        "g*cm^2": 1.0000000000000001e-07,
+    },
     "kg/m^2": {"kg/m^2": 1.0, "g/m^2": 0.001},
     "kg/m^3": {"kg/m^3": 1.0},
     "kg^0.5*m": {"kg^0.5*m": 1.0},
@@ -90,12 +118,18 @@ _COMMON: dict[str, dict[str, float]] = {
         "deg": 0.017453292519943295,
         "arcsec": 4.84813681109536e-06,
     },
-    "rad/s": {"rad/s": 1.0, "mrad/s": 0.001, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977},
+    "rad/s": {
+        "rad/s": 1.0,
+        "mrad/s": 0.001,
+        "deg/s": 0.017453292519943295,
+        "rpm": 0.10471975511965977,
+    },
     "s": {"s": 1.0, "us": 1e-6, "ms": 0.001, "min": 60.0, "h": 3600.0},
     "s^-1": {"s^-1": 1.0, "1/s": 1.0},
 }
-"""Factors of common units, by the declared one, to the last bit as pint's: pint takes longer to start than a run to simulate.
-Their reciprocals are the factors of the way back. Whatever is not listed is asked of pint."""
+"""Factors of common units, by the declared one, to the last bit as pint's: pint takes longer to
+start than a run to simulate. Their reciprocals are the factors of the way back. Whatever is not
+listed is asked of pint."""
 _HERTZ = re.compile(r"\b[kMGmu]?(Hz|hertz)\b")
 
 
@@ -108,24 +142,37 @@ def _registry() -> Any:
 
 @lru_cache(maxsize=1024)
 def plain_unit(written: str) -> str:
-    """A unit as pint reads it: ``kg·cm²``, ``kgcm2`` and ``kg cm^2`` become ``kg*cm^2`` or the like."""
+    """A unit as pint reads it: ``kg·cm²``, ``kgcm2`` and ``kg cm^2`` become ``kg*cm^2`` or the
+    like.
+    """
     for pattern, plain in _READ:
         written = re.sub(pattern, plain, written)
     return written.strip()
 
 
 def convert(text: str, unit: str, example: str = "") -> float:
-    """Value of a quantity such as ``"0.2 kg*cm^2"`` in ``unit``; ValueError with a sentence that proposes ``unit``, or ``example``.
+    """Value of a quantity such as ``"0.2 kg*cm^2"`` in ``unit``; ValueError with a sentence that
+    proposes ``unit``, or ``example``.
 
-    Units may be written as the project prints them (``0.2 kg cm²``), or run together as on data sheets (``0.2 kgcm2``).
+    Units may be written as the project prints them (``0.2 kg cm²``), or run together as on data
+    sheets (``0.2 kgcm2``).
     """
     if len(text) > 200:
         raise ValueError("is too long for a quantity")
     match = _NUMBER.match(text.replace("\u2212", "-"))  # the sign of minus
-    written = text[match.end() :].strip() if match else ""
-    plain = written if written in _COMMON.get(unit, ()) else plain_unit(written)
+    if match:
+        written = text[match.end() :].strip()
+    else:
+        written = ""
+    if written in _COMMON.get(unit, ()):
+        plain = written
+    else:
+        plain = plain_unit(written)
     if match is None or (written and not _UNIT.fullmatch(plain)):
-        comma = "; write a decimal point, not a comma" if "," in text else ""
+        if "," in text:
+            comma = "; write a decimal point, not a comma"
+        else:
+            comma = ""
         raise ValueError(f"{_no_quantity(example or unit)}{comma}")
     number = float(match[1])
     if not written and unit and number != 0.0:  # nought is nought in every unit
@@ -147,7 +194,9 @@ def _no_quantity(unit: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _factor(plain: str, written: str, unit: str) -> float:
-    """What one unit ``plain``, ``written`` so by the user, is in ``unit``; ValueError with a sentence."""
+    """What one unit ``plain``, ``written`` so by the user, is in ``unit``; ValueError with a
+    sentence.
+    """
     common = _common(plain.replace(" ", "*"), unit)
     if common is not None:
         return common
@@ -155,18 +204,31 @@ def _factor(plain: str, written: str, unit: str) -> float:
 
     try:
         if re.search(r"[\d^]", _EXPONENT.sub("", plain.removeprefix("1/"))):
-            raise ValueError  # pint would compute the number, for hours where it is a tower of powers
-        given = _registry().parse_units(plain.removeprefix("1/")) ** (-1 if plain.startswith("1/") else 1)
+            # pint would compute the number, for hours where it is a tower of powers
+            raise ValueError
+        given = _registry().parse_units(plain.removeprefix("1/")) ** (
+            -1 if plain.startswith("1/") else 1
+        )
         wanted = _registry().parse_units(unit)
-        factor, nothing = (float(_registry().Quantity(x, given).to(wanted).magnitude) for x in (1.0, 0.0))
+        factor, nothing = (
+            float(_registry().Quantity(x, given).to(wanted).magnitude) for x in (1.0, 0.0)
+        )
     except pint.DimensionalityError as error:
         raise ValueError(
-            f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is expected"
+            f"has the wrong dimension; a unit compatible with {unit or 'a plain number'} is"
+            " expected"
         ) from error
-    except Exception as error:  # pint raises many kinds, down to tokenizer errors, for text that is not a unit
-        raise ValueError(f"has an unknown unit, '{written}'; write it such as '{unit or 'percent'}'") from error
+    except (
+        Exception
+    ) as error:  # pint raises many kinds, down to tokenizer errors, for text that is not a unit
+        raise ValueError(
+            f"has an unknown unit, '{written}'; write it such as '{unit or 'percent'}'"
+        ) from error
     if nothing != 0.0:  # decibels, degrees Celsius
-        raise ValueError(f"has a unit that does not start at zero, '{written}'; write it such as '{unit or 'percent'}'")
+        raise ValueError(
+            f"has a unit that does not start at zero, '{written}'; write it such as"
+            f" '{unit or 'percent'}'"
+        )
     _check_angles(_angles(given), _angles(wanted), unit, bool(_HERTZ.search(plain)))
     return factor
 
@@ -176,7 +238,9 @@ def _common(given: str, unit: str) -> float | None:
     if unit in _COMMON:
         return _COMMON[unit].get(given)
     back = _COMMON.get(given, {}).get(unit)
-    return None if back is None else 1.0 / back
+    if back is None:
+        return None
+    return 1.0 / back
 
 
 def _angles(unit: Any) -> float:
@@ -185,36 +249,55 @@ def _angles(unit: Any) -> float:
 
 
 def _check_angles(given: float, wanted: float, unit: str, hertz: bool) -> None:
-    """ValueError where an angle is given for a number, or cycles for angles; left out, an angle is in radians."""
+    """ValueError where an angle is given for a number, or cycles for angles; left out, an angle is
+    in radians.
+    """
     if "Hz" in unit and given:
         raise ValueError(f"mixes angles and cycles: a frequency is expected here, in {unit}")
     if "Hz" not in unit and wanted and hertz:
-        raise ValueError(f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}")
+        raise ValueError(
+            f"mixes cycles and angles: an angle or angular rate is expected here, in {unit}"
+        )
     if given not in (0, wanted) and (wanted or given > 0):
-        raise ValueError(f"has one angle unit too many or too few; a unit such as {unit or 'percent'} is expected")
+        raise ValueError(
+            f"has one angle unit too many or too few; a unit such as {unit or 'percent'} is"
+            " expected"
+        )
 
 
 class Si(float):
-    """A number that is said to be in SI, ``Si(0.001)``: it needs no unit where text with a unit is expected."""
+    """A number that is said to be in SI, ``Si(0.001)``: it needs no unit where text with a unit is
+    expected.
+    """
 
 
-Given = str | Si
-"""How a quantity is given wherever a unit decides: text with its unit, or a number that is said to be in SI."""
-Band = str | tuple[Given, Given]
+GivenQuantity = str | Si
+"""How a quantity is given wherever a unit decides: text with its unit, or a number that is said to
+be in SI.
+"""
+Band = str | tuple[GivenQuantity, GivenQuantity]
 """LOW:HIGH with a unit, or both ends."""
 
 
-def quantity(key: str, given: Given, unit: str, *, positive: bool = False, example: str = "") -> Si:
-    """What was given for ``key``, in ``unit``; OptionError where it is no such quantity, or a bare number where a unit decides.
+def quantity(
+    key: str, given: GivenQuantity, unit: str, *, positive: bool = False, example: str = ""
+) -> Si:
+    """What was given for ``key``, in ``unit``; OptionError where it is no such quantity, or a bare
+    number where a unit decides.
 
     ``example`` is the unit to propose in place of ``unit``.
     """
     try:
-        value = given if isinstance(given, Si) else Si(_number_or_text(given, unit, example))
+        if isinstance(given, Si):
+            value = given
+        else:
+            value = Si(_number_or_text(given, unit, example))
     except ValueError as error:
-        raise OptionError(key, f"{shown(given)} {error}") from None
+        raise OptionError(key, f"{quoted_value(given)} {error}") from None
     if positive and not value > 0.0:
-        raise OptionError(key, f"{shown(given)} is not allowed; it must be greater than 0 {unit}")
+        raise OptionError(
+            key, f"{quoted_value(given)} is not allowed; it must be greater than 0 {unit}"
+        )
     return value
 
 
@@ -228,26 +311,36 @@ def _number_or_text(given: Any, unit: str, example: str) -> float:
     except OverflowError:
         raise ValueError("is too large") from None
     if unit and given != 0:
-        number = shown(float(given))
-        raise ValueError(f"needs a unit, such as '{number} {example or unit}'; for {unit} write Si({number})")
+        number = quoted_value(float(given))
+        raise ValueError(
+            f"needs a unit, such as '{number} {example or unit}'; for {unit} write Si({number})"
+        )
     return float(given)
 
 
 def band(given: Band) -> tuple[Si, Si]:
-    """Ends in Hz of ``0.5:5 Hz``, whose first bound may go without the unit of the second, or of a pair. OptionError."""
+    """Ends in Hz of ``0.5:5 Hz``, whose first bound may go without the unit of the second, or of a
+    pair. OptionError.
+    """
     low, colon, high = given.partition(":") if isinstance(given, str) else (given[0], ":", given[1])
     if not colon:
-        raise OptionError("band", f"{given!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'")
+        raise OptionError(
+            "band", f"{given!r} is not a range; write LOW:HIGH with a unit, such as '0.5:5 Hz'"
+        )
     if isinstance(given, str) and not any(c.isalpha() for c in str(low)):
         low = f"{low} {str(high).strip().lstrip('+-.0123456789eE ')}".strip()
     first, last = quantity("band", low, "Hz"), quantity("band", high, "Hz")
     if not 0.0 <= first < last:
-        raise OptionError("band", f"{given!r} is not a range; the first bound must be at least 0 and below the second")
+        raise OptionError(
+            "band",
+            f"{given!r} is not a range; the first bound must be at least 0 and below the second",
+        )
     return first, last
 
 
-def inside(frequency: Any, low: float, high: float, doubt: float = 0.0) -> Any:
-    """Whether a frequency, known to ``doubt``, may be within a band, whose ends belong to it; also of arrays.
+def within_band(frequency: Any, low: float, high: float, doubt: float = 0.0) -> Any:
+    """Whether a frequency, known to ``doubt``, may be within a band, whose ends belong to it; also
+    of arrays.
 
     A line of the clock at an end of the band may be a rounding off it.
     """
@@ -259,7 +352,8 @@ def inside(frequency: Any, low: float, high: float, doubt: float = 0.0) -> Any:
 class Quantity:
     """Declaration of one physical parameter, used inside ``Annotated[float, ...]``.
 
-    ``unit`` is the SI unit of the value in memory, ``display`` the unit that people use for it, ``symbol`` the paper's.
+    ``unit`` is the SI unit of the value in memory, ``display`` the unit that people use for it,
+    ``symbol`` the paper's.
     """
 
     unit: str
@@ -270,7 +364,9 @@ class Quantity:
     le: float | None = None
     display: str = ""
     usual: tuple[float, float] | None = None
-    """Between which magnitudes a value is expected; beyond it is allowed, and doubted. Zero is never doubted."""
+    """Between which magnitudes a value is expected; beyond it is allowed, and doubted. Zero is
+    never doubted.
+    """
 
     @property
     def allowed(self) -> str:
@@ -286,25 +382,40 @@ class Quantity:
         return " and ".join(parts) or f"any finite number in {self.unit or 'no unit'}"
 
     def parse(self, value: Any, info: ValidationInfo) -> float:
-        """Value in SI from text with a unit or an ``Si``, and from a bare number where the context says ``si``."""
+        """Value in SI from text with a unit or an ``Si``, and from a bare number where the context
+        says ``si``.
+        """
         number = self._number(value, bool(info.context and info.context.get("si")))
         if not math.isfinite(number):
             raise self._error(value, f"is not finite; allowed is {self.allowed}")
         if not self._allows(number):
-            raise self._error(value, f"is not allowed; it must be {self.allowed}{self._other_form(value, number)}")
+            raise self._error(
+                value, f"is not allowed; it must be {self.allowed}{self._other_form(value, number)}"
+            )
         return number
 
     def _allows(self, number: float) -> bool:
-        too_low = (self.gt is not None and number <= self.gt) or (self.ge is not None and number < self.ge)
+        too_low = (self.gt is not None and number <= self.gt) or (
+            self.ge is not None and number < self.ge
+        )
         return not too_low and (self.le is None or number <= self.le)
 
     def _other_form(self, value: Any, number: float) -> str:
-        """What to write where a part was taken for a percentage, or the other way round; empty where that explains nothing."""
+        """What to write where a part was taken for a percentage, or the other way round; empty
+        where that explains nothing.
+        """
         if self.display != "percent":
             return ""
-        as_percent = isinstance(value, str) and plain_unit(value.lstrip("+-.0123456789eE ")) == "percent"
-        meant = 100.0 * number if as_percent else 0.01 * number
-        return f"; perhaps {100.0 * meant:.6g} percent was meant" if self._allows(meant) else ""
+        as_percent = (
+            isinstance(value, str) and plain_unit(value.lstrip("+-.0123456789eE ")) == "percent"
+        )
+        if as_percent:
+            meant = 100.0 * number
+        else:
+            meant = 0.01 * number
+        if self._allows(meant):
+            return f"; perhaps {100.0 * meant:.6g} percent was meant"
+        return ""
 
     def _number(self, value: Any, in_si: bool) -> float:
         if isinstance(value, str):
@@ -318,18 +429,30 @@ class Quantity:
             number = float(value)
         except OverflowError:
             return math.inf
-        if self.unit and number != 0.0 and not in_si and not isinstance(value, Si) and math.isfinite(number):
-            raise self._error(value, f"needs a unit, such as '{shown(value)} {self.display or self.unit}'")
+        if (
+            self.unit
+            and number != 0.0
+            and not in_si
+            and not isinstance(value, Si)
+            and math.isfinite(number)
+        ):
+            raise self._error(
+                value, f"needs a unit, such as '{quoted_value(value)} {self.display or self.unit}'"
+            )
         return number
 
     def _error(self, value: Any, problem: str) -> PydanticCustomError:
         from pydantic_core import PydanticCustomError
 
         # Braces would be taken for placeholders of the message template.
-        return PydanticCustomError("quantity", "{text}", {"text": f"{shown(value)} {problem} ({self.meaning})"})
+        return PydanticCustomError(
+            "quantity", "{text}", {"text": f"{quoted_value(value)} {problem} ({self.meaning})"}
+        )
 
     def format(self, value: float) -> str:
-        """Text that reads back to the very same value: in the display unit where that is exact, else in SI."""
+        """Text that reads back to the very same value: in the display unit where that is exact,
+        else in SI.
+        """
         for unit in (self.display, self.unit):
             if not unit:
                 continue
@@ -347,7 +470,9 @@ class Quantity:
 
     def _in(self, unit: str, value: float) -> float:
         """A value in memory in another unit of its kind."""
-        return value if unit == self.unit else value * _factor(self.unit, self.unit, unit)
+        if unit == self.unit:
+            return value
+        return value * _factor(self.unit, self.unit, unit)
 
     def doubt(self, value: float) -> str:
         """What is said of a value that is allowed but not of a usual size; empty where it is."""
@@ -356,7 +481,9 @@ class Quantity:
         low, high = map(self.show, self.usual)
         return f"{self.show(value)} is unusual; {low} to {high} is expected ({self.meaning})"
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
         from pydantic_core import core_schema
 
         return core_schema.with_info_plain_validator_function(self.parse)
@@ -364,7 +491,10 @@ class Quantity:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        result: dict[str, Any] = {"type": "string" if self.unit else ["string", "number"], "description": self.meaning}
+        result: dict[str, Any] = {
+            "type": "string" if self.unit else ["string", "number"],
+            "description": self.meaning,
+        }
         result["x-unit"] = self.unit
         result["x-display-unit"] = self.display or self.unit
         if self.symbol:

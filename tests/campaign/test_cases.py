@@ -12,7 +12,17 @@ import h5py
 import numpy as np
 import psutil
 import pytest
-from support.campaigns import EVERYTHING, SHORT, Fragile, Inline, bytes_of, computed, made, spread, study
+from support.campaigns import (
+    EVERYTHING,
+    SHORT,
+    Fragile,
+    Inline,
+    bytes_of,
+    computed,
+    made,
+    spread,
+    study,
+)
 from support.scenarios import limit_of
 
 import microvib as mv
@@ -23,7 +33,7 @@ from microvib.reports.campaign.text import report_text
 from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, merge, open_results
-from microvib.studies.campaign.run import STRIKES, compute_missing
+from microvib.studies.campaign.run import MAX_WORKER_DEATHS, compute_missing
 from microvib.studies.campaign.statistics import largest_line
 from microvib.studies.workers import local
 
@@ -31,7 +41,10 @@ from microvib.studies.workers import local
 def figures_of(campaign: Campaign) -> dict[str, np.ndarray]:
     merge(campaign)
     with h5py.File(campaign.folder / "results.nc") as f:
-        return {name: f[name][...] for name in ("amplitude", "frequency", "phase", "state", "peak", "rms")}
+        return {
+            name: f[name][...]
+            for name in ("amplitude", "frequency", "phase", "state", "peak", "rms")
+        }
 
 
 def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
@@ -66,7 +79,9 @@ TURNED_AWAY = "Timed out|closed|Connection reset|certificate does not match"
 def listening(process: psutil.Process) -> list[tuple[str, int]]:
     """Addresses at which a process and its children take connections."""
     family = [process, *process.children(recursive=True)]
-    found = [c for one in family for c in one.net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    found = [
+        c for one in family for c in one.net_connections("inet") if c.status == psutil.CONN_LISTEN
+    ]
     return [(c.laddr.ip, c.laddr.port) for c in found]
 
 
@@ -82,7 +97,10 @@ def test_nobody_else_can_use_the_cluster():
         assert len(opened) == 3  # scheduler, worker and its nanny: none serves HTTP
         assert {address for address, _ in opened} == {"127.0.0.1"}
         for address, port in opened:
-            with pytest.raises(OSError, match=TURNED_AWAY), Client(f"tcp://{address}:{port}", timeout="2s"):
+            with (
+                pytest.raises(OSError, match=TURNED_AWAY),
+                Client(f"tcp://{address}:{port}", timeout="2s"),
+            ):
                 pass
             with (
                 pytest.raises(OSError, match=TURNED_AWAY),
@@ -93,14 +111,19 @@ def test_nobody_else_can_use_the_cluster():
                 client.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
                 with suppress(ConnectionResetError):
                     assert b"HTTP" not in client.recv(1000)
-        assert backend.executor().submit(os.getpid).result(30) in [p.pid for p in psutil.Process().children(True)]
+        assert backend.executor().submit(os.getpid).result(30) in [
+            p.pid for p in psutil.Process().children(True)
+        ]
 
 
 def test_no_scheduler_is_a_sentence(monkeypatch):
     from microvib.studies.campaign import on_dask
 
     monkeypatch.setattr(on_dask, "CONNECT", "1s")
-    with pytest.raises(MicrovibError, match="no Dask scheduler answers there"), on_dask.dask(1, "tcp://127.0.0.1:9"):
+    with (
+        pytest.raises(MicrovibError, match="no Dask scheduler answers there"),
+        on_dask.dask(1, "tcp://127.0.0.1:9"),
+    ):
         pass
 
 
@@ -111,14 +134,18 @@ def test_a_case_agrees_with_the_run_of_its_scenario(tmp_path):
     table = mv.lines(mv.simulate(campaign.design.scenario(1)))
     for name in ("drive_1", "drive_2"):
         k = chunk.lines.index(name)
-        assert chunk.figures["amplitude"][1, k] == pytest.approx(table[name].amplitude_n_m, rel=2e-3)
+        assert chunk.figures["amplitude"][1, k] == pytest.approx(
+            table[name].amplitude_n_m, rel=2e-3
+        )
 
 
 def test_a_campaign_judges_what_a_run_judges(tmp_path):
     """Also lines that nobody expected, and what could not be looked at. Stick and slip in turns make the former at this rate."""
     vary = {"driver.microsteps": [16, 32], "record.sample_rate": ["100 Hz", "1024 Hz"]}
     record = {"record.settle": "6 s", "record.duration": "6 s", "tracking.rate": "0.02 deg/s"}
-    campaign = made(tmp_path, study(vary=vary, set=record, limit="40 mN*m", band="1.5:400 Hz", harmonics=8))
+    campaign = made(
+        tmp_path, study(vary=vary, set=record, limit="40 mN*m", band="1.5:400 Hz", harmonics=8)
+    )
     compute_missing(campaign, Fragile())
     merge(campaign)
     results = open_results(campaign)
@@ -141,16 +168,24 @@ def test_steady_cases(tmp_path):
     compute_missing(campaign, Fragile())
     chunk = campaign.read(0)
     lines = mv.steady(campaign.design.scenario(0)).lines
-    assert chunk.figures["amplitude"][0, chunk.lines.index("drive_1")] == lines["drive_1"].amplitude_n_m
+    assert (
+        chunk.figures["amplitude"][0, chunk.lines.index("drive_1")]
+        == lines["drive_1"].amplitude_n_m
+    )
 
 
 def test_cases_without_a_steady_state_are_counted_with_their_reasons(tmp_path):
     """Of two cases one has friction that varies with the angle."""
     position = {"harmonics": [{"order": 1, "amplitude": 0.0}]}
     vary = {"friction.position.harmonics.0.amplitude": [0.0, 0.05]}
-    results = computed(tmp_path, study(solve="steady", vary=vary, set={**SHORT, "friction.position": position}))
+    results = computed(
+        tmp_path, study(solve="steady", vary=vary, set={**SHORT, "friction.position": position})
+    )
     text = report_text(summarise(results, None, EVERYTHING))
-    assert "1 of 2 cases have no steady state and were integrated from rest instead: 1 x friction that varies" in text
+    assert (
+        "1 of 2 cases have no steady state and were integrated from rest instead: 1 x friction that varies"
+        in text
+    )
     alone = computed(tmp_path / "alone", study(solve="steady"))
     assert "no steady state" not in report_text(summarise(alone, None, EVERYTHING))
 
@@ -177,8 +212,12 @@ def test_statuses_of_many_cases_are_few(tmp_path):
 
 def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
     rates = ["0.06 deg/s", "50 deg/s", "0.07 deg/s"]  # the motor cannot follow the second
-    spread = {"distribution": "normal", "mean": "6 ohm", "deviation": "6 ohm"}  # negative now and then
-    monkeypatch.setattr("microvib.studies.campaign.design.CHECKED", (0.5,))
+    spread = {
+        "distribution": "normal",
+        "mean": "6 ohm",
+        "deviation": "6 ohm",
+    }  # negative now and then
+    monkeypatch.setattr("microvib.studies.campaign.design.TRIAL_QUANTILES", (0.5,))
     campaign = made(tmp_path, study(vary={"tracking.rate": rates, "motor.winding_resistance": spread},
                                     sampling={"method": "random", "count": 8}))  # fmt: skip
     real = computing.lines_of
@@ -186,7 +225,9 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
 
     def sometimes(torque, harmonics):
         scenario = torque.scenario
-        if scenario.motor.winding_resistance == broken and scenario.tracking.rate < np.radians(0.065):
+        if scenario.motor.winding_resistance == broken and scenario.tracking.rate < np.radians(
+            0.065
+        ):
             raise ZeroDivisionError("deliberate")
         return real(torque, harmonics=harmonics)
 
@@ -196,8 +237,12 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
     results = open_results(campaign)
     reasons = results.reasons
     assert reasons[0] == "unexpected ZeroDivisionError: deliberate"
-    assert all("loss of synchronism" in r or "must be greater than 0 ohm" in r for r in reasons[8:16])
-    negative = [k for k in range(24) if campaign.design.changes(k)["motor.winding_resistance"] <= 0.0]
+    assert all(
+        "loss of synchronism" in r or "must be greater than 0 ohm" in r for r in reasons[8:16]
+    )
+    negative = [
+        k for k in range(24) if campaign.design.changes(k)["motor.winding_resistance"] <= 0.0
+    ]
     assert negative
     assert all("motor.winding_resistance" in reasons[k] for k in negative)
     fine = [k for k in (*range(1, 8), *range(16, 24)) if k not in negative]
@@ -207,7 +252,10 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
 
 def test_a_deadly_case_is_found_and_the_others_are_computed(tmp_path):
     levels = {"vary": {"driver.microsteps": [4, 8, 16, 32]}}
-    hurt, whole = made(tmp_path, study(**levels), "hurt", 2), made(tmp_path, study(**levels), "whole", 2)
+    hurt, whole = (
+        made(tmp_path, study(**levels), "hurt", 2),
+        made(tmp_path, study(**levels), "whole", 2),
+    )
     compute_missing(hurt, Fragile(deadly=(16,)))
     compute_missing(whole, Fragile())
     merge(hurt)
@@ -215,14 +263,17 @@ def test_a_deadly_case_is_found_and_the_others_are_computed(tmp_path):
     assert "its worker died each time" in results.reasons[2]
     assert list(results.state) == [DONE, DONE, FAILED, DONE]
     assert bytes_of(hurt)[0] == bytes_of(whole)[0]
-    assert STRIKES > 1
+    assert MAX_WORKER_DEATHS > 1
 
 
 def test_workers_that_cannot_start_are_no_fault_of_the_cases(tmp_path):
     class Dead(Fragile):
         def executor(self):
             executor = Inline()
-            executor.submit = lambda fn, work: (future := Future(), future.set_exception(BrokenPipeError()))[0]
+            executor.submit = lambda fn, work: (
+                future := Future(),
+                future.set_exception(BrokenPipeError()),
+            )[0]
             return executor
 
     campaign = made(tmp_path, study())
@@ -240,7 +291,10 @@ def test_a_case_that_wants_too_much_memory_costs_one_case(tmp_path, monkeypatch)
         return real(scenarios, **keys)
 
     levels = {"vary": {"driver.microsteps": [4, 8, 16, 32]}}
-    whole, short = made(tmp_path, study(**levels), "whole"), made(tmp_path, study(**levels), "short")
+    whole, short = (
+        made(tmp_path, study(**levels), "whole"),
+        made(tmp_path, study(**levels), "short"),
+    )
     compute_missing(whole, Fragile())
     monkeypatch.setattr(computing, "simulate_torques", simulate)
     compute_missing(short, Fragile())
@@ -248,7 +302,9 @@ def test_a_case_that_wants_too_much_memory_costs_one_case(tmp_path, monkeypatch)
     results = open_results(short)
     assert list(results.state) == [DONE, DONE, FAILED, DONE]
     assert "memory is exhausted" in results.reasons[2]
-    np.testing.assert_array_equal(short.read(0).figures["amplitude"][3], whole.read(0).figures["amplitude"][3])
+    np.testing.assert_array_equal(
+        short.read(0).figures["amplitude"][3], whole.read(0).figures["amplitude"][3]
+    )
 
 
 def test_cases_that_take_longer_than_they_may_end_their_worker(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from microvib.studies.campaign.folder import create, open_campaign
 from microvib.studies.campaign.results import merge, open_results
 from microvib.studies.campaign.run import compute_missing
 from microvib.studies.campaign.study_file import Study
-from microvib.studies.campaign.variation import TAKEN
+from microvib.studies.campaign.variation import RESERVED_NAMES
 
 
 def vary(key: str, spec, **keys) -> Design:
@@ -31,10 +31,19 @@ def test_levels_combine_and_samples_repeat_at_each_level():
 
 def test_combinations_go_with_every_level():
     d = design(
-        study(cases=[{"tracking.rate": "0.06 deg/s"}, {"tracking.rate": "0.1 deg/s", "array.inertia": "9 kg*m^2"}])
+        study(
+            cases=[
+                {"tracking.rate": "0.06 deg/s"},
+                {"tracking.rate": "0.1 deg/s", "array.inertia": "9 kg*m^2"},
+            ]
+        )
     )
     assert d.cases == 4
-    assert d.changes(3) == {"tracking.rate": np.radians(0.1), "array.inertia": 9.0, "driver.microsteps": 16}
+    assert d.changes(3) == {
+        "tracking.rate": np.radians(0.1),
+        "array.inertia": 9.0,
+        "driver.microsteps": 16,
+    }
 
 
 def test_one_factor_scales_several_keys_together():
@@ -53,7 +62,9 @@ def test_one_factor_scales_several_keys_together():
         assert after.breakaway == pytest.approx(factors[case] * before.breakaway, rel=1e-14)
         assert set(d.changes(case)) == set(keys)
         assert d.labels(case) == {"dry friction": f"{factors[case]:.6g}"}
-    assert d.uncertain[0].text == "factor on friction.coulomb, friction.breakaway; uniform, 0.5 to 1.5"
+    assert (
+        d.uncertain[0].text == "factor on friction.coulomb, friction.breakaway; uniform, 0.5 to 1.5"
+    )
 
 
 def two_modes(**keys) -> Study:
@@ -66,8 +77,16 @@ def two_modes(**keys) -> Study:
     ("name", "spec", "dampings"),
     [
         ("array.modes.*.damping", ["0.5 percent", "3 percent"], [(0.005, 0.005), (0.03, 0.03)]),
-        ("array.modes.*.damping", {"from": "1 %", "to": "2 %", "count": 2}, [(0.01, 0.01), (0.02, 0.02)]),
-        ("all dampings", {"scale": "array.modes.*.damping", "values": [0.5, 2]}, [(0.005, 0.01), (0.02, 0.04)]),
+        (
+            "array.modes.*.damping",
+            {"from": "1 %", "to": "2 %", "count": 2},
+            [(0.01, 0.01), (0.02, 0.02)],
+        ),
+        (
+            "all dampings",
+            {"scale": "array.modes.*.damping", "values": [0.5, 2]},
+            [(0.005, 0.01), (0.02, 0.04)],
+        ),
         (
             "all dampings",
             {"scale": ["array.modes.*.damping"], "from": 1, "to": 3, "count": 2},
@@ -78,8 +97,12 @@ def two_modes(**keys) -> Study:
 def test_a_star_stands_for_every_mode(name, spec, dampings):
     d = design(two_modes(vary={name: spec}))
     for case, expected in enumerate(dampings):
-        assert tuple(mode.damping for mode in d.scenario(case).array.modes) == pytest.approx(expected)
-    d = design(two_modes(vary={"driver.microsteps": [8]}, cases=[{"array.modes.*.damping": "4 percent"}]))
+        assert tuple(mode.damping for mode in d.scenario(case).array.modes) == pytest.approx(
+            expected
+        )
+    d = design(
+        two_modes(vary={"driver.microsteps": [8]}, cases=[{"array.modes.*.damping": "4 percent"}])
+    )
     assert [mode.damping for mode in d.scenario(0).array.modes] == [0.04, 0.04]
 
 
@@ -89,21 +112,28 @@ def test_factors_and_stars_are_kept_with_the_campaign(tmp_path):
                            "array.modes.*.frequency": ["1 Hz", "2 Hz"]}, sampling={"count": 2})  # fmt: skip
     campaign = create(design(made), tmp_path / "c")
     again = open_campaign(tmp_path / "c")
-    assert (again.design.levels, again.design.uncertain) == (campaign.design.levels, campaign.design.uncertain)
-    assert [again.design.changes(k) for k in range(8)] == [campaign.design.changes(k) for k in range(8)]
+    assert (again.design.levels, again.design.uncertain) == (
+        campaign.design.levels,
+        campaign.design.uncertain,
+    )
+    assert [again.design.changes(k) for k in range(8)] == [
+        campaign.design.changes(k) for k in range(8)
+    ]
     compute_missing(again, Fragile())
     merge(again)
     data = open_results(again).dataset
     assert data["all dampings"].values.tolist() == [0.5] * 4 + [2.0] * 4
     assert data["array.modes.*.frequency"].attrs["units"] == "Hz"
-    assert set(TAKEN) >= {*data.dims, *data.variables} - set(again.design.keys)
+    assert set(RESERVED_NAMES) >= {*data.dims, *data.variables} - set(again.design.keys)
 
 
 def test_grids():
     even = vary("tracking.rate", {"from": "0.02 deg/s", "to": "0.1 deg/s", "count": 5})
     np.testing.assert_allclose(np.degrees(even.levels[0].values), [0.02, 0.04, 0.06, 0.08, 0.1])
     steps = {"from": "1000 N*m/rad", "to": "4000 N*m/rad", "count": 3, "spacing": "logarithmic"}
-    np.testing.assert_allclose(vary("reducer.stiffness", steps).levels[0].values, [1000.0, 2000.0, 4000.0])
+    np.testing.assert_allclose(
+        vary("reducer.stiffness", steps).levels[0].values, [1000.0, 2000.0, 4000.0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -117,15 +147,24 @@ def test_grids():
     ],
 )  # fmt: skip
 def test_distributions_have_the_quantiles_of_their_names(spec, quantiles):
-    found = vary("reducer.stiffness", spec).uncertain[0].quantile(np.array([0.1586553, 0.5, 0.8413447]))
+    found = (
+        vary("reducer.stiffness", spec).uncertain[0].quantile(np.array([0.1586553, 0.5, 0.8413447]))
+    )
     np.testing.assert_allclose(found, quantiles, rtol=1e-5)
 
 
 def test_truncation_keeps_the_shape_inside():
-    spec = {"distribution": "normal", "mean": "5000 N*m/rad", "deviation": "100 N*m/rad", "lower": "5000 N*m/rad"}
+    spec = {
+        "distribution": "normal",
+        "mean": "5000 N*m/rad",
+        "deviation": "100 N*m/rad",
+        "lower": "5000 N*m/rad",
+    }
     x = vary("reducer.stiffness", spec, sampling={"method": "random", "count": 4000}).samples[:, 0]
     assert x.min() >= 5000.0
-    assert np.mean(x) == pytest.approx(5000.0 + 100.0 * np.sqrt(2.0 / np.pi), abs=4.0)  # the mean of a half normal
+    assert np.mean(x) == pytest.approx(
+        5000.0 + 100.0 * np.sqrt(2.0 / np.pi), abs=4.0
+    )  # the mean of a half normal
 
 
 def test_correlation_is_that_of_the_normal_scores():
@@ -134,7 +173,9 @@ def test_correlation_is_that_of_the_normal_scores():
         for key in ("reducer.stiffness", "array.inertia")
     }
     pair = [{"keys": list(both), "coefficient": 0.8}]
-    x = design(study(vary=both, correlations=pair, sampling={"method": "random", "count": 4000})).samples
+    x = design(
+        study(vary=both, correlations=pair, sampling={"method": "random", "count": 4000})
+    ).samples
     assert np.corrcoef(x.T)[0, 1] == pytest.approx(0.8, abs=0.02)
 
 
@@ -142,7 +183,9 @@ def test_correlation_is_that_of_the_normal_scores():
 def test_samples_fill_the_distribution_and_repeat_with_their_seed(method):
     spec = {"distribution": "uniform", "low": "4000 N*m/rad", "high": "6000 N*m/rad"}
     first, again, other = (
-        vary("reducer.stiffness", spec, sampling={"method": method, "count": 50, "seed": seed}).samples
+        vary(
+            "reducer.stiffness", spec, sampling={"method": method, "count": 50, "seed": seed}
+        ).samples
         for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
@@ -203,6 +246,9 @@ def test_a_study_that_cannot_be_says_which_key_and_what_is_allowed(keys, sentenc
 def test_correlations_that_contradict_each_other():
     keys = ["reducer.stiffness", "array.inertia", "motor.current"]
     some = {key: {"distribution": "normal", "relative_deviation": "2 percent"} for key in keys}
-    pairs = [{"keys": [keys[a], keys[b]], "coefficient": c} for a, b, c in ((0, 1, 0.9), (1, 2, 0.9), (0, 2, -0.9))]
+    pairs = [
+        {"keys": [keys[a], keys[b]], "coefficient": c}
+        for a, b, c in ((0, 1, 0.9), (1, 2, 0.9), (0, 2, -0.9))
+    ]
     with pytest.raises(ScenarioError, match="contradict each other"):
         design(study(vary=some, correlations=pairs))

@@ -24,7 +24,9 @@ def test_an_opened_campaign_is_the_one_that_was_made(tmp_path):
     campaign = made(tmp_path, spread())
     again = open_campaign(campaign.folder)
     assert again.identity == campaign.identity
-    assert [again.design.changes(k) for k in range(12)] == [campaign.design.changes(k) for k in range(12)]
+    assert [again.design.changes(k) for k in range(12)] == [
+        campaign.design.changes(k) for k in range(12)
+    ]
     assert [x.text for x in again.design.uncertain] == [x.text for x in campaign.design.uncertain]
 
 
@@ -68,7 +70,10 @@ def test_a_campaign_that_was_changed_is_refused(tmp_path):
 
 
 def test_a_chunk_in_the_wrong_place_is_refused_wherever_it_is_read(tmp_path):
-    one, other = made(tmp_path, spread(), "one", 3), made(tmp_path, spread(limit="50 mN*m"), "other", 3)
+    one, other = (
+        made(tmp_path, spread(), "one", 3),
+        made(tmp_path, spread(limit="50 mN*m"), "other", 3),
+    )
     for campaign in (one, other):
         compute_missing(campaign, Fragile())
     first, second = one.file(0), one.file(1)
@@ -77,7 +82,9 @@ def test_a_chunk_in_the_wrong_place_is_refused_wherever_it_is_read(tmp_path):
     for look in (merge, state_text):
         with pytest.raises(MicrovibError, match="is chunk 1 of this campaign"):
             look(one)
-    first.write_bytes(other.file(0).read_bytes())  # the same figures, but of a study with another limit
+    first.write_bytes(
+        other.file(0).read_bytes()
+    )  # the same figures, but of a study with another limit
     with pytest.raises(MicrovibError, match="is of another campaign"):
         merge(one)
     first.write_bytes(kept)
@@ -100,7 +107,9 @@ def test_no_file_of_a_campaign_may_be_edited(tmp_path, name, old, new):
     file = campaign.folder / name
     assert old in file.read_text()
     file.write_text(file.read_text().replace(old, new))
-    with pytest.raises(MicrovibError, match=r"were changed after the campaign was made|is not a whole campaign"):
+    with pytest.raises(
+        MicrovibError, match=r"were changed after the campaign was made|is not a whole campaign"
+    ):
         open_campaign(campaign.folder)
 
 
@@ -110,7 +119,9 @@ def test_another_version_does_not_go_on(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "package_versions", lambda: {"microvib": "9.0"})
     with pytest.raises(MicrovibError, match=r"was made by microvib .*, and this is 9\.0"):
         compute_missing(campaign, Fragile())
-    with pytest.raises(MicrovibError, match=r"this is microvib 9\.0, but the campaign was made by"):  # as on a worker
+    with pytest.raises(
+        MicrovibError, match=r"this is microvib 9\.0, but the campaign was made by"
+    ):  # as on a worker
         computing.compute(campaign.work(0))
 
 

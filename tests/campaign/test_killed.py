@@ -26,7 +26,9 @@ from microvib.studies.workers import local
 
 def microvib(*arguments: object, **options) -> subprocess.Popen:
     command = [sys.executable, "-m", "microvib", "campaign", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
 
 
 def wait_for(condition, seconds: float = 240.0) -> None:
@@ -61,7 +63,11 @@ def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypa
     def progress(done, total):
         if done and not stopped:
             stopped.append(
-                max(p for p in children(os.getpid()) if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes())
+                max(
+                    p
+                    for p in children(os.getpid())
+                    if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()
+                )
             )
             os.kill(stopped[0], signal.SIGSTOP)
 
@@ -77,7 +83,10 @@ def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypa
 def test_a_worker_that_hangs_ends_calls_with_a_sentence(monkeypatch):
     monkeypatch.setattr(running, "POLL", 0.2)
     monkeypatch.setattr(running, "SILENT", 15)
-    with running.all_cores(workers=2) as calls, pytest.raises(MicrovibError, match="was ended"):
+    with (
+        running.parallel_calls(workers=2) as calls,
+        pytest.raises(MicrovibError, match="was ended"),
+    ):
         calls(signal.raise_signal, [(signal.SIGSTOP,)])
 
 
@@ -86,7 +95,9 @@ def test_workers_leave_ctrl_c_to_the_coordinator_from_their_first_moment_on():
     """Twice: held back while they start, ignored then, which is all that there is on Windows."""
     with local(1) as backend:
         executor = backend.executor()
-        assert signal.SIGINT in executor.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+        assert (
+            signal.SIGINT in executor.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+        )
         assert executor.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
@@ -101,7 +112,11 @@ def calm(tmp_path_factory) -> list[bytes]:
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 @pytest.mark.parametrize(
-    "what", ["interrupt", *(pytest.param(x, marks=pytest.mark.long) for x in ("worker", "coordinator", "group"))]
+    "what",
+    [
+        "interrupt",
+        *(pytest.param(x, marks=pytest.mark.long) for x in ("worker", "coordinator", "group")),
+    ],
 )
 def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, what):
     """Kill in the middle, resume, and compare with a run that nothing happened to."""
@@ -118,7 +133,9 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, wh
     else:
         os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=240)
-    wait_for(lambda: not any(alive(pid) for pid in workers))  # no worker goes on without its coordinator
+    wait_for(
+        lambda: not any(alive(pid) for pid in workers)
+    )  # no worker goes on without its coordinator
     if what == "worker":
         assert process.returncode == 0, err
         assert "60 of 60 cases computed, 0 of them failed" in out
@@ -131,7 +148,9 @@ def test_whatever_is_killed_nothing_is_lost_and_nothing_twice(tmp_path, calm, wh
     kept = {k: campaign.file(k).stat().st_mtime_ns for k in campaign.done()}
     compute_missing(open_campaign(campaign.folder), Fragile())
     assert bytes_of(campaign) == calm
-    assert all(campaign.file(k).stat().st_mtime_ns == when for k, when in kept.items())  # not computed twice
+    assert all(
+        campaign.file(k).stat().st_mtime_ns == when for k, when in kept.items()
+    )  # not computed twice
 
 
 def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch):
@@ -139,16 +158,29 @@ def test_slurm_shards_are_a_job_array_that_can_be_resumed(tmp_path, monkeypatch)
     tools = tmp_path / "bin"
     tools.mkdir()
     sbatch = '#!/bin/sh\nfor k in ${RUN_SHARDS}; do SLURM_ARRAY_TASK_ID=$k sh "$2" >> "$2.log" 2>&1 || exit 1; done\necho 17\n'
-    for name, text in (("sbatch", sbatch), ("squeue", "#!/bin/sh\necho invalid job id >&2; exit 1\n")):
+    for name, text in (
+        ("sbatch", sbatch),
+        ("squeue", "#!/bin/sh\necho invalid job id >&2; exit 1\n"),
+    ):
         (tools / name).write_text(text)
         (tools / name).chmod((tools / name).stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", f"{tools}:{os.environ['PATH']}")
     monkeypatch.setenv("RUN_SHARDS", "0")
-    undisturbed, campaign = made(tmp_path, spread(), "undisturbed", 4), made(tmp_path, spread(), "jobs", 4)
+    undisturbed, campaign = (
+        made(tmp_path, spread(), "undisturbed", 4),
+        made(tmp_path, spread(), "jobs", 4),
+    )
     compute_missing(undisturbed, Fragile())
     for left in (1, 0):
         done = commands.microvib(
-            "campaign", "resume", str(campaign.folder), "--on", "slurm", "--workers", "2", cwd=tmp_path
+            "campaign",
+            "resume",
+            str(campaign.folder),
+            "--on",
+            "slurm",
+            "--workers",
+            "2",
+            cwd=tmp_path,
         )
         assert done.exit_code == 0, done.stderr
         assert "Submitted job 17" in done.stdout
@@ -167,23 +199,35 @@ def slurm_answers() -> bool:
 def test_a_slurm_job_cancelled_in_the_middle_is_resumed(tmp_path):
     if not slurm_answers():
         pytest.skip("no Slurm answers here")
-    sized = spread(count=100, set=SHORT | {"record.duration": "20 s"})  # long enough to be cancelled
+    sized = spread(
+        count=100, set=SHORT | {"record.duration": "20 s"}
+    )  # long enough to be cancelled
     calm, campaign = made(tmp_path, sized, "calm", 8), made(tmp_path, sized, "jobs", 8)
     compute_missing(calm, Fragile())
 
     def job() -> str:
         return json.loads((campaign.folder / "slurm.json").read_text())["job"]
 
-    out, err = microvib("run", campaign.folder, "--on", "slurm", "--workers", 2).communicate(timeout=240)
+    out, err = microvib("run", campaign.folder, "--on", "slurm", "--workers", 2).communicate(
+        timeout=240
+    )
     assert "Submitted job" in out, err
     wait_for(lambda: len(campaign.done()) >= 2)
-    with pytest.raises(MicrovibError, match=r"its Slurm job \d+ has .*; wait for it, or scancel it"):
+    with pytest.raises(
+        MicrovibError, match=r"its Slurm job \d+ has .*; wait for it, or scancel it"
+    ):
         submit(campaign, 2)
     subprocess.run(["scancel", job()], check=True)
-    wait_for(lambda: not subprocess.run(["squeue", "-h", "-j", job()], capture_output=True).stdout.strip())
+    wait_for(
+        lambda: (
+            not subprocess.run(["squeue", "-h", "-j", job()], capture_output=True).stdout.strip()
+        )
+    )
     assert campaign.missing()
     kept = {k: campaign.file(k).stat().st_mtime_ns for k in campaign.done()}
-    out, err = microvib("resume", campaign.folder, "--on", "slurm", "--workers", 2).communicate(timeout=240)
+    out, err = microvib("resume", campaign.folder, "--on", "slurm", "--workers", 2).communicate(
+        timeout=240
+    )
     assert "Submitted job" in out, err
     wait_for(lambda: not campaign.missing())
     assert bytes_of(campaign) == bytes_of(calm)

@@ -12,7 +12,13 @@ from support.campaigns import EVERYTHING, SHORT, Fragile, computed, made, spread
 from support.scenarios import limit_of
 
 import microvib as mv
-from microvib.reports.campaign.report import _sampling, above_limit, campaign_report, draw, summarise
+from microvib.reports.campaign.report import (
+    _sampling,
+    above_limit,
+    campaign_report,
+    draw,
+    summarise,
+)
 from microvib.reports.campaign.text import report_text
 from microvib.reports.document import Table
 from microvib.reports.rendering import html
@@ -23,10 +29,10 @@ from microvib.studies.campaign.effects import _first_and_total, sobol, tornado
 from microvib.studies.campaign.results import DONE, MISSING, merge, open_results
 from microvib.studies.campaign.run import compute_missing
 from microvib.studies.campaign.statistics import (
-    ANY,
+    LARGEST_LINE,
     at_any_level,
     draws_needed,
-    governing,
+    governing_levels,
     largest_line,
     line_statistics,
     proportion,
@@ -39,22 +45,33 @@ def test_levels_are_never_pooled(tmp_path):
     """Five rates and eight draws: always above the limit at one rate, never at the others. A pooled figure would say 20 %."""
     rates = {"tracking.rate": [f"{x} deg/s" for x in (0.04, 0.05, 0.06, 0.07, 0.08)]}
     some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
-    results = computed(tmp_path, study(vary=rates | some, sampling={"method": "random", "count": 8}))
+    results = computed(
+        tmp_path, study(vary=rates | some, sampling={"method": "random", "count": 8})
+    )
     top = largest_line(results, EVERYTHING).reshape(5, 8)
     worst = int(top.min(axis=1).argmax())
     limit = 0.5 * (top[worst].min() + np.delete(top, worst, axis=0).max())
-    assert top[worst].min() > limit > np.delete(top, worst, axis=0).max()  # between the worst rate and the others
-    rows = [row for row in line_statistics(results, limit, EVERYTHING) if row.line == ANY]
+    assert (
+        top[worst].min() > limit > np.delete(top, worst, axis=0).max()
+    )  # between the worst rate and the others
+    rows = [row for row in line_statistics(results, limit, EVERYTHING) if row.line == LARGEST_LINE]
     assert [row.above for row in rows] == [8 * (k == worst) for k in range(5)]
-    assert [row.unknown for row in rows] == [8 * (k != worst) for k in range(5)]  # another limit than the study's
+    assert [row.unknown for row in rows] == [
+        8 * (k != worst) for k in range(5)
+    ]  # another limit than the study's
     assert {row.level.draws for row in rows} == {8}
-    assert rows[worst].exceedance.low == pytest.approx(0.025 ** (1 / 8))  # of eight draws, not of forty
-    assert (at_any_level(results, limit, EVERYTHING).above, at_any_level(results, limit, EVERYTHING).count) == (8, 8)
+    assert rows[worst].exceedance.low == pytest.approx(
+        0.025 ** (1 / 8)
+    )  # of eight draws, not of forty
+    assert (
+        at_any_level(results, limit, EVERYTHING).above,
+        at_any_level(results, limit, EVERYTHING).count,
+    ) == (8, 8)
 
 
 def test_of_levels_alone_no_probability_is_told(tmp_path):
     results = computed(tmp_path, study(vary={"driver.microsteps": [4, 8, 16, 32]}))
-    rows = [row for row in line_statistics(results, 1e-9, EVERYTHING) if row.line == ANY]
+    rows = [row for row in line_statistics(results, 1e-9, EVERYTHING) if row.line == LARGEST_LINE]
     assert [row.above for row in rows] == [1, 1, 1, 1]
     assert all(row.exceedance is None and np.isnan(row.median.value) for row in rows)
     assert at_any_level(results, 1e-9, EVERYTHING) is None
@@ -64,7 +81,10 @@ def test_of_levels_alone_no_probability_is_told(tmp_path):
 
 def test_cases_that_could_not_be_judged_are_neither_above_nor_below(tmp_path):
     some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
-    low = {"set": SHORT | {"record.sample_rate": "100 Hz"}, "sampling": {"method": "random", "count": 8}}
+    low = {
+        "set": SHORT | {"record.sample_rate": "100 Hz"},
+        "sampling": {"method": "random", "count": 8},
+    }
     results = computed(tmp_path, study(vary=some, limit="1 mN*m", band="60:400 Hz", **low))
     row = line_statistics(results, 1e-3, (60.0, 400.0))
     assert row == [] or (row[0].above, row[0].unknown) == (0, 8)
@@ -81,7 +101,9 @@ class _Cases:
 
     def __init__(self, verdicts: np.ndarray) -> None:
         study = SimpleNamespace(
-            limit="10 mN*m", band=None, sampling=SimpleNamespace(method="random", count=400, noise="one")
+            limit="10 mN*m",
+            band=None,
+            sampling=SimpleNamespace(method="random", count=400, noise="one"),
         )
         record = SimpleNamespace(duration=4.0)
         samples = np.arange(400.0)[:, None]
@@ -94,7 +116,9 @@ class _Cases:
         self.verdicts = verdicts
 
     def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
-        values = {"amplitude": 0.009, "frequency": 5.0, "bin_amplitude": 0.008, "decay": 0.0}[figure] * np.ones(400)
+        values = {"amplitude": 0.009, "frequency": 5.0, "bin_amplitude": 0.008, "decay": 0.0}[
+            figure
+        ] * np.ones(400)
         if line == "drive_1" and figure == "amplitude":
             values[:27] = 0.0101
         if line == "array_mode_1":
@@ -106,13 +130,15 @@ class _Cases:
         return np.where(hidden, "not separable from drive_1", "ok").astype(object)
 
 
-def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_interval(monkeypatch):
+def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_interval(
+    monkeypatch,
+):
     """In two cases a run would not be failed yet, since its line is within its uncertainty of the limit."""
     monkeypatch.setattr(statistics, "limit_of", lambda study: limit_of(0.010))
     verdicts = np.repeat([VERDICTS.index("fail"), VERDICTS.index("not judged")], [25, 375])
     rows = {row.line: row for row in line_statistics(_Cases(verdicts), 0.010, EVERYTHING)}
     assert rows["drive_1"].above == 27
-    assert rows[ANY].above == 27
+    assert rows[LARGEST_LINE].above == 27
     mode = rows["array_mode_1"]
     assert (mode.count, mode.above, mode.unknown, mode.judged) == (186, 0, 214, 400)
     assert mode.exceedance.low == 0.0
@@ -122,15 +148,23 @@ def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_i
 
 def test_lines_of_cases_that_pass_are_below_though_others_hide_them(monkeypatch):
     monkeypatch.setattr(statistics, "limit_of", lambda study: limit_of(0.010))
-    rows = {row.line: row for row in line_statistics(_Cases(np.full(400, VERDICTS.index("pass"))), 0.0105, EVERYTHING)}
+    rows = {
+        row.line: row
+        for row in line_statistics(_Cases(np.full(400, VERDICTS.index("pass"))), 0.0105, EVERYTHING)
+    }
     assert (rows["array_mode_1"].unknown, rows["array_mode_1"].above) == (0, 0)
 
 
 def test_columns_of_a_campaign_never_run_together(tmp_path):
     some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
-    results = computed(tmp_path, study(vary=some, limit="1 mN*m", sampling={"method": "random", "count": 8}))
+    results = computed(
+        tmp_path, study(vary=some, limit="1 mN*m", sampling={"method": "random", "count": 8})
+    )
     summary = summarise(results, 1e-3, EVERYTHING)
-    rows = [replace(row, worst=967123, unknown=1234567, above=1000000, judged=2000000) for row in summary.rows]
+    rows = [
+        replace(row, worst=967123, unknown=1234567, above=1000000, judged=2000000)
+        for row in summary.rows
+    ]
     text = report_text(replace(summary, rows=rows))
     body = [line for line in text.split("\n\n")[1].splitlines() if "967123" in line]
     assert len(body) >= 3
@@ -139,20 +173,35 @@ def test_columns_of_a_campaign_never_run_together(tmp_path):
 
 
 def test_points_with_draws_of_their_own_scatter_as_seeds_do(tmp_path):
-    noise = {"friction.torque_noise": {"density": "2e-4 N^2*m^2/Hz", "lowest": "0.3 Hz", "highest": "5 Hz", "seed": 7}}
+    noise = {
+        "friction.torque_noise": {
+            "density": "2e-4 N^2*m^2/Hz",
+            "lowest": "0.3 Hz",
+            "highest": "5 Hz",
+            "seed": 7,
+        }
+    }
     record = {"record.settle": "2 s", "record.duration": "4 s", "record.sample_rate": "512 Hz"}
     sampling = {"method": "random", "count": 4}
     asked = study(set=record | noise, vary={}, sampling=sampling | {"noise": "each"})
     results = computed(tmp_path, asked)
     campaign = results.campaign.design
     assert [campaign.scenario(k).friction.torque_noise.seed for k in range(4)] == [7, 8, 9, 10]
-    row = next(row for row in line_statistics(results, None, EVERYTHING) if row.line == "array_mode_1")
-    seeds = mv.run(campaign.base, lines_only=True, harmonics=2, seeds=4).table.over_seeds("array_mode_1")
+    row = next(
+        row for row in line_statistics(results, None, EVERYTHING) if row.line == "array_mode_1"
+    )
+    seeds = mv.run(campaign.base, lines_only=True, harmonics=2, seeds=4).table.over_seeds(
+        "array_mode_1"
+    )
     assert row.count == row.level.draws == seeds.draws == 4
-    assert (row.mean, row.deviation) == pytest.approx((seeds.mean_n_m, seeds.deviation_n_m), rel=1e-3)
+    assert (row.mean, row.deviation) == pytest.approx(
+        (seeds.mean_n_m, seeds.deviation_n_m), rel=1e-3
+    )
     alike = study(set=record | noise, vary={"motor.current": ["0.6 A"]}, sampling=sampling)
     assert design(alike).scenario(0).friction.torque_noise.seed == 7
-    assert "Every point has its own draw" in _sampling(results.campaign, summarise(results, None, EVERYTHING))
+    assert "Every point has its own draw" in _sampling(
+        results.campaign, summarise(results, None, EVERYTHING)
+    )
     assert "All cases have one draw" in _sampling(
         replace(results.campaign, design=design(alike)), summarise(results, None, EVERYTHING)
     )
@@ -168,7 +217,10 @@ def test_a_percentile_needs_draws_that_bound_it():
 
 def test_quantile_intervals_cover_as_often_as_they_say():
     rng = np.random.default_rng(5)
-    covered = [(e := quantile(rng.exponential(size=400), 0.95)).low <= -np.log(0.05) <= e.high for _ in range(400)]
+    covered = [
+        (e := quantile(rng.exponential(size=400), 0.95)).low <= -np.log(0.05) <= e.high
+        for _ in range(400)
+    ]
     assert 0.92 <= np.mean(covered) <= 0.99
     assert np.isnan(quantile(rng.random(50), 0.99).high)  # fifty cases do not bound it
 
@@ -209,10 +261,13 @@ def test_statistics_worst_cases_and_exceedance(sixteen):
         assert row.worst == 8 * level + int(np.argmax(own))
         assert (row.count, row.above, row.exceedance.value) == (8, 8, 1.0)
         assert row.level.text == f"driver.microsteps {(8, 16)[level]}"
-    assert governing(list(rows.values()))[0].worst == worst_cases(results, ANY, EVERYTHING)[0][0]
+    assert (
+        governing_levels(list(rows.values()))[0].worst
+        == worst_cases(results, LARGEST_LINE, EVERYTHING)[0][0]
+    )
     assert worst_cases(results, "drive_1", EVERYTHING)[0] == (int(np.argmax(drive)), drive.max())
     band = line_statistics(results, None, (0.0, 5.0))
-    assert all(row.line == ANY or row.frequency[1] <= 5.0 for row in band)
+    assert all(row.line == LARGEST_LINE or row.frequency[1] <= 5.0 for row in band)
     data = results.dataset
     assert dict(data.sizes) == {"case": 16, "line": len(results.lines)}
     assert data["reducer.stiffness"].attrs["units"] == "N*m/rad"
@@ -225,13 +280,22 @@ def test_the_report_has_the_worst_cases_as_a_table(sixteen):
     document = campaign_report(summary, {})
     section = next(x for x in document.sections if x.title == "Worst cases")
     worst, of_lines = [x for x in section.blocks if isinstance(x, Table)]
-    cases = [case for case, _ in summary.worst[ANY]]
-    assert [c.title for c in worst.columns] == ["what", "unit", *(f"case {k}" for k in cases), "scenario"]
+    cases = [case for case, _ in summary.worst[LARGEST_LINE]]
+    assert [c.title for c in worst.columns] == [
+        "what",
+        "unit",
+        *(f"case {k}" for k in cases),
+        "scenario",
+    ]
     cells = {row.cells[0]: row.cells[1:] for row in worst.rows}
-    assert float(cells["largest line"][1]) == pytest.approx(1e3 * summary.worst[ANY][0][1], rel=1e-3)
+    assert float(cells["largest line"][1]) == pytest.approx(
+        1e3 * summary.worst[LARGEST_LINE][0][1], rel=1e-3
+    )
     stiffness = results.scalar("reducer.stiffness")
     assert cells["reducer.stiffness"][0] == "N m/rad"
-    assert [float(x) for x in cells["reducer.stiffness"][1:-1]] == pytest.approx(stiffness[cases], rel=1e-3)
+    assert [float(x) for x in cells["reducer.stiffness"][1:-1]] == pytest.approx(
+        stiffness[cases], rel=1e-3
+    )
     assert cells["reducer.stiffness"][-1] == f"{results.campaign.design.base.reducer.stiffness:.4g}"
     assert {row.cells[0] for row in of_lines.rows} == set(summary.worst)
     assert str(results.campaign.folder.parent) not in html(document)
@@ -243,7 +307,9 @@ def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):
     merge(campaign)
     results = open_results(campaign)
     assert int(np.sum(results.state == MISSING)) == 6
-    assert [row.count for row in line_statistics(results, None, EVERYTHING) if row.line == ANY] == [3, 3]
+    assert [
+        row.count for row in line_statistics(results, None, EVERYTHING) if row.line == LARGEST_LINE
+    ] == [3, 3]
     assert {row.level.failed for row in line_statistics(results, None, EVERYTHING)} == {3}
 
 
@@ -263,7 +329,10 @@ def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):
     found = tornado(results, "drive_1", EVERYTHING)
     drive = results.of("drive_1")
     by_key = {e.key: (e.low, e.high) for e in found.effects}
-    assert by_key == {"reducer.stiffness": (drive[1], drive[2]), "array.inertia": (drive[3], drive[4])}
+    assert by_key == {
+        "reducer.stiffness": (drive[1], drive[2]),
+        "array.inertia": (drive[3], drive[4]),
+    }
     assert found.effects[0].key == "reducer.stiffness"
     assert line_statistics(results, None, EVERYTHING) == []
 
@@ -274,7 +343,9 @@ def test_effects_of_a_sample_and_sobol_indices_name_what_matters(tmp_path):
         "array.inertia": {"distribution": "uniform", "within": "0.1 percent"},
     }
     settled = {"record.settle": "3 s", "record.duration": "2 s", "record.sample_rate": "1024 Hz"}
-    results = computed(tmp_path, study(vary=keys, set=settled, sampling={"method": "sobol-indices", "count": 8}))
+    results = computed(
+        tmp_path, study(vary=keys, set=settled, sampling={"method": "sobol-indices", "count": 8})
+    )
     found = tornado(results, "drive_2", EVERYTHING)
     assert found.effects[0].key == "reducer.stiffness"
     assert found.explained > 0.8
@@ -290,5 +361,7 @@ def test_effects_are_in_order_though_one_is_not_known(monkeypatch):
     design = SimpleNamespace(levels=(), uncertain=keys, samples=np.zeros((7, 3)), study=study)
     y = np.array([1.0, 0.9, 1.1, math.nan, 1.2, 0.5, 1.5])
     monkeypatch.setattr(effects, "amplitudes", lambda *_: y)
-    found = effects.tornado(SimpleNamespace(campaign=SimpleNamespace(design=design)), "drive_1", (0.0, math.inf))
+    found = effects.tornado(
+        SimpleNamespace(campaign=SimpleNamespace(design=design)), "drive_1", (0.0, math.inf)
+    )
     assert [e.key for e in found.effects] == ["c", "a", "b"]

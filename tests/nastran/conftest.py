@@ -16,7 +16,14 @@ INTERFACE = 1001
 FREE = (7, 12, 20, 31, 44, 58)
 HOME = np.array([0.1, -0.2, 0.3])  # of the interface point
 STATIONS = np.array(
-    [[0.3, 0.9, 0.05], [-0.1, 1.6, 0.0], [0.4, 2.3, -0.1], [0.1, 3.1, 0.2], [-0.2, 3.9, 0.1], [0.2, 4.6, 0.0]]
+    [
+        [0.3, 0.9, 0.05],
+        [-0.1, 1.6, 0.0],
+        [0.4, 2.3, -0.1],
+        [0.1, 3.1, 0.2],
+        [-0.2, 3.9, 0.1],
+        [0.2, 4.6, 0.0],
+    ]
 )
 SCALES = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3), "in-lbf-s": (0.0254, 4.4482216152605 / 0.0254)}
 CD = 5  # output coordinate system of one grid, rotated about an oblique axis
@@ -109,7 +116,10 @@ class Frame:
     @cached_property
     def output(self):
         """Basic to output coordinates of all grids."""
-        blocks = [np.kron(np.eye(2), self.turn) if self.local and g == FREE[2] else np.eye(6) for g in self.ids]
+        blocks = [
+            np.kron(np.eye(2), self.turn) if self.local and g == FREE[2] else np.eye(6)
+            for g in self.ids
+        ]
         return block_diag(*blocks)
 
     @cached_property
@@ -133,7 +143,10 @@ class Frame:
             index = np.r_[self.rows(a), self.rows(b)]
             K[np.ix_(index, index)] += beam(self.places[a], self.places[b])
             if self.consistent:  # a bar of mass that moves with the mean of its ends
-                half = [np.hstack([np.eye(3), -skew(0.5 * (self.places[b] - self.places[a]) * s)]) for s in (1, -1)]
+                half = [
+                    np.hstack([np.eye(3), -skew(0.5 * (self.places[b] - self.places[a]) * s)])
+                    for s in (1, -1)
+                ]
                 N = np.hstack(half) / 2.0
                 M[np.ix_(index, index)] += 1.5 * N.T @ N
         return self._deck(K), self._deck(M)
@@ -143,7 +156,12 @@ class Frame:
         """Rigid-body motions about the origin in output coordinates and deck units, (n, 6)."""
         R = np.vstack(
             [
-                np.block([[np.eye(3), -skew(self.places[g] / self.scale[0])], [np.zeros((3, 3)), np.eye(3)]])
+                np.block(
+                    [
+                        [np.eye(3), -skew(self.places[g] / self.scale[0])],
+                        [np.zeros((3, 3)), np.eye(3)],
+                    ]
+                )
                 for g in self.ids
             ]
         )
@@ -176,7 +194,10 @@ class Frame:
     def about(self, point, turn=np.eye(3)):  # noqa: B008
         """Mass matrix by the parallel axis theorem and participation about a point, in SI and turned axes."""
         point, T = np.asarray(point, float), np.kron(np.eye(2), turn)
-        M = sum(point_mass(m, inertia, self.places[g] + arm - point) for g, m, inertia, arm in self.bodies)
+        M = sum(
+            point_mass(m, inertia, self.places[g] + arm - point)
+            for g, m, inertia, arm in self.bodies
+        )
         if self.consistent:
             chain = [INTERFACE, *FREE]
             M = M + sum(
@@ -186,7 +207,12 @@ class Frame:
         si = Frame(consistent=self.consistent)
         frequency, phi = si.modes
         R = np.vstack(
-            [np.block([[np.eye(3), -skew(self.places[g] - point)], [np.zeros((3, 3)), np.eye(3)]]) for g in self.ids]
+            [
+                np.block(
+                    [[np.eye(3), -skew(self.places[g] - point)], [np.zeros((3, 3)), np.eye(3)]]
+                )
+                for g in self.ids
+            ]
         )
         return frequency, T @ (R.T @ si.matrices[1] @ phi), T @ M @ T.T
 
@@ -218,9 +244,9 @@ def frame():
 class Op2:
     def __init__(self, path: Path, endian="<"):
         self.path, self.e, self.data = path, endian, []
-        self.marker(3).record("3i", 11, 21, 26).marker(7).raw(b"NASTRAN FORT TAPE ID CODE - ").marker(2).raw(
-            b"NX2019.2"
-        )
+        self.marker(3).record("3i", 11, 21, 26).marker(7).raw(
+            b"NASTRAN FORT TAPE ID CODE - "
+        ).marker(2).raw(b"NX2019.2")
         self.marker(-1).marker(0)
 
     def raw(self, data):
@@ -236,7 +262,9 @@ class Op2:
 
     def head(self, name, trailer, kind=0):
         self.marker(2).raw(name.ljust(8).encode()).marker(-1).marker(7).record("7i", *trailer)
-        self.marker(-2).marker(1).marker(0).marker(2).raw(name.ljust(8).encode()).marker(-3).marker(1).marker(kind)
+        self.marker(-2).marker(1).marker(0).marker(2).raw(name.ljust(8).encode()).marker(-3).marker(
+            1
+        ).marker(kind)
 
     def table(self, name, records, trailer=(101, 1, 0, 0, 0, 0, 0)):
         self.head(name, trailer)
@@ -249,7 +277,9 @@ class Op2:
         self.head(name, (101, columns, rows, 2, 2, 0, 0), 1)
         for k, column in enumerate(A.T, 4):
             data = struct.pack(self.e + f"i{rows}d", 1, *column)
-            self.marker(len(data) // 4).raw(data).marker(-k).marker(1).marker(1 if k - 3 < columns else 0)
+            self.marker(len(data) // 4).raw(data).marker(-k).marker(1).marker(
+                1 if k - 3 < columns else 0
+            )
         self.marker(0)
 
     def pack(self, form, *values):
@@ -273,7 +303,9 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
     xyz = [frame.places.get(g, np.ones(3)) / frame.scale[0] for g in ids]
     cd = [CD if frame.local and g == FREE[2] else 0 for g in ids]
     if geometry:
-        rows = b"".join(o.pack("2i3f3i", g, 0, *x, c, 0, 0) for g, x, c in zip(ids, xyz, cd, strict=True))
+        rows = b"".join(
+            o.pack("2i3f3i", g, 0, *x, c, 0, 0) for g, x, c in zip(ids, xyz, cd, strict=True)
+        )
         # CORD2R: id, type, 2, reference; origin, a point on z, a point in x-z
         T = frame.turn
         cord = o.pack("4i9f", CD, 1, 2, 0, 0, 0, 0, *T[2], *(T[0] + T[2]))
@@ -284,7 +316,9 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
                 o.pack("6i3d", c, 6 * k + 1, g, 61, 0, 0, *x)
                 for k, (g, c, x) in enumerate(zip(ids, cd, xyz, strict=True))
             ]
-            o.table("BGPDT", [b"".join(rows), o.pack(f"{2 * n}i", *np.repeat(np.arange(1, n + 1), 2))])
+            o.table(
+                "BGPDT", [b"".join(rows), o.pack(f"{2 * n}i", *np.repeat(np.arange(1, n + 1), 2))]
+            )
         else:
             o.table("BGPDT", [b"".join(o.pack("i3f", c, *x) for c, x in zip(cd, xyz, strict=True))])
         o.table("EQEXIN", [
@@ -292,7 +326,13 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
             o.pack(f"{2 * n}i", *np.column_stack([ids, 10 * (6 * np.arange(n) + 1) + 1]).ravel()),
         ])  # fmt: skip
     if weight:
-        o.table("OGPWG", [o.pack("146i", 1, 13, 0, *[0] * 143), o.pack("78f", *frame.weight.ravel(), *[0.0] * 42)])
+        o.table(
+            "OGPWG",
+            [
+                o.pack("146i", 1, 13, 0, *[0] * 143),
+                o.pack("78f", *frame.weight.ravel(), *[0.0] * 42),
+            ],
+        )
     if lama:
         lam = (2 * np.pi * f) ** 2
         rows = b"".join(
@@ -305,7 +345,9 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
         records = []
         for k, column in enumerate(values.T, 1):
             lam = np.float32((2 * np.pi * f[k - 1]) ** 2)
-            records.append(o.pack("5i2f139i", 22, code, 0, 1, k, lam, f[k - 1], 0, 1, 8, *[0] * 136))
+            records.append(
+                o.pack("5i2f139i", 22, code, 0, 1, k, lam, f[k - 1], 0, 1, 8, *[0] * 136)
+            )
             rows = [o.pack("2i6f", 10 * g + 2, 1, *column[frame.rows(g)]) for g in grids]
             rows += [o.pack("2i6f", 10 * loose + 2, 1, *[0.0] * 6)] if loose else []
             records.append(b"".join(rows))
@@ -321,7 +363,9 @@ def op2(path, frame, *, count=None, shapes=True, forces=True, weight=True, geome
     if factors:
         R, M = frame.rigid, frame.matrices[1]
         o.matrix("MPFACS", R.T @ M @ phi / generalised)
-        o.matrix("RBMASS", R[frame.inside].T @ M[np.ix_(frame.inside, frame.inside)] @ R[frame.inside])
+        o.matrix(
+            "RBMASS", R[frame.inside].T @ M[np.ix_(frame.inside, frame.inside)] @ R[frame.inside]
+        )
     for name, A in (extra or {}).items():
         o.matrix(name, A)
     return o.close()
@@ -374,7 +418,9 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
         out.append(
             "                           O U T P U T   F R O M   G R I D   P O I N T   W E I G H T   G E N E R A T O R"
         )
-        out.append(f"0                                                     REFERENCE POINT = {grdpnt:8d}")
+        out.append(
+            f"0                                                     REFERENCE POINT = {grdpnt:8d}"
+        )
         out.append("                                                                M O")
         out += _matrix(scaled * (frame.moved(grdpnt).T @ frame.weight @ frame.moved(grdpnt)))
         out.append("                                                                 S")
@@ -400,9 +446,16 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
     )  # fmt: skip
     if free:
         _page(out, next(page))
-        where = "ORIGIN OF BASIC COORDINATE SYSTEM" if reference is None else f"GRID POINT {reference}"
-        out.append("                                       M O D A L   E F F E C T I V E   M A S S   S U M M A R Y")
-        out += ["", "                                                    TOTAL EFFECTIVE MASS FRACTION"]
+        where = (
+            "ORIGIN OF BASIC COORDINATE SYSTEM" if reference is None else f"GRID POINT {reference}"
+        )
+        out.append(
+            "                                       M O D A L   E F F E C T I V E   M A S S   S U M M A R Y"
+        )
+        out += [
+            "",
+            "                                                    TOTAL EFFECTIVE MASS FRACTION",
+        ]
         out += [f"                                         REFERENCE POINT AT {where}", ""]
         out.append(
             "                        T1                T2                T3                R1                R2                R3"
@@ -410,14 +463,19 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
         out.append("  " + "".join(f"{_e(v):>18}" for v in (P**2).sum(1) / np.diag(A)))
         out.append("                                                        EFFECTIVE MASS MATRIX")
         out += [f"{'':23}***{'':82}***", *_matrix(P @ P.T), f"{'':23}***{'':82}***"]
-        out.append("                                                     A-SET RIGID BODY MASS MATRIX")
+        out.append(
+            "                                                     A-SET RIGID BODY MASS MATRIX"
+        )
         out += [f"{'':23}***{'':82}***", *_matrix(A), f"{'':23}***{'':82}***"]
     head = ["    MODE     FREQUENCY               T1                T2                T3                R1                R2                R3",
             "     NO.", ""]  # fmt: skip
     if "fractions" in tables:
         F = P**2 / np.diag(A)[:, None]
         for words, part in (("TRANSLATIONAL", F[:3]), ("ROTATIONAL", F[3:])):
-            both = [np.column_stack([part[:, k], part[:, : k + 1].sum(1)]).ravel() for k in range(f.size)]
+            both = [
+                np.column_stack([part[:, k], part[:, : k + 1].sum(1)]).ravel()
+                for k in range(f.size)
+            ]
             rows(
                 ["                                                    MODAL EFFECTIVE MASS FRACTION",
                  f"                                                (FOR {words} DEGREES OF FREEDOM)", ""],
@@ -431,9 +489,15 @@ def f06(path, frame, *, count=None, tables=("factors", "effective", "fractions")
         ("effective", "MODAL EFFECTIVE WEIGHT  ", P**2 * 9.81),
     ):
         if name in tables:
-            lines = [f"{k + 1:8d}{_e(f[k]):>16}{''.join(f'{_e(v):>18}' for v in values[:, k])}" for k in range(f.size)]
+            lines = [
+                f"{k + 1:8d}{_e(f[k]):>16}{''.join(f'{_e(v):>18}' for v in values[:, k])}"
+                for k in range(f.size)
+            ]
             rows([f"{'':53}{title}", ""], head, lines)
-            out += [f"                  TOTAL  {''.join(f'{_e(v):>18}' for v in values.sum(1))}", ""]
+            out += [
+                f"                  TOTAL  {''.join(f'{_e(v):>18}' for v in values.sum(1))}",
+                "",
+            ]
     out.append("1                                        * * * END OF JOB * * *")
     path.write_text("\n".join(out).replace("E+", f"{letter}+").replace("E-", f"{letter}-") + "\n")
     return path
@@ -444,7 +508,9 @@ def write_f06():
     return f06
 
 
-def ansys(path, frame, *, count=None, mass=True, directions=("X", "Y", "Z", "ROTX", "ROTY", "ROTZ")):
+def ansys(
+    path, frame, *, count=None, mass=True, directions=("X", "Y", "Z", "ROTX", "ROTY", "ROTZ")
+):
     """The listing of a modal analysis with its mass summary."""
     f, phi = frame.modes
     f, phi = f[:count], phi[:, :count]
@@ -465,7 +531,12 @@ def ansys(path, frame, *, count=None, mass=True, directions=("X", "Y", "Z", "ROT
             f"                                                | {''.join(f'{v:14.8G}' for v in W[k, 3:])}"
             for k in (3, 4, 5)
         ]
-        out += ["", f"   TOTAL MASS =  {W[0, 0]:.5G}", "     The mass principal axes coincide with the global axes", ""]
+        out += [
+            "",
+            f"   TOTAL MASS =  {W[0, 0]:.5G}",
+            "     The mass principal axes coincide with the global axes",
+            "",
+        ]
     for name in directions:
         k = ("X", "Y", "Z", "ROTX", "ROTY", "ROTZ").index(name)
         what = f"  {name}  " if len(name) == 1 else f"{name} "
@@ -478,7 +549,12 @@ def ansys(path, frame, *, count=None, mass=True, directions=("X", "Y", "Z", "ROT
                 f"{i + 1:6d}  {f[i]:12.8g}  {1 / f[i]:14.5E}  {P[k, i]:13.5G}  {abs(P[k, i]) / top:9.6f}  {P[k, i] ** 2:14.7G}"
                 f"  {(P[k, : i + 1] ** 2).sum() / total:13.6G}  {P[k, i] ** 2 / W[k, k]:14.6G}"
             )
-        out += [" " + "-" * 113, f"   sum  {total:70.6G}  {total / W[k, k]:30.6G}", " " + "-" * 113, ""]
+        out += [
+            " " + "-" * 113,
+            f"   sum  {total:70.6G}  {total / W[k, k]:30.6G}",
+            " " + "-" * 113,
+            "",
+        ]
     path.write_text("\n".join(out))
     return path
 

@@ -16,7 +16,9 @@ INTERFACE, HOME = 1001, (0.1, -0.2, 0.3)
 
 
 def options(units="SI", interface=INTERFACE, drive_axis="y", **more):
-    return import_options({"units": units, "interface": interface, "drive_axis": drive_axis, **more}, "test")
+    return import_options(
+        {"units": units, "interface": interface, "drive_axis": drive_axis, **more}, "test"
+    )
 
 
 @pytest.fixture
@@ -37,7 +39,10 @@ def refused(path, words, given=None):
     [
         ({"units": "mm"}, "units: 'mm' is not allowed; unit system of the deck: SI, mm-t-s"),
         ({"drive_axis": "w"}, "drive_axis: 'w' is not allowed"),
-        ({"interface": [1, 2]}, "interface: .* is not allowed; interface point: a grid id, or three"),
+        (
+            {"interface": [1, 2]},
+            "interface: .* is not allowed; interface point: a grid id, or three",
+        ),
         ({"damping": "3"}, "damping: '3' is not allowed; modal damping ratio"),
         ({"colour": 1}, "colour: unknown key; allowed for an import are units"),
     ],
@@ -48,7 +53,9 @@ def test_options_are_checked(given, words):
 
 
 def test_missing_options_are_named():
-    with pytest.raises(ModalError, match=r"units: missing.*\n.*interface: missing.*\n.*drive_axis: missing"):
+    with pytest.raises(
+        ModalError, match=r"units: missing.*\n.*interface: missing.*\n.*drive_axis: missing"
+    ):
         import_options({}, "my.yaml")
 
 
@@ -59,11 +66,17 @@ def test_free_model_is_refused(tmp_path, frame, write_op2, write_f06):
         "grid 1001 moves in mode 1|rigid-body modes",
     )
     path = write_f06(tmp_path / "a.f06", free, count=12)
-    refused(path, "6 of 12 modes are rigid-body modes .* the model is free", options(interface=[0, 0, 0]))
+    refused(
+        path,
+        "6 of 12 modes are rigid-body modes .* the model is free",
+        options(interface=[0, 0, 0]),
+    )
 
 
 def test_mechanism_is_refused(deck):
-    with pytest.raises(ModalError, match=r"1 of 9 modes are rigid-body modes .* mechanism or a loose part"):
+    with pytest.raises(
+        ModalError, match=r"1 of 9 modes are rigid-body modes .* mechanism or a loose part"
+    ):
         modal_model(replace(deck, frequency=np.r_[1e-5, deck.frequency[1:]]), options())
 
 
@@ -88,14 +101,18 @@ def test_mass_that_is_none_is_refused(deck, change, words):
 
 
 def test_interface_point_not_in_the_model(deck, tmp_path, frame, write_f06):
-    with pytest.raises(ModalError, match="interface: grid 99 is not in the model, which has 2 grids from 7 to 1001"):
+    with pytest.raises(
+        ModalError, match="interface: grid 99 is not in the model, which has 2 grids from 7 to 1001"
+    ):
         modal_model(deck, options(interface=99))
     path = write_f06(tmp_path / "a.f06", frame(), count=3)
     refused(path, "interface: the file does not say where grid 1001 is")
 
 
 def test_frame_not_in_the_model(deck):
-    with pytest.raises(ModalError, match="frame: rectangular coordinate system 4 is not in the file; it has none"):
+    with pytest.raises(
+        ModalError, match="frame: rectangular coordinate system 4 is not in the file; it has none"
+    ):
         modal_model(deck, options(frame=4))
     with pytest.raises(ModalError, match="is not a direction"):
         modal_model(deck, options(drive_axis=[0, 0, 0]))
@@ -104,7 +121,10 @@ def test_frame_not_in_the_model(deck):
 def test_drive_axis_without_inertia(deck):
     one = np.diag([0, 0, 0, 0, 0, 1.0])
     with pytest.raises(ModalError, match="no moment of inertia about the drive axis"):
-        modal_model(replace(deck, mass=one, participation=0 * deck.participation), options(interface=[0, 0, 0]))
+        modal_model(
+            replace(deck, mass=one, participation=0 * deck.participation),
+            options(interface=[0, 0, 0]),
+        )
 
 
 def said(model, words):
@@ -113,7 +133,10 @@ def said(model, words):
 
 def test_what_is_doubtful_is_said(deck):
     said(
-        modal_model(replace(deck, mass=1000 * deck.mass, participation=deck.participation * 1000**0.5), options()),
+        modal_model(
+            replace(deck, mass=1000 * deck.mass, participation=deck.participation * 1000**0.5),
+            options(),
+        ),
         "The mass is",
     )
     said(modal_model(deck, options("mm-t-s")), "radius of gyration")
@@ -122,7 +145,11 @@ def test_what_is_doubtful_is_said(deck):
     still = replace(deck, mass=np.diag(np.diag(deck.mass)), participation=0.1 * deck.participation)
     still.participation[4] = 1e-6
     said(modal_model(still, options(interface=[0, 0, 0])), "No mode moves about the drive axis")
-    flat = Deck(deck.frequency[:5], 0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5], np.diag([0, 0, 20.0, 5.0, 5.0, 0]))
+    flat = Deck(
+        deck.frequency[:5],
+        0.1 * np.diag([0, 0, 1, 1, 1, 0.0])[:, :5],
+        np.diag([0, 0, 20.0, 5.0, 5.0, 0]),
+    )
     said(modal_model(flat, options(interface=[0, 0, 0])), "no mass in Fx, Fy, Mz")
     uneven = replace(deck, mass=deck.mass + np.diag([9.0, 0, 0, 0, 0, 0]))
     said(modal_model(uneven, options(interface=[0, 0, 0])), "mass differs by direction")
@@ -156,19 +183,33 @@ def test_wrong_kinds_of_files(tmp_path, frame, write_op2, write_f06, write_ansys
 
 def test_op2_without_what_is_needed(tmp_path, frame, write_op2):
     deck = frame()
-    refused(write_op2(tmp_path / "a.op2", deck, count=4, lama=False), "no table of eigenvalues .LAMA.")
+    refused(
+        write_op2(tmp_path / "a.op2", deck, count=4, lama=False), "no table of eigenvalues .LAMA."
+    )
     refused(
         write_op2(tmp_path / "b.op2", deck, count=4, forces=False, shapes=False),
         "has no eigenvectors; ask for SPCFORCES",
     )
     refused(
-        write_op2(tmp_path / "c.op2", deck, count=4, forces=False), "eigenvectors, but no mass matrix and no forces"
+        write_op2(tmp_path / "c.op2", deck, count=4, forces=False),
+        "eigenvectors, but no mass matrix and no forces",
     )
-    refused(write_op2(tmp_path / "d.op2", deck, count=4, mass=True, shapes=False), "no eigenvectors .OUG.")
+    refused(
+        write_op2(tmp_path / "d.op2", deck, count=4, mass=True, shapes=False),
+        "no eigenvectors .OUG.",
+    )
     refused(write_op2(tmp_path / "e.op2", deck, count=4, geometry=False), "no geometry")
     refused(write_op2(tmp_path / "f.op2", deck, count=4, weight=False), "no rigid-body mass")
-    refused(write_op2(tmp_path / "g.op2", deck, count=4), "grid 99 is not in the model", options(interface=99))
-    refused(write_op2(tmp_path / "h.op2", deck, count=4, mass=True), "grid 7 moves in mode", options(interface=7))
+    refused(
+        write_op2(tmp_path / "g.op2", deck, count=4),
+        "grid 99 is not in the model",
+        options(interface=99),
+    )
+    refused(
+        write_op2(tmp_path / "h.op2", deck, count=4, mass=True),
+        "grid 7 moves in mode",
+        options(interface=7),
+    )
 
 
 def test_model_that_is_held_elsewhere(tmp_path, frame, write_op2):
@@ -181,13 +222,17 @@ def test_model_that_is_held_elsewhere(tmp_path, frame, write_op2):
 def test_another_grid_than_the_one_that_is_held(tmp_path, frame, write_op2, route, shapes):
     if shapes or "mass" not in route:
         path = write_op2(tmp_path / "a.op2", frame(), shapes=shapes, **route)
-        with pytest.raises(ModalError, match=r"interface: grid 58 (moves in mode \d|is not held, but 1001)"):
+        with pytest.raises(
+            ModalError, match=r"interface: grid 58 (moves in mode \d|is not held, but 1001)"
+        ):
             read_modal_model(path, options(interface=58))
 
 
 def test_mass_matrix_of_another_model(tmp_path, frame, write_op2):
     deck = frame()
-    path = write_op2(tmp_path / "a.op2", deck, count=4, extra={"MGG": np.diag(np.arange(1.0, 43.0))})
+    path = write_op2(
+        tmp_path / "a.op2", deck, count=4, extra={"MGG": np.diag(np.arange(1.0, 43.0))}
+    )
     refused(path, "not orthogonal in the mass matrix")
     path = write_op2(tmp_path / "b.op2", deck, count=4, extra={"MGG": np.eye(12)})
     refused(path, "mass matrix is .12, 12., but the model has 42")
@@ -222,19 +267,31 @@ def test_punch_that_breaks_off(tmp_path, frame, write_f06):
         options(interface=list(HOME), mass="run.f06"),
     )
     refused(tmp_path / "a.pch", "give the F06 of the run")
-    refused(tmp_path / "a.pch", "forces of constraint are on grid 1001, not on 7", options(interface=7, mass="run.f06"))
+    refused(
+        tmp_path / "a.pch",
+        "forces of constraint are on grid 1001, not on 7",
+        options(interface=7, mass="run.f06"),
+    )
     refused(tmp_path / "a.pch", "No such file", options(mass="none.f06"))
 
 
 def test_listing_without_what_is_needed(tmp_path, frame, write_f06, write_ansys):
     deck, origin = frame(), options(interface=[0, 0, 0])
-    refused(write_f06(tmp_path / "a.f06", deck, count=4, weight=False, free=False), "no rigid-body mass", origin)
+    refused(
+        write_f06(tmp_path / "a.f06", deck, count=4, weight=False, free=False),
+        "no rigid-body mass",
+        origin,
+    )
     refused(write_f06(tmp_path / "b.f06", deck, count=4, tables=()), "ask for MEFFMASS", origin)
     magnitudes = write_f06(tmp_path / "c.f06", deck, count=4, tables=("effective",))
     refused(magnitudes, "magnitudes of effective mass only", options(interface=list(HOME)))
-    refused(write_ansys(tmp_path / "d.out", deck, count=4, mass=False), "precise mass summary", origin)
     refused(
-        write_ansys(tmp_path / "e.out", deck, count=4, directions=("X", "ROTZ")), "direction Y, Z, ROTX, ROTY", origin
+        write_ansys(tmp_path / "d.out", deck, count=4, mass=False), "precise mass summary", origin
+    )
+    refused(
+        write_ansys(tmp_path / "e.out", deck, count=4, directions=("X", "ROTZ")),
+        "direction Y, Z, ROTX, ROTY",
+        origin,
     )
 
 
@@ -266,10 +323,18 @@ def test_craig_bampton_that_is_none(tmp_path, frame, craig_bampton):
     mixed = K.copy()
     mixed[2, 9] = mixed[9, 2] = np.abs(K[6:, 6:]).max()
     refused(write("b.op4", mixed, M), "couples boundary and modes", given)
-    refused(write("c.op4", K + np.triu(np.ones_like(K), 1) * K.max(), M), "not symmetric|are a boundary", given)
+    refused(
+        write("c.op4", K + np.triu(np.ones_like(K), 1) * K.max(), M),
+        "not symmetric|are a boundary",
+        given,
+    )
     full = np.random.default_rng(0).normal(size=K.shape)
     refused(write("d.op4", full @ full.T, M), "are a boundary beside mass-normalised modes", given)
-    refused(write("e.op4", K, M), "has no geometry; give the interface as the id", options("mm-t-s", [0, 0, 0]))
+    refused(
+        write("e.op4", K, M),
+        "has no geometry; give the interface as the id",
+        options("mm-t-s", [0, 0, 0]),
+    )
     op4.write(str(tmp_path / "f.op4"), {"bxx": K}, binary=True)
     refused(tmp_path / "f.op4", "holds BXX; expected KAA and MAA", given)
 
@@ -300,8 +365,16 @@ def test_vectors_of_a_real_file_are_those_that_the_library_reads():
 
 def test_real_superelement_has_the_mass_that_its_listing_prints():
     """EXTSEOUT model on four corner grids; mass of the G-set from the weight check of the same run (its F06)."""
-    model = read_modal_model(genuine("nas2cam_extseout/inboard.op4"), options("mm-kg-s", [0, 0, 0], drive_axis="x"))
-    printed = {(0, 0): 1.755052, (0, 4): 2.632578e2, (3, 3): 1.148825e5, (3, 4): -2.737877e5, (5, 5): 2.305948e6}
+    model = read_modal_model(
+        genuine("nas2cam_extseout/inboard.op4"), options("mm-kg-s", [0, 0, 0], drive_axis="x")
+    )
+    printed = {
+        (0, 0): 1.755052,
+        (0, 4): 2.632578e2,
+        (3, 3): 1.148825e5,
+        (3, 4): -2.737877e5,
+        (5, 5): 2.305948e6,
+    }
     for (i, j), value in printed.items():
         scale = 1e-3 ** ((i > 2) + (j > 2))
         assert model.mass[i, j] == pytest.approx(scale * value, rel=1e-4)

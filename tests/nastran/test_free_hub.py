@@ -12,15 +12,21 @@ from microvib.io.hub_sources import hub_from
 from microvib.io.modal_table import modes_csv
 from microvib.io.scenario_file import scenario_of
 from microvib.io.spacecraft_files import with_spacecraft
-from microvib.model.rigid import motion_of, tensor
+from microvib.model.rigid import rigid_motion_at, tensor
 from microvib.structures.modal import ModalError, ModalModel
 
 GRIDS = {"root": 1001, "payload": 20, "tip": 58}
 
 
 def hub_of(path, units="SI", points=GRIDS):
-    given = {"spacecraft": {"hub": {"modes": path.name, "units": units, "points": points, "damping": "0.5 percent"}}}
-    found = with_spacecraft(given, FileAccess(path.parent), "craft", scenario_of)["spacecraft"]["hub"]
+    given = {
+        "spacecraft": {
+            "hub": {"modes": path.name, "units": units, "points": points, "damping": "0.5 percent"}
+        }
+    }
+    found = with_spacecraft(given, FileAccess(path.parent), "craft", scenario_of)["spacecraft"][
+        "hub"
+    ]
     return json.loads(json.dumps(found))
 
 
@@ -45,19 +51,27 @@ def test_mass_center_and_shapes(frame, write_op2, tmp_path, units):
     )
     assert number(hub["mass"]) == pytest.approx(mass, rel=1e-4)
     wanted = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    assert [number(x) for x in hub["inertia"]] == pytest.approx(wanted, rel=1e-3, abs=1e-3 * inertia.max())
+    assert [number(x) for x in hub["inertia"]] == pytest.approx(
+        wanted, rel=1e-3, abs=1e-3 * inertia.max()
+    )
     for point, grid in zip(hub["points"], GRIDS.values(), strict=True):
-        assert [number(x) for x in point["position"]] == pytest.approx(places[grid] - center, abs=1e-4)
+        assert [number(x) for x in point["position"]] == pytest.approx(
+            places[grid] - center, abs=1e-4
+        )
     frequency, phi = frame(free=True).modes
     assert number(hub["modes"][0]["frequency"]) == pytest.approx(frequency[6], rel=1e-4)
     shape = np.array(hub["modes"][0]["shapes"])
     expected = np.array([phi[frame(free=True).rows(g), 6] for g in GRIDS.values()])
-    assert shape * np.sign(shape[2, 0] * expected[2, 0]) == pytest.approx(expected, abs=2e-4 * np.abs(expected).max())
+    assert shape * np.sign(shape[2, 0] * expected[2, 0]) == pytest.approx(
+        expected, abs=2e-4 * np.abs(expected).max()
+    )
 
 
 def test_what_is_no_free_hub_is_said(frame, write_op2, tmp_path):
     held = write_op2(tmp_path / "held.op2", frame(), forces=False)
-    with pytest.raises(ModalError, match=r"held\.op2: 0 of 36 modes are those of a free rigid body"):
+    with pytest.raises(
+        ModalError, match=r"held\.op2: 0 of 36 modes are those of a free rigid body"
+    ):
         hub_of(held)
     free = write_op2(tmp_path / "free.op2", frame(free=True), forces=False)
     with pytest.raises(ModalError, match="points: grid 99 is not in the model"):
@@ -74,12 +88,14 @@ def test_what_is_no_free_hub_is_said(frame, write_op2, tmp_path):
 def receptance_of(hub, names, frequency):
     """Motions of points (6 each) by loads on them, from mass, inertia and flexible modes."""
     at = [next(k for k, p in enumerate(hub.points) if p.name == name) for name in names]
-    rigid = np.vstack([motion_of(np.array(hub.points[k].position)) for k in at])
+    rigid = np.vstack([rigid_motion_at(np.array(hub.points[k].position)) for k in at])
     flexible = np.array([np.concatenate([mode.shapes[k] for k in at]) for mode in hub.modes]).T
     mass = block_diag(hub.mass * np.eye(3), tensor(hub.inertia))
     w = 2.0 * np.pi * frequency
     own = np.array([(2.0 * np.pi * mode.frequency) ** 2 for mode in hub.modes]) - w**2
-    return rigid @ np.linalg.inv(-(w**2) * mass) @ rigid.T + flexible @ np.diag(1.0 / own) @ flexible.T
+    return (
+        rigid @ np.linalg.inv(-(w**2) * mass) @ rigid.T + flexible @ np.diag(1.0 / own) @ flexible.T
+    )
 
 
 def receptance_in(body, grids, frequency):
@@ -115,7 +131,9 @@ def full_op4(folder, body):
     op4 = pytest.importorskip("pyyeti.nastran.op4")
     K, M = body.matrices
     bulk(folder / "hub.bdf", body)
-    op4.write(str(folder / "hub.op4"), {"phg": 2.5 * mixed(body)[1], "mgg": M, "kgg": K}, binary=True)
+    op4.write(
+        str(folder / "hub.op4"), {"phg": 2.5 * mixed(body)[1], "mgg": M, "kgg": K}, binary=True
+    )
     return "hub.op4", 1e-6
 
 
@@ -129,7 +147,9 @@ def punched(folder, body):
             values = phi[body.rows(grid), k]
             lines.append(f"{grid:10d}{'G':>8}{''.join(f'{v:18.6E}' for v in values[:3])}")
             lines.append(f"{'-CONT-':18}{''.join(f'{v:18.6E}' for v in values[3:])}")
-    (folder / "hub.pch").write_text("\n".join(f"{line:72}{n:8d}" for n, line in enumerate(lines, 1)) + "\n")
+    (folder / "hub.pch").write_text(
+        "\n".join(f"{line:72}{n:8d}" for n, line in enumerate(lines, 1)) + "\n"
+    )
     bulk(folder / "hub.dat", body)
     return "hub.pch", 2e-4
 
@@ -138,9 +158,18 @@ def reduced_op4(folder, body):
     """A Craig-Bampton model with three boundary grids, as EXTSEOUT leaves it in OP4 and ASM; all of its modes."""
     nastran = pytest.importorskip("pyyeti.nastran")
     K, M, boundary = craig_bampton_of(body)
-    uset = nastran.n2p.addgrid(None, boundary, "b", 0, np.array([body.places[g] / body.scale[0] for g in boundary]), 0)
+    uset = nastran.n2p.addgrid(
+        None, boundary, "b", 0, np.array([body.places[g] / body.scale[0] for g in boundary]), 0
+    )
     nastran.bulk.wtextseout(
-        str(folder / "hub"), se=101, bset=np.arange(18), uset=uset, spoint1=9001, kaa=K, maa=M, namelist=["kaa", "maa"]
+        str(folder / "hub"),
+        se=101,
+        bset=np.arange(18),
+        uset=uset,
+        spoint1=9001,
+        kaa=K,
+        maa=M,
+        namelist=["kaa", "maa"],
     )
     return "hub.op4", 1e-5
 
@@ -148,7 +177,9 @@ def reduced_op4(folder, body):
 def reduced_pch(folder, body):
     """The same in DMIG entries."""
     K, M, boundary = craig_bampton_of(body)
-    dofs = [(g, k) for g in boundary for k in range(1, 7)] + [(9001 + k, 0) for k in range(len(K) - 18)]
+    dofs = [(g, k) for g in boundary for k in range(1, 7)] + [
+        (9001 + k, 0) for k in range(len(K) - 18)
+    ]
     lines = []
     for grid in boundary:
         x, y, z = body.places[grid] / body.scale[0]
@@ -173,12 +204,17 @@ def craig_bampton_of(body):
     inner = np.setdiff1d(np.arange(6 * len(body.ids)), held)
     K, M = body.matrices
     squares, phi = np.linalg.eigh(
-        np.linalg.solve(L := np.linalg.cholesky(M[np.ix_(inner, inner)]), np.linalg.solve(L, K[np.ix_(inner, inner)]).T)
+        np.linalg.solve(
+            L := np.linalg.cholesky(M[np.ix_(inner, inner)]),
+            np.linalg.solve(L, K[np.ix_(inner, inner)]).T,
+        )
     )
     assert squares[0] > 0.0
     T = np.zeros((len(K), held.size + inner.size))
     T[held, : held.size] = np.eye(held.size)
-    T[np.ix_(inner, range(held.size))] = -np.linalg.solve(K[np.ix_(inner, inner)], K[np.ix_(inner, held)])
+    T[np.ix_(inner, range(held.size))] = -np.linalg.solve(
+        K[np.ix_(inner, inner)], K[np.ix_(inner, held)]
+    )
     T[np.ix_(inner, range(held.size, T.shape[1]))] = np.linalg.solve(L.T, phi)
     k, m = T.T @ K @ T, T.T @ M @ T
     return (k + k.T) / 2, (m + m.T) / 2, boundary
@@ -189,7 +225,9 @@ def craig_bampton_of(body):
 def test_every_source_has_the_receptances_of_the_frame(frame, tmp_path, source, units):
     body = frame(units=units, free=True, local=source in (full_op4, punched))
     name, within = source(tmp_path, body)
-    hub = hub_from({"modes": name, "units": units, "points": GRIDS, "damping": 0.0}, FileAccess(tmp_path))
+    hub = hub_from(
+        {"modes": name, "units": units, "points": GRIDS, "damping": 0.0}, FileAccess(tmp_path)
+    )
     for f in (0.5, 9.0, 60.0):
         wanted = receptance_in(frame(free=True), GRIDS.values(), f)
         size = np.sqrt(np.abs(np.diag(wanted)))
@@ -203,7 +241,8 @@ def test_modes_with_the_interface_clamped(frame, write_op2, tmp_path):
     body = frame(units="mm-t-s", local=True)
     write_op2(tmp_path / "clamped.op2", body, mass=True)
     hub = hub_from(
-        {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "damping": "0 percent"}, FileAccess(tmp_path)
+        {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "damping": "0 percent"},
+        FileAccess(tmp_path),
     )
     for f in (0.5, 9.0, 60.0):
         wanted = receptance_in(frame(free=True), [1001], f)
@@ -212,7 +251,8 @@ def test_modes_with_the_interface_clamped(frame, write_op2, tmp_path):
     assert (
         len(
             hub_from(
-                {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "count": 3}, FileAccess(tmp_path)
+                {"modes": "clamped.op2", "units": "mm-t-s", "interface": 1001, "count": 3},
+                FileAccess(tmp_path),
             ).modes
         )
         == 3
@@ -222,7 +262,10 @@ def test_modes_with_the_interface_clamped(frame, write_op2, tmp_path):
 def test_a_clamped_table_with_the_damping_of_its_modes(tmp_path):
     """One mode about z: freed, its square grows by J / (J - H^2), and its damping ratio by the root of that."""
     model = ModalModel(
-        np.array([4.0]), np.array([0.02]), np.eye(6)[:, 5:] * 3.0, np.diag([5.0, 5.0, 5.0, 8.0, 9.0, 12.0])
+        np.array([4.0]),
+        np.array([0.02]),
+        np.eye(6)[:, 5:] * 3.0,
+        np.diag([5.0, 5.0, 5.0, 8.0, 9.0, 12.0]),
     )
     (tmp_path / "one.csv").write_text(modes_csv(model))
     hub = hub_from({"modes": "one.csv", "interface": "yes"}, FileAccess(tmp_path))

@@ -11,7 +11,9 @@ INTERFACE, HOME = 1001, (0.1, -0.2, 0.3)
 
 
 def options(units="SI", interface=INTERFACE, drive_axis="y", **more):
-    return import_options({"units": units, "interface": interface, "drive_axis": drive_axis, **more}, "test")
+    return import_options(
+        {"units": units, "interface": interface, "drive_axis": drive_axis, **more}, "test"
+    )
 
 
 def agree(model, expected, tolerance):
@@ -20,14 +22,20 @@ def agree(model, expected, tolerance):
     s = model.frequency.size
     np.testing.assert_allclose(model.frequency, frequency[:s], rtol=tolerance)
     size = np.sqrt(np.diag(M))
-    np.testing.assert_allclose(model.mass / np.outer(size, size), M / np.outer(size, size), atol=3 * tolerance)
+    np.testing.assert_allclose(
+        model.mass / np.outer(size, size), M / np.outer(size, size), atol=3 * tolerance
+    )
     signs = np.sign((model.participation * P[:, :s] / np.diag(M)[:, None]).sum(axis=0))
     np.testing.assert_allclose(
         model.participation * signs / size[:, None], P[:, :s] / size[:, None], atol=10 * tolerance
     )
 
 
-ROUTES = {"factors": {"factors": True}, "mass": {"mass": True, "forces": False}, "forces": {"shapes": False}}
+ROUTES = {
+    "factors": {"factors": True},
+    "mass": {"mass": True, "forces": False},
+    "forces": {"shapes": False},
+}
 
 
 @pytest.mark.parametrize("units", ["SI", "mm-t-s", "in-lbf-s"])
@@ -44,7 +52,9 @@ def test_forces_of_constraint_hold_with_a_consistent_mass(tmp_path, frame, write
     agree(read_modal_model(path, options()), deck.about(HOME), 1e-6)
 
 
-@pytest.mark.parametrize("more", [{"endian": ">"}, {"maximum": True}, {"mass": True, "maximum": True}])
+@pytest.mark.parametrize(
+    "more", [{"endian": ">"}, {"maximum": True}, {"mass": True, "maximum": True}]
+)
 def test_op2_byte_order_and_normalisation(tmp_path, frame, write_op2, more):
     deck = frame("mm-t-s")
     path = write_op2(tmp_path / "a.op2", deck, count=8, **more)
@@ -64,7 +74,9 @@ def test_interface_point_and_drive_axis_anywhere(tmp_path, frame, write_op2):
     deck = frame("mm-t-s", local=True)
     path = write_op2(tmp_path / "a.op2", deck, count=10)
     there = (0.4, -0.7, 0.2)
-    model = read_modal_model(path, options("mm-t-s", [1e3 * v for v in there], drive_axis=[0.0, 3.0, 4.0]))
+    model = read_modal_model(
+        path, options("mm-t-s", [1e3 * v for v in there], drive_axis=[0.0, 3.0, 4.0])
+    )
     z = np.array([0.0, 0.6, 0.8])
     turn = np.array([[1.0, 0, 0], np.cross(z, [1.0, 0, 0]), z])
     agree(model, deck.about(there, turn), 1e-6)
@@ -76,7 +88,8 @@ def test_interface_point_and_drive_axis_anywhere(tmp_path, frame, write_op2):
 
 @pytest.mark.parametrize("units", ["SI", "mm-t-s"])
 @pytest.mark.parametrize(
-    "layout", [{}, {"per_page": 5}, {"per_page": 5, "repeat": False}, {"letter": "D"}, {"weight": False}]
+    "layout",
+    [{}, {"per_page": 5}, {"per_page": 5, "repeat": False}, {"letter": "D"}, {"weight": False}],
 )
 def test_f06(tmp_path, frame, write_f06, units, layout):
     deck = frame(units)
@@ -94,7 +107,9 @@ def test_f06_about_a_grid(tmp_path, frame, write_f06):
     deck = frame("mm-t-s")
     path = write_f06(tmp_path / "a.f06", deck, count=6, reference=INTERFACE)
     model = read_modal_model(path, options("mm-t-s"))
-    np.testing.assert_allclose(np.abs(model.participation), np.abs(deck.about(HOME)[1][:, :6]), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        np.abs(model.participation), np.abs(deck.about(HOME)[1][:, :6]), rtol=1e-4, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("tables", [("effective",), ("fractions",)])
@@ -125,7 +140,9 @@ def test_craig_bampton_against_the_full_model(tmp_path, frame, craig_bampton, bi
     K, M = craig_bampton(deck, 15)
     order = np.r_[6:21, :6] if last else np.arange(21)
     path = tmp_path / "cb.op4"
-    op4.write(str(path), {"kaa": K[np.ix_(order, order)], "maa": M[np.ix_(order, order)]}, binary=binary)
+    op4.write(
+        str(path), {"kaa": K[np.ix_(order, order)], "maa": M[np.ix_(order, order)]}, binary=binary
+    )
     agree(read_modal_model(path, options("mm-t-s")), deck.about(HOME), 1e-8)
 
 
@@ -134,8 +151,14 @@ def test_shapes_and_matrices_in_op4(tmp_path, frame):
     deck = frame("mm-t-s", local=True)
     K, M = deck.matrices
     path = tmp_path / "full.op4"
-    op4.write(str(path), {"phig": 3.0 * deck.modes[1][:, :9], "mgg": M, "kgg": K, "rbg": deck.rigid}, binary=True)
-    agree(read_modal_model(path, options("mm-t-s", interface=list(deck.at))), deck.about(HOME), 1e-8)
+    op4.write(
+        str(path),
+        {"phig": 3.0 * deck.modes[1][:, :9], "mgg": M, "kgg": K, "rbg": deck.rigid},
+        binary=True,
+    )
+    agree(
+        read_modal_model(path, options("mm-t-s", interface=list(deck.at))), deck.about(HOME), 1e-8
+    )
 
 
 def test_mass_matrix_in_op4_beside_op2(tmp_path, frame, write_op2):
@@ -149,7 +172,10 @@ def test_mass_matrix_in_op4_beside_op2(tmp_path, frame, write_op2):
 def big(card, *fields):
     """Large-field card, four fields of 16 columns a line."""
     lines = [fields[k : k + 4] for k in range(0, len(fields), 4)]
-    body = ["".join(f"{v:>16.9E}" if isinstance(v, float) else f"{v:>16}" for v in line) for line in lines]
+    body = [
+        "".join(f"{v:>16.9E}" if isinstance(v, float) else f"{v:>16}" for v in line)
+        for line in lines
+    ]
     return [f"{card + '*':8}{body[0]}", *(f"{'*':8}{line}" for line in body[1:])]
 
 
@@ -174,7 +200,9 @@ def test_punched_craig_bampton(tmp_path, frame, craig_bampton):
     deck = frame("mm-t-s")
     path = dmig(tmp_path / "ext.pch", deck, *craig_bampton(deck, 7), 7)
     agree(read_modal_model(path, options("mm-t-s")), deck.about(HOME), 1e-6)
-    agree(read_modal_model(path, options("mm-t-s", interface=[0, 0, 0])), deck.about((0, 0, 0)), 1e-6)
+    agree(
+        read_modal_model(path, options("mm-t-s", interface=[0, 0, 0])), deck.about((0, 0, 0)), 1e-6
+    )
 
 
 def spcf(path, deck, count, maximum=False):
@@ -197,8 +225,12 @@ def spcf(path, deck, count, maximum=False):
 def test_punched_forces_of_constraint(tmp_path, frame, write_f06, grid, maximum):
     deck = frame("mm-t-s")
     path = spcf(tmp_path / "modes.pch", deck, 8, maximum)
-    write_f06(tmp_path / "run.f06", deck, count=10, grdpnt=INTERFACE if grid else 0, maximum=maximum)
-    model = read_modal_model(path, options("mm-t-s", INTERFACE if grid else list(deck.at), mass="run.f06"))
+    write_f06(
+        tmp_path / "run.f06", deck, count=10, grdpnt=INTERFACE if grid else 0, maximum=maximum
+    )
+    model = read_modal_model(
+        path, options("mm-t-s", INTERFACE if grid else list(deck.at), mass="run.f06")
+    )
     agree(model, deck.about(HOME), 5e-6)
 
 
@@ -216,7 +248,10 @@ def test_punched_forces_that_are_not_those_of_the_listing(tmp_path, frame, write
             "lacks mode 8|mode 20 is not that of run.f06",
         ),
         (
-            spcf(tmp_path / "b.pch", frame(), 8).read_text().replace("E+01  MODE", "E+02  MODE").splitlines(),
+            spcf(tmp_path / "b.pch", frame(), 8)
+            .read_text()
+            .replace("E+01  MODE", "E+02  MODE")
+            .splitlines(),
             "is not that of run",
         ),
     ):

@@ -55,7 +55,9 @@ def visit(browser: Any, address: str) -> Iterator[Callable[..., Any]]:
     trouble: list[str] = []
 
     def heard(message: Any) -> None:
-        refusal = "status of 422" in message.text  # an answer with a sentence, which Chromium reports
+        refusal = (
+            "status of 422" in message.text
+        )  # an answer with a sentence, which Chromium reports
         if message.type in ("error", "warning") and not refusal:
             trouble.append(message.text)
 
@@ -64,7 +66,12 @@ def visit(browser: Any, address: str) -> Iterator[Callable[..., Any]]:
         page.set_default_timeout(240_000)
         page.on("console", heard)
         page.on("pageerror", lambda error: trouble.append(str(error)))
-        page.on("request", lambda r: None if r.url.startswith((address, "blob:", "data:")) else trouble.append(r.url))
+        page.on(
+            "request",
+            lambda r: (
+                None if r.url.startswith((address, "blob:", "data:")) else trouble.append(r.url)
+            ),
+        )
         page.goto(address + fragment)
         page.wait_for_selector("html[data-ready]")
         return page

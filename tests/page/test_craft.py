@@ -12,7 +12,7 @@ from support.page import PAGE, api, run, until
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
-from microvib.signals.pointing import METRICS, weight
+from microvib.signals.pointing import METRICS, metric_weight
 
 pytestmark = PAGE
 EXAMPLE = Path(__file__).parents[2] / "examples" / "spacecraft.yaml"
@@ -65,7 +65,7 @@ def test_weights_of_the_page_are_those_of_the_library(visit: Callable[..., Any])
     for metric in METRICS:
         call = "([metric, at]) => import('/static/craft.js').then(m => at.map(f => m.weight(metric, f, 1)))"
         assert page.evaluate(call, [metric, at]) == pytest.approx(
-            weight(metric, np.array(at), 1.0), rel=1e-5, abs=1e-15
+            metric_weight(metric, np.array(at), 1.0), rel=1e-5, abs=1e-15
         )
 
 

@@ -18,10 +18,15 @@ def test_a_data_sheet_becomes_a_scenario_and_its_assumptions_are_ranked(
 ) -> None:
     page = visit()
     page.get_by_role("button", name="from a data sheet").click()
-    torque, ratio = (page.locator("#sheet").get_by_label(x) for x in ("Holding torque of the motor", "Reduction ratio"))
+    torque, ratio = (
+        page.locator("#sheet").get_by_label(x)
+        for x in ("Holding torque of the motor", "Reduction ratio")
+    )
     torque.fill("0.5 kg")
     ratio.fill("0.2")
-    api.expect(page.locator("#sheet-holding_torque-error")).to_contain_text("a unit compatible with N*m is expected")
+    api.expect(page.locator("#sheet-holding_torque-error")).to_contain_text(
+        "a unit compatible with N*m is expected"
+    )
     api.expect(page.locator("#sheet-ratio-error")).to_contain_text("at least 1 and at most 1000")
     use = page.get_by_role("button", name="Use as the scenario")
     use.click()
@@ -32,10 +37,14 @@ def test_a_data_sheet_becomes_a_scenario_and_its_assumptions_are_ranked(
     with page.expect_download() as coming:
         page.get_by_role("button", name="Download (YAML)").click()
     coming.value.save_as(tmp_path / "my.yaml")
-    assert (tmp_path / "my.yaml").read_text() == sheet_text({"holding_torque": "0.5 N*m", "ratio": "100"})[0]
+    assert (tmp_path / "my.yaml").read_text() == sheet_text(
+        {"holding_torque": "0.5 N*m", "ratio": "100"}
+    )[0]
     ratio.press("Enter")
     api.expect(page.locator("#title")).to_have_text("my drive")
-    api.expect(page.locator(".field[data-key='motor.winding_resistance'] .tag")).to_have_text("assumed")
+    api.expect(page.locator(".field[data-key='motor.winding_resistance'] .tag")).to_have_text(
+        "assumed"
+    )
     write(page, "record.settle", "1 s")
     write(page, "record.duration", "4 s")
     page.get_by_role("button", name="Rank", exact=True).click()

@@ -43,7 +43,9 @@ def test_zoom_asks_for_the_window_and_keeps_peaks(visit: Callable[..., Any]) -> 
 
 def test_no_colour_comes_twice(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
-    colours = page.evaluate("import('/static/styles.js').then(m => [...Array(60).keys()].map(k => m.style(k)[0]))")
+    colours = page.evaluate(
+        "import('/static/styles.js').then(m => [...Array(60).keys()].map(k => m.style(k)[0]))"
+    )
     assert len(set(colours)) == 60
     run(page)
     traces = page.evaluate("document.querySelector('#history-plot').data.map(t => t.line.color)")
@@ -59,7 +61,9 @@ NAMES_APART = """(() => {
 })()"""
 
 
-def test_the_spectrum_is_on_the_first_screen_of_a_laptop_and_names_are_apart(visit: Callable[..., Any]) -> None:
+def test_the_spectrum_is_on_the_first_screen_of_a_laptop_and_names_are_apart(
+    visit: Callable[..., Any],
+) -> None:
     page = visit("#base=state-1")
     run(page)
     limit(page, "30 mN*m")
@@ -104,9 +108,13 @@ def test_tables_keep_their_columns_on_a_phone(visit: Callable[..., Any]) -> None
     page = visit(QUICK)
     page.set_viewport_size({"width": 390, "height": 844})
     run(page)
-    edges = page.evaluate("[...document.querySelectorAll('#run td')].map(e => e.getBoundingClientRect().right)")
+    edges = page.evaluate(
+        "[...document.querySelectorAll('#run td')].map(e => e.getBoundingClientRect().right)"
+    )
     assert len(edges) > 50
     assert max(edges) <= 390
     row = page.locator("#run tr", has_text="drive_1").first
-    assert row.locator("td[data-key=amplitude_n_m]").get_attribute("data-label") == "amplitude [mN m]"
+    assert (
+        row.locator("td[data-key=amplitude_n_m]").get_attribute("data-label") == "amplitude [mN m]"
+    )
     assert page.evaluate("document.documentElement.scrollWidth") <= 390

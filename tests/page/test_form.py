@@ -68,7 +68,9 @@ def test_a_list_is_edited_as_a_whole_and_its_items_appear(visit: Callable[..., A
     modes = field(page, "array.modes")
     api.expect(modes).to_have_value("[{frequency: 1.2459 Hz, damping: 1.041 percent}]")
     damped = "damping: 1 percent, effective_inertia"
-    modes.fill(f"[{{frequency: 1.2 Hz, {damped}: 6 kg*m^2}}, {{frequency: 4 Hz, {damped}: 2 kg*m^2}}]")
+    modes.fill(
+        f"[{{frequency: 1.2 Hz, {damped}: 6 kg*m^2}}, {{frequency: 4 Hz, {damped}: 2 kg*m^2}}]"
+    )
     api.expect(field(page, "array.modes.1.frequency")).to_have_value("4 Hz")
     api.expect(modes).to_be_focused()  # the form has grown while it was typed in
     page.locator(".field[data-key='array.modes'] .undo").click()
@@ -77,10 +79,18 @@ def test_a_list_is_edited_as_a_whole_and_its_items_appear(visit: Callable[..., A
 
 def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
     page = visit()
-    mine = baseline().with_si({"motor.current": 0.45, **SHORT}).model_copy(update={"title": "my own drive"})
+    mine = (
+        baseline()
+        .with_si({"motor.current": 0.45, **SHORT})
+        .model_copy(update={"title": "my own drive"})
+    )
     (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
     (tmp_path / "broken.yaml").write_text("motor: [", encoding="utf-8")
-    wrong = dump_scenario(mine.with_sources({})).replace("sources: {}\n", "").replace("0.45 A", "3 parsec")
+    wrong = (
+        dump_scenario(mine.with_sources({}))
+        .replace("sources: {}\n", "")
+        .replace("0.45 A", "3 parsec")
+    )
     (tmp_path / "wrong.yaml").write_text(wrong, encoding="utf-8")
     page.set_input_files("#upload", tmp_path / "mine.yaml")
     api.expect(page.locator("#title")).to_have_text("my own drive")

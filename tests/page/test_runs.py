@@ -45,7 +45,9 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
     return (where / "run" / "lines.csv").read_text(encoding="utf-8")
 
 
-def test_edit_run_and_read_what_the_command_line_says(visit: Callable[..., Any], printed: str, tmp_path: Path) -> None:
+def test_edit_run_and_read_what_the_command_line_says(
+    visit: Callable[..., Any], printed: str, tmp_path: Path
+) -> None:
     page = visit()
     shorten(page)
     write(page, "reducer.stiffness", "9000 N*m/rad")
@@ -117,9 +119,17 @@ def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any
     assert drive_1.fails
     minus = "\N{MINUS SIGN}"
     api.expect(limit(page, f"{half!r} N*m")).to_contain_text("FAIL")
-    api.expect(page.locator(".facts .fail")).to_contain_text(f"{worst.decibel:.1f} dB".replace("-", minus))
-    row = page.locator("#run tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile("^drive_1$"))).first
-    api.expect(row.locator("td[data-key=margin_db]")).to_have_text(f"{drive_1.decibel:.1f} FAIL".replace("-", minus))
+    api.expect(page.locator(".facts .fail")).to_contain_text(
+        f"{worst.decibel:.1f} dB".replace("-", minus)
+    )
+    row = (
+        page.locator("#run tr")
+        .filter(has=page.locator("td[data-key=line]", has_text=re.compile("^drive_1$")))
+        .first
+    )
+    api.expect(row.locator("td[data-key=margin_db]")).to_have_text(
+        f"{drive_1.decibel:.1f} FAIL".replace("-", minus)
+    )
     drawn_at = f"Math.abs(s.y0 / {half} - 1) < 1e-3"
     until(page, f"document.querySelector('#spectrum-plot').layout.shapes.some(s => {drawn_at})")
     address = page.locator("details.menu a[download='report.html']").get_attribute("href")

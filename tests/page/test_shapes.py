@@ -21,7 +21,9 @@ ELEMENTS = "#base=state-1&array=%7Bfem%3A+reference-array%2C+modes%3A+4%7D"
 
 def craft_page(visit: Callable[..., Any], tmp_path: Path) -> Any:
     path = tmp_path / "craft.yaml"
-    path.write_text(EXAMPLE.read_text().replace("settle: 30 s, duration: 16 s", "settle: 1 s, duration: 4 s"))
+    path.write_text(
+        EXAMPLE.read_text().replace("settle: 30 s, duration: 16 s", "settle: 1 s, duration: 4 s")
+    )
     page = visit("#base=state-1")
     page.set_input_files("#upload", path)
     api.expect(page.locator("#title")).to_contain_text("Small craft")
@@ -56,7 +58,9 @@ def test_modes_of_a_craft_move_and_stand_still(visit: Callable[..., Any], tmp_pa
     assert page.evaluate(PICTURE) != wide
     page.reload()
     page.wait_for_selector("html[data-ready]")
-    api.expect(page.get_by_role("button", name="Show mode 3")).to_have_attribute("aria-pressed", "true")
+    api.expect(page.get_by_role("button", name="Show mode 3")).to_have_attribute(
+        "aria-pressed", "true"
+    )
 
 
 def test_shapes_stand_still_where_motion_is_not_wanted(visit: Callable[..., Any]) -> None:
@@ -71,7 +75,9 @@ def test_shapes_stand_still_where_motion_is_not_wanted(visit: Callable[..., Any]
     until(page, f"{PICTURE} !== {still!r}")
 
 
-def test_a_late_answer_does_not_take_the_place_of_a_newer_one(visit: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_late_answer_does_not_take_the_place_of_a_newer_one(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
     page = craft_page(visit, tmp_path)
 
     def late(route: Any) -> None:
@@ -83,11 +89,16 @@ def test_a_late_answer_does_not_take_the_place_of_a_newer_one(visit: Callable[..
     shapes(page, "Array, interface clamped")
     shapes(page, "Craft, hinges locked").wait_for()
     page.wait_for_timeout(2500)
-    assert page.locator("#modes h2", has_text="Modes of").inner_text() == "Modes of the craft, hinges locked"
+    assert (
+        page.locator("#modes h2", has_text="Modes of").inner_text()
+        == "Modes of the craft, hinges locked"
+    )
 
 
 @pytest.mark.parametrize("name", catalog_names())
-def test_every_scenario_of_the_catalog_has_modes_that_move(visit: Callable[..., Any], name: str) -> None:
+def test_every_scenario_of_the_catalog_has_modes_that_move(
+    visit: Callable[..., Any], name: str
+) -> None:
     page = visit(f"#base={name}")
     shapes(page, "Array, interface clamped").wait_for()
     assert page.locator("#modes tbody tr").count() == len(mv.load_scenario(name).array.modes)
@@ -104,7 +115,9 @@ def test_firm_ground_gets_a_sentence(visit: Callable[..., Any]) -> None:
     )
 
 
-def test_angles_are_swept_with_progress_in_two_windows(visit: Callable[..., Any], tmp_path: Path) -> None:
+def test_angles_are_swept_with_progress_in_two_windows(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
     page, other = craft_page(visit, tmp_path), craft_page(visit, tmp_path)
     for window, angles in ((page, "0:180"), (other, "0,45")):
         window.click("#tab-angles")
@@ -127,7 +140,9 @@ def test_lines_over_seeds(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     page.fill("#seeds", "many")
     page.click("#go")
-    api.expect(page.locator("#seeds-error")).to_contain_text("a whole number of draws from 2 to 1000 is expected")
+    api.expect(page.locator("#seeds-error")).to_contain_text(
+        "a whole number of draws from 2 to 1000 is expected"
+    )
     api.expect(page.locator("#seeds")).to_be_focused()
     page.fill("#seeds", "3")
     page.click("#go")

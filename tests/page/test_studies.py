@@ -31,14 +31,18 @@ def test_upload_a_recording(visit: Callable[..., Any], tmp_path: Path) -> None:
     noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
     recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
     write_recording(recording, tmp_path / "test.csv")
-    table = analyse(open_source(str(tmp_path / "test.csv")), scenario=mv.load_scenario("state-1")).table
+    table = analyse(
+        open_source(str(tmp_path / "test.csv")), scenario=mv.load_scenario("state-1")
+    ).table
     assert table is not None
     page = visit(QUICK)
     run(page)
     page.click("#tab-recording")
     page.set_input_files("#recording-file", tmp_path / "test.csv")
     page.locator("#recording td").first.wait_for(timeout=240_000)
-    assert amplitude(page, "drive_1", "#recording") == f"{1e3 * table['drive_1'].amplitude_n_m:#.4g}"
+    assert (
+        amplitude(page, "drive_1", "#recording") == f"{1e3 * table['drive_1'].amplitude_n_m:#.4g}"
+    )
     page.get_by_role("button", name="Compare with the current run").click()
     page.locator("#recording td[data-key=b_n_m]").first.wait_for(timeout=240_000)
     (tmp_path / "test.exe").write_bytes(b"MZ")
@@ -52,7 +56,10 @@ def test_the_run_is_drawn_under_a_recording_however_its_unit_is_written(
 ) -> None:
     motion = mv.simulate(mv.load_scenario("state-1", SHORT), channels=("T_d",))
     size = 1e3 if unit.startswith("m") else 1.0
-    write_recording(Recording({"Mz": size * motion["T_d"]}, motion.sample_rate, {"Mz": unit}), tmp_path / "test.csv")
+    write_recording(
+        Recording({"Mz": size * motion["T_d"]}, motion.sample_rate, {"Mz": unit}),
+        tmp_path / "test.csv",
+    )
     page = visit(QUICK)
     run(page)
     page.click("#tab-recording")
@@ -67,12 +74,16 @@ def test_the_run_is_drawn_under_a_recording_however_its_unit_is_written(
     assert below == pytest.approx(above, rel=1e-6)  # the same samples, both in N m
 
 
-def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(visit: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_recording_is_refined_on_zoom_and_kept_over_a_reload(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
     motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "record.sample_rate": "2048 Hz"}))
     noise = np.random.default_rng(1).normal(0.0, 1e-4, motion.time.size)
     recording = Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"})
     write_recording(recording, tmp_path / "test.csv")
-    expected = analyse(open_source(str(tmp_path / "test.csv")), scenario=mv.load_scenario("state-1")).spectrum
+    expected = analyse(
+        open_source(str(tmp_path / "test.csv")), scenario=mv.load_scenario("state-1")
+    ).spectrum
     page = visit(QUICK)
     page.click("#tab-recording")
     page.set_input_files("#recording-file", tmp_path / "test.csv")

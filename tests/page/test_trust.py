@@ -18,8 +18,8 @@ from support.page import (
 from support.scenarios import baseline
 
 from microvib.io.scenario_file import dump_scenario
-from microvib.reports.document import Document, Live, Section
-from microvib.reports.moving import Moving, markup
+from microvib.reports.document import AnimatedMarkup, Document, Section
+from microvib.reports.moving import AnimatedShape, markup
 from microvib.reports.rendering import html
 from microvib.web.server.access import Access, opening_file
 
@@ -34,7 +34,9 @@ def test_the_token_goes_into_the_browser_and_out_of_the_address(
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(address)
-    api.expect(page.locator("#alert")).to_contain_text("open the address that microvib serve printed")
+    api.expect(page.locator("#alert")).to_contain_text(
+        "open the address that microvib serve printed"
+    )
     token = printed_address.partition("token=")[2]
     page.goto(opening_file(tmp_path, address, Access(token=token)).as_uri())
     page.wait_for_selector("html[data-ready]")
@@ -58,7 +60,9 @@ def test_the_token_goes_into_the_browser_and_out_of_the_address(
 FOREIGN = """<a href="https://evil.example/">Press</a><img src="https://evil.example/x.png" onerror="alert(1)"><script>alert(1)</script><b>&lt;</b>"""
 
 
-def test_a_foreign_title_is_text_wherever_it_stands(visit: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_foreign_title_is_text_wherever_it_stands(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
     page = visit()
     mine = baseline().with_(dict(SHORT)).model_copy(update={"title": FOREIGN})
     (tmp_path / "mine.yaml").write_text(dump_scenario(mine), encoding="utf-8")
@@ -89,7 +93,9 @@ def test_a_foreign_title_is_text_wherever_it_stands(visit: Callable[..., Any], t
     assert shown.locator("h1").inner_text().startswith('<a href="https://evil.example/">')
     assert not shown.locator("a, script").count()
     assert not [url for url in asked if not url.startswith(("file:", "data:"))]
-    shown.evaluate("document.body.append(Object.assign(new Image(), { src: 'https://evil.example/y.png' }))")
+    shown.evaluate(
+        "document.body.append(Object.assign(new Image(), { src: 'https://evil.example/y.png' }))"
+    )
     shown.evaluate(
         "document.body.append(Object.assign(document.createElement('script'), { textContent: 'window.ran = 1' }))"
     )
@@ -100,10 +106,14 @@ def test_the_one_script_of_a_report_runs(chromium: Any, tmp_path: Path) -> None:
     """The report's policy lets mode shapes move, and names no more than their script."""
     ends = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     none = np.zeros((0, 2), dtype=int)
-    beam = Moving(
-        ends, np.array([[[0.0], [0.0], [0.0]], [[0.0], [0.0], [1.0]]]), np.zeros((0, 4), int), np.array([[0, 1]]), none
+    beam = AnimatedShape(
+        ends,
+        np.array([[[0.0], [0.0], [0.0]], [[0.0], [0.0], [1.0]]]),
+        np.zeros((0, 4), int),
+        np.array([[0, 1]]),
+        none,
     )
-    section = Section("In motion", (Live(markup(beam.data(), ["first"])),))
+    section = Section("In motion", (AnimatedMarkup(markup(beam.data(), ["first"])),))
     document = Document("report", "modes", "", (), (), (section,), "")
     (tmp_path / "report.html").write_text(html(document), encoding="utf-8")
     page = chromium.new_context().new_page()

@@ -7,12 +7,13 @@ from typing import Any
 
 from support.page import PAGE, QUICK, run, until
 
-from microvib.solve.channels import KNOWN
+from microvib.solve.channels import ALL_CHANNELS
 from microvib.units import pretty
 
 pytestmark = PAGE
 UNITS = sorted(
-    {channel.unit for channel in KNOWN.values()} - {"", "1"} | {"kg^0.5*m", "ohm", "s^-1", "deg/s", "percent"}
+    {channel.unit for channel in ALL_CHANNELS.values()} - {"", "1"}
+    | {"kg^0.5*m", "ohm", "s^-1", "deg/s", "percent"}
 )
 CUT = """() => {
   const wide = document.documentElement.clientWidth;
@@ -33,7 +34,8 @@ CUT = """() => {
 def test_units_are_printed_as_in_reports(visit: Callable[..., Any]) -> None:
     page = visit()
     printed = page.evaluate(
-        "(units) => import('/static/dom.js').then((dom) => units.map((unit) => dom.unitText(unit)))", UNITS
+        "(units) => import('/static/dom.js').then((dom) => units.map((unit) => dom.unitText(unit)))",
+        UNITS,
     )
     assert printed == [pretty(unit) for unit in UNITS]
     shown = page.evaluate(
@@ -48,7 +50,9 @@ def test_units_are_printed_as_in_reports(visit: Callable[..., Any]) -> None:
     assert figures == ["100", "+0.00 %", "+0.00 %", "−1.23 %", "+50.0 %", "–"]
 
 
-def test_figures_are_whole_on_a_phone_and_a_tab_shows_its_results(visit: Callable[..., Any]) -> None:
+def test_figures_are_whole_on_a_phone_and_a_tab_shows_its_results(
+    visit: Callable[..., Any],
+) -> None:
     page = visit(QUICK)
     page.set_viewport_size({"width": 390, "height": 844})
     run(page)
@@ -70,7 +74,9 @@ BROKEN = """() => [...document.querySelectorAll("#rates tbody td")].filter((cell
 }).map((cell) => cell.dataset.label)"""
 
 
-def test_diagrams_and_names_of_figures_follow_a_window_that_becomes_narrow(visit: Callable[..., Any]) -> None:
+def test_diagrams_and_names_of_figures_follow_a_window_that_becomes_narrow(
+    visit: Callable[..., Any],
+) -> None:
     page = visit()
     page.click("#tab-rates")
     page.fill("#rates-count", "12")

@@ -44,7 +44,13 @@ def test_reading_needs_no_origin(client):
 def stranger(store) -> TestClient:
     """A client that has nothing to show, to a server that others may reach."""
     return client_of(
-        store, "", remote=True, names=frozenset({"drive.example"}), cookie="microvib-1", session="c00kie", key="k3y"
+        store,
+        "",
+        remote=True,
+        names=frozenset({"drive.example"}),
+        cookie="microvib-1",
+        session="c00kie",
+        key="k3y",
     )
 
 
@@ -64,17 +70,39 @@ def stranger(store) -> TestClient:
         ({"cookie": "microvib-2=c00kie", "x-microvib-key": "k3y"}, 401),
         ({"cookie": "microvib-1=c00kie", "x-microvib-key": "wrong"}, 401),
         ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y"}, 200),
-        ({"cookie": 'a={"b": [1]}; microvib-1=x; microvib-1=c00kie; c', "x-microvib-key": "k3y"}, 200),
-        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "same-origin"}, 200),
-        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "same-site"}, 403),
-        ({"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "cross-site"}, 403),
+        (
+            {"cookie": 'a={"b": [1]}; microvib-1=x; microvib-1=c00kie; c', "x-microvib-key": "k3y"},
+            200,
+        ),
+        (
+            {
+                "cookie": "microvib-1=c00kie",
+                "x-microvib-key": "k3y",
+                "sec-fetch-site": "same-origin",
+            },
+            200,
+        ),
+        (
+            {"cookie": "microvib-1=c00kie", "x-microvib-key": "k3y", "sec-fetch-site": "same-site"},
+            403,
+        ),
+        (
+            {
+                "cookie": "microvib-1=c00kie",
+                "x-microvib-key": "k3y",
+                "sec-fetch-site": "cross-site",
+            },
+            403,
+        ),
     ],
 )
 def test_only_the_owner_is_answered(stranger, headers, status):
     answer = stranger.get("/api/jobs", headers=headers)
     assert answer.status_code == status
     if status == 401:
-        assert answer.json()["error"].startswith("open the address that microvib serve printed last")
+        assert answer.json()["error"].startswith(
+            "open the address that microvib serve printed last"
+        )
 
 
 def test_strangers_get_the_empty_page_and_nothing_else(stranger, finished):
@@ -93,7 +121,13 @@ def test_strangers_get_the_empty_page_and_nothing_else(stranger, finished):
     assert stranger.delete(f"/api/jobs/{finished}").status_code == 401
     assert stranger.post("/api/runs", json={"scenario": spec()}).status_code == 401
     cookie = {"cookie": "microvib-1=c00kie"}
-    assert [stranger.get(path, headers=cookie).status_code for path in owned] == [200, 401, 401, 401, 401]  # a link
+    assert [stranger.get(path, headers=cookie).status_code for path in owned] == [
+        200,
+        401,
+        401,
+        401,
+        401,
+    ]  # a link
 
 
 def test_the_token_is_exchanged(stranger):
@@ -101,13 +135,19 @@ def test_the_token_is_exchanged(stranger):
         assert stranger.get(wrong).status_code == 401
     for content in (b"", b"token=wrong", b"x" * 5000):
         assert stranger.post("/enter", content=content).status_code == 401
-    named = {"host": "drive.example", "origin": "null", "sec-fetch-site": "cross-site"}  # a file that is opened
+    named = {
+        "host": "drive.example",
+        "origin": "null",
+        "sec-fetch-site": "cross-site",
+    }  # a file that is opened
     for entered in (
         stranger.get("/?token=s3cret", headers=named),
         stranger.post("/enter", content=b"token=s3cret", headers=named),
     ):
         assert entered.status_code == 200
-        assert entered.headers["set-cookie"] == "microvib-1=c00kie; Path=/; HttpOnly; SameSite=Strict"
+        assert (
+            entered.headers["set-cookie"] == "microvib-1=c00kie; Path=/; HttpOnly; SameSite=Strict"
+        )
         assert entered.headers["cache-control"] == "no-store"
         assert entered.headers["referrer-policy"] == "no-referrer"
         assert 'content="k3y"' in entered.text
@@ -116,10 +156,15 @@ def test_the_token_is_exchanged(stranger):
 
 
 def test_requests_are_bounded(client):
-    large = client.post("/api/scenario", content=b"x" * 2_000_001, headers={"content-type": "application/json"})
+    large = client.post(
+        "/api/scenario", content=b"x" * 2_000_001, headers={"content-type": "application/json"}
+    )
     assert large.status_code == 413
     assert "at most 2 MB" in large.json()["error"]
-    assert client.post("/api/recordings", params={"name": "x.csv"}, content=iter([b"a"])).status_code == 411
+    assert (
+        client.post("/api/recordings", params={"name": "x.csv"}, content=iter([b"a"])).status_code
+        == 411
+    )
 
 
 @pytest.mark.parametrize(
@@ -135,7 +180,12 @@ def test_requests_are_bounded(client):
         ("POST", "/api/scenario", b"{", 422),
         ("POST", "/api/scenario", b"[" * 15_000, 400),
         ("POST", "/api/scenario", b"[" * 500_000, 413),
-        ("POST", "/api/scenario", b'{"base": "state-1", "changes": {' + b'"a":"",' * 100_000 + b'"a":""}}', 413),
+        (
+            "POST",
+            "/api/scenario",
+            b'{"base": "state-1", "changes": {' + b'"a":"",' * 100_000 + b'"a":""}}',
+            413,
+        ),
         ("POST", "/api/scenario", '{"base": "state-1"}'.encode("utf-16"), 422),
         ("POST", "/api/scenario", b'{"base": "state-1", "text": "x"}', 422),
         ("POST", "/api/scenario", b'{"base": "\\ud800"}', 422),
@@ -144,7 +194,9 @@ def test_requests_are_bounded(client):
     ],
 )
 def test_every_refusal_is_a_sentence(client, method, path, content, status):
-    answer = client.request(method, path, content=content, headers={"content-type": "application/json"})
+    answer = client.request(
+        method, path, content=content, headers={"content-type": "application/json"}
+    )
     assert answer.status_code == status, answer.text
     assert set(answer.json()) == {"error", "key"}
     assert answer.json()["error"]
@@ -155,7 +207,10 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_line_in_the_log(client, monk
     monkeypatch.setattr("microvib.web.routes.forms.view_of", lambda spec: 1 / 0)
     answer = client.post("/api/scenario", json=spec())
     assert answer.status_code == 500
-    assert answer.json() == {"error": "internal error of the server; its log says more", "key": None}
+    assert answer.json() == {
+        "error": "internal error of the server; its log says more",
+        "key": None,
+    }
     assert "POST /api/scenario: division by zero" in caplog.text
 
 

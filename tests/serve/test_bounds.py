@@ -23,7 +23,9 @@ def test_two_at_a_time_then_a_queue_then_a_refusal_and_cancelling_frees_the_slot
     waiting = [start(client, SHORT), start(client, LONG)]
     full = client.post("/api/runs", json={"scenario": spec()})
     assert full.status_code == 429
-    assert full.json()["error"] == "2 computations are waiting already; cancel some, or wait for them"
+    assert (
+        full.json()["error"] == "2 computations are waiting already; cancel some, or wait for them"
+    )
     assert [client.get(f"/api/jobs/{id}").json()["state"] for id in waiting] == ["queued", "queued"]
     assert client.delete(f"/api/jobs/{waiting[1]}").status_code == 204
     assert wait(client, waiting[1])["state"] == "cancelled"
@@ -84,7 +86,10 @@ def test_memory_is_bounded(bounded):
 def test_time_is_bounded_and_old_results_make_room(bounded):
     client, store = bounded(wall_s=1.5, kept=2)
     job = wait(client, start(client, LONG))
-    assert (job["state"], job["error"]) == ("failed", "stopped after 1.5 s, the longest that is allowed here")
+    assert (job["state"], job["error"]) == (
+        "failed",
+        "stopped after 1.5 s, the longest that is allowed here",
+    )
     ids = []
     for _ in range(4):
         ids.append(start(client, SHORT))

@@ -17,7 +17,9 @@ from support.server import LONG, start, wait
 @contextmanager
 def microvib(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "microvib", "serve", "--no-browser", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as server:
         try:
             yield server
         finally:
@@ -36,10 +38,18 @@ def told(*arguments: str) -> tuple[int, str]:
 def test_the_command_serves_and_ends_cleanly(tmp_path, monkeypatch, end):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     with microvib("--port", "0") as server:
-        url, port, token = re.search(r"(http://127.0.0.1:(\d+))/\?token=(\S+)", server.stdout.readline()).groups()
-        with httpx.Client(base_url=url, timeout=240.0, headers={"authorization": f"Bearer {token}"}) as client:
+        url, port, token = re.search(
+            r"(http://127.0.0.1:(\d+))/\?token=(\S+)", server.stdout.readline()
+        ).groups()
+        with httpx.Client(
+            base_url=url, timeout=240.0, headers={"authorization": f"Bearer {token}"}
+        ) as client:
             assert "<html" in client.get("/").text
-            assert client.get("/static/plotly.min.js").headers["content-type"].startswith("text/javascript")
+            assert (
+                client.get("/static/plotly.min.js")
+                .headers["content-type"]
+                .startswith("text/javascript")
+            )
             if end == signal.SIGTERM:
                 used = f"Error: --port {port}: is in use; choose another, or end what uses it\n"
                 assert told("--port", port) == (1, used)

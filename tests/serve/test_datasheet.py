@@ -35,14 +35,19 @@ def test_form_and_command_line_ask_for_all_that_can_be_said(client):
     assert (torque["unit"], torque["example"]) == ("N*m", "0.5 N*m")
     assert phases["choices"] == ["2", "3", "5"]
     for field in fields:  # an example can be typed as it stands
-        assert not field["example"] or asked(client, **{field["key"]: field["example"]})["errors"] == []
+        assert (
+            not field["example"]
+            or asked(client, **{field["key"]: field["example"]})["errors"] == []
+        )
 
 
 def test_the_file_is_that_of_the_command_line(client):
     found = asked(client, **STATED)
     text, missing = sheet_text(STATED)
     assert found["text"] == text
-    assert [(x["key"], x["value"]) for x in found["assumed"]] == [(key, entry.text) for key, entry in missing.items()]
+    assert [(x["key"], x["value"]) for x in found["assumed"]] == [
+        (key, entry.text) for key, entry in missing.items()
+    ]
     resistance = next(x for x in found["assumed"] if x["key"] == "motor.winding_resistance")
     assert resistance["why"].endswith("range 2 ohm to 20 ohm")
     shown = client.post("/api/scenario", json={"text": found["text"]}).json()
@@ -55,12 +60,18 @@ def test_the_file_is_that_of_the_command_line(client):
     ("entries", "told"),
     [
         ({"holding_torque": "0.5 kg"}, {"holding_torque": "wrong dimension"}),
-        ({"holding_torque": "", "ratio": "0"}, {"holding_torque": "''", "ratio": "at least 1 and at most 1000"}),
+        (
+            {"holding_torque": "", "ratio": "0"},
+            {"holding_torque": "''", "ratio": "at least 1 and at most 1000"},
+        ),
         ({"phases": "4"}, {"phases": "write 2, 3 or 5"}),
         ({"gear": "size 15"}, {"gear": "sizes are 14, 17, 20, 25, 32"}),
         ({"phases_on": "3"}, {"phases_on": "3 is not allowed with 2 phases"}),
         ({"step_angle": "1.7 deg", "ratio": "3"}, {"step_angle": "a whole number of rotor teeth"}),
-        ({"step_angle": "1e-320 deg", "ratio": "100"}, {"step_angle": "a whole number of rotor teeth"}),
+        (
+            {"step_angle": "1e-320 deg", "ratio": "100"},
+            {"step_angle": "a whole number of rotor teeth"},
+        ),
         ({"colour": "red"}, {"colour": "unknown key"}),
     ],
 )
@@ -75,7 +86,12 @@ def test_each_wrong_entry_gets_a_sentence(client, entries, told):
 
 def test_a_request_that_is_too_long_is_refused(client):
     assert client.post("/api/datasheet", json={"entries": {"gear": "9" * 201}}).status_code == 422
-    assert client.post("/api/datasheet", json={"entries": {f"k{k}": "1" for k in range(31)}}).status_code == 422
+    assert (
+        client.post(
+            "/api/datasheet", json={"entries": {f"k{k}": "1" for k in range(31)}}
+        ).status_code
+        == 422
+    )
 
 
 def test_the_ranking_is_that_of_the_command_line(client):
@@ -83,13 +99,19 @@ def test_the_ranking_is_that_of_the_command_line(client):
     keys = ("motor.winding_resistance", "reducer.stiffness", "driver.microsteps")
     drive = drive.with_sources({key: drive.source_of(key) for key in keys})
     found = result(
-        client, client.post("/api/sensitivity", json={"scenario": {"text": dump_scenario(drive)}}).json()["id"]
+        client,
+        client.post("/api/sensitivity", json={"scenario": {"text": dump_scenario(drive)}}).json()[
+            "id"
+        ],
     )
     expected = sensitivities(drive)
     for told, line in zip(found["lines"], expected, strict=True):
         assert (told["line"], told["amplitude"]) == (line.line, pytest.approx(line.amplitude))
         assert [e["key"] for e in told["effects"]] == [e.key for e in line.effects]
-        ends = [[math.nan if x is None else x for x in (e["at_low"], e["at_high"])] for e in told["effects"]]
+        ends = [
+            [math.nan if x is None else x for x in (e["at_low"], e["at_high"])]
+            for e in told["effects"]
+        ]
         np.testing.assert_allclose(ends, [e.amplitudes for e in line.effects], rtol=1e-9)
     assert np.isfinite(ends).any()
     shown = {e["key"]: (e["low"], e["high"]) for e in found["lines"][0]["effects"]}

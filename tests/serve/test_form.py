@@ -15,9 +15,13 @@ from microvib.web.routes import forms
 
 
 def test_what_is_wrong_is_said_beside_its_key(client):
-    answer = client.post("/api/scenario", json=spec(motor__current="5 V", driver__microsteps="0")).json()
+    answer = client.post(
+        "/api/scenario", json=spec(motor__current="5 V", driver__microsteps="0")
+    ).json()
     errors = {e["key"]: e["error"] for e in answer["errors"]}
-    assert errors["motor.current"].startswith("motor.current: '5 V' has the wrong dimension; a unit compatible with A")
+    assert errors["motor.current"].startswith(
+        "motor.current: '5 V' has the wrong dimension; a unit compatible with A"
+    )
     assert "a whole number from 1 to 65536" in errors["driver.microsteps"]
     assert answer["values"]["motor.current"] == "5 V"
     assert answer["base_values"]["motor.current"] == "0.6 A"
@@ -28,7 +32,11 @@ def test_what_is_wrong_is_said_beside_its_key(client):
 
 
 def test_what_differs_from_the_catalog_is_marked(client):
-    changes = {"motor__current": "700 mA", "driver__microsteps": "16", "reducer__stiffness": "rigid"}
+    changes = {
+        "motor__current": "700 mA",
+        "driver__microsteps": "16",
+        "reducer__stiffness": "rigid",
+    }
     answer = client.post("/api/scenario", json=spec(**changes)).json()
     assert answer["errors"] == []
     assert sorted(answer["changed"]) == ["motor.current", "reducer.stiffness"]
@@ -44,10 +52,15 @@ def test_a_wrong_file_is_shown_with_what_is_wrong_and_can_be_mended(client):
     text = catalog_text("state-1").replace("current: 0.6 A", "current: 0.6 V")
     shown = client.post("/api/scenario", json={"text": text}).json()
     assert [e["key"] for e in shown["errors"]] == ["motor.current"]
-    assert (shown["values"]["motor.current"], shown["values"]["array.modes.0.frequency"]) == ("0.6 V", "1.2459 Hz")
+    assert (shown["values"]["motor.current"], shown["values"]["array.modes.0.frequency"]) == (
+        "0.6 V",
+        "1.2459 Hz",
+    )
     assert shown["yaml"] is None
     plain = re.sub(r"sources:\n(  .*\n)*", "", text)
-    mended = client.post("/api/scenario", json={"text": plain, "changes": {"motor.current": "0.5 A"}}).json()
+    mended = client.post(
+        "/api/scenario", json={"text": plain, "changes": {"motor.current": "0.5 A"}}
+    ).json()
     assert mended["errors"] == []
     assert "current: 0.5 A" in mended["yaml"]
 
@@ -78,14 +91,20 @@ def test_every_value_has_its_field(client):
         generic = re.sub(r"\.\d+\..*", "", key)
         assert any(f == generic or f.startswith(f"{generic}.") for f in fields), key
     stiffness = fields["reducer.stiffness"]
-    assert (stiffness["kind"], stiffness["unit"], stiffness["choices"]) == ("quantity", "N*m/rad", ["rigid"])
+    assert (stiffness["kind"], stiffness["unit"], stiffness["choices"]) == (
+        "quantity",
+        "N*m/rad",
+        ["rigid"],
+    )
     assert fields["array.modes"]["items"][0]["unit"] == "Hz"
     assert fields["friction.slip_ring.ring_radius"]["optional"]
     assert not fields["motor.current"]["optional"]
 
 
 def test_the_catalog(client):
-    assert [entry["name"] for entry in client.get("/api/catalog").json()] == [f"state-{k}" for k in range(1, 6)]
+    assert [entry["name"] for entry in client.get("/api/catalog").json()] == [
+        f"state-{k}" for k in range(1, 6)
+    ]
 
 
 def test_an_array_from_finite_elements(client):
@@ -95,7 +114,9 @@ def test_an_array_from_finite_elements(client):
 
 
 @pytest.mark.parametrize("key", ["from", "fem"])
-@pytest.mark.parametrize("path", ["/etc/passwd", "../x.yaml", "state-1.yaml", "modes.csv", "reference-array.yaml"])
+@pytest.mark.parametrize(
+    "path", ["/etc/passwd", "../x.yaml", "state-1.yaml", "modes.csv", "reference-array.yaml"]
+)
 def test_no_path_of_a_page_is_opened(client, key, path):
     text = f"array: {{{key}: {path}}}"
     for asked in (
@@ -143,7 +164,10 @@ def test_no_file_of_a_second_wing_is_opened(client, tmp_path, wing):
     value = f"{{second_wing: {wing.replace('NAME', str(private))}}}"
     for asked in (
         {"base": "state-1", "changes": {"spacecraft": value}},
-        {"base": "state-1", "changes": {"spacecraft.second_wing": wing.replace("NAME", str(private))}},
+        {
+            "base": "state-1",
+            "changes": {"spacecraft.second_wing": wing.replace("NAME", str(private))},
+        },
         {"text": catalog_text("state-1") + f"spacecraft: {value}\n"},
     ):
         answer = client.post("/api/scenario", json=asked)
@@ -172,7 +196,10 @@ def test_a_second_wing_of_the_catalog_needs_no_file(client):
         "array": {"fem": "reference-array", "modes": 2},
         "interface": data["spacecraft"]["interface"],
     }
-    answer = client.post("/api/scenario", json={"text": craft, "changes": {"spacecraft.second_wing": json.dumps(wing)}})
+    answer = client.post(
+        "/api/scenario",
+        json={"text": craft, "changes": {"spacecraft.second_wing": json.dumps(wing)}},
+    )
     assert answer.json()["errors"] == []
     assert answer.json()["sources"]["motor.current"]
 
@@ -211,14 +238,19 @@ def test_texts_that_are_no_scenarios(client, text, words):
 @pytest.mark.parametrize("text", ["motor: [", "motor: {current: 1 V}"])
 def test_a_text_is_read_once(monkeypatch, text):
     read: list[str] = []
-    monkeypatch.setattr(forms, "parse_yaml", lambda text, name: read.append(text) or parse_yaml(text, name))
+    monkeypatch.setattr(
+        forms, "parse_yaml", lambda text, name: read.append(text) or parse_yaml(text, name)
+    )
     forms._parsed.cache_clear()
     assert forms.view_of(forms.Spec(text=text, changes={"motor.current": "1 A"}))["errors"]
     assert read == [text]
 
 
 def test_a_large_text_is_read_by_a_worker_and_an_array_has_bounds(client):
-    modes = "\n".join("    - {frequency: 3 Hz, damping: 1 percent, participation: 0.01 kg^0.5*m}" for _ in range(250))
+    modes = "\n".join(
+        "    - {frequency: 3 Hz, damping: 1 percent, participation: 0.01 kg^0.5*m}"
+        for _ in range(250)
+    )
     state_1 = catalog_text("state-1")
     text = re.sub(r"  rigid_inertia:.*\n  modes:\n(    .*\n)*", f"  modes:\n{modes}\n", state_1)
     text = re.sub(r"  array\.\S+: .*\n", "", text)
@@ -239,7 +271,9 @@ def test_the_form_tells_unusual_values():
 
 def test_a_gear_train_survives_the_form_and_is_edited_there(client):
     train = "{damping: 5 N*m*s/rad, stiffness: 8400 N*m/rad, train: [{pinion: 20, wheel: 60}, {sun: 20, ring: 70}]}"
-    text = client.post("/api/scenario", json={"base": "state-1", "changes": {"reducer": train}}).json()["yaml"]
+    text = client.post(
+        "/api/scenario", json={"base": "state-1", "changes": {"reducer": train}}
+    ).json()["yaml"]
 
     def shown(**changes: str) -> dict:
         changed = {key.replace("__", "."): value for key, value in changes.items()}
@@ -248,8 +282,14 @@ def test_a_gear_train_survives_the_form_and_is_edited_there(client):
     other = shown(motor__current="0.5 A")
     assert other["errors"] == []
     assert other["changed"] == ["motor.current"]
-    assert (other["values"]["reducer.ratio"], other["values"]["reducer.train.1.ring"]) == ("13.5", "70")
+    assert (other["values"]["reducer.ratio"], other["values"]["reducer.train.1.ring"]) == (
+        "13.5",
+        "70",
+    )
     assert shown(reducer__train__0__wheel="90")["values"]["reducer.ratio"] == "20.25"
     assert shown(reducer__train="[{pinion: 20, wheel: 80}]")["values"]["reducer.ratio"] == "4"
     (told,) = shown(reducer__train="[{pinion: 2, wheel: 80}]")["errors"]
-    assert (told["key"], "a whole number from 4 to 10000" in told["error"]) == ("reducer.train.0.pinion", True)
+    assert (told["key"], "a whole number from 4 to 10000" in told["error"]) == (
+        "reducer.train.0.pinion",
+        True,
+    )

@@ -15,7 +15,7 @@ from support.server import SHORT, result, start
 import microvib as mv
 from microvib.io.writing import RUN_FILES
 from microvib.reports.run.folder import run_scenario
-from microvib.signals.screen import outline
+from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
 from microvib.web.routes import results
 from microvib.web.routes.results import series
@@ -54,13 +54,19 @@ def test_series_are_exact_where_every_sample_is_there(client, finished, motion):
     assert found["exact"]
     assert found["t"] == motion.time[keep].tolist()
     for name in ("T_d", "i_A"):
-        assert found["channels"][name]["min"] == found["channels"][name]["max"] == motion[name][keep].tolist()
+        assert (
+            found["channels"][name]["min"]
+            == found["channels"][name]["max"]
+            == motion[name][keep].tolist()
+        )
     assert found["channels"]["T_d"]["unit"] == "N*m"
 
 
 @pytest.mark.parametrize("points", [2, 37, 1000, 16_383, 16_384])
 def test_no_peak_is_lost_at_any_zoom(client, finished, motion, points):
-    found = client.get(f"/api/runs/{finished}/series", params={"channels": "T_d", "points": points}).json()
+    found = client.get(
+        f"/api/runs/{finished}/series", params={"channels": "T_d", "points": points}
+    ).json()
     assert len(found["t"]) <= points
     assert max(found["channels"]["T_d"]["max"]) == motion["T_d"].max()
     assert min(found["channels"]["T_d"]["min"]) == motion["T_d"].min()
@@ -82,7 +88,9 @@ def test_a_thinned_spectrum_keeps_its_peaks_at_their_frequency(client, finished,
     assert len(found["f"]) <= 50
     assert found["amplitude"][int(np.argmax(found["amplitude"]))] == whole.amplitude[k]
     assert whole.frequency[k] in found["f"]
-    part = client.get(f"/api/runs/{finished}/spectrum", params={"from": 50, "to": 60, "window": "rectangular"}).json()
+    part = client.get(
+        f"/api/runs/{finished}/spectrum", params={"from": 50, "to": 60, "window": "rectangular"}
+    ).json()
     assert 50 <= min(part["f"]) < max(part["f"]) <= 60
 
 
@@ -90,10 +98,10 @@ def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
     """A tone between two decades: few points at low frequencies would draw a level line from it to its neighbours."""
     f = np.arange(200_000) / 100.0
     y = np.where(np.abs(f - 1.19) < 0.005, 1.0, 1e-6)
-    shown, values = outline(f, y, 4000, log=True)
+    shown, values = decimate_spectrum(f, y, 4000, log=True)
     assert np.array_equal(shown[shown < 3.0], f[f < 3.0])
     assert (values == 1.0).sum() == 1
-    thinned, low = outline(f, np.abs(np.sin(f)) + 1e-6, 1000)
+    thinned, low = decimate_spectrum(f, np.abs(np.sin(f)) + 1e-6, 1000)
     assert thinned.size <= 1000
     assert np.median(low) < 0.75  # the smallest are there beside the largest
 
@@ -120,7 +128,10 @@ def test_a_verdict_is_that_of_the_report(client, finished, motion):
 
 
 def test_jobs_that_are_asked_for(client, finished):
-    assert [job["id"] for job in client.get("/api/jobs", params={"ids": f"{finished},{'0' * 16}"}).json()] == [finished]
+    assert [
+        job["id"]
+        for job in client.get("/api/jobs", params={"ids": f"{finished},{'0' * 16}"}).json()
+    ] == [finished]
     assert client.get("/api/jobs", params={"ids": ""}).json() == []
     assert finished in [job["id"] for job in client.get("/api/jobs").json()]
 
@@ -149,7 +160,11 @@ def test_a_steady_run_says_that_it_is_steady(client):
 
 def test_events_tell_how_far_a_run_is(client):
     id = start(client, {"record.settle": "60 s", "record.duration": "4 s"})
-    states = [json.loads(line[6:]) for line in client.get(f"/api/jobs/{id}/events").text.splitlines() if line]
+    states = [
+        json.loads(line[6:])
+        for line in client.get(f"/api/jobs/{id}/events").text.splitlines()
+        if line
+    ]
     assert states[-1]["state"] == "done"
     done = [s["progress"]["done"] for s in states if s["progress"]["unit"] == "s"]
     assert done == sorted(done)

@@ -26,13 +26,17 @@ def test_the_page_takes_all_recordings_that_are_read():
 def recording(motion, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("recordings") / "bench.uff"
     noise = np.random.default_rng(1).normal(0.0, 1e-4, motion["T_d"].size)
-    write_recording(Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"}, "bench"), path)
+    write_recording(
+        Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"}, "bench"), path
+    )
     return path
 
 
 @pytest.fixture(scope="module")
 def loaded(client, recording) -> dict:
-    answer = client.post("/api/recordings", params={"name": "my bench.uff"}, content=recording.read_bytes())
+    answer = client.post(
+        "/api/recordings", params={"name": "my bench.uff"}, content=recording.read_bytes()
+    )
     assert answer.status_code == 200, answer.text
     return answer.json()
 
@@ -44,8 +48,12 @@ def test_units_go_to_the_page_as_a_run_has_them(client, tmp_path, unit):
     channels = {name: rng.normal(0.0, 1e-3, 8192) for name in ("Mx", "Mz")}
     forces = unit.endswith("N")
     channels = {"Fx": channels["Mx"]} if forces else channels
-    write_recording(Recording(channels, 1024.0, dict.fromkeys(channels, unit)), tmp_path / "test.csv")
-    answer = client.post("/api/recordings", params={"name": "test.csv"}, content=(tmp_path / "test.csv").read_bytes())
+    write_recording(
+        Recording(channels, 1024.0, dict.fromkeys(channels, unit)), tmp_path / "test.csv"
+    )
+    answer = client.post(
+        "/api/recordings", params={"name": "test.csv"}, content=(tmp_path / "test.csv").read_bytes()
+    )
     kept = answer.json()
     plain = "N" if forces else "N*m"
     assert {channel["unit"] for channel in kept["channels"]} == {plain}
@@ -62,8 +70,13 @@ def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, record
 
     assert loaded["channels"][0]["name"] == "Mz"
     assert loaded["duration"] == pytest.approx(4.0)
-    id = client.post("/api/analyses", json={"recording": loaded["id"], "scenario": spec()}).json()["id"]
-    found, expected = result(client, id), analyse(open_source(str(recording)), scenario=mv.load_scenario("state-1"))
+    id = client.post("/api/analyses", json={"recording": loaded["id"], "scenario": spec()}).json()[
+        "id"
+    ]
+    found, expected = (
+        result(client, id),
+        analyse(open_source(str(recording)), scenario=mv.load_scenario("state-1")),
+    )
     assert found["title"] == "my bench.uff, Mz"
     assert found["clock_ratio"] == expected.clock_ratio
     assert [x["amplitude_n_m"] for x in found["lines"] if x["line"] == "drive_1"] == [
@@ -79,12 +92,16 @@ def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, record
     }
     density = client.get(f"/api/analyses/{id}/spectrum", params={"of": "density", **part}).json()
     assert max(density["values"]) == max(
-        expected.density.density[(expected.density.frequency >= 50) & (expected.density.frequency <= 60)]
+        expected.density.density[
+            (expected.density.frequency >= 50) & (expected.density.frequency <= 60)
+        ]
     )
 
 
 def test_a_recording_beside_a_run(client, loaded, finished):
-    id = client.post("/api/comparisons", json={"recording": loaded["id"], "run": finished}).json()["id"]
+    id = client.post("/api/comparisons", json={"recording": loaded["id"], "run": finished}).json()[
+        "id"
+    ]
     found = result(client, id)
     assert found["a"]["name"] == "my bench.uff"
     row = next(row for row in found["rows"] if row["line"] == "drive_1")
@@ -93,11 +110,18 @@ def test_a_recording_beside_a_run(client, loaded, finished):
 
 def test_a_parameter_is_identified_from_the_page(client, loaded):
     start_at = {**SHORT, "motor.friction.viscous": "0.02 N*m*s/rad"}
-    asked = {"recordings": [loaded["id"]], "scenario": {"base": "state-1", "changes": start_at}, "starts": 2}
-    wrong = client.post("/api/identifications", json={**asked, "fit": ["motor.colour"]}).json()["id"]
+    asked = {
+        "recordings": [loaded["id"]],
+        "scenario": {"base": "state-1", "changes": start_at},
+        "starts": 2,
+    }
+    wrong = client.post("/api/identifications", json={**asked, "fit": ["motor.colour"]}).json()[
+        "id"
+    ]
     assert wait(client, wrong)["error"].startswith("fit motor.colour: is not a key of the scenario")
     id = client.post(
-        "/api/identifications", json={**asked, "fit": ["motor.friction.viscous=0.01 N*m*s/rad:0.03 N*m*s/rad"]}
+        "/api/identifications",
+        json={**asked, "fit": ["motor.friction.viscous=0.01 N*m*s/rad:0.03 N*m*s/rad"]},
     ).json()["id"]
     job = wait(client, id)
     assert job["state"] == "done", job
@@ -131,7 +155,12 @@ def leading_out() -> bytes:
         ("x.exe", b"MZ", 422, "'.exe' is not known"),
         ("x.uff", b"no uff", 422, "x.uff: is truncated, or no UFF"),
         ("x.mat", b"\x89HDF\r\n\x1a\n" + b"junk" * 100, 422, "x.mat: is broken or truncated"),
-        ("x.mat", matlab(fs=np.nan, Mz=np.arange(9.0)), 422, "x.mat: fs gives a sample rate of nan Hz"),
+        (
+            "x.mat",
+            matlab(fs=np.nan, Mz=np.arange(9.0)),
+            422,
+            "x.mat: fs gives a sample rate of nan Hz",
+        ),
         ("x.nc", b"", 422, "x.nc: is broken or truncated"),
         ("x.mat", leading_out(), 422, "x.mat: /Mz is stored in other files"),
         ("x.nc", leading_out(), 422, "x.nc: /Mz is stored in other files"),
@@ -157,10 +186,20 @@ def test_long_results_are_packed_and_files_are_not(client, finished):
 
 
 def test_a_rate_plan_and_its_bad_options(client):
-    asked = {"scenario": spec(), "from": "0.02 deg/s", "to": "0.2 deg/s", "count": 5, "linear": True}
+    asked = {
+        "scenario": spec(),
+        "from": "0.02 deg/s",
+        "to": "0.2 deg/s",
+        "count": 5,
+        "linear": True,
+    }
     found = result(client, client.post("/api/rates", json=asked).json()["id"])
-    assert found["best"]["largest"] == min(max(x["amplitude"] for x in case["lines"]) for case in found["cases"])
-    limited = result(client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"])
+    assert found["best"]["largest"] == min(
+        max(x["amplitude"] for x in case["lines"]) for case in found["cases"]
+    )
+    limited = result(
+        client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"]
+    )
     assert limited["best"] is None  # the linearised drive has driving lines only
     for more, key in (
         ({"from": "1 m"}, "from"), ({"to": "0.01 deg/s"}, "from"), ({"limit": "-1 N*m"}, "limit"), ({"band": "5"}, "band"),

@@ -1,7 +1,8 @@
-"""The reference array in CalculiX: quadratic bricks for panels and yoke, rigid bodies and springs of its own.
+"""The reference array in CalculiX: quadratic bricks for panels and yoke, rigid bodies and springs
+of its own.
 
-What is shared is the geometry: grid lines of the panels, footprints, spring stiffnesses. It needs ``ccx`` (Debian's
-``calculix-ccx``).
+What is shared is the geometry: grid lines of the panels, footprints, spring stiffnesses. It needs
+``ccx`` (Debian's ``calculix-ccx``).
 """
 
 import itertools
@@ -47,25 +48,37 @@ class Deck:
             self.text += [f"*SPRING,ELSET={name}", f"{k % 3 + 1},{k % 3 + 1}", f"{float(value)!r}"]
 
     def write(self, path, modes):
-        out = ["*NODE", *(f"{k},{x:.9g},{y:.9g},{z:.9g}" for k, (x, y, z) in enumerate(self.nodes, 1))]
+        out = [
+            "*NODE",
+            *(f"{k},{x:.9g},{y:.9g},{z:.9g}" for k, (x, y, z) in enumerate(self.nodes, 1)),
+        ]
         for (kind, name), group in itertools.groupby(self.elements, key=lambda e: e[:2]):
             out.append(f"*ELEMENT,TYPE={kind},ELSET={name}")
             for _, _, number, nodes in group:
                 out += lines_of([number, *nodes], keep_comma=True)
-        path.write_text("\n".join([*out, *self.text, "*STEP", "*FREQUENCY", str(modes), "*END STEP", ""]))
+        path.write_text(
+            "\n".join([*out, *self.text, "*STEP", "*FREQUENCY", str(modes), "*END STEP", ""])
+        )
 
 
 def lines_of(numbers, keep_comma=False):
     rows = [numbers[k : k + 10] for k in range(0, len(numbers), 10)]
-    return [",".join(map(str, row)) + ("," if keep_comma and k + 1 < len(rows) else "") for k, row in enumerate(rows)]
+    return [
+        ",".join(map(str, row)) + ("," if keep_comma and k + 1 < len(rows) else "")
+        for k, row in enumerate(rows)
+    ]
 
 
 def bricks(deck, name, along, across, thickness, place):
-    """Twenty-node bricks, one through the thickness, on two lists of grid lines; nodes by their place on the halved grid.
+    """Twenty-node bricks, one through the thickness, on two lists of grid lines; nodes by their
+    place on the halved grid.
 
     ``place`` makes coordinates of (along, across, up).
     """
-    x, y = (np.sort(np.r_[lines, (lines[1:] + lines[:-1]) / 2]) for lines in (np.asarray(along), np.asarray(across)))
+    x, y = (
+        np.sort(np.r_[lines, (lines[1:] + lines[:-1]) / 2])
+        for lines in (np.asarray(along), np.asarray(across))
+    )
     z = np.array([-0.5, 0.0, 0.5]) * thickness
     grid = {}
 
@@ -94,15 +107,18 @@ def panels(deck, design, structure):
         xyz = structure.xyz[np.unique(part.nodes)]
         x, y = np.unique(np.round(xyz[:, 0], 9)), np.unique(np.round(xyz[:, 1], 9))
         h = plate(deck, design, name)
-        found[part.name] = list(bricks(deck, name, x, y, h, lambda a, b, c: (a, b, design.offset + c)).values())
+        found[part.name] = list(
+            bricks(deck, name, x, y, h, lambda a, b, c: (a, b, design.offset + c)).values()
+        )
     return found
 
 
 def plate(deck, design, name):
-    """The homogeneous orthotropic plate with the sandwich's stiffnesses (CalculiX takes no springs beside layered shells).
+    """The homogeneous orthotropic plate with the sandwich's stiffnesses (CalculiX takes no springs
+    beside layered shells).
 
-    Faces t thick at a distance d have A = 2 t Q and D = A d^2/4 + 2 Q t^3/12 in every component, so that one thickness
-    sqrt(12 D/A) fits all; the core shears with G d^2/c.
+    Faces t thick at a distance d have A = 2 t Q and D = A d^2/4 + 2 Q t^3/12 in every component, so
+    that one thickness sqrt(12 D/A) fits all; the core shears with G d^2/c.
     """
     s = design.sandwich
     (ply,), core = s.face, s.core
@@ -120,7 +136,9 @@ def plate(deck, design, name):
 
 
 def bar(deck, name, start, end, section, size):
-    """Solid bricks with the area, both bending stiffnesses, torsion and mass of a section; nodes of its end faces."""
+    """Solid bricks with the area, both bending stiffnesses, torsion and mass of a section; nodes of
+    its end faces.
+    """
     start, end = np.array(start), np.array(end)
     length = np.linalg.norm(end - start)
     x = (end - start) / length
@@ -128,7 +146,9 @@ def bar(deck, name, start, end, section, size):
     y = np.cross(z, x)
     b, h = math.sqrt(12 * section.I_yy / section.A), math.sqrt(12 * section.I_zz / section.A)
     along = np.linspace(0.0, length, max(round(length / size), 2) + 1)
-    grid = bricks(deck, name, along, (-b / 2, b / 2), h, lambda p, q, r: start + x * p + y * q + z * r)
+    grid = bricks(
+        deck, name, along, (-b / 2, b / 2), h, lambda p, q, r: start + x * p + y * q + z * r
+    )
     J = (b * h) ** 3 / (3 * (b**2 + h**2))  # of one such brick, whose warping is bilinear
     E, G = section.E * section.A / (b * h), section.G * section.J / J
     deck.text += [f"*MATERIAL,NAME=M{name}", "*ELASTIC,TYPE=ENGINEERING CONSTANTS", f"{E:.8g},{E:.8g},{E:.8g},0,0,0,{G:.8g},{G:.8g}",
@@ -165,7 +185,9 @@ def array_deck(design, structure):
         low, high = box.min(axis=0)[:2] - 1e-6, box.max(axis=0)[:2] + 1e-6
         panel = next(part.name for part in structure.of(Shells) if link.slaves[0] in part.nodes)
         inside = [
-            n for n in at[panel] if np.all(deck.nodes[n - 1][:2] >= low) and np.all(deck.nodes[n - 1][:2] <= high)
+            n
+            for n in at[panel]
+            if np.all(deck.nodes[n - 1][:2] >= low) and np.all(deck.nodes[n - 1][:2] <= high)
         ]
         footprints[link.master] = deck.rigid(f"FOOT{k}", inside, structure.xyz[link.master])
     for spring in structure.of(Spring):

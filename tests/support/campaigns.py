@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.studies.campaign.design import design
 from microvib.studies.campaign.folder import Campaign, create
 from microvib.studies.campaign.results import merge, open_results
@@ -19,18 +19,32 @@ EVERYTHING = (0.0, np.inf)
 
 
 def study(**keys) -> Study:
-    """A study of two levels; with two members of each family of lines, of which most of the time goes into the fit."""
-    data = {"scenario": "state-1", "set": SHORT, "vary": {"driver.microsteps": [8, 16]}, "harmonics": 2, **keys}
-    return validated(Study, data)
+    """A study of two levels; with two members of each family of lines, of which most of the time
+    goes into the fit.
+    """
+    data = {
+        "scenario": "state-1",
+        "set": SHORT,
+        "vary": {"driver.microsteps": [8, 16]},
+        "harmonics": 2,
+        **keys,
+    }
+    return validate_part(Study, data)
 
 
 def spread(count: int = 6, **keys) -> Study:
     vary = {
         "driver.microsteps": [8, 16],
-        "reducer.stiffness": {"distribution": "normal", "relative_deviation": "5 percent", "lower": "4000 N*m/rad"},
+        "reducer.stiffness": {
+            "distribution": "normal",
+            "relative_deviation": "5 percent",
+            "lower": "4000 N*m/rad",
+        },
         "friction.breakaway": {"distribution": "uniform", "within": "20 percent"},
     }
-    return study(**{"vary": vary, "sampling": {"method": "random", "count": count, "seed": 3}, **keys})
+    return study(
+        **{"vary": vary, "sampling": {"method": "random", "count": count, "seed": 3}, **keys}
+    )
 
 
 class Inline(Executor):
@@ -41,7 +55,9 @@ class Inline(Executor):
 
     def submit(self, fn, /, work):
         future: Future[bytes] = Future()
-        lethal = [k for k, item in enumerate(work.changes) if item.get("driver.microsteps") in self.deadly]
+        lethal = [
+            k for k, item in enumerate(work.changes) if item.get("driver.microsteps") in self.deadly
+        ]
         if self.died:
             raise BrokenPipeError("this executor is broken")
         if any(k not in work.deadly for k in lethal):

@@ -1,4 +1,6 @@
-"""Ways to run ``microvib``: in the test's own process, and several commands in one process of their own."""
+"""Ways to run ``microvib``: in the test's own process, and several commands in one process of their
+own.
+"""
 
 from contextlib import chdir
 from pathlib import Path
@@ -29,13 +31,16 @@ scenario: state-1
 set: {record.settle: 0.2 s, record.duration: 1 s, record.sample_rate: 1024 Hz}
 """
 _FILES = {
-    "study.yaml": _STUDY + "vary: {driver.microsteps: [8, 16]}\nsampling: {method: random, count: 1}\n",
+    "study.yaml": _STUDY
+    + "vary: {driver.microsteps: [8, 16]}\nsampling: {method: random, count: 1}\n",
     "long.yaml": _STUDY
     + """vary: {friction.breakaway: {distribution: uniform, within: 20 percent}}
 sampling: {method: random, count: 4000}
 """,
     "bench.yaml": catalog_text("benches/force-table").replace("duration: 16 s", "duration: 4 s"),
-    "craft.yaml": (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text(encoding="utf-8"),
+    "craft.yaml": (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text(
+        encoding="utf-8"
+    ),
     "modes.csv": "frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n",
 }
 _BEFORE = (
@@ -48,7 +53,9 @@ _BEFORE = (
 
 
 def work_in(folder: Path) -> Path:
-    """Make what commands work on: study files, a finished run, a recording, a campaign that is computed and one that is not."""
+    """Make what commands work on: study files, a finished run, a recording, a campaign that is
+    computed and one that is not.
+    """
     for name, text in _FILES.items():
         (folder / name).write_text(text)
     for arguments in _BEFORE:
@@ -58,6 +65,8 @@ def work_in(folder: Path) -> Path:
 
 
 def microvib(*arguments: str, cwd: Path) -> Result:
-    """A command in a folder, in this process, whose imports it shares; test_commands.py runs each as a program, too."""
+    """A command in a folder, in this process, whose imports it shares; test_commands.py runs each
+    as a program, too.
+    """
     with chdir(cwd):
         return CliRunner().invoke(main, arguments, prog_name="microvib")

@@ -1,7 +1,8 @@
 """How often stated uncertainties cover the truth, on made records whose truth is known.
 
-Records are tones whose frequencies, decays and amplitudes are known, in Gaussian noise. Claimed are the lines whose status gives a
-figure; of the claims, those are counted whose amplitude and frequency are within two standard uncertainties of the truth.
+Records are tones whose frequencies, decays and amplitudes are known, in Gaussian noise. Claimed are
+the lines whose status gives a figure; of the claims, those are counted whose amplitude and
+frequency are within two standard uncertainties of the truth.
 """
 
 from dataclasses import dataclass
@@ -27,18 +28,30 @@ class Coverage:
 
 def expect(name: str, kind: str, frequency: float, width: float = 0.0) -> ExpectedLine:
     """A line that is looked for ``width`` [Hz] about its frequency."""
-    return ExpectedLine(name, kind, frequency, frequency - width, frequency + width, f"{name}, order 1")
+    return ExpectedLine(
+        name, kind, frequency, frequency - width, frequency + width, f"{name}, order 1"
+    )
 
 
 def coverage(
-    pair: str, distance: float, noise: float, fold: float, records: int = 100, searched: bool = False
+    pair: str,
+    distance: float,
+    noise: float,
+    fold: float,
+    records: int = 100,
+    searched: bool = False,
 ) -> Coverage:
-    """Coverage of two standard uncertainties, for two modes (``pair`` "modes") or a mode beside full_step_1 ("clock").
+    """Coverage of two standard uncertainties, for two modes (``pair`` "modes") or a mode beside
+    full_step_1 ("clock").
 
-    They are ``distance`` bins apart, of amplitudes about 1, in noise of RMS ``noise``; modes fall by ``fold`` e-foldings over the
-    record. ``searched`` leaves the clock to be found within 1 per cent.
+    They are ``distance`` bins apart, of amplitudes about 1, in noise of RMS ``noise``; modes fall
+    by ``fold`` e-foldings over the record. ``searched`` leaves the clock to be found within 1 per
+    cent.
     """
-    random, t = np.random.default_rng([round(1e3 * v) for v in (distance, noise, fold)]), np.arange(SAMPLES) / RATE
+    random, t = (
+        np.random.default_rng([round(1e3 * v) for v in (distance, noise, fold)]),
+        np.arange(SAMPLES) / RATE,
+    )
     hits, claims, lines = [], 0, 0
     for _ in range(records):
         first = (40.0 + random.uniform(-0.5, 0.5)) / DURATION
@@ -49,10 +62,16 @@ def coverage(
         decays = fold * random.uniform(0.7, 1.4, 2) / DURATION
         if pair == "modes":
             full = 25.0 / DURATION
-            truth = {"array_mode_1": (first, decays[0], sizes[0]), "array_mode_2": (second, decays[1], sizes[1])}
+            truth = {
+                "array_mode_1": (first, decays[0], sizes[0]),
+                "array_mode_2": (second, decays[1], sizes[1]),
+            }
         else:
             full = first
-            truth = {"array_mode_1": (second, decays[0], sizes[0]), "full_step_1": (first * ratio, 0.0, sizes[1])}
+            truth = {
+                "array_mode_1": (second, decays[0], sizes[0]),
+                "full_step_1": (first * ratio, 0.0, sizes[1]),
+            }
         x = random.normal(0.0, noise, SAMPLES)
         for (f, sigma, a), phase in zip(truth.values(), phases, strict=False):
             x += a * np.exp(-sigma * t) * np.cos(2 * np.pi * f * t + phase)

@@ -1,7 +1,9 @@
-"""A drive with its array on a free hub, written again in untransformed coordinates: nothing here comes from microvib.
+"""A drive with its array on a free hub, written again in untransformed coordinates: nothing here
+comes from microvib.
 
-Coordinates are displacement and rotation of the hub's centre of mass, the hub's flexible modes, the array's fixed-interface modes,
-and the angles of shaft and rotor against the hub. The drive has viscous friction only, so that nothing sticks.
+Coordinates are displacement and rotation of the hub's centre of mass, the hub's flexible modes, the
+array's fixed-interface modes, and the angles of shaft and rotor against the hub. The drive has
+viscous friction only, so that nothing sticks.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 @dataclass
 class FullCraft:
-    """The whole system, M x'' + C x' + K x = loads of the drive, with ``flexible`` hub modes (frequency, damping, shape)."""
+    """The whole system, M x'' + C x' + K x = loads of the drive, with ``flexible`` hub modes
+    (frequency, damping, shape).
+    """
 
     angle: float = math.radians(30.0)
     axis: np.ndarray = field(default_factory=lambda: AXIS)
@@ -71,7 +75,9 @@ class FullCraft:
     def __post_init__(self) -> None:
         c, s = math.cos(self.angle), math.sin(self.angle)
         first = c * self.reference + s * np.cross(self.axis, self.reference)
-        turn = np.column_stack([first, np.cross(self.axis, first), self.axis])  # array axes x, y, z in hub axes
+        turn = np.column_stack(
+            [first, np.cross(self.axis, first), self.axis]
+        )  # array axes x, y, z in hub axes
         centre, about_root = turn @ ARRAY_CENTER, turn @ ARRAY_INERTIA @ turn.T
         P = np.vstack([turn @ PARTICIPATION[:3], turn @ PARTICIPATION[3:]])
         m, nf, s = ARRAY_MASS, len(self.flexible), P.shape[1]
@@ -81,22 +87,35 @@ class FullCraft:
         root[:3, :3], root[:3, 3:6], root[3:, 3:6] = np.eye(3), -cross_matrix(PLACE), np.eye(3)
         for k, (_, _, shape) in enumerate(self.flexible, 6):
             root[:, k] = shape
-        # velocities of root (6), modes and shaft by the coordinates; the array's kinetic energy is a quadratic form in them
+        # velocities of root (6), modes and shaft by the coordinates; the array's kinetic energy is
+        # a quadratic form in them
         at_root = np.zeros((6, n))
         at_root[:, : self.n_q] = root
         at_root[3:, n - 2] = self.axis
         modes = np.zeros((s, n))
         modes[:, self.n_q : self.n_q + s] = np.eye(s)
-        rigid = np.block([[m * np.eye(3), -m * cross_matrix(centre)], [m * cross_matrix(centre), about_root]])
+        rigid = np.block(
+            [[m * np.eye(3), -m * cross_matrix(centre)], [m * cross_matrix(centre), about_root]]
+        )
         output, rotor = self.axis @ at_root[3:], np.zeros(n)
         rotor[:6], rotor[n - 1] = np.r_[0.0, 0.0, 0.0, self.axis], 1.0
         rotor[6 : self.n_q] = self.axis @ root[3:, 6:]
         self.M = np.zeros((n, n))
-        self.M[:3, :3], self.M[3:6, 3:6] = self.hub_scale * HUB_MASS * np.eye(3), self.hub_scale * HUB_INERTIA
+        self.M[:3, :3], self.M[3:6, 3:6] = (
+            self.hub_scale * HUB_MASS * np.eye(3),
+            self.hub_scale * HUB_INERTIA,
+        )
         self.M[6 : self.n_q, 6 : self.n_q] = np.eye(nf)
         self.hub_M = self.M.copy()
-        self.M += at_root.T @ rigid @ at_root + modes.T @ modes + at_root.T @ P @ modes + modes.T @ P.T @ at_root
-        self.M += self.output_inertia * np.outer(output, output) + self.rotor_inertia * np.outer(rotor, rotor)
+        self.M += (
+            at_root.T @ rigid @ at_root
+            + modes.T @ modes
+            + at_root.T @ P @ modes
+            + modes.T @ P.T @ at_root
+        )
+        self.M += self.output_inertia * np.outer(output, output) + self.rotor_inertia * np.outer(
+            rotor, rotor
+        )
         self.K, self.C = np.zeros((n, n)), np.zeros((n, n))
         for k, (f, xi, _) in enumerate(self.flexible, 6):
             self.K[k, k], self.C[k, k] = (2 * math.pi * f) ** 2, 4 * math.pi * f * xi
@@ -111,8 +130,12 @@ class FullCraft:
         """Torques on output and rotor, both against the hub."""
         theta_l, theta_m, omega_l, omega_m = x[-2], x[-1], v[-2], v[-1]
         phase = self.teeth * theta_m
-        T_e = self.torque_constant * (i_B * math.cos(phase) - i_A * math.sin(phase)) - self.detent * math.sin(4 * phase)
-        T_g = self.stiffness * (-theta_m / self.ratio - theta_l) + self.gear_damping * (-omega_m / self.ratio - omega_l)
+        T_e = self.torque_constant * (
+            i_B * math.cos(phase) - i_A * math.sin(phase)
+        ) - self.detent * math.sin(4 * phase)
+        T_g = self.stiffness * (-theta_m / self.ratio - theta_l) + self.gear_damping * (
+            -omega_m / self.ratio - omega_l
+        )
         return T_g - self.on_output * omega_l, T_e - self.on_rotor * omega_m + T_g / self.ratio
 
     def accelerations(self, y: np.ndarray) -> np.ndarray:
@@ -131,7 +154,8 @@ class FullCraft:
         v, i_A, i_B, x_A, x_B = y[n : 2 * n], *y[2 * n :]
         phase, omega_m = self.teeth * y[n - 1], v[-1]
         u_A, u_B = (
-            self.gain * (r - i) + self.integral * x for r, i, x in zip(ref, (i_A, i_B), (x_A, x_B), strict=True)
+            self.gain * (r - i) + self.integral * x
+            for r, i, x in zip(ref, (i_A, i_B), (x_A, x_B), strict=True)
         )
         e_A, e_B = (self.torque_constant * omega_m * g for g in (math.sin(phase), -math.cos(phase)))
         di_A, di_B = (
@@ -146,14 +170,22 @@ class FullCraft:
         f_d = self.microsteps * self.ratio * self.rate / full
         jumps = (np.arange(int(f_d * times[-1]) + 2) + 0.5) / f_d
         y = np.zeros(2 * self.n + 4)
-        y[2 * self.n], y[2 * self.n + 2] = self.current, self.resistance * self.current / self.integral
+        y[2 * self.n], y[2 * self.n + 2] = (
+            self.current,
+            self.resistance * self.current / self.integral,
+        )
         now, rows, k = 0.0, [], 0
         for stop in sorted({*times.tolist(), *(t for t in jumps if t < times[-1])}):
             angle = -k * 2 * math.pi / (4 * self.microsteps)
             ref = self.current * math.cos(angle), self.current * math.sin(angle)
             if stop > now:
                 solved = solve_ivp(
-                    lambda _, z, r=ref: self.derivative(z, r), (now, stop), y, "DOP853", rtol=1e-10, atol=1e-14
+                    lambda _, z, r=ref: self.derivative(z, r),
+                    (now, stop),
+                    y,
+                    "DOP853",
+                    rtol=1e-10,
+                    atol=1e-14,
                 )
                 y, now = solved.y[:, -1], stop
             if stop in jumps:
@@ -171,14 +203,20 @@ class FullCraft:
         return np.concatenate([force, on_centre[3:] - np.cross(PLACE, force)])
 
     def momentum(self, y: np.ndarray) -> np.ndarray:
-        """Linear and angular momentum of everything about the hub's centre of mass, for small motions."""
+        """Linear and angular momentum of everything about the hub's centre of mass, for small
+        motions.
+        """
         return (self.M @ y[self.n : 2 * self.n])[:6]
 
     def powered(self) -> np.ndarray:
-        """Stiffness and damping with the powered drive on the two shafts: the rotor's magnetic spring, the gear, frictions."""
+        """Stiffness and damping with the powered drive on the two shafts: the rotor's magnetic
+        spring, the gear, frictions.
+        """
         n, gear = self.n, np.array([-1.0, -1.0 / self.ratio])
         K, C = self.K.copy(), self.C.copy()
         K[n - 2 :, n - 2 :] += self.stiffness * np.outer(gear, gear)
         K[n - 1, n - 1] += self.teeth * self.torque_constant * self.current
-        C[n - 2 :, n - 2 :] += self.gear_damping * np.outer(gear, gear) + np.diag([self.on_output, self.on_rotor])
+        C[n - 2 :, n - 2 :] += self.gear_damping * np.outer(gear, gear) + np.diag(
+            [self.on_output, self.on_rotor]
+        )
         return np.array([K, C])

@@ -1,4 +1,6 @@
-"""The whole systems of ``craft.py`` as scenarios of microvib, and what is seen at instants of their runs."""
+"""The whole systems of ``craft.py`` as scenarios of microvib, and what is seen at instants of their
+runs.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from microvib.model.craft import Rows
+from microvib.model.craft import OutputMatrix
 from microvib.model.rigid import elements
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import no_samples
+from microvib.solve.sampling import empty_sample_buffer
 from support import craft as whole
 from support.scenarios import in_si
 
@@ -32,7 +34,10 @@ def array_of(damping: np.ndarray = whole.DAMPING) -> dict[str, Any]:
     return {
         "inertia": whole.ARRAY_INERTIA[2, 2],
         "drive_axis": "z",
-        "modes": [{"frequency": f, "damping": xi, "interface_participation": p.tolist()} for f, xi, p in modes],
+        "modes": [
+            {"frequency": f, "damping": xi, "interface_participation": p.tolist()}
+            for f, xi, p in modes
+        ],
         "rigid_body": {
             "mass": whole.ARRAY_MASS,
             "center_of_mass": whole.ARRAY_CENTER.tolist(),
@@ -42,7 +47,10 @@ def array_of(damping: np.ndarray = whole.DAMPING) -> dict[str, Any]:
 
 
 def spacecraft_of(full: whole.FullCraft) -> dict[str, Any]:
-    hub: dict[str, Any] = {"mass": full.hub_scale * whole.HUB_MASS, "inertia": six(full.hub_scale * whole.HUB_INERTIA)}
+    hub: dict[str, Any] = {
+        "mass": full.hub_scale * whole.HUB_MASS,
+        "inertia": six(full.hub_scale * whole.HUB_INERTIA),
+    }
     if full.flexible:
         hub["points"] = [
             {"name": "root", "position": whole.PLACE.tolist()},
@@ -52,7 +60,9 @@ def spacecraft_of(full: whole.FullCraft) -> dict[str, Any]:
             {"frequency": f, "damping": xi, "shapes": [shape.tolist(), PAYLOAD.tolist()]}
             for f, xi, shape in full.flexible
         ]
-    control = {"bandwidth": full.bandwidth, "damping": full.control_damping} if full.bandwidth else "none"
+    control = (
+        {"bandwidth": full.bandwidth, "damping": full.control_damping} if full.bandwidth else "none"
+    )
     return {
         "hub": hub,
         "array_angle": full.angle,
@@ -103,7 +113,7 @@ def instants(
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Modes, their rates and shafts at instants of a run from rest."""
     packed, command, now, found = packed or pack(scenario), Command(scenario), 0.0, []
-    nothing = no_samples(packed.channels)._replace(width=0.0)
+    nothing = empty_sample_buffer(packed.channels)._replace(width=0.0)
     for stop in times:
         assert packed.advance(stop, nothing, *command.microsteps(now, stop)) == kernel.OK
         now, row = stop, packed.snapshot()
@@ -112,7 +122,9 @@ def instants(
     return found
 
 
-def seen(scenario: Scenario, rows: Rows, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+def seen(
+    scenario: Scenario, rows: OutputMatrix, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+) -> np.ndarray:
     """What is looked at in such instants."""
     assert scenario.craft is not None
     outputs = scenario.craft.outputs(rows)
@@ -126,7 +138,9 @@ def off(found: np.ndarray, wanted: np.ndarray) -> float:
 
 UNDAMPED = whole.FullCraft(damping=0.0 * whole.DAMPING)
 FLEXIBLE = whole.FullCraft(
-    angle=math.radians(-65.0), bandwidth=0.3, flexible=[(17.0, 0.003, BENDING), (31.0, 0.004, -2.0 * BENDING[::-1])]
+    angle=math.radians(-65.0),
+    bandwidth=0.3,
+    flexible=[(17.0, 0.003, BENDING), (31.0, 0.004, -2.0 * BENDING[::-1])],
 )
 
 OBLIQUE = whole.FullCraft(

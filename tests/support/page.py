@@ -16,9 +16,12 @@ import pytest
 
 pytest.importorskip("fastapi", reason="the page's server is not installed (microvib[serve])")
 api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-PATIENCE = 240  # s that a condition may take to come true, for whoever shares the machine; most take milliseconds
+# s that a condition may take to come true, for whoever shares the machine; most take milliseconds
+PATIENCE = 240
 api.expect.set_options(timeout=1000 * PATIENCE)
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 PAGE = [
     pytest.mark.long,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine"),
@@ -69,7 +72,10 @@ def run(page: Any) -> None:
 def drawn(page: Any, runs: int) -> None:
     page.locator(".chip.done").nth(runs - 1).wait_for(timeout=1000 * PATIENCE)
     end = time.monotonic() + PATIENCE
-    while len((page.locator(".figures[data-drawn]").first.get_attribute("data-drawn") or "").split()) < runs:
+    while (
+        len((page.locator(".figures[data-drawn]").first.get_attribute("data-drawn") or "").split())
+        < runs
+    ):
         assert time.monotonic() < end
         page.wait_for_timeout(30)
 
@@ -77,7 +83,9 @@ def drawn(page: Any, runs: int) -> None:
 def amplitude(page: Any, line: str, tab: str = "#run") -> str:
     """Amplitude of a line [mN m] as the page shows it."""
     row = (
-        page.locator(f"{tab} tr").filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{line}$"))).first
+        page.locator(f"{tab} tr")
+        .filter(has=page.locator("td[data-key=line]", has_text=re.compile(f"^{line}$")))
+        .first
     )
     return str(row.locator("td[data-key=amplitude_n_m]").inner_text())
 

@@ -9,7 +9,7 @@ import microvib as mv
 from microvib.analysis.limits import Limit
 from microvib.model.part import Part
 from microvib.model.reducer import Reducer
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.units import Si
 
 P = TypeVar("P", bound=Part)
@@ -25,7 +25,11 @@ ROUND = {
 }
 NO_FRICTION = {"friction.coulomb": 0.0, "friction.breakaway": 0.0, "friction.slip_ring": None}
 """None but viscous on the output."""
-ON_ROTOR = {"motor.friction.coulomb": 0.002, "motor.friction.breakaway": 0.004, "motor.friction.stribeck_rate": 0.05}
+ON_ROTOR = {
+    "motor.friction.coulomb": 0.002,
+    "motor.friction.breakaway": 0.004,
+    "motor.friction.stribeck_rate": 0.05,
+}
 RIGID = {"reducer.stiffness": "rigid"}
 ERROR = {
     "reducer.transmission_error": [
@@ -44,13 +48,15 @@ THREE_MODES = {
 
 
 def baseline() -> mv.Scenario:
-    """State 1 with round values of what the paper does not give: figures of tests then do not move with an identification."""
+    """State 1 with round values of what the paper does not give: figures of tests then do not move
+    with an identification.
+    """
     return mv.load_scenario("state-1").with_si(ROUND)
 
 
 def in_si(part: type[P], **parameters: Any) -> P:
     """A part of numbers in SI, where its constructor asks for units."""
-    return validated(part, parameters, si=True)
+    return validate_part(part, parameters, si=True)
 
 
 def changed(part: P, **values: Any) -> P:
@@ -79,7 +85,9 @@ def limit_of(*numbers: float) -> Limit:
 
 
 def random_scenario(seed: int) -> mv.Scenario:
-    """A legal set drawn about state 1: drive, gear (one in seven rigid), frictions, one to four modes, rate and microsteps."""
+    """A legal set drawn about state 1: drive, gear (one in seven rigid), frictions, one to four
+    modes, rate and microsteps.
+    """
     r = np.random.default_rng(seed)
 
     def between(low: float, high: float) -> float:
@@ -118,7 +126,11 @@ def random_scenario(seed: int) -> mv.Scenario:
             "array.inertia": inertia,
             "array.rigid_inertia": None,
             "array.modes": [
-                {"frequency": float(f), "damping": some(0.005, 0.02), "effective_inertia": float((inertia - rigid) * s)}
+                {
+                    "frequency": float(f),
+                    "damping": some(0.005, 0.02),
+                    "effective_inertia": float((inertia - rigid) * s),
+                }
                 for f, s in zip(frequencies, share, strict=True)
             ],
             "tracking.rate": math.radians(between(0.01, 0.3)) * float(r.choice([-1, 1])),
@@ -150,9 +162,10 @@ def heavy_scenario(seed: int) -> mv.Scenario:
 def scenario_of_any_kind(seed: int) -> mv.Scenario:
     """A legal set of any kind of drive.
 
-    Two, three or five phases, harmonic gear (with or without its transmission error), gear train or rigid gear, backlash,
-    presliding, falling friction, errors of the driver, modes from 0.3 to 60 Hz with 0.2 to 5 % of damping, 0.01 to 0.3 deg/s,
-    8 to 256 microsteps; one in eight on a free spacecraft.
+    Two, three or five phases, harmonic gear (with or without its transmission error), gear train or
+    rigid gear, backlash, presliding, falling friction, errors of the driver, modes from 0.3 to 60
+    Hz with 0.2 to 5 % of damping, 0.01 to 0.3 deg/s, 8 to 256 microsteps; one in eight on a free
+    spacecraft.
     """
     r = np.random.default_rng(50_000 + seed)
 
@@ -165,7 +178,10 @@ def scenario_of_any_kind(seed: int) -> mv.Scenario:
     phases = int(r.choice([2, 2, 2, 3, 5]))
     current, inertia, rigid = some(0.3, 1.2), between(1.0, 60.0), between(0.02, 0.5)
     count = int(r.integers(1, 5))
-    share, frequencies = r.dirichlet(np.ones(count)), np.sort([between(0.3, 60.0) for _ in range(count)])
+    share, frequencies = (
+        r.dirichlet(np.ones(count)),
+        np.sort([between(0.3, 60.0) for _ in range(count)]),
+    )
     coulomb, on_rotor = between(0.01, 0.3), some(0.0, 0.005) if r.random() < 0.5 else 0.0
     given: dict[str, Any] = {
         "motor.phases": phases,
@@ -211,19 +227,29 @@ def scenario_of_any_kind(seed: int) -> mv.Scenario:
             "stiffness": "rigid" if kind == "rigid" else between(3e3, 3e4),
         }
     if kind == "error":
-        gear["transmission_error"] = [{"order": 2, "amplitude": between(1e-5, 2e-4), "phase": some(0.0, 6.0)}]
+        gear["transmission_error"] = [
+            {"order": 2, "amplitude": between(1e-5, 2e-4), "phase": some(0.0, 6.0)}
+        ]
     extra = r.random()
     if extra < 0.12:
         given["friction.presliding"] = {"stiffness": between(2000.0, 30_000.0), "elements": 4}
     elif extra < 0.2 and kind != "rigid":
         gear["backlash"] = between(5e-5, 5e-4)
     elif extra < 0.4:
-        errors = {"gain_b": some(-0.03, 0.03), "offset_a": some(-0.03, 0.03), "quadrature": some(-0.02, 0.02)}
+        errors = {
+            "gain_b": some(-0.03, 0.03),
+            "offset_a": some(-0.03, 0.03),
+            "quadrature": some(-0.02, 0.02),
+        }
         given["driver.imperfections"] = errors
     given["reducer"] = in_si(Reducer, **gear)
     moving = float(inertia - rigid)
     modes = [
-        {"frequency": float(f), "damping": between(0.002, 0.05), "effective_inertia": moving * float(s)}
+        {
+            "frequency": float(f),
+            "damping": between(0.002, 0.05),
+            "effective_inertia": moving * float(s),
+        }
         for f, s in zip(frequencies, share, strict=True)
     ]
     scenario = mv.load_scenario("state-1").with_si(
@@ -239,22 +265,42 @@ def _on_craft(scenario: mv.Scenario, r: np.random.Generator) -> dict[str, Any]:
         {
             "frequency": m.frequency,
             "damping": m.damping,
-            "interface_participation": [0.0, 0.0, 0.0, 0.0, 0.0, math.sqrt(float(m.effective_inertia or 0.0))],
+            "interface_participation": [
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                math.sqrt(float(m.effective_inertia or 0.0)),
+            ],
         }
         for m in array.modes
     ]
     J = array.inertia
-    body = {"mass": 4.0 * J, "center_of_mass": [0.0, 0.0, 2.0], "inertia": [30.0 * J, 30.0 * J, J, 0.0, 0.0, 0.0]}
+    body = {
+        "mass": 4.0 * J,
+        "center_of_mass": [0.0, 0.0, 2.0],
+        "inertia": [30.0 * J, 30.0 * J, J, 0.0, 0.0, 0.0],
+    }
     hub = [float(x) for x in r.uniform(40.0, 400.0, 3)]
     return {
         "array": {"inertia": J, "drive_axis": "z", "modes": modes, "rigid_body": body},
         "spacecraft": {
             "hub": {
                 "mass": 50.0 * J,
-                "inertia": [*(float(np.mean(hub)) + 0.3 * (np.array(hub) - np.mean(hub))), 0.0, 0.0, 0.0],
+                "inertia": [
+                    *(float(np.mean(hub)) + 0.3 * (np.array(hub) - np.mean(hub))),
+                    0.0,
+                    0.0,
+                    0.0,
+                ],
             },
             "array_angle": 0.5,
-            "interface": {"position": [0.3, 0.9, 0.0], "drive_axis": [0, 1, 0], "reference": [1, 0, 0]},
+            "interface": {
+                "position": [0.3, 0.9, 0.0],
+                "drive_axis": [0, 1, 0],
+                "reference": [1, 0, 0],
+            },
             "attitude_control": {"bandwidth": 0.02, "damping": 0.7},
         },
     }

@@ -1,4 +1,6 @@
-"""The page's server in the test's own process: a client that shows its token, and what is asked of it."""
+"""The page's server in the test's own process: a client that shows its token, and what is asked of
+it.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +39,16 @@ def client_of(store: Store, shown: str = TOKEN, **access) -> TestClient:
 
 
 def spec(**changes: str) -> dict:
-    return {"base": "state-1", "changes": {key.replace("__", "."): text for key, text in changes.items()}}
+    return {
+        "base": "state-1",
+        "changes": {key.replace("__", "."): text for key, text in changes.items()},
+    }
 
 
 def start(client: TestClient, changes: dict[str, str], **more) -> str:
-    answer = client.post("/api/runs", json={"scenario": {"base": "state-1", "changes": changes}, **more})
+    answer = client.post(
+        "/api/runs", json={"scenario": {"base": "state-1", "changes": changes}, **more}
+    )
     assert answer.status_code == 202, answer.text
     return answer.json()["id"]
 
@@ -60,5 +67,7 @@ def result(client: TestClient, id: str) -> dict:
     job = wait(client, id)
     assert job["state"] == "done", job
     answer = client.get(f"/api/jobs/{id}/result")
-    assert str(client.app._app.state.store.root) not in answer.text  # nothing of where the server keeps its files
+    assert (
+        str(client.app._app.state.store.root) not in answer.text
+    )  # nothing of where the server keeps its files
     return answer.json()

@@ -15,13 +15,19 @@ def slowest(scenario: mv.Scenario) -> float:
 
 
 def settled_motion(scenario: mv.Scenario) -> mv.Motion:
-    """Time integration after the slowest mode has rung down to 1e-6, recorded long enough to tell the lines apart."""
-    long = scenario.with_si({"record.settle": max(60.0, math.log(1e6) * slowest(scenario)), "record.duration": 64.0})
+    """Time integration after the slowest mode has rung down to 1e-6, recorded long enough to tell
+    the lines apart.
+    """
+    long = scenario.with_si(
+        {"record.settle": max(60.0, math.log(1e6) * slowest(scenario)), "record.duration": 64.0}
+    )
     return mv.simulate(long, channels=("T_d",))
 
 
 def worst_deviation(state: SteadyState, motion: mv.Motion) -> tuple[float, str]:
-    """Largest relative deviation of an amplitude from time integration, of lines of at least LEAST, and its line."""
+    """Largest relative deviation of an amplitude from time integration, of lines of at least LEAST,
+    and its line.
+    """
     steady, in_time = mv.lines(state), mv.lines(motion)
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0.0)
     worst, name = 0.0, ""
@@ -41,4 +47,6 @@ def long_run(state: SteadyState) -> mv.Scenario:
     """The scenario with time to settle, and a record of whole periods."""
     settle = max(60.0, 8.0 * slowest(state.scenario), state.solver["settling_s"])
     periods = max(math.ceil(10.0 * state.frequency), 1)
-    return state.scenario.with_si({"record.settle": settle, "record.duration": periods / state.frequency})
+    return state.scenario.with_si(
+        {"record.settle": settle, "record.duration": periods / state.frequency}
+    )

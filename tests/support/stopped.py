@@ -8,7 +8,7 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import no_samples
+from microvib.solve.sampling import empty_sample_buffer
 
 
 def rows_at(scenario: Scenario, times: Iterable[float]) -> tuple[np.ndarray, Packed]:
@@ -23,4 +23,4 @@ def rows_at(scenario: Scenario, times: Iterable[float]) -> tuple[np.ndarray, Pac
 def advance(scenario: Scenario, packed: Packed, stop: float) -> None:
     """Bring a packed drive to ``stop`` [s]."""
     microsteps = Command(scenario).microsteps(float(packed.state.clock[kernel.NOW]), stop)
-    assert packed.advance(stop, no_samples(packed.channels), *microsteps) == kernel.OK
+    assert packed.advance(stop, empty_sample_buffer(packed.channels), *microsteps) == kernel.OK

@@ -38,7 +38,9 @@ class Shown(NamedTuple):
 
 
 def screen(raw: str, columns: int) -> list[str]:
-    """Lines of a terminal, those that scrolled away too, after what was written to it; empty ones at the end are left out."""
+    """Lines of a terminal, those that scrolled away too, after what was written to it; empty ones
+    at the end are left out.
+    """
     lines, row, column = [""], 0, 0
     for part in _PART.finditer(raw):
         text, (count, command) = part[0], part.groups()
@@ -76,7 +78,8 @@ def in_terminal(
     typed: Sequence[str] = (),
     seconds: float = 240.0,
 ) -> Shown:
-    """Run ``microvib``, or another program, in a terminal of its own; as soon as ``until`` is true of what it wrote, press Ctrl-C.
+    """Run ``microvib``, or another program, in a terminal of its own; as soon as ``until`` is true
+    of what it wrote, press Ctrl-C.
 
     ``typed`` are lines that somebody types ahead.
     """

@@ -1,7 +1,9 @@
-"""Two drives with their arrays on one free hub, in untransformed coordinates and in one system: nothing here comes from microvib.
+"""Two drives with their arrays on one free hub, in untransformed coordinates and in one system:
+nothing here comes from microvib.
 
-Coordinates are displacement and rotation of the hub's centre of mass, both arrays' fixed-interface modes, and shaft and rotor of
-both drives against the hub. Hub, arrays and drives are those of ``support.craft``, with viscous friction only.
+Coordinates are displacement and rotation of the hub's centre of mass, both arrays' fixed-interface
+modes, and shaft and rotor of both drives against the hub. Hub, arrays and drives are those of
+``support.craft``, with viscous friction only.
 """
 
 from __future__ import annotations
@@ -46,13 +48,18 @@ class Wing:
 class BothDrives:
     """The whole system, M x'' + C x' + K x = torques of both motors."""
 
-    def __init__(self, wings: tuple[Wing, Wing], bandwidth: float = 0.0, control_damping: float = 0.7) -> None:
+    def __init__(
+        self, wings: tuple[Wing, Wing], bandwidth: float = 0.0, control_damping: float = 0.7
+    ) -> None:
         s, n = len(whole.FREQUENCIES), 6 + 2 * len(whole.FREQUENCIES) + 4
         self.wings, self.n = wings, n
         self.M, self.K, self.C = (np.zeros((n, n)) for _ in range(3))
         self.M[:3, :3], self.M[3:6, 3:6] = whole.HUB_MASS * np.eye(3), whole.HUB_INERTIA
         w = 2 * math.pi * bandwidth
-        self.K[3:6, 3:6], self.C[3:6, 3:6] = w**2 * whole.HUB_INERTIA, 2 * control_damping * w * whole.HUB_INERTIA
+        self.K[3:6, 3:6], self.C[3:6, 3:6] = (
+            w**2 * whole.HUB_INERTIA,
+            2 * control_damping * w * whole.HUB_INERTIA,
+        )
         self.part: list[np.ndarray] = []
         for k, wing in enumerate(wings):
             d, c, sin = wing.drive, math.cos(wing.angle), math.sin(wing.angle)
@@ -63,17 +70,25 @@ class BothDrives:
             P = np.vstack([turn @ whole.PARTICIPATION[:3], turn @ whole.PARTICIPATION[3:]])
             modes, out, r = slice(6 + k * s, 6 + (k + 1) * s), n - 4 + 2 * k, n - 3 + 2 * k
             root = np.zeros((6, n))
-            root[:3, :3], root[:3, 3:6], root[3:, 3:6] = np.eye(3), -whole.cross_matrix(wing.place), np.eye(3)
+            root[:3, :3], root[:3, 3:6], root[3:, 3:6] = (
+                np.eye(3),
+                -whole.cross_matrix(wing.place),
+                np.eye(3),
+            )
             root[3:, out] = wing.axis
             eta = np.eye(n)[modes]
             rigid = np.block([[m * np.eye(3), -m * centre], [m * centre, about]])
             rotor = np.eye(n)[r] + np.r_[np.zeros(3), wing.axis, np.zeros(n - 6)]
             part = root.T @ rigid @ root + eta.T @ eta + root.T @ P @ eta + eta.T @ P.T @ root
             output = wing.axis @ root[3:]
-            part += d.output_inertia * np.outer(output, output) + d.rotor_inertia * np.outer(rotor, rotor)
+            part += d.output_inertia * np.outer(output, output) + d.rotor_inertia * np.outer(
+                rotor, rotor
+            )
             self.part.append(part)
             self.M += part
-            for j, (f, xi) in enumerate(zip(whole.FREQUENCIES, d.damping, strict=True), modes.start):
+            for j, (f, xi) in enumerate(
+                zip(whole.FREQUENCIES, d.damping, strict=True), modes.start
+            ):
                 self.K[j, j], self.C[j, j] = (2 * math.pi * f) ** 2, 4 * math.pi * f * xi
             gear = -np.eye(n)[r] / d.ratio - np.eye(n)[out]
             self.K += d.stiffness * np.outer(gear, gear)
@@ -100,7 +115,9 @@ class BothDrives:
 
     @property
     def springs(self) -> np.ndarray:
-        """Stiffness with both drives' electromagnetic springs, (n, n): currents that do not change, no detent torque."""
+        """Stiffness with both drives' electromagnetic springs, (n, n): currents that do not change,
+        no detent torque.
+        """
         K = self.K.copy()
         for k, wing in zip(self.rotors, self.wings, strict=True):
             K[k, k] += wing.drive.teeth * wing.drive.torque_constant * wing.drive.current
@@ -116,7 +133,9 @@ class BothDrives:
             for j, gain in enumerate((math.sin(phase), -math.cos(phase))):
                 i, x = y[at + j], y[at + 2 + j]
                 u = d.gain * (ref[j] - i) + d.integral * x
-                out[at + j] = (u - d.resistance * i + d.torque_constant * rate * gain) / d.inductance
+                out[at + j] = (
+                    u - d.resistance * i + d.torque_constant * rate * gain
+                ) / d.inductance
                 out[at + 2 + j] = ref[j] - i
         return out
 
@@ -131,13 +150,20 @@ class BothDrives:
             for w in self.wings
             if w.rate
         ]
-        stops = sorted({*times.tolist(), *(t for each in jumps for t in each.tolist() if t < times[-1])})
+        stops = sorted(
+            {*times.tolist(), *(t for each in jumps for t in each.tolist() if t < times[-1])}
+        )
         now, rows, wanted = 0.0, [], set(times.tolist())
         for stop in stops:
             if stop - now > 1e-12:
                 refs = [wing.reference_currents(0.5 * (now + stop)) for wing in self.wings]
                 solved = solve_ivp(
-                    lambda _, z, r=refs: self.derivative(z, r), (now, stop), y, "LSODA", rtol=rtol, atol=1e-13
+                    lambda _, z, r=refs: self.derivative(z, r),
+                    (now, stop),
+                    y,
+                    "LSODA",
+                    rtol=rtol,
+                    atol=1e-13,
                 )
                 y, now = solved.y[:, -1], stop
             if stop in wanted:
@@ -145,6 +171,10 @@ class BothDrives:
         return np.array(rows)
 
     def loads(self, y: np.ndarray, wing: int) -> np.ndarray:
-        """Load of one wing on the hub about its interface point: minus the rate of momentum of all that it is made of."""
+        """Load of one wing on the hub about its interface point: minus the rate of momentum of all
+        that it is made of.
+        """
         on_centre = -(self.part[wing] @ self.accelerations(y))[:6]
-        return np.concatenate([on_centre[:3], on_centre[3:] - np.cross(self.wings[wing].place, on_centre[:3])])
+        return np.concatenate(
+            [on_centre[:3], on_centre[3:] - np.cross(self.wings[wing].place, on_centre[:3])]
+        )

@@ -35,11 +35,22 @@ THREE_MODES = {
 # R I is 3.6 V; what is left of 4.5 V moves a current by 0.07 A/ms, so that a microstep's 0.06 A stays at the limit.
 LIMITED = {"driver.supply_voltage": 4.5, "tracking.rate": math.radians(0.2)}
 ERRORS = {
-    "driver.imperfections": {"gain_b": 0.05, "offset_a": 0.03, "offset_b": -0.02, "quadrature": 0.04, "dac_bits": 8},
+    "driver.imperfections": {
+        "gain_b": 0.05,
+        "offset_a": 0.03,
+        "offset_b": -0.02,
+        "quadrature": 0.04,
+        "dac_bits": 8,
+    },
     "driver.delay": 3e-3,
 }
 TABLE = {
-    "driver.table": {"harmonics": [{"order": 1, "amplitude": 0.02, "phase": 0.4}, {"order": 4, "amplitude": 0.011}]}
+    "driver.table": {
+        "harmonics": [
+            {"order": 1, "amplitude": 0.02, "phase": 0.4},
+            {"order": 4, "amplitude": 0.011},
+        ]
+    }
 }
 RAMP = {"driver.microstep_ramp": 0.6, "tracking.clock_ratio": 1.0017}
 CASES = {
@@ -55,7 +66,10 @@ CASES = {
     "supply limit": LIMITED,
     "supply limit and derivative gain": {**LIMITED, "driver.derivative_gain": 0.02},
     "no integral gain": {"driver.integral_gain": 0.0},
-    "turning back, slow clock": {"tracking.rate": -math.radians(0.1), "tracking.clock_ratio": 0.994},
+    "turning back, slow clock": {
+        "tracking.rate": -math.radians(0.1),
+        "tracking.clock_ratio": 0.994,
+    },
     "compliant reducer with transmission error": ERROR,
     "rigid reducer with transmission error": {**RIGID, **ERROR},
     "errors of the references": ERRORS,
@@ -84,7 +98,9 @@ class Reference:
         self.rigid = s.reducer.rigid  # asked for at every evaluation
         # state-1 leaves the one participation to J_h = J - H^2
         left = s.array.inertia - (s.array.rigid_inertia or 0.0)
-        self.H = np.array([m.participation or math.sqrt(m.effective_inertia or left) for m in s.array.modes])
+        self.H = np.array(
+            [m.participation or math.sqrt(m.effective_inertia or left) for m in s.array.modes]
+        )
         omega = 2 * math.pi * np.array([m.frequency for m in s.array.modes])
         self.Lambda, self.D = omega**2, 2 * np.array([m.damping for m in s.array.modes]) * omega
         self.J_m = s.motor.rotor_inertia + s.reducer.wave_generator_inertia
@@ -99,11 +115,14 @@ class Reference:
         """Times at which round(n theta_cmd / Delta theta) changes, and its value after."""
         s = self.s
         turned = -s.reducer.ratio * s.tracking.rate * s.tracking.clock_ratio
-        per_second = s.driver.microsteps * turned / (2 * math.pi / (s.driver.beats * s.motor.rotor_teeth))
+        per_second = (
+            s.driver.microsteps * turned / (2 * math.pi / (s.driver.beats * s.motor.rotor_teeth))
+        )
         way = math.copysign(1.0, per_second)
         self.ramp = s.driver.microstep_ramp / abs(per_second)
         times = (
-            (s.driver.delay + (j - 0.5) / abs(per_second), way * j) for j in range(1, int(abs(per_second) * end) + 2)
+            (s.driver.delay + (j - 0.5) / abs(per_second), way * j)
+            for j in range(1, int(abs(per_second) * end) + 2)
         )
         return [(t, k) for t, k in times if t < end]
 
@@ -112,7 +131,9 @@ class Reference:
         driver, current = self.s.driver, self.s.motor.current
         errors, angle = driver.imperfections, 2 * math.pi * k / (driver.beats * driver.microsteps)
         if driver.table is not None:
-            angle += sum(h.amplitude * math.sin(h.order * angle + h.phase) for h in driver.table.harmonics)
+            angle += sum(
+                h.amplitude * math.sin(h.order * angle + h.phase) for h in driver.table.harmonics
+            )
         a = math.cos(angle) + errors.offset_a
         b = (1 + errors.gain_b) * math.sin(angle + errors.quadrature) + errors.offset_b
         found = []
@@ -149,7 +170,10 @@ class Reference:
     def epsilon(self, theta_m):
         if not self.s.reducer.transmission_error:
             return 0.0, 0.0, 0.0
-        parts = [(e.order, e.amplitude, e.order * theta_m + e.phase) for e in self.s.reducer.transmission_error]
+        parts = [
+            (e.order, e.amplitude, e.order * theta_m + e.phase)
+            for e in self.s.reducer.transmission_error
+        ]
         return (
             sum(a * math.sin(x) for _, a, x in parts),
             sum(n * a * math.cos(x) for n, a, x in parts),
@@ -182,7 +206,9 @@ class Reference:
         reference = self.references(t)
         di_A, dx_A = self.winding(i_A, x_A, reference[0], m.torque_constant * omega_m * sin)
         di_B, dx_B = self.winding(i_B, x_B, reference[1], -m.torque_constant * omega_m * cos)
-        T_e = m.torque_constant * (i_B * cos - i_A * sin) - m.detent_torque * math.sin(4 * m.rotor_teeth * theta_m)
+        T_e = m.torque_constant * (i_B * cos - i_A * sin) - m.detent_torque * math.sin(
+            4 * m.rotor_teeth * theta_m
+        )
         T_fm, T_f = m.friction.viscous * omega_m, s.friction.viscous * omega_l
         elastic = -self.D * eta_rate - self.Lambda * eta
         if self.rigid:
@@ -209,18 +235,30 @@ class Reference:
         theta_l, omega_l = y[5], y[7 + n]
         if self.rigid:
             epsilon, slope, _ = self.epsilon(y[4])
-            theta_l, omega_l = epsilon - y[4] / self.s.reducer.ratio, (slope - 1 / self.s.reducer.ratio) * y[6 + n]
+            theta_l, omega_l = (
+                epsilon - y[4] / self.s.reducer.ratio,
+                (slope - 1 / self.s.reducer.ratio) * y[6 + n],
+            )
         f = self.rates(t, y)
         T_d = -(self.J * f[7 + n] + self.H @ f[8 + n :] + self.J_m * f[6 + n])
-        return np.concatenate([[y[0], y[1], y[4], y[6 + n], theta_l, omega_l, T_d], y[6 : 6 + n], y[8 + n :]])
+        return np.concatenate(
+            [[y[0], y[1], y[4], y[6 + n], theta_l, omega_l, T_d], y[6 : 6 + n], y[8 + n :]]
+        )
 
     def run(self, times, leg):
         """Rows of (i_A, i_B, theta_m, omega_m, theta_l, omega_l, T_d, eta..., eta_rate...) at ``times``."""
         microsteps = self.microsteps(times[-1])
-        ends = [(t + self.ramp, None) for t, _ in microsteps if self.ramp > 0.0 and t + self.ramp < times[-1]]
+        ends = [
+            (t + self.ramp, None)
+            for t, _ in microsteps
+            if self.ramp > 0.0 and t + self.ramp < times[-1]
+        ]
         self.command(0)
         y, t, rows = self.start(), 0.0, []
-        for stop, k in [*sorted([*microsteps, *ends], key=lambda event: event[0]), (times[-1], None)]:
+        for stop, k in [
+            *sorted([*microsteps, *ends], key=lambda event: event[0]),
+            (times[-1], None),
+        ]:
             inside = times[(times > t) & (times <= stop)]
             if stop - t > 1e-12:
                 states = leg(self.rates, t, y, np.unique([*inside, stop]))
@@ -237,7 +275,11 @@ class Reference:
 
     def scales(self, rows):
         """Angles count in microsteps (they only grow), all else in its own largest value."""
-        step = 2 * math.pi / (self.s.driver.beats * self.s.motor.rotor_teeth * self.s.driver.microsteps)
+        step = (
+            2
+            * math.pi
+            / (self.s.driver.beats * self.s.motor.rotor_teeth * self.s.driver.microsteps)
+        )
         sizes = np.abs(rows).max(axis=0)
         sizes[2], sizes[4] = step, step / self.s.reducer.ratio
         return sizes
@@ -247,13 +289,19 @@ def cvode(rates, t, y, times):
     def fill(t, y, yp):
         yp[:] = rates(t, y)
 
-    solution = CVODE(fill, rtol=1e-12, atol=1e-17, max_num_steps=100_000).solve(np.concatenate([[t], times]), y)
+    solution = CVODE(fill, rtol=1e-12, atol=1e-17, max_num_steps=100_000).solve(
+        np.concatenate([[t], times]), y
+    )
     assert solution.success
-    return solution.y[1:] if times.size > 1 else solution.y[-1:]  # two times mean: every internal step between
+    return (
+        solution.y[1:] if times.size > 1 else solution.y[-1:]
+    )  # two times mean: every internal step between
 
 
 def radau(rates, t, y, times):
-    solution = solve_ivp(rates, (t, times[-1]), y, method="Radau", t_eval=times, rtol=1e-9, atol=1e-14)
+    solution = solve_ivp(
+        rates, (t, times[-1]), y, method="Radau", t_eval=times, rtol=1e-9, atol=1e-14
+    )
     assert solution.success
     return solution.y.T
 
@@ -262,7 +310,13 @@ def kernel_rows(scenario, times):
     """The same rows from the kernel, which is stopped at ``times``."""
     names = ["i_A", "i_B", "theta_m", "omega_m", "theta_l", "omega_l", "T_d"]
     rows, packed = rows_at(scenario, times)
-    return rows[:, [*(kernel.CHANNELS.index(name) for name in names), *range(kernel.N_CHANNELS, packed.channels)]]
+    return rows[
+        :,
+        [
+            *(kernel.CHANNELS.index(name) for name in names),
+            *range(kernel.N_CHANNELS, packed.channels),
+        ],
+    ]
 
 
 @cache
@@ -276,7 +330,13 @@ def scenario_of(case, accuracy=5e-4):
 
 
 def deviations(reference, expected, found):
-    return dict(zip(reference.names(), np.abs(found - expected).max(axis=0) / reference.scales(expected), strict=True))
+    return dict(
+        zip(
+            reference.names(),
+            np.abs(found - expected).max(axis=0) / reference.scales(expected),
+            strict=True,
+        )
+    )
 
 
 @pytest.mark.parametrize("case", EACH)
@@ -284,7 +344,9 @@ def test_kernel_converges_to_what_cvode_finds(case):
     reference, expected = cvode_rows(case)
     found = kernel_rows(scenario_of(case, 2.5e-9), TIMES)
     for name, deviation in deviations(reference, expected, found).items():
-        assert deviation < 5e-9, name  # worst measured 2.1e-9, with a supply limit and a derivative gain
+        assert deviation < 5e-9, (
+            name
+        )  # worst measured 2.1e-9, with a supply limit and a derivative gain
 
 
 @pytest.mark.parametrize("case", EACH)
@@ -313,5 +375,7 @@ def test_the_limited_cases_do_reach_the_limit(case):
 def test_reference_and_kernel_disagree_where_an_equation_is_changed():
     """The comparison can fail: without detent torque in one of the two it is off by far more than the tolerance."""
     reference, expected = cvode_rows("compliant reducer, one mode")
-    found = kernel_rows(scenario_of("compliant reducer, one mode").with_si({"motor.detent_torque": 0.0}), TIMES)
+    found = kernel_rows(
+        scenario_of("compliant reducer, one mode").with_si({"motor.detent_torque": 0.0}), TIMES
+    )
     assert deviations(reference, expected, found)["T_d"] > 1e-2

@@ -56,7 +56,9 @@ def test_default_settings_are_converged(name):
     default, _ = bins(name, 0.994)
     fine, _ = bins(name, 0.994, refinement=8)
     for frequency in SETS[name][1]:
-        assert default[frequency] == pytest.approx(fine[frequency], rel=1e-3), frequency  # worst measured 3.5e-4
+        assert default[frequency] == pytest.approx(fine[frequency], rel=1e-3), (
+            frequency
+        )  # worst measured 3.5e-4
 
 
 @pytest.mark.parametrize("name", SETS)

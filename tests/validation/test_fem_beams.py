@@ -33,7 +33,10 @@ def test_a_cantilever_bends_twists_and_stretches():
     modes = solve(mesh.structure(0), 40)
     m = RHO * section.A
     roots = np.array([1.8751041, 4.6940911, 7.8547574])
-    bending = [roots**2 / L**2 * np.sqrt(E * second / m) / 2 / np.pi for second in (section.I_zz, section.I_yy)]
+    bending = [
+        roots**2 / L**2 * np.sqrt(E * second / m) / 2 / np.pi
+        for second in (section.I_zz, section.I_yy)
+    ]
     twist = np.sqrt(G * section.J / (RHO * (section.I_yy + section.I_zz))) / (4 * L)
     expected = np.sort(np.r_[bending[0], bending[1], twist, np.sqrt(E / RHO) / (4 * L)])
     for f in expected[expected < modes.frequency[-1]]:
@@ -70,7 +73,12 @@ def dynamic_stiffness(L, EA, EI, m, w, c, s):
         b**2 / L**2 * (S * Ch + C * Sh), b / L * S * Sh, -(b**2) / L**2 * (S + Sh), b / L * (Ch - C), S * Ch - C * Sh, Sh - S,
     ])  # fmt: skip
     t, u, v, x, p, q = F
-    k[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [[t, u, v, x], [u, p, -x, q], [v, -x, t, -u], [x, q, -u, p]]
+    k[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [
+        [t, u, v, x],
+        [u, p, -x, q],
+        [v, -x, t, -u],
+        [x, q, -u, p],
+    ]
     R = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
     return R.T @ k @ R
 
@@ -107,7 +115,11 @@ def test_a_mass_on_six_springs():
     mesh = Mesh()
     a, b, c = (int(mesh.add(p)[0]) for p in [(0, 0, 0), (0, 0, 0), (0.5, 0, 0)])
     k = (1e4, 2e4, 3e4, 100.0, 200.0, 300.0)
-    mesh.parts += [Spring("hub", (a, b), k), Link("arm", b, np.array([c])), Lump("tip", c, 2.0, (0.1, 0.2, 0.3))]
+    mesh.parts += [
+        Spring("hub", (a, b), k),
+        Link("arm", b, np.array([c])),
+        Lump("tip", c, 2.0, (0.1, 0.2, 0.3)),
+    ]
     mesh.parts.append(Lump("hub mass", b, 1.0, (0.05, 0.05, 0.05)))
     structure = mesh.structure(a)
     modes = solve(structure, 4)

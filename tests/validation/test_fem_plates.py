@@ -25,7 +25,9 @@ def thin(h=2e-3):
 def sandwich(G=10e6):
     """Cells, CFRP faces and a core so soft that shear rules."""
     face, core = (62e9, 62e9, 0.05, 5.5e9, 5.5e9, 5.5e9), (1e3, 1e3, 0.0, 5e2, 2.0 * G, G)
-    return laminated_plate([0, 0, 0], plyts=[2e-4, 25e-3, 2e-4], laminaprops=[face, core, face], rhos=[1550, 32, 1550])
+    return laminated_plate(
+        [0, 0, 0], plyts=[2e-4, 25e-3, 2e-4], laminaprops=[face, core, face], rhos=[1550, 32, 1550]
+    )
 
 
 def angle_ply():
@@ -63,14 +65,20 @@ def navier(p, count):
             [p.A55 * a, p.D11 * a**2 + p.D66 * b**2 + p.A55, (p.D12 + p.D66) * a * b],
             [p.A44 * b, (p.D12 + p.D66) * a * b, p.D66 * a**2 + p.D22 * b**2 + p.A44],
         ]
-        return np.sqrt(eigh(K, np.diag([p.intrho, p.intrhoz2, p.intrhoz2]), eigvals_only=True)[0]) / 2 / np.pi
+        return (
+            np.sqrt(eigh(K, np.diag([p.intrho, p.intrhoz2, p.intrhoz2]), eigvals_only=True)[0])
+            / 2
+            / np.pi
+        )
 
     return np.sort([one(m, n) for m, n in itertools.product(range(1, 8), repeat=2)])[:count]
 
 
 def kirchhoff(p, count):
     m, n = np.meshgrid(np.arange(1, 8), np.arange(1, 8))
-    return np.sort((np.pi / 2 * (m**2 / A**2 + n**2 / B**2) * np.sqrt(p.D11 / p.intrho)).ravel())[:count]
+    return np.sort((np.pi / 2 * (m**2 / A**2 + n**2 / B**2) * np.sqrt(p.D11 / p.intrho)).ravel())[
+        :count
+    ]
 
 
 @functools.cache
@@ -117,7 +125,9 @@ def test_a_thin_plate(kind):
     np.testing.assert_allclose(frequencies(p, kind, 48, 36, 5), reference, rtol=0.012)
 
 
-@pytest.mark.parametrize("laminate", [thin(), sandwich(), angle_ply()], ids=["thin", "sandwich", "angle-ply"])
+@pytest.mark.parametrize(
+    "laminate", [thin(), sandwich(), angle_ply()], ids=["thin", "sandwich", "angle-ply"]
+)
 def test_a_free_plate_has_six_zero_modes(laminate):
     f = frequencies(laminate, "free", 16, 12, 8, only_bending=False)
     assert np.all(f[:6] < 1e-3 * f[6])
@@ -126,7 +136,9 @@ def test_a_free_plate_has_six_zero_modes(laminate):
 
 def test_a_free_thin_plate():
     reference = ritz(thin(), (0, 0), (0, 0), 9)[3:]
-    np.testing.assert_allclose(frequencies(thin(), "free", 40, 30, 12, False)[6:], reference, rtol=0.01)
+    np.testing.assert_allclose(
+        frequencies(thin(), "free", 40, 30, 12, False)[6:], reference, rtol=0.01
+    )
 
 
 @pytest.mark.parametrize("G", [1e6, 10e6, 95e6])
@@ -135,7 +147,9 @@ def test_a_sandwich_whose_core_shears(G):
     np.testing.assert_allclose(p.A44, G * 25.2e-3**2 / 25e-3, rtol=2e-2)  # thin faces: G d^2/t
     reference = navier(p, 4)
     np.testing.assert_allclose(frequencies(p, "supported", 48, 36, 4), reference, rtol=0.006)
-    assert reference[0] < 0.98 * np.pi / 2 * (A**-2 + B**-2) * np.sqrt(p.D11 / p.intrho)  # shear is seen
+    assert reference[0] < 0.98 * np.pi / 2 * (A**-2 + B**-2) * np.sqrt(
+        p.D11 / p.intrho
+    )  # shear is seen
 
 
 def test_bending_twist_coupling_of_a_laminate():

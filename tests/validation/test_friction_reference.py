@@ -18,13 +18,19 @@ from microvib.solve import kernel
 NO_OUTPUT = {**NO_FRICTION, "friction.viscous": 0.0}
 CASES = {
     "Table 3": {},
-    "Table 3, light damping in the reducer": {"reducer.stiffness": 6406.0, "reducer.damping": 0.275},
+    "Table 3, light damping in the reducer": {
+        "reducer.stiffness": 6406.0,
+        "reducer.damping": 0.275,
+    },
     "Table 3, rigid reducer": RIGID,
     "Table 3, three modes": THREE_MODES,
     "friction on rotor and output": ON_ROTOR,
     "friction on rotor and output, rigid reducer": {**ON_ROTOR, **RIGID},
     "friction on the rotor": {**ON_ROTOR, **NO_OUTPUT},
-    "Stribeck exponent 2, turning back": {"friction.stribeck_shape": 2.0, "tracking.rate": -math.radians(0.06)},
+    "Stribeck exponent 2, turning back": {
+        "friction.stribeck_shape": 2.0,
+        "tracking.rate": -math.radians(0.06),
+    },
 }
 END = 0.3
 TIMES = np.arange(1, 601) * (END / 600)
@@ -36,13 +42,19 @@ class Law:
 
     def __init__(self, f):
         ring = f.slip_ring
-        self.ring = ring.contact_pairs * ring.contact_force * ring.friction_factor * ring.ring_radius if ring else 0.0
+        self.ring = (
+            ring.contact_pairs * ring.contact_force * ring.friction_factor * ring.ring_radius
+            if ring
+            else 0.0
+        )
         self.f = f
         self.breakaway = f.breakaway + self.ring
 
     def torque(self, way, omega):
         f, speed = self.f, max(way * omega, 0.0)
-        falling = (f.breakaway - f.coulomb) * math.exp(-((speed / f.stribeck_rate) ** f.stribeck_shape))
+        falling = (f.breakaway - f.coulomb) * math.exp(
+            -((speed / f.stribeck_rate) ** f.stribeck_shape)
+        )
         return way * (f.coulomb + falling + self.ring) + f.viscous * omega
 
 
@@ -79,20 +91,29 @@ class Automaton:
         per_second = -self.h * s.tracking.rate * s.tracking.clock_ratio * s.driver.microsteps
         per_second /= 2 * math.pi / (s.driver.beats * s.motor.rotor_teeth)
         count = int(abs(per_second) * END + 0.5)
-        return [((j - 0.5) / abs(per_second), math.copysign(j, per_second)) for j in range(1, count + 1)]
+        return [
+            ((j - 0.5) / abs(per_second), math.copysign(j, per_second)) for j in range(1, count + 1)
+        ]
 
     def command(self, k):
         angle = 2 * math.pi * k / (self.s.driver.beats * self.s.driver.microsteps)
-        self.reference = (self.s.motor.current * math.cos(angle), self.s.motor.current * math.sin(angle))
+        self.reference = (
+            self.s.motor.current * math.cos(angle),
+            self.s.motor.current * math.sin(angle),
+        )
 
     def loads(self, y):
         """Torques but friction: T_e, T_g (0 if rigid), elastic force of the modes."""
         m, r, n = self.s.motor, self.s.reducer, self.n
-        T_e = m.torque_constant * (y[1] * math.cos(m.rotor_teeth * y[4]) - y[0] * math.sin(m.rotor_teeth * y[4]))
+        T_e = m.torque_constant * (
+            y[1] * math.cos(m.rotor_teeth * y[4]) - y[0] * math.sin(m.rotor_teeth * y[4])
+        )
         T_e -= m.detent_torque * math.sin(4 * m.rotor_teeth * y[4])
         T_g = 0.0
         if not r.rigid:
-            T_g = r.stiffness * (-y[4] / self.h - y[5]) + r.damping * (-y[6 + n] / self.h - y[7 + n])
+            T_g = r.stiffness * (-y[4] / self.h - y[5]) + r.damping * (
+                -y[6 + n] / self.h - y[7 + n]
+            )
         return T_e, T_g, -self.D * y[8 + n :] - self.Lambda * y[6 : 6 + n]
 
     def held(self, y):
@@ -126,7 +147,11 @@ class Automaton:
             push, alpha_m = -self.h * (T_e - T_fm) - T_fl, None
         else:
             push = T_g - T_fl
-            alpha_m = (T_e - self.rotor.torque(self.way[0], omega_m) + T_g / self.h) / self.J_m if self.way[0] else 0.0
+            alpha_m = (
+                (T_e - self.rotor.torque(self.way[0], omega_m) + T_g / self.h) / self.J_m
+                if self.way[0]
+                else 0.0
+            )
         if self.way[1]:
             acceleration = self.M_inverse @ np.concatenate([[push], elastic])
             f[7 + n], f[8 + n :] = acceleration[0], acceleration[1:]
@@ -185,7 +210,9 @@ class Automaton:
                             y[6 + self.n] = 0.0
                         was = self.way[which]
                         self.decide(which, y)
-                        if was == 0:  # the torque is at the limit to rounding; it goes the way it is pushed
+                        if (
+                            was == 0
+                        ):  # the torque is at the limit to rounding; it goes the way it is pushed
                             self.way[which] = int(math.copysign(1, self.held(y)[which]))
                         if (was == 0) != (self.way[which] == 0):
                             self.changes.append((t, which, self.way[which] == 0))
@@ -217,11 +244,15 @@ def deviations(expected, found):
     """Per quantity; angles count in microsteps, as they only grow, all else in its own largest value."""
     sizes = np.abs(expected).max(axis=0)
     sizes[[0, 2]] = 2 * math.pi / 3200, 2 * math.pi / 3200 / 100
-    return dict(zip(NAMES, np.abs(found[:, : len(NAMES)] - expected).max(axis=0) / sizes, strict=True))
+    return dict(
+        zip(NAMES, np.abs(found[:, : len(NAMES)] - expected).max(axis=0) / sizes, strict=True)
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize(("accuracy", "smooth", "jumping"), [(2.5e-9, 2e-8, 2e-7), (5e-4, 5e-4, 2e-3)])
+@pytest.mark.parametrize(
+    ("accuracy", "smooth", "jumping"), [(2.5e-9, 2e-8, 2e-7), (5e-4, 5e-4, 2e-3)]
+)
 def test_motion_with_friction_is_the_automatons(case, accuracy, smooth, jumping):
     automaton, expected = reference_of(case)
     found, _ = kernel_rows(scenario_of(case, accuracy), TIMES)

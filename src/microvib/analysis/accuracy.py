@@ -11,35 +11,41 @@ import numpy as np
 from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
-from microvib.solve.integration import again
+from microvib.solve.integration import rerun_refined
 from microvib.solve.motion import Motion
 
-BOUND = 5e-3
+MAX_LINE_CHANGE = 5e-3
 """Relative change of a line above which finer steps are advised."""
-SAME_MOTION = 0.01
-"""RMS of the difference of T_d, over the RMS of T_d, above which two runs are not taken for one motion, whatever their lines: what
-lines show then is chance, and a run twice as fine again must tell."""
-LEAST = 0.01
+MAX_RMS_CHANGE = 0.01
+"""RMS of the difference of T_d, over the RMS of T_d, above which two runs are not taken for one
+motion, whatever their lines: what lines show then is chance, and a run twice as fine again must
+tell."""
+MIN_LINE_RATIO = 0.01
 """Fraction of the largest line above which a line counts."""
 MAX_REFINEMENT = 64
 """Of ``solver.refinement``."""
-SENSITIVE = 0.1
-"""Part of an amplitude that is taken for the doubt of a motion which depends on details below the tolerance. What two runs differ
-by is not a bound: in random sets it was 0.05 to 24 % (benchmarks/README.md)."""
-SPREAD = 1.5
-"""Factor on the difference of T_d for the doubt of a line: that of single lines between two runs is small by chance at times."""
-KEY = "error_estimate"
+SENSITIVE_MOTION_ERROR = 0.1
+"""Part of an amplitude that is taken for the doubt of a motion which depends on details below the
+tolerance. What two runs differ by is not a bound: in random sets it was 0.05 to 24 %
+(benchmarks/README.md)."""
+RMS_SAFETY_FACTOR = 1.5
+"""Factor on the difference of T_d for the doubt of a line: that of single lines between two runs is
+small by chance at times.
+"""
+ERROR_ESTIMATE_KEY = "error_estimate"
 """Of a solver's account."""
-_APART = 0.5
-"""RMS of the difference of T_d, over the RMS of T_d, above which a run twice as fine is another motion: that a third is like one of
-the two does not make it certain."""
-_CONVERGES = 0.25
+_DIVERGED_RMS = 0.5
+"""RMS of the difference of T_d, over the RMS of T_d, above which a run twice as fine is another
+motion: that a third is like one of the two does not make it certain."""
+_MAX_CONVERGENCE_RATIO = 0.25
 """What twice finer steps leave of a difference at most; with order 4 a sixteenth is expected."""
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Uncertainty from the integration in time, by the difference from a run with finer steps from the same state."""
+    """Uncertainty from the integration in time, by the difference from a run with finer steps from
+    the same state.
+    """
 
     rms: float
     """RMS of the difference of T_d over the RMS of T_d about its mean."""
@@ -48,25 +54,36 @@ class Accuracy:
     name: str
     """That line; empty if there is none."""
     sensitive: bool
-    """Whether differences do not fall with the steps: the motion depends on details below the tolerance."""
+    """Whether differences do not fall with the steps: the motion depends on details below the
+    tolerance.
+    """
     refinement: int
-    """``solver.refinement`` with which lines are within BOUND and T_d within SAME_MOTION: the run's own where they are, or where
-    no step would help."""
+    """``solver.refinement`` with which lines are within BOUND and T_d within SAME_MOTION: the run's
+    own where they are, or where no step would help."""
     advised: bool
     """Whether that is another than the run's own."""
 
     @property
     def doubt(self) -> float:
         """Relative error of an amplitude from the integration."""
-        return max(self.line, SPREAD * self.rms, SENSITIVE if self.sensitive else 0.0)
+        return max(
+            self.line,
+            RMS_SAFETY_FACTOR * self.rms,
+            SENSITIVE_MOTION_ERROR if self.sensitive else 0.0,
+        )
 
     def __str__(self) -> str:
-        line = f"lines within {100 * self.line:.2g} % ({self.name}), " if self.name else ""
-        sizes = f"{line}T_d within {100 * self.rms:.2g} % RMS, from a second run with every step twice as fine"
+        if self.name:
+            line = f"lines within {100 * self.line:.2g} % ({self.name}), "
+        else:
+            line = ""
+        sizes = f"{line}T_d within {100 * self.rms:.2g} % RMS, by comparison with a second run at half the step size"
         if self.sensitive:
             return (
-                f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the difference is not one that finer"
-                " steps make small); its lines are those of one of many such motions, which finer steps make no more certain"
+                f"SENSITIVE: the motion depends on details below the tolerance ({sizes}, and the"
+                " difference does not shrink with finer"
+                " steps); its lines are one sample of many possible motions, and refining the steps"
+                " does not reduce their uncertainty"
             )
         if self.advised:
             return f"NOT fine enough: {sizes}; set solver.refinement={self.refinement}"
@@ -76,9 +93,10 @@ class Accuracy:
 def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """How far T_d of ``motion`` and the ``table`` of its lines are off by the integration.
 
-    It is run again from its beginning with every step twice as fine and, where that leaves a doubt about lines or about T_d itself,
-    four times as fine: all of it, because what a motion remembers of rare events while it settles may show in lines that a short
-    stretch cannot part. None for a motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer
+    It is run again from its beginning with every step twice as fine and, where that leaves a doubt
+    about lines or about T_d itself, four times as fine: all of it, because what a motion remembers
+    of rare events while it settles may show in lines that a short stretch cannot part. None for a
+    motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer
     step.
     """
     expect(motion, Motion, "a motion (mv.simulate)")
@@ -87,54 +105,66 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     own = scenario.solver.refinement
     if beginning is None or 4 * own > MAX_REFINEMENT:
         return None
-    counted, rate = _counted(table), scenario.record.sample_rate
+    counted, rate = _significant_lines(table), scenario.record.sample_rate
     duration = motion["T_d"].size / rate
     try:
-        twice = again(scenario, beginning, 2, duration)
+        twice = rerun_refined(scenario, beginning, 2, duration)
         first = _difference(motion["T_d"], twice, counted, rate)
         found = Accuracy(first.rms, first.line, first.name, False, own, False)
         if first.is_fine:
             return found
-        second = _difference(twice, again(scenario, beginning, 4, duration), counted, rate)
+        second = _difference(twice, rerun_refined(scenario, beginning, 4, duration), counted, rate)
     except SimulationError:  # a finer run that stops where this one went on
         return Accuracy(1.0, 1.0, counted[0].line if counted else "", True, own, False)
-    if first.rms > _APART or second.rms > _CONVERGES * first.rms:
+    if first.rms > _DIVERGED_RMS or second.rms > _MAX_CONVERGENCE_RATIO * first.rms:
         worst = max(first, second, key=lambda one: one.line)
-        return replace(found, rms=max(first.rms, second.rms), line=worst.line, name=worst.name, sensitive=True)
+        return replace(
+            found, rms=max(first.rms, second.rms), line=worst.line, name=worst.name, sensitive=True
+        )
     return replace(found, refinement=(2 if second.is_fine else 4) * own, advised=True)
 
 
-def noted(table: LineTable, found: Accuracy | None) -> LineTable:
+def with_integration_error(table: LineTable, found: Accuracy | None) -> LineTable:
     """A table that knows how far it is off, so that a limit is judged by it."""
     return replace(table, own_error=0.0 if found is None else found.doubt)
 
 
-def unsound(broken: Sequence[str], scenario: Scenario | None) -> str:
-    """Why nothing that a motion shows is taken for known, and what to do: invariants that do not hold, by name; empty if all do."""
+def failed_invariants_reason(broken: Sequence[str], scenario: Scenario | None) -> str:
+    """Why nothing that a motion shows is taken for known, and what to do: invariants that do not
+    hold, by name; empty if all do.
+    """
     if not broken:
         return ""
-    own = 1 if scenario is None else scenario.solver.refinement
+    if scenario is None:
+        own = 1
+    else:
+        own = scenario.solver.refinement
     names = " and ".join(name.replace("_", " ") for name in dict.fromkeys(broken))
-    finer = f"solver.refinement={4 * own}" if 4 * own <= MAX_REFINEMENT else "a smaller solver.accuracy"
-    return f"the motion itself, whose balance of {names} does not hold (finer steps, {finer})"
+    if 4 * own <= MAX_REFINEMENT:
+        finer = f"solver.refinement={4 * own}"
+    else:
+        finer = "a smaller solver.accuracy"
+    return f"the whole motion, because its {names} balance is violated (refine the steps: {finer})"
 
 
-def account(solver: Mapping[str, Any], found: Accuracy | None) -> dict[str, Any]:
+def add_error_estimate(solver: Mapping[str, Any], found: Accuracy | None) -> dict[str, Any]:
     """The solver's account with the estimate."""
-    return {**solver, KEY: None if found is None else asdict(found)}
+    return {**solver, ERROR_ESTIMATE_KEY: None if found is None else asdict(found)}
 
 
-def estimate_in(solver: Mapping[str, Any]) -> Accuracy | None:
+def read_error_estimate(solver: Mapping[str, Any]) -> Accuracy | None:
     """The estimate that a solver's account holds."""
-    known = solver.get(KEY)
-    return None if known is None else Accuracy(**known)
+    known = solver.get(ERROR_ESTIMATE_KEY)
+    if known is None:
+        return None
+    return Accuracy(**known)
 
 
-def _counted(table: LineTable) -> list[Line]:
+def _significant_lines(table: LineTable) -> list[Line]:
     """Lines that stand out and persist."""
     seen = [x for x in table if x.status == "ok" and x.amplitude_n_m > 0.0]
     top = max((x.amplitude_n_m for x in seen), default=0.0)
-    return [x for x in seen if x.amplitude_n_m >= LEAST * top]
+    return [x for x in seen if x.amplitude_n_m >= MIN_LINE_RATIO * top]
 
 
 class _Difference(NamedTuple):
@@ -145,21 +175,32 @@ class _Difference(NamedTuple):
     @property
     def is_fine(self) -> bool:
         """Whether two runs are one motion, with the same lines."""
-        return self.line <= BOUND and self.rms <= SAME_MOTION
+        return self.line <= MAX_LINE_CHANGE and self.rms <= MAX_RMS_CHANGE
 
 
-def _difference(T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float) -> _Difference:
+def _difference(
+    T_d: np.ndarray, finer: np.ndarray, counted: list[Line], sample_rate: float
+) -> _Difference:
     """The differences between two torques (n,) from the same state, and between their lines."""
     rms = float(np.sqrt(np.mean((T_d - finer) ** 2))) / (float(np.std(finer)) or 1.0)
-    both = zip(counted, _amplitudes(T_d, counted, sample_rate), _amplitudes(finer, counted, sample_rate), strict=True)
+    both = zip(
+        counted,
+        _amplitudes(T_d, counted, sample_rate),
+        _amplitudes(finer, counted, sample_rate),
+        strict=True,
+    )
     changes = ((abs(a - b) / x.amplitude_n_m, x.line) for x, a, b in both)
     line, name = max(changes, key=lambda change: change[0], default=(0.0, ""))
     return _Difference(rms, line, name)
 
 
 def _amplitudes(x: np.ndarray, counted: list[Line], sample_rate: float) -> list[float]:
-    """Amplitudes at the lines' frequencies, with a Hann window; neighbours that it does not part are in both of two runs."""
+    """Amplitudes at the lines' frequencies, with a Hann window; neighbours that it does not part
+    are in both of two runs.
+    """
     window = np.hanning(x.size + 2)[1:-1]
-    size = 4 * x.size  # so that a line is at most an eighth of a bin off, a hundredth of its amplitude
+    size = (
+        4 * x.size
+    )  # so that a line is at most an eighth of a bin off, a hundredth of its amplitude
     spectrum = np.abs(np.fft.rfft((x - x.mean()) * window * (2.0 / window.sum()), size))
     return [float(spectrum[round(line.frequency_hz / sample_rate * size)]) for line in counted]

@@ -1,9 +1,13 @@
-"""What a run needs of compiled code, begun before anything else is imported: it matters once, to the first run on a machine."""
+"""What a run needs of compiled code, begun before anything else is imported: it matters once, to
+the first run on a machine.
+"""
 
 from microvib.signals import tone_fit, tone_kernel
 from microvib.solve import decimate, propagate
 
 
-def begin() -> None:
-    """Have machine code of the largest unit made beside what comes first; units whose turn comes after it, while one waits."""
+def start_compilation() -> None:
+    """Have machine code of the largest unit made beside what comes first; units whose turn comes
+    after it, while one waits.
+    """
     propagate.code.begin(decimate.code, tone_kernel.code, tone_fit.code)

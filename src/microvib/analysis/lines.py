@@ -1,8 +1,9 @@
 """From motion to lines: the scenario says which lines to expect, the samples say what is there.
 
-Everything that asks for the lines of a torque asks here: of a motion, a steady state, samples or a recording. Lines are expected
-up to the edge of the record's passband, ``model.record.PASSBAND``; ``signals.line_fit`` estimates them in samples and
-``signals.fourier_lines`` reads them off a Fourier series.
+Everything that asks for the lines of a torque asks here: of a motion, a steady state, samples or a
+recording. Lines are expected up to the edge of the record's passband, ``model.record.PASSBAND``;
+``signals.line_fit`` estimates them in samples and ``signals.fourier_lines`` reads them off a
+Fourier series.
 """
 
 from __future__ import annotations
@@ -17,60 +18,75 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.spectra import SAMPLED, samples_of
-from microvib.analysis.start import has_calmed
+from microvib.analysis.start import mode_has_decayed
 from microvib.analysis.steadiness import steadiness_notes, with_excess
 from microvib.errors import expect_channel, whole_number
-from microvib.model.driven import bin_noise, driven_lines, noise_density
-from microvib.model.expected import UNLISTED, ExpectedLine, expected_lines
+from microvib.model.driven import noise_bin_amplitude, noise_density, noise_driven_lines
+from microvib.model.expected import UNLISTED_PREFIX, ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario, expect_scenario
-from microvib.signals.clock import clock_far_off, near_mains
+from microvib.signals.clock import near_mains, search_wide_clock_ratio
 from microvib.signals.fourier_lines import lines_of_series
-from microvib.signals.line_fit import NOT_APART, estimate_lines, lines_at_known_clock, with_background
-from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable
+from microvib.signals.line_fit import (
+    NOT_SEPARABLE,
+    estimate_lines,
+    lines_at_known_clock,
+    with_background,
+)
+from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable
 from microvib.signals.tones import HannSpectrum
 from microvib.solve.batch import Torque, torque_from_rest
-from microvib.solve.integration import Progress, from_rest, method_of
-from microvib.solve.motion import Invariants, Motion, series_of, unit_of
+from microvib.solve.integration import Progress, method_of, simulate_from_rest
+from microvib.solve.motion import Invariants, Motion, scalar_channel, unit_of
 from microvib.solve.steady.state import SteadyState, find_steady
-from microvib.testdata.recording import Recording, RecordingError, check
+from microvib.testdata.recording import Recording, RecordingError, require_usable_channel
 from microvib.units import Si
 
 CLOCK_TOLERANCE, MODE_TOLERANCE = 0.02, 0.1
-"""Parts of their frequencies by which lines of the clock and array modes of a measured torque may be off."""
-NOT_SMALL = 0.1
+"""Parts of their frequencies by which lines of the clock and array modes of a measured torque may
+be off.
+"""
+SIGNIFICANT_RATIO = 0.1
 """Part of the clock's largest line from which an unlisted line is not small."""
-FARTHEST_CLOCK = 1.1 * CLOCK_TOLERANCE
-"""Part by which the clock of a measured torque may be off: its lines' bands reach a few bins further."""
-MEMBERS = 0, 10_000
+MAX_CLOCK_OFFSET = 1.1 * CLOCK_TOLERANCE
+"""Part by which the clock of a measured torque may be off: its lines' bands reach a few bins
+further.
+"""
+HARMONICS_RANGE = 0, 10_000
 """Of a family of lines, as many as may be asked for."""
-_SHORTEST = 2.0
+_MIN_DURATION = 2.0
 """Length of a recording [s] in which lines are looked for."""
 
 
 @dataclass(frozen=True)
 class Steady:
-    """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from time integration."""
+    """Lines at constant rate, from the steady state or, where ``fallback`` says why not, from time
+    integration.
+    """
 
     lines: LineTable
     source: SteadyState | Torque
     fallback: str = ""
 
     def __repr__(self) -> str:
-        return f"{self.source!r}{f', since {self.fallback}' if self.fallback else ''}\n{self.lines!r}"
+        return (
+            f"{self.source!r}{f', since {self.fallback}' if self.fallback else ''}\n{self.lines!r}"
+        )
 
     @property
     def state(self) -> SteadyState | None:
         """The steady state, if there is one."""
-        return self.source if isinstance(self.source, SteadyState) else None
+        if isinstance(self.source, SteadyState):
+            return self.source
+        return None
 
     @cached_property
     def invariants(self) -> Invariants:
         """What should have held; the motion is run once more for it, with all channels."""
         if isinstance(self.source, SteadyState):
             return self.source.invariants
-        return from_rest(self.source.scenario, channels=("T_d",)).invariants
+        return simulate_from_rest(self.source.scenario, channels=("T_d",)).invariants
 
     @property
     def solver(self) -> dict[str, Any]:
@@ -81,16 +97,24 @@ class Steady:
 
 
 def steady(
-    scenario: Scenario, *, harmonics: int = 8, confirmed: bool = False, progress: Progress | None = None
+    scenario: Scenario,
+    *,
+    harmonics: int = 8,
+    confirmed: bool = False,
+    progress: Progress | None = None,
 ) -> Steady:
-    """Lines of the disturbance torque of ``scenario`` in its steady state, without simulating how it settles.
+    """Lines of the disturbance torque of ``scenario`` in its steady state, without simulating how
+    it settles.
 
-    It is the steady state that a start from rest leads to; ``confirmed``, by a run that is waited for until it has arrived there.
-    Where there is none, the scenario is simulated in time instead, and ``fallback`` says why. Raises what ``simulate`` raises.
+    It is the steady state that a start from rest leads to; ``confirmed``, by a run that is waited
+    for until it has arrived there. Where there is none, the scenario is simulated in time instead,
+    and ``fallback`` says why. Raises what ``simulate`` raises.
     """
     expect_scenario(scenario)
-    whole_number("harmonics", harmonics, *MEMBERS)
-    state, why = find_steady(scenario, whole=False, confirmed=confirmed)  # of T_d, which is the first drive's
+    whole_number("harmonics", harmonics, *HARMONICS_RANGE)
+    state, why = find_steady(
+        scenario, whole=False, confirmed=confirmed
+    )  # of T_d, which is the first drive's
     source = state or torque_from_rest(scenario, progress, balanced=True)
     return Steady(lines(source, harmonics=harmonics), source, why)
 
@@ -102,19 +126,23 @@ def lines(
     *,
     scenario: Scenario | None = None,
 ) -> LineTable:
-    """Every line that the physics predicts in the disturbance torque, named and estimated [Hz, N m, rad].
+    """Every line that the physics predicts in the disturbance torque, named and estimated [Hz, N m,
+    rad].
 
-    ``source`` is a motion, a steady state, whose lines are exact, a torque of many (``simulate_torques``) or a recording.
-    ``channel`` may be any channel that is one value at a time, or a load on the spacecraft, ``Fx`` to ``Mz``, of an array with
-    participation in six components; without it, it is T_d, or the torque about the drive axis in a recording. Amplitudes are in
-    the unit of the channel, ``table.unit``, also where their names end in ``n_m``. ``harmonics`` bounds each family of lines.
+    ``source`` is a motion, a steady state, whose lines are exact, a torque of many
+    (``simulate_torques``) or a recording. ``channel`` may be any channel that is one value at a
+    time, or a load on the spacecraft, ``Fx`` to ``Mz``, of an array with participation in six
+    components; without it, it is T_d, or the torque about the drive axis in a recording. Amplitudes
+    are in the unit of the channel, ``table.unit``, also where their names end in ``n_m``.
+    ``harmonics`` bounds each family of lines.
 
-    What is looked for follows from the source's scenario; a recording has none, so that ``scenario`` may be given: then its clock
-    is searched within CLOCK_TOLERANCE, and without it lines that stand out are found and not named. See
-    ``microvib.model.expected`` for the families and ``microvib.signals.line_fit`` for the estimators. Raises ChannelError.
+    What is looked for follows from the source's scenario; a recording has none, so that
+    ``scenario`` may be given: then its clock is searched within CLOCK_TOLERANCE, and without it
+    lines that stand out are found and not named. See ``microvib.model.expected`` for the families
+    and ``microvib.signals.line_fit`` for the estimators. Raises ChannelError.
     """
     expect_channel(channel)
-    whole_number("harmonics", harmonics, *MEMBERS)
+    whole_number("harmonics", harmonics, *HARMONICS_RANGE)
     if isinstance(source, Steady):
         source = source.source
     if isinstance(source, SteadyState):
@@ -122,13 +150,23 @@ def lines(
         broken = source.invariants.broken
         return replace(table, unit=unit_of(channel or "T_d"), harmonics=harmonics, broken=broken)
     if isinstance(source, Recording):
-        name, source = channel or f"M{scenario.array.drive_axis if scenario else 'z'}", source.in_si()
-        check(source, name, _SHORTEST)
-        table = lines_of_samples(source[name], source.sample_rate, scenario, harmonics, measured=True)
+        name, source = (
+            channel or f"M{scenario.array.drive_axis if scenario else 'z'}",
+            source.in_si(),
+        )
+        require_usable_channel(source, name, _MIN_DURATION)
+        table = lines_of_samples(
+            source[name], source.sample_rate, scenario, harmonics, measured=True
+        )
         return replace(table, unit=source.units[name])
     x, rate, unit = samples_of(source, channel, f"a steady state (mv.steady), {SAMPLED}")
-    table = lines_of_samples(x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d"))
-    broken = source.broken if isinstance(source, Torque) else source.invariants.broken
+    table = lines_of_samples(
+        x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d")
+    )
+    if isinstance(source, Torque):
+        broken = source.broken
+    else:
+        broken = source.invariants.broken
     return replace(table, unit=unit, broken=broken)
 
 
@@ -136,67 +174,86 @@ def lines_of_samples(
     x: np.ndarray, sample_rate: float, scenario: Scenario | None, harmonics: int = 8, *, measured: bool = False,
     disturbance: bool = True,
 ) -> LineTable:  # fmt: skip
-    """Lines of a torque ``x`` (n,) [N m] at ``sample_rate`` [Hz], which need not be that of the ``scenario``'s record.
+    """Lines of a torque ``x`` (n,) [N m] at ``sample_rate`` [Hz], which need not be that of the
+    ``scenario``'s record.
 
-    The clock of a simulated torque is the scenario's. That of a ``measured`` one is searched within CLOCK_TOLERANCE, its array
-    modes within MODE_TOLERANCE. Without a scenario, lines that stand out are found and not named. What noise alone gives a line is
-    known of the ``disturbance`` torque.
+    The clock of a simulated torque is the scenario's. That of a ``measured`` one is searched within
+    CLOCK_TOLERANCE, its array modes within MODE_TOLERANCE. Without a scenario, lines that stand out
+    are found and not named. What noise alone gives a line is known of the ``disturbance`` torque.
     """
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
     table = estimate_lines(x, sample_rate, expected)
     if measured:
-        table = with_excess(while_settling(_at_its_clock(table, x, sample_rate, expected)), x)
+        table = with_excess(
+            with_transient_uncertainty(_refit_clock(table, x, sample_rate, expected)), x
+        )
     table = replace(table, harmonics=harmonics)
     if scenario is None:
         return table
-    table = with_noise(table, scenario, disturbance)
-    return table if measured else steady_at_modes(table, scenario)
+    table = with_noise_statistics(table, scenario, disturbance)
+    if measured:
+        return table
+    return relabel_lasting_lines(table, scenario)
 
 
-def _at_its_clock(table: LineTable, x: np.ndarray, sample_rate: float, expected: tuple[ExpectedLine, ...]) -> LineTable:
-    """The lines at a clock far from the expected one, where the record shows that; else those of the ``table``."""
-    if not any(line.of_clock for line in expected) or not _in_question(table):
+def _refit_clock(
+    table: LineTable, x: np.ndarray, sample_rate: float, expected: tuple[ExpectedLine, ...]
+) -> LineTable:
+    """The lines at a clock far from the expected one, where the record shows that; else those of
+    the ``table``.
+    """
+    if not any(line.of_clock for line in expected) or not _clock_is_doubtful(table):
         return table
     spectrum, highest = HannSpectrum.of(x - x.mean(), sample_rate), PASSBAND * sample_rate
-    ratio = clock_far_off(expected, table.clock_ratio, highest, spectrum)
+    ratio = search_wide_clock_ratio(expected, table.clock_ratio, highest, spectrum)
     if ratio is None or abs(ratio - 1.0) <= CLOCK_TOLERANCE:
         return table
-    moved = [_moved(line, ratio) if line.of_clock else line for line in expected]
+    moved = [_shift_frequency(line, ratio) if line.of_clock else line for line in expected]
     there = estimate_lines(x, sample_rate, [line for line in moved if line.frequency <= highest])
     if there.clock_ratio is None or there.clock_ratio_uncertainty is None:
         return table
     lines = tuple(
-        replace(line, expected_hz=line.expected_hz / ratio) if line.of_clock else line for line in there.lines
+        replace(line, expected_hz=line.expected_hz / ratio) if line.of_clock else line
+        for line in there.lines
     )
     its, unsure = ratio * there.clock_ratio, ratio * there.clock_ratio_uncertainty
     return replace(there, lines=lines, clock_ratio=its, clock_ratio_uncertainty=unsure)
 
 
-def _in_question(table: LineTable) -> bool:
-    """Whether another clock might explain more: where unlisted lines are not small beside the clock's, or its first line is."""
+def _clock_is_doubtful(table: LineTable) -> bool:
+    """Whether another clock might explain more: where unlisted lines are not small beside the
+    clock's, or its first line is.
+    """
     clock = {line.line: line.amplitude_n_m for line in table if line.of_clock and line.seen}
     others = max((line.amplitude_n_m for line in table if line.kind == "other"), default=0.0)
-    small = NOT_SMALL * max(clock.values(), default=0.0)
+    small = SIGNIFICANT_RATIO * max(clock.values(), default=0.0)
     return others > small or clock.get("drive_1", 0.0) <= small
 
 
-def _moved(line: ExpectedLine, ratio: float) -> ExpectedLine:
-    return replace(line, frequency=ratio * line.frequency, low=ratio * line.low, high=ratio * line.high)
+def _shift_frequency(line: ExpectedLine, ratio: float) -> ExpectedLine:
+    return replace(
+        line, frequency=ratio * line.frequency, low=ratio * line.low, high=ratio * line.high
+    )
 
 
-DRIFT = 4e-3
-"""Cycles of the clock's largest line over a record by which a mode as large as it moves it while it rings: a standard
-deviation, from simulations of states 1, 2 and 4 of the catalog with reducers, frictions and drivers drawn at random."""
+TRANSIENT_PHASE_DRIFT = 4e-3
+"""Cycles of the clock's largest line over a record by which a mode as large as it moves it while it
+rings: a standard deviation, from simulations of states 1, 2 and 4 of the catalog with reducers,
+frictions and drivers drawn at random."""
 
 
-def while_settling(table: LineTable) -> LineTable:
-    """Measured lines with what rings in the uncertainties of the clock: it shifts all its lines in time, as its size squared."""
+def with_transient_uncertainty(table: LineTable) -> LineTable:
+    """Measured lines with what rings in the uncertainties of the clock: it shifts all its lines in
+    time, as its size squared.
+    """
     clock = [x for x in table if x.of_clock and x.seen]
     rings = max((x.amplitude_n_m for x in table if x.is_mode and x.seen), default=0.0)
     if not clock or not rings or table.clock_ratio_uncertainty is None:
         return table
     largest = max(clock, key=lambda x: x.amplitude_n_m)
-    late = DRIFT * min(rings / largest.amplitude_n_m, 1.0) ** 2 / largest.frequency_hz  # [s] over the record
+    late = (
+        TRANSIENT_PHASE_DRIFT * min(rings / largest.amplitude_n_m, 1.0) ** 2 / largest.frequency_hz
+    )  # [s] over the record
     slower = late / table.duration
 
     def wider(x: Line) -> Line:
@@ -210,63 +267,89 @@ def while_settling(table: LineTable) -> LineTable:
     return replace(table, lines=tuple(map(wider, table)), clock_ratio_uncertainty=ratio)
 
 
-def steady_at_modes(table: LineTable, scenario: Scenario) -> LineTable:
-    """Lines of a simulation, of which one that lasts is not called after a mode that has died away by its damping.
+def relabel_lasting_lines(table: LineTable, scenario: Scenario) -> LineTable:
+    """Lines of a simulation, of which one that lasts is not called after a mode that has died away
+    by its damping.
 
     Such a line is a sideband, or what friction keeps going: it is listed as found and not expected.
     """
     rows, number = list(table), sum(x.kind == "other" for x in table)
     for k, x in enumerate(rows[:]):
-        if not (x.is_mode and x.status == "ok" and has_calmed(x, scenario)):
+        if not (x.is_mode and x.status == "ok" and mode_has_decayed(x, scenario)):
             continue
         number += 1
-        name = f"{UNLISTED}{number}"
-        origin = (
-            f"steady, at the frequency of {x.line}, whose ringing has died away: a sideband, or kept going by friction"
-        )
+        name = f"{UNLISTED_PREFIX}{number}"
+        origin = f"steady, at the frequency of {x.line}, whose ringing has died away: a sideband, or kept going by friction"
         rows.append(replace(x, line=name, kind="other", origin=origin, expected_hz=x.frequency_hz))
-        nothing: dict[str, Any] = dict.fromkeys(("frequency_hz", "amplitude_n_m", "phase_rad", "decay_per_s"), math.nan)
-        rows[k] = replace(x, **nothing, status=f"{NOT_APART} {name}")
+        nothing: dict[str, Any] = dict.fromkeys(
+            ("frequency_hz", "amplitude_n_m", "phase_rad", "decay_per_s"), math.nan
+        )
+        rows[k] = replace(x, **nothing, status=f"{NOT_SEPARABLE} {name}")
     return replace(table, lines=tuple(rows))
 
 
-_MINOR = 0.1
-"""Part of a mode's line below which noise that 95 % of the draws stay below leaves the line to what else makes it."""
-_FAR = 10.0
-"""Times what noise gives a bin of the linearised drive, from which an unlisted line is not made by it."""
+_NEGLIGIBLE_NOISE_RATIO = 0.1
+"""Part of a mode's line below which noise that 95 % of the draws stay below leaves the line to what
+else makes it.
+"""
+_MAX_NOISE_RATIO = 10.0
+"""Times what noise gives a bin of the linearised drive, from which an unlisted line is not made by
+it.
+"""
 
 
-def with_noise(table: LineTable, scenario: Scenario, disturbance: bool = True) -> LineTable:
-    """Lines with what the noise of the output's friction gives them in closed form; *driven by noise* where that is much of them.
+def with_noise_statistics(
+    table: LineTable, scenario: Scenario, disturbance: bool = True
+) -> LineTable:
+    """Lines with what the noise of the output's friction gives them in closed form; *driven by
+    noise* where that is much of them.
 
-    Of another channel than the ``disturbance`` torque no closed form is known: all that the noise's band reaches is driven by it.
+    Of another channel than the ``disturbance`` torque no closed form is known: all that the noise's
+    band reaches is driven by it.
     """
     if scenario.friction.torque_noise is None and scenario.friction.position is None:
         return table
-    alone = {x.line: x for x in driven_lines(scenario, table.duration)} if disturbance else {}
+    if disturbance:
+        alone = {x.line: x for x in noise_driven_lines(scenario, table.duration)}
+    else:
+        alone = {}
     rows = []
     for line in table:
         noise = alone.get(line.line)
         if noise is not None:
-            drawn = noise.quantile > (line.floor_n_m if line.status == FAINT else _MINOR * line.amplitude_n_m)
+            drawn = noise.quantile > (
+                line.floor_n_m
+                if line.status == BELOW_FLOOR
+                else _NEGLIGIBLE_NOISE_RATIO * line.amplitude_n_m
+            )
             line = replace(
-                line, noise_mean_n_m=noise.mean, noise_deviation_n_m=noise.deviation, noise_p95_n_m=noise.quantile
+                line,
+                noise_mean_n_m=noise.mean,
+                noise_deviation_n_m=noise.deviation,
+                noise_p95_n_m=noise.quantile,
             )
         elif line.of_clock or not line.frequency_hz > 0.0:
             drawn = False
         elif disturbance:
-            drawn = line.amplitude_n_m < _FAR * bin_noise(scenario, line.frequency_hz, table.duration)
+            drawn = line.amplitude_n_m < _MAX_NOISE_RATIO * noise_bin_amplitude(
+                scenario, line.frequency_hz, table.duration
+            )
         else:
             drawn = bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
-        own = line.seen or (noise is not None and line.status == FAINT)
-        rows.append(replace(line, status=DRIVEN) if drawn and own else line)
+        own = line.seen or (noise is not None and line.status == BELOW_FLOOR)
+        rows.append(replace(line, status=NOISE_DRIVEN) if drawn and own else line)
     return replace(table, lines=tuple(rows))
 
 
-def lines_among(
-    x: np.ndarray, sample_rate: float, scenario: Scenario, names: Collection[str], harmonics: int = 8
+def lines_by_name(
+    x: np.ndarray,
+    sample_rate: float,
+    scenario: Scenario,
+    names: Collection[str],
+    harmonics: int = 8,
 ) -> LineTable:
-    """Lines of a simulated torque, as ``lines_of_samples``, that are called by these ``names`` or are array modes.
+    """Lines of a simulated torque, as ``lines_of_samples``, that are called by these ``names`` or
+    are array modes.
 
     They have no uncertainties, and take a fraction of the time.
     """
@@ -282,32 +365,37 @@ def lines_of_recording(
     background: Recording | None = None,
     harmonics: int = 8,
 ) -> LineTable:
-    """Lines of the drive-axis torque that was measured in ``channel`` [N m], what stands in the ``background`` accounted for.
+    """Lines of the drive-axis torque that was measured in ``channel`` [N m], what stands in the
+    ``background`` accounted for.
 
-    RecordingError where the channel cannot be used, or another component is about the scenario's drive axis.
+    RecordingError where the channel cannot be used, or another component is about the scenario's
+    drive axis.
     """
-    about = channel if scenario is None else f"M{scenario.array.drive_axis}"
+    if scenario is None:
+        about = channel
+    else:
+        about = f"M{scenario.array.drive_axis}"
     if channel in COMPONENTS and channel != about and about in recording.channels:
-        text = (
-            f"the scenario's drive axis is {about[1:]}: its torque is channel {about}, not {channel}; name that channel"
-        )
+        text = f"the scenario's drive axis is {about[1:]}: its torque is channel {about}, not {channel}; name that channel"
         raise RecordingError(f"{recording.title}: {text}", remedy="channel")
-    check(recording, channel, _SHORTEST)
+    require_usable_channel(recording, channel, _MIN_DURATION)
     if recording.units[channel] != "N*m":
         expected = "the torque about the drive axis is expected"
         raise RecordingError(f"{recording.title}: channel {channel} is a force; {expected}")
-    table = lines_of_samples(recording[channel], recording.sample_rate, scenario, harmonics, measured=True)
+    table = lines_of_samples(
+        recording[channel], recording.sample_rate, scenario, harmonics, measured=True
+    )
     if background is None:
         return table
-    check(background, channel, _SHORTEST)
+    require_usable_channel(background, channel, _MIN_DURATION)
     return with_background(table, background[channel])
 
 
-_OF_A_COMB = 3
+_MIN_COMB_LINES = 3
 """Unlisted lines at multiples of one frequency that are no chance."""
 
 
-def _comb(others: Sequence[Line], duration: float) -> Iterator[Line]:
+def _largest_harmonic_series(others: Sequence[Line], duration: float) -> Iterator[Line]:
     """Those of the lines that are multiples of the lowest of them which has most, but the mains'."""
     each = [x for x in others if not near_mains(x.frequency_hz, duration)]
     combs: list[list[Line]] = [
@@ -318,95 +406,125 @@ def _comb(others: Sequence[Line], duration: float) -> Iterator[Line]:
     yield from sorted(combs[-1] if combs else [], key=lambda x: x.frequency_hz)
 
 
-def rate_doubts(clock_ratio: float | None) -> Iterator[str]:
+def rate_warnings(clock_ratio: float | None) -> Iterator[str]:
     """A sentence where the step clock is farther off the scenario's than clocks are."""
-    off = 0.0 if clock_ratio is None else clock_ratio - 1.0
-    if abs(off) > FARTHEST_CLOCK:
+    if clock_ratio is None:
+        off = 0.0
+    else:
+        off = clock_ratio - 1.0
+    if abs(off) > MAX_CLOCK_OFFSET:
         yield (
-            f"the step clock is {100.0 * abs(off):.2g} % {'above' if off > 0.0 else 'below'} the scenario's: set tracking.rate to"
+            f"the step clock is {100.0 * abs(off):.2g} % {'above' if off > 0.0 else 'below'} the"
+            " scenario's: set tracking.rate to"
             " what was commanded in this recording, or name the recording of this scenario"
         )
 
 
-def clock_doubts(table: LineTable) -> Iterator[str]:
+def clock_warnings(table: LineTable) -> Iterator[str]:
     """What speaks against a recording being of the scenario's drive at its rate: a sentence each."""
     clock = [x for x in table if x.kind and x.of_clock]
     seen = [x for x in clock if x.seen]
     drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
     common = math.gcd(*(k for k, x in drive.items() if x in seen))
-    yield from rate_doubts(table.clock_ratio)
-    if table.clock_ratio is None and any(x.status == FAINT for x in clock):
-        yield f"no line of the step clock stands out within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
+    yield from rate_warnings(table.clock_ratio)
+    if table.clock_ratio is None and any(x.status == BELOW_FLOOR for x in clock):
+        yield f"no line of the step clock is detected within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
     elif seen and all(near_mains(x.frequency_hz, table.duration) for x in seen):
-        yield "all lines of the step clock stand where the mains (50 or 60 Hz) may: the drive may not have moved"
+        yield "all detected lines of the step clock coincide with mains harmonics (50 or 60 Hz): the drive may not have been moving"
     largest = max((x.amplitude_n_m for x in seen), default=math.inf)
-    comb = list(_comb([x for x in table if x.kind == "other" and x.amplitude_n_m > largest], table.duration))
-    if len(comb) >= _OF_A_COMB:
-        yield (
-            f"{', '.join(x.line for x in comb)}, multiples of {comb[0].frequency_hz:.5g} Hz, are larger than all lines of the step"
-            " clock: the drive may have run at another rate, or another machine beside it"
+    comb = list(
+        _largest_harmonic_series(
+            [x for x in table if x.kind == "other" and x.amplitude_n_m > largest], table.duration
         )
-    if common > 1 and all(x.status == FAINT for k, x in drive.items() if k % common):
+    )
+    if len(comb) >= _MIN_COMB_LINES:
+        yield (
+            f"{', '.join(x.line for x in comb)}, multiples of {comb[0].frequency_hz:.5g} Hz, are"
+            " larger than all lines of the step"
+            " clock: the drive may have run at another rate, or other machinery may have been"
+            " running nearby"
+        )
+    if common > 1 and all(x.status == BELOW_FLOOR for k, x in drive.items() if k % common):
         names = ", ".join(x.line for x in drive.values() if x in seen)
-        yield f"of the driving lines only {names} stand out: the drive may have run at {common} times the scenario's rate"
+        yield f"only the driving lines {names} are detected: the drive may have run at {common} times the scenario's rate"
 
 
-def clock_notes(table: LineTable) -> Iterator[str]:
-    """``clock_doubts`` and, where there are none, which lines of the clock pick-up of the mains may stand in."""
-    doubts = tuple(clock_doubts(table))
+def clock_and_mains_warnings(table: LineTable) -> Iterator[str]:
+    """``clock_warnings`` and, where there are none, which lines of the clock pick-up of the mains
+    may stand in.
+    """
+    doubts = tuple(clock_warnings(table))
     clock = (x for x in table if x.of_clock and x.seen)
     hum = [x.line for x in clock if near_mains(x.frequency_hz, table.duration)]
     if hum and not doubts:
-        yield f"where pick-up of the mains (50 or 60 Hz) may stand: {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
+        yield f"possible mains pick-up (50 or 60 Hz): {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
     yield from doubts
 
 
-_ENOUGH = 3
+_MIN_CLOCK_LINES = 3
 """Lines of the clock that stand out, from which a channel may be the one about the drive's axis."""
 
 
-def axis_doubts(recording: Recording, channel: str, scenario: Scenario, table: LineTable) -> Iterator[str]:
-    """Other channels of torque that show the drive's lines, where ``channel``, whose lines the ``table`` has, hardly shows any."""
-    mine = _of_clock(table)
-    if mine >= _ENOUGH or not scenario.driving_frequency:
+def channel_warnings(
+    recording: Recording, channel: str, scenario: Scenario, table: LineTable
+) -> Iterator[str]:
+    """Other channels of torque that show the drive's lines, where ``channel``, whose lines the
+    ``table`` has, hardly shows any.
+    """
+    mine = _count_clock_lines(table)
+    if mine >= _MIN_CLOCK_LINES or not scenario.driving_frequency:
         return
-    for other in (name for name, unit in recording.units.items() if unit == "N*m" and name != channel):
+    for other in (
+        name for name, unit in recording.units.items() if unit == "N*m" and name != channel
+    ):
         with suppress(RecordingError):
-            check(recording, other, _SHORTEST)
+            require_usable_channel(recording, other, _MIN_DURATION)
             x = recording[other]
-            its = _of_clock(lines_of_samples(x, recording.sample_rate, scenario, measured=True))
-            if its > max(_ENOUGH, 2 * mine):
+            its = _count_clock_lines(
+                lines_of_samples(x, recording.sample_rate, scenario, measured=True)
+            )
+            if its > max(_MIN_CLOCK_LINES, 2 * mine):
                 yield (
-                    f"channel {other} shows {its} lines of the step clock and {channel} {mine}: look at the drive's axis, and name"
+                    f"channel {other} shows {its} lines of the step clock and {channel} {mine}:"
+                    " check the drive axis, and specify"
                     f" the channel of the torque about it"
                 )
 
 
-def _of_clock(table: LineTable) -> int:
+def _count_clock_lines(table: LineTable) -> int:
     return sum(line.of_clock and line.kind != "other" and line.seen for line in table)
 
 
-def recording_notes(recording: Recording, channel: str, scenario: Scenario | None, table: LineTable) -> Iterator[str]:
-    """``clock_notes``, whether the recording is steady, and what speaks against the channel."""
-    yield from clock_notes(table)
+def recording_warnings(
+    recording: Recording, channel: str, scenario: Scenario | None, table: LineTable
+) -> Iterator[str]:
+    """``clock_and_mains_warnings``, whether the recording is steady, and what speaks against the
+    channel.
+    """
+    yield from clock_and_mains_warnings(table)
     if scenario is not None:
         yield from steadiness_notes(table)
-        yield from axis_doubts(recording, channel, scenario, table)
+        yield from channel_warnings(recording, channel, scenario, table)
 
 
 def expected_in(
     scenario: Scenario, sample_rate: float, harmonics: int = 8, measured: bool = False
 ) -> tuple[ExpectedLine, ...]:
     """Lines that are expected up to the edge of the passband of a record at ``sample_rate`` [Hz]."""
-    tolerances = (CLOCK_TOLERANCE, MODE_TOLERANCE) if measured else (0.0, 0.0)
+    if measured:
+        tolerances = (CLOCK_TOLERANCE, MODE_TOLERANCE)
+    else:
+        tolerances = (0.0, 0.0)
     return expected_lines(scenario, Si(PASSBAND * sample_rate), harmonics, *tolerances)
 
 
 def _of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTable:
     """Named as those of a record, with its bins and its first sample's phases."""
     if channel != "T_d":
-        series_of(state.channels, channel, state.scenario, state.time)
+        scalar_channel(state.channels, channel, state.scenario, state.time)
     record = state.scenario.record
     expected = expected_in(state.scenario, record.sample_rate, harmonics)
     series = state.harmonics(channel, int(PASSBAND * record.sample_rate / state.frequency) + 1)
-    return lines_of_series(series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate)
+    return lines_of_series(
+        series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate
+    )

@@ -1,4 +1,6 @@
-"""One line against a limit: how far its amplitude is known, and whether that is enough to pass or to fail."""
+"""One line against a limit: how far its amplitude is known, and whether that is enough to pass or
+to fail.
+"""
 
 from __future__ import annotations
 
@@ -9,42 +11,54 @@ from typing import Any, Literal
 
 import numpy as np
 
-from microvib.analysis.start import CALM, calm_for, rounded_up
+from microvib.analysis.start import SETTLED_EFOLDINGS, rounded_up, time_to_settle
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import DRIVEN, FAINT, Line, LineTable, SeedLine
+from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable, SeedLine
 
 Verdict = Literal["pass", "fail", "not judged"]
-OWN_ERROR = 1e-3
-"""Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table may know a larger one."""
-CLOCK = 1e-4
+MIN_RELATIVE_ERROR = 1e-3
+"""Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table
+may know a larger one.
+"""
+CLOCK_UNCERTAINTY = 1e-4
 """Part by which a clock or speed may be off; assumed."""
 FREQUENCY_SIGMAS = 4.0
-"""Standard uncertainties of a frequency within which a line may be on either side of an end of a band: 99.99 %."""
-AT_LEAST_OF = 0.25
-"""Part of the largest line to which an error of integration is relative at the least: it does not fall in proportion with a line
-that is far smaller than the motion about it."""
-BEYOND = 10.0
-"""Factor on what is known by a model or a bin only: on lines of the linearised drive above the passband, for what friction and
-detent torque add there, and on bins that several lines share."""
-STIRS = 0.1
-"""Part of what rings in a record by which a line may change until that has died away: friction couples them."""
-_LIMITED = 3.0
+"""Standard uncertainties of a frequency within which a line may be on either side of an end of a
+band: 99.99 %.
+"""
+MIN_ERROR_REFERENCE_RATIO = 0.25
+"""Part of the largest line to which an error of integration is relative at the least: it does not
+fall in proportion with a line that is far smaller than the motion about it."""
+ABOVE_PASSBAND_FACTOR = 10.0
+"""Factor on what is known by a model or a bin only: on lines of the linearised drive above the
+passband, for what friction and detent torque add there, and on bins that several lines share."""
+RINGING_FACTOR = 0.1
+"""Part of what rings in a record by which a line may change until that has died away: friction
+couples them.
+"""
+_BOUND_FIT_FACTOR = 3.0
 """Factor on the amplitude of a line whose fit ended at a limit."""
-_LEFT = 1.5
+_MIN_TRANSIENT_RATIO = 1.5
 """Times what noise alone gives a mode, above which its mean over draws holds something that decays."""
 ONE_DRAW = "driven by noise, one draw of many"
 SEEDS_NEEDED = 59
-"""Draws from which their largest is, with 95 % confidence, no less than their 95 % quantile: the least n with 0.95**n <= 0.05."""
+"""Draws from which their largest is, with 95 % confidence, no less than their 95 % quantile: the
+least n with 0.95**n <= 0.05.
+"""
 _RAYLEIGH = 1.823
-"""Standard deviations by which the 95 % quantile of an envelope of noise lies above its mean; that of a line with noise on it, by
-less."""
+"""Standard deviations by which the 95 % quantile of an envelope of noise lies above its mean; that
+of a line with noise on it, by less."""
 
 
-def frequency_doubt(frequency: Any, uncertainty: Any = 0.0) -> Any:
-    """By how much frequencies [Hz] may be off, with standard ``uncertainty`` [Hz] or by their clocks; scalars or arrays."""
-    return np.maximum(FREQUENCY_SIGMAS * np.nan_to_num(uncertainty), CLOCK * np.abs(frequency))
+def frequency_error_bound(frequency: Any, uncertainty: Any = 0.0) -> Any:
+    """By how much frequencies [Hz] may be off, with standard ``uncertainty`` [Hz] or by their
+    clocks; scalars or arrays.
+    """
+    return np.maximum(
+        FREQUENCY_SIGMAS * np.nan_to_num(uncertainty), CLOCK_UNCERTAINTY * np.abs(frequency)
+    )
 
 
 @dataclass(frozen=True)
@@ -53,8 +67,8 @@ class Margin:
 
     line: Line
     amplitude: float
-    """What is judged [N m]: the line's amplitude, where it decays that at the start of the record, where it was not found what it
-    may have at most."""
+    """What is judged [N m]: the line's amplitude, where it decays that at the start of the record,
+    where it was not found what it may have at most."""
     factor: float
     """Limit over amplitude."""
     verdict: Verdict
@@ -72,67 +86,109 @@ class Margin:
         return self.verdict == "fail"
 
 
-def margin(line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None) -> Margin:
-    """The verdict on one line against a limit [N m]: pass or fail where it is known well enough, whatever the record was."""
+def margin(
+    line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None
+) -> Margin:
+    """The verdict on one line against a limit [N m]: pass or fail where it is known well enough,
+    whatever the record was.
+    """
     seeds = table.over_seeds(line.line)
-    # Draws tell more than one record of what noise drives, and of a steady line once they bound its quantile from above.
-    steady = line.status in ("ok", FAINT) and seeds is not None and math.isfinite(seeds.p95_high_n_m)
-    if seeds is not None and (line.status == DRIVEN or steady):
-        amplitude, verdict, why = _over_seeds(line, seeds, most, table.own_error)
+    # Draws tell more than one record of what noise drives, and of a steady line once they bound its
+    # quantile from above.
+    steady = (
+        line.status in ("ok", BELOW_FLOOR)
+        and seeds is not None
+        and math.isfinite(seeds.p95_high_n_m)
+    )
+    if seeds is not None and (line.status == NOISE_DRIVEN or steady):
+        amplitude, verdict, why = _judge_seed_quantile(line, seeds, most, table.own_error)
     else:
-        amplitude, verdict, why = _of_record(line, most, table, ringing, scenario)
+        amplitude, verdict, why = _judge_record(line, most, table, ringing, scenario)
         if verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high_n_m):
-            verdict, why = _by_few_seeds(line, seeds, most)
+            verdict, why = _judge_by_tolerance_bound(line, seeds, most)
     if verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
         verdict = "not judged"
-        why = "may be an array mode that rings, which the record is too short to show; a longer record.settle"
-    factor = most / amplitude if amplitude > 0.0 else math.inf
-    return Margin(line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else "")
+        why = "may be a decaying array mode, which the record is too short to resolve; increase record.settle"
+    if amplitude > 0.0:
+        factor = most / amplitude
+    else:
+        factor = math.inf
+    return Margin(
+        line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else ""
+    )
 
 
-def _of_record(
+def _judge_record(
     line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None
 ) -> tuple[float, Verdict, str]:
     """Amplitude that is judged, verdict and reason of one record alone.
 
-    What a line may be at most decides that it passes, whatever its status; only a line that neither decays nor is hidden can fail.
+    What a line may be at most decides that it passes, whatever its status; only a line that neither
+    decays nor is hidden can fail.
     """
-    amplitude, doubt = line.amplitude_n_m, amplitude_doubt(line, table)
-    if line.status == DRIVEN:
+    amplitude, doubt = line.amplitude_n_m, amplitude_error_bound(line, table)
+    if line.status == NOISE_DRIVEN:
         return amplitude, "not judged", f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
-    if line.status == FAINT:
+    if line.status == BELOW_FLOOR:
         amplitude = max(amplitude + doubt if math.isfinite(amplitude) else 0.0, line.hidden_n_m)
-        return amplitude, "pass" if amplitude <= most else "not judged", "hidden by its floor; a longer record.duration"
+        return (
+            amplitude,
+            "pass" if amplitude <= most else "not judged",
+            "below the noise floor; increase record.duration",
+        )
     if line.status in ("decaying", "growing"):
         amplitude = line.starting(table.duration)
         largest = max(amplitude, line.amplitude_n_m) + doubt
         settled = line.status == "decaying" and largest <= most
-        return amplitude, "pass" if settled else "not judged", when_settled(line, largest / most, scenario)
+        return (
+            amplitude,
+            "pass" if settled else "not judged",
+            settling_advice(line, largest / most, scenario),
+        )
     if line.status != "ok":
-        return amplitude, "pass" if _LIMITED * amplitude <= most else "not judged", line.status
-    # Until what rings has died away friction may change this line by a part of it: the limit must be farther off than that, too.
-    rings = sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(table.duration) for x in ringing)
-    clear, stirred = abs(amplitude - most) - doubt, STIRS * min(rings, amplitude)
+        return (
+            amplitude,
+            "pass" if _BOUND_FIT_FACTOR * amplitude <= most else "not judged",
+            line.status,
+        )
+    # Until what rings has died away friction may change this line by a part of it: the limit must
+    # be farther off than that, too.
+    rings = sum(
+        x.amplitude_n_m if x.status == NOISE_DRIVEN else x.starting(table.duration) for x in ringing
+    )
+    clear, stirred = abs(amplitude - most) - doubt, RINGING_FACTOR * min(rings, amplitude)
     if clear >= stirred:
         return amplitude, "fail" if amplitude > most else "pass", ""
     if clear <= 0.0:
-        return amplitude, "not judged", "nearer to the limit than it is known"
-    falling = [x for x in ringing if x.status != DRIVEN]
+        return amplitude, "not judged", "within its uncertainty of the limit"
+    falling = [x for x in ringing if x.status != NOISE_DRIVEN]
     slowest = min(falling, key=lambda x: x.decay_per_s, default=None)
-    remedy = "--seeds N" if slowest is None else when_settled(slowest, stirred / clear, scenario)
-    return amplitude, "not judged", f"so near the limit that ringing may decide; {remedy}"
+    if slowest is None:
+        remedy = "--seeds N"
+    else:
+        remedy = settling_advice(slowest, stirred / clear, scenario)
+    return (
+        amplitude,
+        "not judged",
+        f"too close to the limit to judge until the transient has decayed; {remedy}",
+    )
 
 
-def amplitude_doubt(line: Line, table: LineTable) -> float:
-    """By how much an amplitude may be off [N m]: twice its spread over records and draws, and the integration's error."""
+def amplitude_error_bound(line: Line, table: LineTable) -> float:
+    """By how much an amplitude may be off [N m]: twice its spread over records and draws, and the
+    integration's error.
+    """
     seeds = table.over_seeds(line.line)
-    drawn = seeds.deviation_n_m if seeds else line.noise_doubt_n_m
+    if seeds:
+        drawn = seeds.deviation_n_m
+    else:
+        drawn = line.noise_doubt_n_m
     known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty_n_m, drawn))
-    size = max(line.amplitude_n_m, AT_LEAST_OF * table.largest)
-    return 2.0 * math.hypot(*known) + max(OWN_ERROR, table.own_error) * size
+    size = max(line.amplitude_n_m, MIN_ERROR_REFERENCE_RATIO * table.largest)
+    return 2.0 * math.hypot(*known) + max(MIN_RELATIVE_ERROR, table.own_error) * size
 
 
-def when_settled(line: Line, too_large: float, scenario: Scenario | None) -> str:
+def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> str:
     """What to do about a tone that is ``too_large`` by this factor until it has decayed."""
     if line.status == "growing":
         return "it grows within the record"
@@ -142,15 +198,20 @@ def when_settled(line: Line, too_large: float, scenario: Scenario | None) -> str
     return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
 
 
-def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> tuple[float, Verdict, str]:
-    """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95 % quantile."""
-    doubt = max(OWN_ERROR, own_error)
+def _judge_seed_quantile(
+    line: Line, seeds: SeedLine, most: float, own_error: float
+) -> tuple[float, Verdict, str]:
+    """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95
+    % quantile.
+    """
+    doubt = max(MIN_RELATIVE_ERROR, own_error)
     largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
-    if seeds.mean_n_m > _LEFT * line.noise_mean_n_m:
+    if seeds.mean_n_m > _MIN_TRANSIENT_RATIO * line.noise_mean_n_m:
         return (
             seeds.p95_n_m,
             "not judged",
-            "more than the noise gives, as where the start still rings; a longer record.settle",
+            "larger than the noise accounts for, possibly the start-up transient; increase"
+            " record.settle",
         )
     if largest <= most:
         return seeds.p95_n_m, "pass", ""
@@ -161,52 +222,64 @@ def _over_seeds(line: Line, seeds: SeedLine, most: float, own_error: float) -> t
         high, needed = "an unknown amplitude", f"{SEEDS_NEEDED} seeds or more"
     why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
     if seeds.p95_high_n_m * (1.0 + doubt) <= most:
-        why = "hidden by its floor in some draws; a longer record.duration"
+        why = "below the noise floor in some draws; increase record.duration"
     elif most < seeds.p95_low_n_m or seeds.p95_high_n_m <= most:
         why = (
-            f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high} over the draws, and the integration may"
+            f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high} over the"
+            " draws, and the integration may"
             f" be off by {100.0 * doubt:.2g} %; a larger solver.refinement"
         )
     return seeds.p95_n_m, "not judged", why
 
 
-def _by_few_seeds(line: Line, seeds: SeedLine, most: float) -> tuple[Verdict, str]:
-    """Verdict and reason of a line that passes by its record, where fewer draws were run than bound its quantile by their largest.
+def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple[Verdict, str]:
+    """Verdict and reason of a line that passes by its record, where fewer draws were run than bound
+    its quantile by their largest.
 
-    Their mean and scatter bound it with the same confidence, as a tolerance bound of a normal distribution does: by many deviations
-    where the draws are few.
+    Their mean and scatter bound it with the same confidence, as a tolerance bound of a normal
+    distribution does: by many deviations where the draws are few.
     """
     from scipy.stats import nct  # slow to import, and seldom needed
 
     n = seeds.draws
     if n < 2:
-        return "not judged", f"found in {n} draw of the noise, which does not bound it; {SEEDS_NEEDED} seeds or more"
+        return (
+            "not judged",
+            f"found in {n} noise draw, too few to bound it; use at least {SEEDS_NEEDED} seeds",
+        )
     reach = float(nct.ppf(0.95, n - 1, _RAYLEIGH * math.sqrt(n))) / math.sqrt(n)
     largest = seeds.mean_n_m + reach * seeds.deviation_n_m
     if max(largest, seeds.hidden_n_m) <= most:
         return "pass", ""
     why = (
-        f"{n} draws of the noise bound its 95 % quantile to {1e3 * largest:.4g} mN m only; {SEEDS_NEEDED} seeds or more"
+        f"{n} draws of the noise bound its 95 % quantile to no better than {1e3 * largest:.4g} mN"
+        f" m; use at least {SEEDS_NEEDED} seeds"
     )
     return "not judged", why
 
 
-def may_have(line: Line) -> float:
-    """What a line without a figure of its own may have at most [N m]: what its floor hides, or BEYOND times the bin that it shares
-    with others, for there they may cancel in part."""
-    return line.hidden_n_m if line.hidden_n_m > 0.0 else BEYOND * line.bin_amplitude_n_m
+def amplitude_bound(line: Line) -> float:
+    """What a line without a figure of its own may have at most [N m]: what its floor hides, or
+    BEYOND times the bin that it shares with others, for there they may cancel in part."""
+    if line.hidden_n_m > 0.0:
+        return line.hidden_n_m
+    return ABOVE_PASSBAND_FACTOR * line.bin_amplitude_n_m
 
 
 def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
     """Whether a line rings after the start and dies away, or may do so.
 
-    A mode whose decay the record is too short to show does, and what lies within its resolution, until it has died away by its
-    damping.
+    A mode whose decay the record is too short to show does, and what lies within its resolution,
+    until it has died away by its damping.
     """
-    if line.of_clock or line.status == DRIVEN:
+    if line.of_clock or line.status == NOISE_DRIVEN:
         return False
     if scenario is None or line.status != "ok":
         return line.status != "ok"
     near = SEPARATION / table.duration
-    modes = [m for m in coupled_modes(scenario) if m.name == line.line or abs(m.frequency - line.frequency_hz) < near]
-    return any(m.decay * calm_for(scenario) < CALM for m in modes)
+    modes = [
+        m
+        for m in coupled_modes(scenario)
+        if m.name == line.line or abs(m.frequency - line.frequency_hz) < near
+    ]
+    return any(m.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS for m in modes)

@@ -1,4 +1,6 @@
-"""What a run on a craft says of the hub: lines of its six loads and of its line of sight, and what they cost in each window."""
+"""What a run on a craft says of the hub: lines of its six loads and of its line of sight, and what
+they cost in each window.
+"""
 
 from __future__ import annotations
 
@@ -9,38 +11,42 @@ from typing import Any
 
 import numpy as np
 
-from microvib.model.coupling import density_of_noise
+from microvib.model.coupling import line_of_sight_noise_spectrum
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import (
     METRICS,
     Metric,
-    level,
+    confidence_level_angle,
     mean_square_of_density,
     mean_square_of_lines,
-    radial,
+    radial_rms,
     transfer_in_window,
 )
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 
 CONFIDENCE = 0.997
-NOISE = "torque noise"
+NOISE_LABEL = "torque noise"
 """What a ranking calls the noise of the output's friction."""
-SAME = 1e-6
+FREQUENCY_TOLERANCE = 1e-6
 """Relative distance of frequencies up to which lines are of one frequency."""
 
 
 @dataclass(frozen=True)
 class HubLines:
-    """Lines of what the hub feels and does, each with its frequency; complex amplitudes, 0-to-peak, A exp(j phase)."""
+    """Lines of what the hub feels and does, each with its frequency; complex amplitudes, 0-to-peak,
+    A exp(j phase).
+    """
 
     scenario: Scenario
     names: tuple[str, ...]
     frequency: np.ndarray
     """[Hz], (k,)."""
     loads: np.ndarray
-    """Fx Fy Fz [N], Mx My Mz [N m] on the hub at the interface point, hub axes, (k, 6); nan where a line is not estimated."""
+    """Fx Fy Fz [N], Mx My Mz [N m] on the hub at the interface point, hub axes, (k, 6); nan where a
+    line is not estimated.
+    """
     los: np.ndarray | None
     """Both angles of the line of sight [rad], (k, 2); None without ``line_of_sight``."""
     shafts: np.ndarray
@@ -50,7 +56,9 @@ class HubLines:
     second: np.ndarray | None = None
     """Loads on the hub at the second wing's interface, (k, 6); None without a second wing."""
     driven: tuple[str, ...] = ()
-    """Lines that noise drives: one draw of what ``density`` has of all, so that sums leave them out."""
+    """Lines that noise drives: one draw of what ``density`` has of all, so that sums leave them
+    out.
+    """
     rings: tuple[str, ...] = ()
     """Lines that ring after the start and die away, or may do so; sums count them with their mean."""
     drives: tuple[HubLines, ...] = ()
@@ -59,28 +67,50 @@ class HubLines:
     @property
     def windows(self) -> tuple[float, ...]:
         """Windows in which the line of sight is judged [s]."""
-        los = None if self.scenario.spacecraft is None else self.scenario.spacecraft.line_of_sight
-        return () if los is None else los.windows
+        if self.scenario.spacecraft is None:
+            los = None
+        else:
+            los = self.scenario.spacecraft.line_of_sight
+        if los is None:
+            return ()
+        return los.windows
 
     @cached_property
     def amplitude(self) -> np.ndarray:
         """Amplitudes of the line of sight [rad], (k, 2); 0 where a line is not estimated."""
-        return np.nan_to_num(np.abs(self.los)) if self.los is not None else np.zeros((len(self.names), 2))
+        if self.los is not None:
+            return np.nan_to_num(np.abs(self.los))
+        return np.zeros((len(self.names), 2))
 
     @cached_property
     def lasting(self) -> np.ndarray:
         """The same without the lines that noise drives."""
-        return self.amplitude * np.array([name not in self.driven for name in self.names], dtype=bool)[:, None]
+        return (
+            self.amplitude
+            * np.array([name not in self.driven for name in self.names], dtype=bool)[:, None]
+        )
 
     @cached_property
     def density(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """One-sided density (n, 2) [rad^2/Hz] of the line of sight by noise, over the frequency (n,) [Hz]; None without."""
+        """One-sided density (n, 2) [rad^2/Hz] of the line of sight by noise, over the frequency
+        (n,) [Hz]; None without.
+        """
         drives = () if self.los is None else (self.scenario, self.scenario.driven_wing)
-        found = [one for one in (density_of_noise(drive) for drive in drives if drive is not None) if one is not None]
+        found = [
+            one
+            for one in (
+                line_of_sight_noise_spectrum(drive) for drive in drives if drive is not None
+            )
+            if one is not None
+        ]
         if len(found) < 2:
-            return found[0] if found else None
+            if found:
+                return found[0]
+            return None
         grid = np.union1d(found[0][0], found[1][0])
-        both = [[np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T] for f, S in found]
+        both = [
+            [np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T] for f, S in found
+        ]
         return grid, np.sum(both, axis=0).T
 
     def noise(self, metric: Metric, window: float) -> np.ndarray:
@@ -91,7 +121,9 @@ class HubLines:
         return np.array([mean_square_of_density(metric, f, column, window) for column in S.T])
 
     def sums(self, metric: Metric, window: float) -> np.ndarray:
-        """Mean square [rad^2] of all lines and of torque noise about both axes in a ``window`` [s], (2, 2)."""
+        """Mean square [rad^2] of all lines and of torque noise about both axes in a ``window`` [s],
+        (2, 2).
+        """
         lines = mean_square_of_lines(metric, self.frequency, self.lasting, window).sum(axis=0)
         return np.array([lines, self.noise(metric, window)])
 
@@ -100,32 +132,49 @@ class HubLines:
         return mean_square_of_lines(metric, self.frequency, self.amplitude, window)
 
     def ranking(self, metric: Metric, window: float) -> list[tuple[str, float]]:
-        """Lines by what they cost in a window, and torque noise: name and radial rms [rad], the largest first."""
-        cost = [*radial(mean_square_of_lines(metric, self.frequency, self.lasting, window)).tolist()]
+        """Lines by what they cost in a window, and torque noise: name and radial rms [rad], the
+        largest first.
+        """
+        cost = [
+            *radial_rms(mean_square_of_lines(metric, self.frequency, self.lasting, window)).tolist()
+        ]
         names = [*self.names]
         if self.density is not None:
-            cost, names = [*cost, float(radial(self.noise(metric, window)))], [*names, NOISE]
+            cost, names = (
+                [*cost, float(radial_rms(self.noise(metric, window)))],
+                [*names, NOISE_LABEL],
+            )
         return [(names[k], cost[k]) for k in np.argsort(-np.array(cost), kind="stable")]
 
     def totals(self) -> Iterator[dict[str, Any]]:
-        """For each window and metric the rms of all [rad]: about both axes and radial, phases unrelated.
+        """For each window and metric the rms of all [rad]: about both axes and radial, phases
+        unrelated.
 
         Where there is torque noise, lines and noise are also told apart.
         """
         for window in self.windows:
             for metric in METRICS:
                 parts = self.sums(metric, window)
-                row: dict[str, Any] = {"window_s": window, "metric": metric, **_rms(parts.sum(axis=0))}
+                row: dict[str, Any] = {
+                    "window_s": window,
+                    "metric": metric,
+                    **_rms(parts.sum(axis=0)),
+                }
                 if self.density is not None:
                     row |= {"lines": _rms(parts[0]), "noise": _rms(parts[1])}
                 yield row
 
     def image(self) -> Iterator[dict[str, Any]]:
-        """For each window what lines and torque noise do to an image, in pixels and at half a cycle per pixel; needs ``pixel``.
+        """For each window what lines and torque noise do to an image, in pixels and at half a cycle
+        per pixel; needs ``pixel``.
 
-        Smear is the length of the steady motion with the same mean square, jitter the rms about it, MTF about both axes.
+        Smear is the length of the steady motion with the same mean square, jitter the rms about it,
+        MTF about both axes.
         """
-        los = None if self.scenario.spacecraft is None else self.scenario.spacecraft.line_of_sight
+        if self.scenario.spacecraft is None:
+            los = None
+        else:
+            los = self.scenario.spacecraft.line_of_sight
         if los is None or los.pixel is None:
             return
         for window in self.windows:
@@ -135,7 +184,12 @@ class HubLines:
             sigma, straight = np.sqrt(jitters[1]).tolist(), np.sqrt(smears[1]).tolist()
             for k, axis in enumerate("xy"):
                 mtf = transfer_in_window(
-                    self.frequency, self.lasting[:, k], sigma[k], window, 0.5 / los.pixel, straight[k]
+                    self.frequency,
+                    self.lasting[:, k],
+                    sigma[k],
+                    window,
+                    0.5 / los.pixel,
+                    straight[k],
                 )
                 yield {
                     "window_s": window, "axis": axis, "smear_px": float(smear[k]), "jitter_rms_px": float(jitter[k]),
@@ -143,7 +197,9 @@ class HubLines:
                 }  # fmt: skip
 
     def costs(self) -> Iterator[dict[str, Any]]:
-        """For each window and metric the five lines that cost most: radial rms and part of the mean square."""
+        """For each window and metric the five lines that cost most: radial rms and part of the mean
+        square.
+        """
         for window in self.windows:
             for metric in METRICS:
                 whole = float(self.sums(metric, window).sum())
@@ -165,12 +221,20 @@ class HubLines:
         rising = np.sqrt(np.cumsum(squares, axis=0))
         falling = np.sqrt(np.cumsum(squares[::-1], axis=0)[::-1])
         sigma = np.sqrt(self.noise("ape", 1.0)).tolist()
-        second = None if self.scenario.spacecraft is None else self.scenario.spacecraft.second_wing
+        if self.scenario.spacecraft is None:
+            second = None
+        else:
+            second = self.scenario.spacecraft.second_wing
         own = second is not None and second.clock_ratio != 1.0
-        clock = np.array([int(own and name.startswith(SECOND_DRIVE)) for name in self.names], dtype=int)
-        tones = np.zeros(self.lasting.shape) if self.los is None else np.where(self.lasting > 0.0, self.los, 0.0)
+        clock = np.array(
+            [int(own and name.startswith(SECOND_DRIVE)) for name in self.names], dtype=int
+        )
+        if self.los is None:
+            tones = np.zeros(self.lasting.shape)
+        else:
+            tones = np.where(self.lasting > 0.0, self.los, 0.0)
         levels = [
-            level(tones[:, k], sigma[k], CONFIDENCE, frequency=self.frequency, clock=clock) for k in range(2)
+            confidence_level_angle(tones[:, k], sigma[k], CONFIDENCE, frequency=self.frequency, clock=clock) for k in range(2)
         ]  # fmt: skip
         return {
             "windows": list(self.totals()),
@@ -188,20 +252,27 @@ class HubLines:
         """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface."""
         found = self.second if second else self.loads
         assert found is not None
-        header = ["line", "frequency_hz", *LOAD_COLUMNS, *(f"{name.lower()}_phase_rad" for name in COMPONENTS)]
+        header = [
+            "line",
+            "frequency_hz",
+            *LOAD_COLUMNS,
+            *(f"{name.lower()}_phase_rad" for name in COMPONENTS),
+        ]
         return header, [
             [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
             for name, f, values in zip(self.names, self.frequency, found, strict=True)
         ]
 
     def pointing_table(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of ``pointing.csv``: amplitudes and phases, then the rms of each line in each metric and window."""
+        """Header and rows of ``pointing.csv``: amplitudes and phases, then the rms of each line in
+        each metric and window.
+        """
         assert self.los is not None
         header = ["line", "frequency_hz", *LOS_COLUMNS, "los_x_phase_rad", "los_y_phase_rad"]
         columns = [np.abs(self.los), np.angle(self.los)]
         for window in self.windows:
             for metric in METRICS:
-                header += [f"{metric}_{_words(window)}_{axis}_rad" for axis in "xy"]
+                header += [f"{metric}_{_window_label(window)}_{axis}_rad" for axis in "xy"]
                 columns.append(np.sqrt(self.mean_squares(metric, window)))
         rows = zip(self.names, self.frequency, np.hstack(columns), strict=True)
         return header, [[name, float(f), *row.tolist()] for name, f, row in rows]
@@ -210,8 +281,12 @@ class HubLines:
 def _rms(squares: np.ndarray) -> dict[str, float]:
     """Root of mean squares (2,) about both axes, and radial."""
     x, y = np.sqrt(squares).tolist()
-    return {"los_x_rad": x, "los_y_rad": y, "radial_rad": float(radial(squares))}
+    return {"los_x_rad": x, "los_y_rad": y, "radial_rad": float(radial_rms(squares))}
 
 
-def _words(window: float) -> str:
-    return f"{window:g}s" if window >= 1.0 else f"{1e3 * window:g}ms" if window >= 1e-3 else f"{1e6 * window:g}us"
+def _window_label(window: float) -> str:
+    if window >= 1.0:
+        return f"{window:g}s"
+    if window >= 1e-3:
+        return f"{1e3 * window:g}ms"
+    return f"{1e6 * window:g}us"

@@ -1,4 +1,6 @@
-"""A run: motion or steady state, its lines, and how far they are off; the same for the command line, the page and a notebook."""
+"""A run: motion or steady state, its lines, and how far they are off; the same for the command
+line, the page and a notebook.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from microvib.analysis.accuracy import Accuracy, account, accuracy, estimate_in, noted
+from microvib.analysis.accuracy import (
+    Accuracy,
+    accuracy,
+    add_error_estimate,
+    read_error_estimate,
+    with_integration_error,
+)
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.lines import MEMBERS, lines
+from microvib.analysis.lines import HARMONICS_RANGE, lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
@@ -17,7 +25,7 @@ from microvib.errors import whole_number
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import LineTable
-from microvib.solve.integration import Progress, from_rest
+from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Invariants, Motion
 from microvib.solve.steady.state import SteadyState, find_steady
 
@@ -35,11 +43,15 @@ class RunResult:
     motion: Motion | None
     """None where lines alone were asked for."""
     state: SteadyState | None = None
-    """The steady state, where the record starts in it: lines, invariants and account of the solver are then its own."""
+    """The steady state, where the record starts in it: lines, invariants and account of the solver
+    are then its own.
+    """
     fallback: str = ""
     """Why a steady state that was asked for was not found; the run then began at rest."""
     second: RunResult | None = None
-    """What the second wing's drive does by itself, where it is driven and more than lines of T_d was kept."""
+    """What the second wing's drive does by itself, where it is driven and more than lines of T_d
+    was kept.
+    """
 
     def __repr__(self) -> str:
         return f"Run of {self.scenario!r}\n{self.table!r}"
@@ -47,18 +59,24 @@ class RunResult:
     @property
     def drives(self) -> dict[str, RunResult]:
         """This result and that of the second wing's drive, by how texts call what is theirs."""
-        return {"": self} if self.second is None else {"": self, f" of {SECOND_DRIVE}": self.second}
+        if self.second is None:
+            return {"": self}
+        return {"": self, f" of {SECOND_DRIVE}": self.second}
 
     @cached_property
     def hub(self) -> HubLines | None:
-        """Lines of what the hub of a craft feels and does; None on firm ground, and where no more than T_d was kept."""
+        """Lines of what the hub of a craft feels and does; None on firm ground, and where no more
+        than T_d was kept.
+        """
         source = self.state or self.motion
-        return None if source is None or self.scenario.spacecraft is None else hub_lines(source, self.table)
+        if source is None or self.scenario.spacecraft is None:
+            return None
+        return hub_lines(source, self.table)
 
     @property
     def accuracy(self) -> Accuracy | None:
         """How far the integration may be off; None where that is not known."""
-        return estimate_in(self.solver)
+        return read_error_estimate(self.solver)
 
 
 def solve_run(
@@ -70,53 +88,84 @@ def solve_run(
     progress: Progress | None = None,
     drawn: Callable[[int], None] | None = None,
 ) -> RunResult:
-    """Simulate ``scenario``, from its steady state if ``record.start`` says so and there is one, and find its lines.
+    """Simulate ``scenario``, from its steady state if ``record.start`` says so and there is one,
+    and find its lines.
 
-    With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws of the noise are run, and the
-    table knows its lines over them; ``drawn`` counts them. Raises what ``simulate`` raises, OptionError for seeds without noise.
+    With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws
+    of the noise are run, and the table knows its lines over them; ``drawn`` counts them. Raises
+    what ``simulate`` raises, OptionError for seeds without noise.
     """
     expect_scenario(scenario)
-    whole_number("harmonics", harmonics, *MEMBERS)
+    whole_number("harmonics", harmonics, *HARMONICS_RANGE)
     if whole_number("seeds", seeds, 0, MOST_SEEDS):
         check_seeds(scenario, seeds)
     if progress is not None:  # a steady state tells nothing while it is sought
         progress(0.0, scenario.record.settle + scenario.record.duration)
-    result = _solved(scenario, harmonics, lines_only, progress)
-    return replace(result, table=with_seeds(result.table, scenario, seeds, drawn)) if seeds else result
+    result = _solve_one(scenario, harmonics, lines_only, progress)
+    if seeds:
+        return replace(result, table=with_seeds(result.table, scenario, seeds, drawn))
+    return result
 
 
-def _solved(scenario: Scenario, harmonics: int, lines_only: bool, progress: Progress | None) -> RunResult:
-    state, fallback = find_steady(scenario) if scenario.record.start == "steady" else (None, "")
-    not_used = {"steady": f"not used: {fallback}"} if fallback else {}
+def _solve_one(
+    scenario: Scenario, harmonics: int, lines_only: bool, progress: Progress | None
+) -> RunResult:
+    if scenario.record.start == "steady":
+        state, fallback = find_steady(scenario)
+    else:
+        state, fallback = (None, "")
+    if fallback:
+        not_used = {"steady": f"not used: {fallback}"}
+    else:
+        not_used = {}
     if lines_only and state is None:
         table, invariants, solver = lines_of_stream(scenario, harmonics, progress)
         return RunResult(scenario, table, invariants, solver | not_used, None, None, fallback)
     motion = None
     if not lines_only:
-        motion = from_rest(scenario, progress=progress) if state is None else state.motion(progress=progress)
+        if state is None:
+            motion = simulate_from_rest(scenario, progress=progress)
+        else:
+            motion = state.motion(progress=progress)
         motion = replace(motion, solver=motion.solver | not_used)
-    result = _of_source(state, motion, harmonics)
+    result = _result_of(state, motion, harmonics)
     return replace(result, solver=result.solver | not_used, fallback=fallback)
 
 
-def _of_source(state: SteadyState | None, motion: Motion | None, harmonics: int) -> RunResult:
-    """What a steady state says, or a motion, or both of one drive; and the same of the second wing's."""
+def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int) -> RunResult:
+    """What a steady state says, or a motion, or both of one drive; and the same of the second
+    wing's.
+    """
     source = state or motion
     assert source is not None
     table, solver, second = lines(source, harmonics=harmonics), source.solver, None
     if source.beside is not None:
-        second = _of_source(state and state.beside, motion and motion.beside, harmonics)
+        second = _result_of(state and state.beside, motion and motion.beside, harmonics)
     if motion is not None:
         found = accuracy(motion, table)
-        table, solver = noted(table, found), account(solver, found)
-        if state is not None:  # lines are the steady state's, and the motion shows whether it is one
-            table = replace(table, broken=tuple(dict.fromkeys((*table.broken, *motion.invariants.broken))))
-        motion = replace(motion, solver=account(motion.solver, found), beside=None if second is None else second.motion)
-    return RunResult(source.scenario, table, source.invariants, solver, motion, state, second=second)
+        table, solver = with_integration_error(table, found), add_error_estimate(solver, found)
+        if (
+            state is not None
+        ):  # lines are the steady state's, and the motion shows whether it is one
+            table = replace(
+                table, broken=tuple(dict.fromkeys((*table.broken, *motion.invariants.broken)))
+            )
+        motion = replace(
+            motion,
+            solver=add_error_estimate(motion.solver, found),
+            beside=None if second is None else second.motion,
+        )
+    return RunResult(
+        source.scenario, table, source.invariants, solver, motion, state, second=second
+    )
 
 
 def lines_of_second(motion: Motion, table: LineTable) -> LineTable | None:
-    """Lines of the second wing's drive in a run's motion, as many as the first's ``table`` has, which know how far they are off;
-    None where it is not driven."""
+    """Lines of the second wing's drive in a run's motion, as many as the first's ``table`` has,
+    which know how far they are off; None where it is not driven."""
     beside = motion.beside
-    return None if beside is None else noted(lines(beside, harmonics=table.harmonics), estimate_in(beside.solver))
+    if beside is None:
+        return None
+    return with_integration_error(
+        lines(beside, harmonics=table.harmonics), read_error_estimate(beside.solver)
+    )

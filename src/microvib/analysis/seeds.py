@@ -1,4 +1,6 @@
-"""Lines over many draws of the noise: mean, deviation and 95 % quantile, with what so many draws can tell of it."""
+"""Lines over many draws of the noise: mean, deviation and 95 % quantile, with what so many draws
+can tell of it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.analysis.lines import lines_among
+from microvib.analysis.lines import lines_by_name
 from microvib.errors import OptionError
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, SeedLine
@@ -19,9 +21,14 @@ MOST_SEEDS = 100_000
 
 
 def seeds_of(scenario: Scenario, draw: int) -> dict[str, int]:
-    """Keys and values of the seeds of a draw of the scenario's noise, the first being its own; none without noise."""
+    """Keys and values of the seeds of a draw of the scenario's noise, the first being its own; none
+    without noise.
+    """
     noise, position = scenario.friction.torque_noise, scenario.friction.position
-    keys = {"friction.torque_noise.seed": noise.seed} if noise and not noise.silent else {}
+    if noise and not noise.silent:
+        keys = {"friction.torque_noise.seed": noise.seed}
+    else:
+        keys = {}
     if position and position.roughness and position.acts:
         keys["friction.position.roughness.seed"] = position.roughness.seed
     return {key: (seed + draw) % 2**63 for key, seed in keys.items()}
@@ -31,7 +38,9 @@ def check_seeds(scenario: Scenario, number: int) -> None:
     """OptionError where a scenario has no noise to draw, or so many draws are not allowed."""
     if not seeds_of(scenario, 0):
         raise OptionError(
-            "seeds", "says how many draws of the noise to run, and this scenario has none (friction.torque_noise)"
+            "seeds",
+            "sets the number of noise draws, but this scenario has no noise"
+            " (friction.torque_noise)",
         )
     if not 2 <= number <= MOST_SEEDS:
         raise OptionError("seeds", f"{number} is not allowed; 2 to {MOST_SEEDS} draws are expected")
@@ -40,7 +49,8 @@ def check_seeds(scenario: Scenario, number: int) -> None:
 def with_seeds(
     table: LineTable, scenario: Scenario, number: int, progress: Callable[[int], None] | None = None
 ) -> LineTable:
-    """The table with its lines over a ``number`` of draws, those of its seeds and of the following ones, each from rest.
+    """The table with its lines over a ``number`` of draws, those of its seeds and of the following
+    ones, each from rest.
 
     Unlisted lines are others in every draw and are left out. What
     ``check_seeds`` allows is drawn; raises what ``simulate`` raises.
@@ -54,16 +64,16 @@ def with_seeds(
         if not isinstance(torque, Torque):
             raise torque
         broken |= dict.fromkeys(torque.broken)
-        for line in lines_among(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):
+        for line in lines_by_name(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):
             if line.line in found and math.isfinite(line.amplitude_n_m):
                 found[line.line].append(line)
         if progress:
             progress(k + 1)
-    over = tuple(_over(rows) for rows in found.values() if len(rows) > 0.9 * number)
+    over = tuple(_seed_statistics(rows) for rows in found.values() if len(rows) > 0.9 * number)
     return replace(table, seeds=over, broken=tuple(broken))
 
 
-def _over(rows: list[Line]) -> SeedLine:
+def _seed_statistics(rows: list[Line]) -> SeedLine:
     amplitude = np.sort([x.amplitude_n_m for x in rows])
     low, high = quantile_bounds(amplitude)
     return SeedLine(
@@ -80,9 +90,11 @@ def _over(rows: list[Line]) -> SeedLine:
 
 
 def quantile_bounds(values: np.ndarray) -> tuple[float, float]:
-    """Bounds of the quantile of which sorted ``values`` (n,) are draws, each with CONFIDENCE, whatever their distribution.
+    """Bounds of the quantile of which sorted ``values`` (n,) are draws, each with CONFIDENCE,
+    whatever their distribution.
 
-    The m-th smallest of n draws is below the quantile as often as a binomial distribution says; nan where n is too small.
+    The m-th smallest of n draws is below the quantile as often as a binomial distribution says; nan
+    where n is too small.
     """
     from scipy.special import bdtr
 

@@ -1,4 +1,6 @@
-"""The short way from a run on ground that does not move to a craft, and its error against the coupled run, line by line."""
+"""The short way from a run on ground that does not move to a craft, and its error against the
+coupled run, line by line.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.analysis.hub_lines import lines_in, tones_of
+from microvib.analysis.hub_lines import channel_lines, complex_amplitudes
 from microvib.analysis.lines import expected_in
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
-from microvib.model.coupling import Coupled, craft_in, into_hub, short_way
+from microvib.model.coupling import (
+    CoupledResponse,
+    blocked_load_method,
+    require_craft,
+    rotation_to_hub_axes,
+)
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.solve.integration import Progress
@@ -30,32 +37,44 @@ class BlockedLines:
 
 
 def blocked_lines(source: Motion | SteadyState, on: Scenario, harmonics: int = 8) -> BlockedLines:
-    """Lines of the six loads of a run on ground, in the hub axes of the scenario ``on`` a craft and at its array angle."""
+    """Lines of the six loads of a run on ground, in the hub axes of the scenario ``on`` a craft and
+    at its array angle.
+    """
     # What rings does so at other frequencies on a craft: the short way does not take it.
-    expected = [line for line in expected_in(source.scenario, on.record.sample_rate, harmonics) if line.of_clock]
-    found = [lines_in(source, name, tuple(expected)) for name in COMPONENTS]
-    loads = np.array([tones_of(column) for column in found]).T.reshape(len(expected), 6)
+    expected = [
+        line
+        for line in expected_in(source.scenario, on.record.sample_rate, harmonics)
+        if line.of_clock
+    ]
+    found = [channel_lines(source, name, tuple(expected)) for name in COMPONENTS]
+    loads = np.array([complex_amplitudes(column) for column in found]).T.reshape(len(expected), 6)
     kept = np.any(np.isfinite(loads) & (loads != 0.0), axis=1)
     names = tuple(line.name for line, keep in zip(expected, kept, strict=True) if keep)
     frequency = np.array([line.frequency for line in expected])
-    return BlockedLines(names, frequency[kept], np.nan_to_num(loads[kept]) @ into_hub(on).T)
+    return BlockedLines(
+        names, frequency[kept], np.nan_to_num(loads[kept]) @ rotation_to_hub_axes(on).T
+    )
 
 
-def short_way_of(
+def blocked_load_solution(
     scenario: Scenario, *, harmonics: int = 8, progress: Progress | None = None
-) -> tuple[BlockedLines, Coupled]:
+) -> tuple[BlockedLines, CoupledResponse]:
     """Blocked lines of a scenario on a craft, run without it, and what they become on it."""
-    craft_in(scenario)
-    result = solve_run(scenario.model_copy(update={"spacecraft": None}), harmonics=harmonics, progress=progress)
+    require_craft(scenario)
+    result = solve_run(
+        scenario.model_copy(update={"spacecraft": None}), harmonics=harmonics, progress=progress
+    )
     source = result.state or result.motion
     assert source is not None
     lines = blocked_lines(source, scenario, harmonics)
-    return lines, short_way(scenario, lines.frequency, lines.loads)
+    return lines, blocked_load_method(scenario, lines.frequency, lines.loads)
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One line the short way and coupled: amplitudes of the line of sight and of the load vector, and how far they lie apart."""
+    """One line the short way and coupled: amplitudes of the line of sight and of the load vector,
+    and how far they lie apart.
+    """
 
     line: str
     frequency: float
@@ -69,8 +88,12 @@ class Difference:
     """Of this line in the coupled line of sight's mean square."""
 
 
-def differences(lines: BlockedLines, short: Coupled, full: HubLines) -> list[Difference]:
-    """The short way against the coupled run, line by line, those that count most in the line of sight first."""
+def method_differences(
+    lines: BlockedLines, short: CoupledResponse, full: HubLines
+) -> list[Difference]:
+    """The short way against the coupled run, line by line, those that count most in the line of
+    sight first.
+    """
     total = float(np.sum(full.amplitude**2)) or 1.0
     rows = []
     for k, name in enumerate(lines.names):
@@ -84,10 +107,17 @@ def differences(lines: BlockedLines, short: Coupled, full: HubLines) -> list[Dif
         share = float(np.sum(full.amplitude[j] ** 2)) / total
         moments = short.loads[k, 3:], full.loads[j, 3:]
         rows.append(
-            Difference(name, float(lines.frequency[k]), (size[0], size[1]), _apart(*los), _apart(*moments), share)
+            Difference(
+                name,
+                float(lines.frequency[k]),
+                (size[0], size[1]),
+                _relative_difference(*los),
+                _relative_difference(*moments),
+                share,
+            )
         )
     return sorted(rows, key=lambda row: -row.share)
 
 
-def _apart(found: np.ndarray, wanted: np.ndarray) -> float:
+def _relative_difference(found: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.linalg.norm(found - wanted) / max(float(np.linalg.norm(wanted)), 1e-300))

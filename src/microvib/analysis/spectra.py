@@ -10,20 +10,23 @@ from microvib.errors import ChannelError, SimulationError, expect, expect_channe
 from microvib.signals import spectrum as spectra
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.batch import Torque
-from microvib.solve.motion import Motion, series_of, unit_of
+from microvib.solve.motion import Motion, scalar_channel, unit_of
 from microvib.testdata.recording import Recording, check_samples
-from microvib.units import Given
+from microvib.units import GivenQuantity
 
 Sampled = Motion | Torque | Recording
 """What has samples: of many channels, of T_d alone, of what was measured."""
 SAMPLED = "a motion (mv.simulate), a torque of mv.batch or a recording (mv.read_recording)"
 
 
-def samples_of(source: Sampled, channel: str = "", expected: str = SAMPLED) -> tuple[np.ndarray, float, str]:
+def samples_of(
+    source: Sampled, channel: str = "", expected: str = SAMPLED
+) -> tuple[np.ndarray, float, str]:
     """Values (n,) of a channel, samples per second [Hz] and unit.
 
-    Without a ``channel`` it is the disturbance torque: T_d, or Mz of a recording. ChannelError or RecordingError where there is
-    no such channel, or not one value at a time, or where a recording's samples are no measurement.
+    Without a ``channel`` it is the disturbance torque: T_d, or Mz of a recording. ChannelError or
+    RecordingError where there is no such channel, or not one value at a time, or where a
+    recording's samples are no measurement.
     """
     if isinstance(source, SimulationError):
         raise source  # of mv.batch, in place of a torque
@@ -31,30 +34,45 @@ def samples_of(source: Sampled, channel: str = "", expected: str = SAMPLED) -> t
     expect_channel(channel)
     if isinstance(source, Motion):
         name = channel or "T_d"
-        own = series_of(source.channels, name, source.scenario, source.time)
+        own = scalar_channel(source.channels, name, source.scenario, source.time)
         return own if source.beside is None else source[name], source.sample_rate, unit_of(name)
     if isinstance(source, Recording):
         name = channel or "Mz"
         return check_samples(source, name), source.sample_rate, source.units.get(name, "")
     if channel not in ("", "T_d"):
-        raise ChannelError(f"channel '{channel}' is not in this torque; there is T_d alone, and mv.simulate gives all")
+        raise ChannelError(
+            f"channel '{channel}' is not in this torque; there is T_d alone, and mv.simulate gives"
+            " all"
+        )
     return source.T_d, source.sample_rate, "N*m"
 
 
 def spectrum(source: Sampled, channel: str = "", window: Window = "rectangular") -> Spectrum:
-    """One-sided amplitude spectrum, 0-to-peak, of a channel, or a load ``Fx`` to ``Mz``, over the whole record."""
+    """One-sided amplitude spectrum, 0-to-peak, of a channel, or a load ``Fx`` to ``Mz``, over the
+    whole record.
+    """
     x, rate, unit = samples_of(source, channel)
     return replace(spectra.amplitude_spectrum(x, rate, window), unit=unit)
 
 
-def psd(source: Sampled, channel: str = "", resolution: Given | None = None, window: Window = "hann") -> Density:
-    """One-sided power spectral density (Welch) of a channel, with bins a ``resolution`` apart, such as ``"0.5 Hz"``."""
+def psd(
+    source: Sampled,
+    channel: str = "",
+    resolution: GivenQuantity | None = None,
+    window: Window = "hann",
+) -> Density:
+    """One-sided power spectral density (Welch) of a channel, with bins a ``resolution`` apart, such
+    as ``"0.5 Hz"``.
+    """
     x, rate, unit = samples_of(source, channel)
     return replace(spectra.power_spectral_density(x, rate, resolution, window), unit=unit)
 
 
 def waterfall(
-    source: Sampled, channel: str = "", resolution: Given | None = None, window: Window = "hann"
+    source: Sampled,
+    channel: str = "",
+    resolution: GivenQuantity | None = None,
+    window: Window = "hann",
 ) -> Waterfall:
     """Amplitude spectra of successive stretches of a channel, each 1/``resolution`` long."""
     x, rate, unit = samples_of(source, channel)

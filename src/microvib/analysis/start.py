@@ -1,4 +1,6 @@
-"""What the start leaves in a record: how long it rings, and how far the drive is wound up before its array turns."""
+"""What the start leaves in a record: how long it rings, and how far the drive is wound up before
+its array turns.
+"""
 
 from __future__ import annotations
 
@@ -12,42 +14,60 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line
 
-CALM = 12.0
+SETTLED_EFOLDINGS = 12.0
 """e-foldings after which the transient of a start has vanished."""
 
 
-def or_steady(scenario: Scenario | None) -> str:
-    """The advice to start in the steady state, to be added to another; empty where ``record.start`` says so already."""
-    return "" if scenario is not None and scenario.record.start == "steady" else ", or record.start: steady"
+def steady_start_advice(scenario: Scenario | None) -> str:
+    """The advice to start in the steady state, to be added to another; empty where ``record.start``
+    says so already.
+    """
+    if scenario is not None and scenario.record.start == "steady":
+        return ""
+    return ", or record.start: steady"
 
 
-def without_steady_state(solver: Mapping[str, Any]) -> str:
-    """A sentence on a run that was to start in its steady state and has none, from its account; else empty."""
+def steady_state_fallback_note(solver: Mapping[str, Any]) -> str:
+    """A sentence on a run that was to start in its steady state and has none, from its account;
+    else empty.
+    """
     kind, _, why = str(solver.get("steady", "")).partition(": ")
-    return f"No steady state: {why}. Simulated from rest instead." if kind == "not used" else ""
+    if kind == "not used":
+        return f"No steady state: {why}. Simulated from rest instead."
+    return ""
 
 
-def has_calmed(line: Line, scenario: Scenario | None) -> bool:
-    """Whether an array mode's ringing has died away by its damping, whatever it was, so that it need not be told from others."""
+def mode_has_decayed(line: Line, scenario: Scenario | None) -> bool:
+    """Whether an array mode's ringing has died away by its damping, whatever it was, so that it
+    need not be told from others.
+    """
     if scenario is None or not line.is_mode:
         return False
     mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
-    return mode is not None and mode.decay * calm_for(scenario) > CALM
+    return mode is not None and mode.decay * time_to_settle(scenario) > SETTLED_EFOLDINGS
 
 
-def calm_for(scenario: Scenario) -> float:
+def time_to_settle(scenario: Scenario) -> float:
     """Seconds at one rate before the record."""
     times, rates = scenario.tracking.breakpoints()
     settle = scenario.record.settle
-    changes = [0.0, *(t for t, a, b in zip(times[1:], rates[:-1], rates[1:], strict=True) if a != b and t <= settle)]
+    changes = [
+        0.0,
+        *(
+            t
+            for t, a, b in zip(times[1:], rates[:-1], rates[1:], strict=True)
+            if a != b and t <= settle
+        ),
+    ]
     return float(settle - max(changes))
 
 
 def wind_up(scenario: Scenario) -> float:
-    """Angle at the output [rad] that is commanded from rest until the output breaks away; infinite if the motor is too weak.
+    """Angle at the output [rad] that is commanded from rest until the output breaks away; infinite
+    if the motor is too weak.
 
-    The twist of the gear and the lag of the rotor on its electromagnetic spring, T_max sin(z lag), at the breakaway torques of both
-    shafts, and half of the backlash; without detent torque.
+    The twist of the gear and the lag of the rotor on its electromagnetic spring, T_max sin(z lag),
+    at the breakaway torques of both shafts, and half of the backlash; without detent torque.
     """
     motor, reducer = scenario.motor, scenario.reducer
     held = scenario.friction.breakaway_torque
@@ -57,19 +77,28 @@ def wind_up(scenario: Scenario) -> float:
     asked = held / reducer.ratio + motor.friction.breakaway_torque
     if asked >= most:
         return math.inf
-    twist = 0.0 if reducer.stiffness == "rigid" else held / float(reducer.stiffness)
-    return math.asin(asked / most) / motor.rotor_teeth / reducer.ratio + twist + 0.5 * (reducer.backlash or 0.0)
+    if reducer.stiffness == "rigid":
+        twist = 0.0
+    else:
+        twist = held / float(reducer.stiffness)
+    return (
+        math.asin(asked / most) / motor.rotor_teeth / reducer.ratio
+        + twist
+        + 0.5 * (reducer.backlash or 0.0)
+    )
 
 
-def still_held(scenario: Scenario) -> str:
-    """Why the record begins before the array turns, and what to do; empty where it turns by then, or is not to turn."""
+def not_moving_reason(scenario: Scenario) -> str:
+    """Why the record begins before the array turns, and what to do; empty where it turns by then,
+    or is not to turn.
+    """
     end = scenario.record.settle
-    turned, rate, whole = _commanded(scenario, end)
+    turned, rate, whole = _commanded_travel(scenario, end)
     needed = wind_up(scenario) * (1.0 if whole else 2.0)  # after a reversal it is first wound off
     if rate == 0.0 or turned >= needed:
         return ""
     if math.isinf(needed):
-        return "the array does not turn: its friction is more than the motor can break away (a larger motor.current)"
+        return "the array does not turn: the breakaway torque of its friction exceeds the motor torque (increase motor.current)"
     remedy = f"settle >= {rounded_up(end + (needed - turned) / abs(rate))} s"
     held = f"friction holds it until the drive is wound up by {math.degrees(needed):.3g} deg"
     return f"the array does not turn yet: {held} ({remedy})"
@@ -77,12 +106,17 @@ def still_held(scenario: Scenario) -> str:
 
 def rounded_up(value: float) -> str:
     """A number rounded up to three digits, as remedies name it."""
-    digits = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0.0 else 1.0
+    if value > 0.0:
+        digits = 10.0 ** (math.floor(math.log10(value)) - 2)
+    else:
+        digits = 1.0
     return f"{math.ceil(value / digits - 1e-9) * digits:.6g}"
 
 
-def _commanded(scenario: Scenario, end: float) -> tuple[float, float, bool]:
-    """Angle [rad] commanded one way up to the time ``end`` [s], the rate then, and whether that is all since the start."""
+def _commanded_travel(scenario: Scenario, end: float) -> tuple[float, float, bool]:
+    """Angle [rad] commanded one way up to the time ``end`` [s], the rate then, and whether that is
+    all since the start.
+    """
     times, rates = scenario.tracking.breakpoints()
     before = times < end
     t = np.append(times[before], end)
@@ -92,5 +126,8 @@ def _commanded(scenario: Scenario, end: float) -> tuple[float, float, bool]:
     t, v = np.insert(t, ramps + 1, zeros), np.insert(v, ramps + 1, 0.0)
     steps = 0.5 * (v[1:] + v[:-1]) * np.diff(t)
     against = np.flatnonzero(steps * v[-1] < 0.0)
-    first = int(against[-1]) + 1 if against.size else 0
+    if against.size:
+        first = int(against[-1]) + 1
+    else:
+        first = 0
     return abs(float(np.sum(steps[first:]))), float(v[-1]), first == 0

@@ -1,6 +1,8 @@
-"""Whether a recording is what its lines say: which of them count, what it holds beyond them, and what that leaves of a verdict.
+"""Whether a recording is what its lines say: which of them count, what it holds beyond them, and
+what that leaves of a verdict.
 
-All lines of a recording come with this (``lines.lines_of_samples``), and all that judges them asks here.
+All lines of a recording come with this (``lines.lines_of_samples``), and all that judges them asks
+here.
 """
 
 from __future__ import annotations
@@ -19,55 +21,79 @@ from microvib.signals.unaccounted import Excess, excesses, joined
 RINGS = 2.0
 """Factor on modes that ring while they are recorded: they need not fall as exponentials do."""
 _BESIDE = 1.12
-"""Ratio of frequencies within which an unlisted line beside a larger one may be what a change of rate or load makes of that."""
+"""Ratio of frequencies within which an unlisted line beside a larger one may be what a change of
+rate or load makes of that.
+"""
 BLURRED = 0.3
-"""Part of a line's amplitude from which what its band holds beyond the lines leaves open how large it is."""
+"""Part of a line's amplitude from which what its band holds beyond the lines leaves open how large
+it is.
+"""
 _LARGE = 0.1
 """Part of a recording's largest line from which others are worth a note."""
 
 
 def with_excess(table: LineTable, x: np.ndarray) -> LineTable:
-    """Lines of a recording's samples ``x`` (n,), with what these hold beyond the lines and the floor."""
+    """Lines of a recording's samples ``x`` (n,), with what these hold beyond the lines and the
+    floor.
+    """
     seen = [line for line in table if line.seen]
     counted = [_doubled(line) for line in seen if _counts(line, seen, table)]
     return replace(table, excess=excesses(x, table.sample_rate, counted, seen))
 
 
 def may_be_larger(table: LineTable, low: float, high: float, limit: float) -> Iterator[str]:
-    """Sentences on bands between two frequencies [Hz] in which lines may be above the ``limit``, as nothing steady is."""
-    above = [one for one in table.excess if one.high >= low and one.low <= high and _largest(table, one) > limit]
+    """Sentences on bands between two frequencies [Hz] in which lines may be above the ``limit``, as
+    nothing steady is.
+    """
+    above = [
+        one
+        for one in table.excess
+        if one.high >= low and one.low <= high and _largest(table, one) > limit
+    ]
     for group in joined(above):
         yield max(group, key=lambda one: one.rms).told()
 
 
 def blurred(table: LineTable, line: Line) -> bool:
-    """Whether the amplitude of a line of the clock is in doubt by what its band holds beyond the lines."""
+    """Whether the amplitude of a line of the clock is in doubt by what its band holds beyond the
+    lines.
+    """
     near = (one.amplitude for one in table.excess if one.low <= line.place_hz <= one.high)
     return line.of_clock and max(near, default=0.0) > BLURRED * line.amplitude_n_m
 
 
 def steadiness_notes(table: LineTable) -> Iterator[str]:
-    """Sentences on bands in which it leaves open how large the clock's larger lines are that a recording holds more than lines."""
-    large = [x for x in table if x.seen and x.amplitude_n_m > _LARGE * table.largest and blurred(table, x)]
+    """Sentences on bands in which it leaves open how large the clock's larger lines are that a
+    recording holds more than lines.
+    """
+    large = [
+        x
+        for x in table
+        if x.seen and x.amplitude_n_m > _LARGE * table.largest and blurred(table, x)
+    ]
     bands = [one for one in table.excess if any(one.low <= x.place_hz <= one.high for x in large)]
     for group in joined(bands):
         yield max(group, key=lambda one: one.rms).told()
 
 
 def _largest(table: LineTable, one: Excess) -> float:
-    """What a line in the band may reach: the largest that is known, and all that is beyond them on top."""
+    """What a line in the band may reach: the largest that is known, and all that is beyond them on
+    top.
+    """
     sizes = (x.amplitude_n_m for x in table if x.seen and one.low <= x.place_hz <= one.high)
     return math.hypot(max(sizes, default=0.0), one.amplitude)
 
 
 def _doubled(line: Line) -> Line:
     rings = line.is_mode and line.status == "decaying"
-    return replace(line, amplitude_n_m=RINGS * line.amplitude_n_m) if rings else line
+    if rings:
+        return replace(line, amplitude_n_m=RINGS * line.amplitude_n_m)
+    return line
 
 
 def _counts(line: Line, seen: Sequence[Line], table: LineTable) -> bool:
-    """Whether a line is one of its own: a listed one, or an unlisted one that the clock makes, or that no
-    modulation of a larger one does."""
+    """Whether a line is one of its own: a listed one, or an unlisted one that the clock makes, or
+    that no modulation of a larger one does."""
     if line.kind != "other":
         return True
     if near_mains(line.frequency_hz, table.duration):
@@ -75,6 +101,7 @@ def _counts(line: Line, seen: Sequence[Line], table: LineTable) -> bool:
     if line.origin and line.origin != NO_ORDER:
         return True
     return not any(
-        x.amplitude_n_m > line.amplitude_n_m and 1.0 / _BESIDE < x.frequency_hz / line.frequency_hz < _BESIDE
+        x.amplitude_n_m > line.amplitude_n_m
+        and 1.0 / _BESIDE < x.frequency_hz / line.frequency_hz < _BESIDE
         for x in seen
     )

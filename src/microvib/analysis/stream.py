@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.accuracy import account, accuracy, noted
+from microvib.analysis.accuracy import accuracy, add_error_estimate, with_integration_error
 from microvib.analysis.lines import lines_of_samples
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import Line, LineTable, Rest
+from microvib.signals.line_table import Line, LineTable, ResidualPeaks
 from microvib.solve.integration import Progress, Simulation
 from microvib.solve.motion import Invariants, Motion
 
@@ -24,37 +24,51 @@ _ROW = 1024
 def lines_of_stream(
     scenario: Scenario, harmonics: int, progress: Progress | None = None
 ) -> tuple[LineTable, Invariants, dict[str, Any]]:
-    """Lines of the disturbance torque, their mean over equal blocks of the record; with one block, as ``lines`` does.
+    """Lines of the disturbance torque, their mean over equal blocks of the record; with one block,
+    as ``lines`` does.
 
-    The amplitude is the mean over the blocks; frequency and decay are means weighted with amplitude squared over the blocks in
-    which the line is seen; phase and its uncertainty are those of the first block, the status that of the loudest. The
-    nearest-bin figure is that of the whole record, summed up exactly as it streams by. Unexpected lines are those of the
-    first block, means over the blocks that have them; those of other blocks count as what is left. The integration's error is
-    that of the first block.
+    The amplitude is the mean over the blocks; frequency and decay are means weighted with amplitude
+    squared over the blocks in which the line is seen; phase and its uncertainty are those of the
+    first block, the status that of the loudest. The nearest-bin figure is that of the whole record,
+    summed up exactly as it streams by. Unexpected lines are those of the first block, means over
+    the blocks that have them; those of other blocks count as what is left. The integration's error
+    is that of the first block.
     """
     samples, rate = scenario.record.samples, scenario.record.sample_rate
     blocks = max(-(-samples // BLOCK_SAMPLES), 1)
     run = Simulation(scenario, progress=progress, channels=("T_d",))
     tables: list[LineTable] = []
     sums, start = np.zeros(1, dtype=complex), 0
-    for block in _regroup(run, samples // blocks):
+    for block in _equal_blocks(run, samples // blocks):
         tables.append(lines_of_samples(block, rate, scenario, harmonics))
         if start == 0:
             begun = block.copy()
             numbers = [round(x.place_hz * samples / rate) for x in tables[0]]
         sums = sums + _bin_sums(block, start, numbers, samples)
         start += block.size
-    amplitudes = np.where(np.array(numbers) == 0, 0.0, 2.0 * np.abs(sums) / samples).tolist()  # bin 0: mean taken out
-    bins = [(number * rate / samples, amplitude) for number, amplitude in zip(numbers, amplitudes, strict=True)]
-    table = tables[0] if len(tables) == 1 else _mean(tables, bins)
+    amplitudes = np.where(
+        np.array(numbers) == 0, 0.0, 2.0 * np.abs(sums) / samples
+    ).tolist()  # bin 0: mean taken out
+    bins = [
+        (number * rate / samples, amplitude)
+        for number, amplitude in zip(numbers, amplitudes, strict=True)
+    ]
+    if len(tables) == 1:
+        table = tables[0]
+    else:
+        table = _mean(tables, bins)
     t = scenario.record.settle + np.arange(begun.size) / rate
     motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
     found = accuracy(motion, table)
     table = replace(table, broken=run.invariants.broken)
-    return noted(table, found), run.invariants, account(run.solver, found) | {"line_blocks": len(tables)}
+    return (
+        with_integration_error(table, found),
+        run.invariants,
+        add_error_estimate(run.solver, found) | {"line_blocks": len(tables)},
+    )
 
 
-def _regroup(run: Simulation, size: int) -> Iterator[np.ndarray]:
+def _equal_blocks(run: Simulation, size: int) -> Iterator[np.ndarray]:
     """Blocks of ``size`` samples from the stream; a shorter rest joins the last block."""
     kept: list[np.ndarray] = []
     have = 0
@@ -70,11 +84,13 @@ def _regroup(run: Simulation, size: int) -> Iterator[np.ndarray]:
 
 
 def _bin_sums(block: np.ndarray, start: int, numbers: list[int], samples: int) -> np.ndarray:
-    """What a block from the sample ``start`` on adds to the Fourier sums of the whole record, at the bins ``numbers``.
+    """What a block from the sample ``start`` on adds to the Fourier sums of the whole record, at
+    the bins ``numbers``.
 
-    The block is cut into rows of ``_ROW`` samples. Along a row the phase of a bin runs alike in all of them, so that the sums over
-    rows are a product of matrices, and each row has a phase of its own: exponentials are needed for a row and a column, not for
-    each sample. It is the same sum to rounding: 1e-12 of the largest sample, a sample.
+    The block is cut into rows of ``_ROW`` samples. Along a row the phase of a bin runs alike in all
+    of them, so that the sums over rows are a product of matrices, and each row has a phase of its
+    own: exponentials are needed for a row and a column, not for each sample. It is the same sum to
+    rounding: 1e-12 of the largest sample, a sample.
     """
     bins = np.array(numbers)
     rows = -(-block.size // _ROW)
@@ -86,16 +102,19 @@ def _bin_sums(block: np.ndarray, start: int, numbers: list[int], samples: int) -
 
 
 def _phases(n: np.ndarray, bins: np.ndarray, samples: int) -> np.ndarray:
-    """Phase factors of ``bins`` at the samples ``n``, (n, bins); whole turns are taken out first, so that a long record keeps its
-    digits."""
+    """Phase factors of ``bins`` at the samples ``n``, (n, bins); whole turns are taken out first,
+    so that a long record keeps its digits."""
     return np.exp(-2j * np.pi / samples * (np.outer(n, bins) % samples))
 
 
 def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable:
     lines = []
     for first, (bin_hz, bin_amplitude) in zip(tables[0], bins, strict=True):
-        column = [row for row in (_row(table, first) for table in tables) if row is not None]
-        # A mode that has died away says nothing of its frequency: blocks count by the square of what they show.
+        column = [
+            row for row in (_matching_line(table, first) for table in tables) if row is not None
+        ]
+        # A mode that has died away says nothing of its frequency: blocks count by the square of
+        # what they show.
         weights = np.array([x.amplitude_n_m**2 if x.seen else 0.0 for x in column])
         if not np.any(weights > 0.0):
             weights = np.ones(len(column))
@@ -104,7 +123,7 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
             for name, by in (("frequency_hz", weights), ("decay_per_s", weights), ("amplitude_n_m", None), ("floor_n_m", None))
         }  # fmt: skip
         means |= {
-            name: _of_mean([getattr(x, name) for x in column])
+            name: _uncertainty_of_mean([getattr(x, name) for x in column])
             for name in ("frequency_uncertainty_hz", "amplitude_uncertainty_n_m")
         }
         status = column[int(np.argmax(weights))].status
@@ -113,33 +132,43 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     left = [table.rest for table in tables if table.rest is not None]
-    left += [_unmatched(table, tables[0]) for table in tables[1:]]
-    rest = Rest.of(*(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude")))
+    left += [_unmatched_peaks(table, tables[0]) for table in tables[1:]]
+    rest = ResidualPeaks.of(
+        *(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude"))
+    )
     rest = replace(rest, slow=max(one.slow for one in left))
     return replace(
         tables[0],
         lines=tuple(lines),
         clock_ratio=float(np.mean(ratios)) if ratios else None,
-        clock_ratio_uncertainty=_of_mean(spreads) if spreads else None,
+        clock_ratio_uncertainty=_uncertainty_of_mean(spreads) if spreads else None,
         samples=sum(table.samples for table in tables),
         rest=rest,
     )
 
 
-def _row(table: LineTable, line: Line) -> Line | None:
-    """That line in another block; an unexpected one is found by its frequency, since its number means nothing there."""
+def _matching_line(table: LineTable, line: Line) -> Line | None:
+    """That line in another block; an unexpected one is found by its frequency, since its number
+    means nothing there.
+    """
     if line.kind != "other":
         return table[line.line]
-    near = (x for x in table if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0)
+    near = (
+        x
+        for x in table
+        if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0
+    )
     return next(near, None)
 
 
-def _unmatched(table: LineTable, first: LineTable) -> Rest:
+def _unmatched_peaks(table: LineTable, first: LineTable) -> ResidualPeaks:
     """Unexpected lines of a block that the first one does not have."""
-    lines = [x for x in table if x.kind == "other" and _row(first, x) is None]
-    return Rest(np.array([x.frequency_hz for x in lines]), np.array([x.amplitude_n_m for x in lines]))
+    lines = [x for x in table if x.kind == "other" and _matching_line(first, x) is None]
+    return ResidualPeaks(
+        np.array([x.frequency_hz for x in lines]), np.array([x.amplitude_n_m for x in lines])
+    )
 
 
-def _of_mean(spreads: list[float]) -> float:
+def _uncertainty_of_mean(spreads: list[float]) -> float:
     """Standard uncertainty of a mean of independent values."""
     return float(np.sqrt(np.sum(np.square(spreads)))) / len(spreads)

@@ -1,8 +1,11 @@
-"""What may stand above the highest frequency that a record shows, line by line, and how large it may be at most.
+"""What may stand above the highest frequency that a record shows, line by line, and how large it
+may be at most.
 
-Of what the step clock makes, the linearised drive says how large it gets from what pulls at the rotor: the command's staircase and
-its side lines, the detent torque, errors of the driver. What goes on from the highest octave of the record does so no stronger than
-there, through the same drive. Lines of a gear train's errors are not bounded by any model here, those of friction by its breakaway.
+Of what the step clock makes, the linearised drive says how large it gets from what pulls at the
+rotor: the command's staircase and its side lines, the detent torque, errors of the driver. What
+goes on from the highest octave of the record does so no stronger than there, through the same
+drive. Lines of a gear train's errors are not bounded by any model here, those of friction by its
+breakaway.
 """
 
 from __future__ import annotations
@@ -13,29 +16,40 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.margins import BEYOND
-from microvib.analysis.start import CALM, calm_for
+from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR
+from microvib.analysis.start import SETTLED_EFOLDINGS, time_to_settle
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.expected import SIDEBANDS, angle_errors
-from microvib.model.linear import coupled_modes, linear_lines, pulls, torque_by
+from microvib.model.linear import (
+    coupled_modes,
+    disturbance_torque_response,
+    linear_lines,
+    staircase_torque,
+)
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_table import LineTable
 
-CONTINUES = 3.0
-"""Factor on what stands in the highest octave of a record for what may stand above it, beside what the drive amplifies."""
+EXTRAPOLATION_FACTOR = 3.0
+"""Factor on what stands in the highest octave of a record for what may stand above it, beside what
+the drive amplifies.
+"""
 _MAX_ORDERS = 5000
-_MOST = 600
-"""Frequencies at which one family of lines is looked at: all of its lines, or those near modes and others spread evenly."""
-_MANY = 60
+_MAX_FREQUENCIES = 600
+"""Frequencies at which one family of lines is looked at: all of its lines, or those near modes and
+others spread evenly.
+"""
+_MANY_MODES = 60
 """Modes from which a tenth of that is enough of a wait."""
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """Lines of one cause above the record's passband, and how large they may be; infinite where nothing bounds them."""
+class OutOfBandLines:
+    """Lines of one cause above the record's passband, and how large they may be; infinite where
+    nothing bounds them.
+    """
 
     what: str
     """One of them, without its frequency."""
@@ -52,46 +66,67 @@ class Unseen:
     between: bool = False
     """Whether there may be lines between these, no larger than their neighbours."""
 
-    def within(self, low: float, high: float) -> Unseen:
+    def within(self, low: float, high: float) -> OutOfBandLines:
         """Those between two frequencies [Hz], which belong to it."""
         first = int(np.searchsorted(self.frequency, low))
         last = int(np.searchsorted(self.frequency, high, "right"))
-        if self.between and self.frequency.size and low <= self.frequency[-1] and high >= self.frequency[0]:
+        if (
+            self.between
+            and self.frequency.size
+            and low <= self.frequency[-1]
+            and high >= self.frequency[0]
+        ):
             first, last = max(first - 1, 0), last + 1
         part = slice(first, last)
-        number = None if self.number is None else self.number[part]
+        if self.number is None:
+            number = None
+        else:
+            number = self.number[part]
         at = np.clip(self.frequency[part], low, high)
-        return replace(self, frequency=at, most=self.most[part], pull=self.pull[part], number=number)
+        return replace(
+            self, frequency=at, most=self.most[part], pull=self.pull[part], number=number
+        )
 
 
-def unseen(scenario: Scenario, table: LineTable, start: float, high: float) -> Iterator[Unseen]:
-    """What the drive of ``scenario`` may have between ``start``, the edge of the passband of the record, and ``high`` [Hz].
+def out_of_band_lines(
+    scenario: Scenario, table: LineTable, start: float, high: float
+) -> Iterator[OutOfBandLines]:
+    """What the drive of ``scenario`` may have between ``start``, the edge of the passband of the
+    record, and ``high`` [Hz].
 
     ``table`` has the lines of the record.
     """
     modes = [m for m in coupled_modes(scenario) if start < m.frequency <= high]
-    yield from of_clock(scenario, start, high)
-    yield from _going_on(scenario, table, start, high)
-    yield from _by_noise(scenario, start, high)
+    yield from clock_line_bounds(scenario, start, high)
+    yield from _extrapolated_bounds(scenario, table, start, high)
+    yield from _noise_driven_modes(scenario, start, high)
     if any(x.status == TRANSIENT for x in table):  # in the steady state nothing rings
         return
-    yield from of_friction(scenario, start, high)
+    yield from stick_slip_bounds(scenario, start, high)
     for mode in modes:
-        if mode.damping > 0.0 and mode.decay * calm_for(scenario) < CALM:
+        if mode.damping > 0.0 and mode.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS:
             yield _unbounded(f"ringing of {mode.name}", mode.frequency)
 
 
-def of_friction(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]:
+def stick_slip_bounds(scenario: Scenario, start: float, high: float) -> Iterator[OutOfBandLines]:
     """Modes between two frequencies [Hz] that stick and slip of either shaft may keep going."""
-    held = scenario.friction.breakaway_torque + scenario.reducer.ratio * scenario.motor.friction.breakaway_torque
+    held = (
+        scenario.friction.breakaway_torque
+        + scenario.reducer.ratio * scenario.motor.friction.breakaway_torque
+    )
     for mode in coupled_modes(scenario) if held > 0.0 else ():
         if start < mode.frequency <= high:
             f, pull = np.array([mode.frequency]), np.array([4.0 / math.pi * held])
-            yield _pulled(scenario, f"stick and slip of {mode.name}", f, pull, on_output=True)
+            yield _bounds_by_torque(
+                scenario, f"stick and slip of {mode.name}", f, pull, on_output=True
+            )
 
 
-def of_clock(scenario: Scenario, start: float, high: float, known: int = 0) -> Iterator[Unseen]:
-    """What the step clock makes: driving lines and their side lines, full-step and electrical lines, lines of the gear train.
+def clock_line_bounds(
+    scenario: Scenario, start: float, high: float, known: int = 0
+) -> Iterator[OutOfBandLines]:
+    """What the step clock makes: driving lines and their side lines, full-step and electrical
+    lines, lines of the gear train.
 
     The first ``known`` driving lines are left out.
     """
@@ -103,24 +138,49 @@ def of_clock(scenario: Scenario, start: float, high: float, known: int = 0) -> I
     fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
     end = min(2.0 * max(start, fastest) + 20.0 * f_d, high)
     count = min(math.ceil(end / f_d) + 1, _MAX_ORDERS)
-    found = [x for x in linear_lines(scenario, count) if start < x.frequency <= high and x.order > known]
+    found = [
+        x for x in linear_lines(scenario, count) if start < x.frequency <= high and x.order > known
+    ]
     if found:
         size, order = np.abs([x.amplitude for x in found]), np.array([x.order for x in found])
-        pull = np.abs(pulls(scenario, order))
-        yield Unseen("a driving line", f_d * order, BEYOND * size, BEYOND * pull)
+        pull = np.abs(staircase_torque(scenario, order))
+        yield OutOfBandLines(
+            "a driving line",
+            f_d * order,
+            ABOVE_PASSBAND_FACTOR * size,
+            ABOVE_PASSBAND_FACTOR * pull,
+        )
     if motor.detent_torque > 0.0:
         orders = np.arange(1, count + 1)
         k = np.tile(orders, 2 * SIDEBANDS)
         side = np.repeat([j for j in range(-SIDEBANDS, SIDEBANDS + 1) if j], orders.size)
-        side_lines, by_staircase = k * f_d + side * detent, BEYOND * np.abs(pulls(scenario, k))
-        yield _between(scenario, "a side line of a driving line", side_lines, by_staircase, start, high)
+        side_lines, by_staircase = (
+            k * f_d + side * detent,
+            ABOVE_PASSBAND_FACTOR * np.abs(staircase_torque(scenario, k)),
+        )
+        yield _line_family_bounds(
+            scenario, "a side line of a driving line", side_lines, by_staircase, start, high
+        )
         m = np.arange(1, min(math.ceil(end / detent) + 1, _MAX_ORDERS))
-        yield _between(scenario, "a full-step line", m * detent, BEYOND * motor.detent_torque / m, start, high)
+        yield _line_family_bounds(
+            scenario,
+            "a full-step line",
+            m * detent,
+            ABOVE_PASSBAND_FACTOR * motor.detent_torque / m,
+            start,
+            high,
+        )
     errors = angle_errors(driver, motor.phases)
     if errors:
         at = np.array([e.order * electrical for e in errors])
-        pull = np.array([e.amplitude for e in errors]) * motor.electromagnetic_stiffness / motor.rotor_teeth
-        yield _between(scenario, "an electrical line", at, BEYOND * pull, start, high)
+        pull = (
+            np.array([e.amplitude for e in errors])
+            * motor.electromagnetic_stiffness
+            / motor.rotor_teeth
+        )
+        yield _line_family_bounds(
+            scenario, "an electrical line", at, ABOVE_PASSBAND_FACTOR * pull, start, high
+        )
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     for e in scenario.reducer.errors:
         f = float(e.order) * f_d / turn
@@ -128,40 +188,59 @@ def of_clock(scenario: Scenario, start: float, high: float, known: int = 0) -> I
             yield _unbounded(e.line, f)
 
 
-def _between(
-    scenario: Scenario, what: str, frequency: np.ndarray, pull: np.ndarray, start: float, high: float
-) -> Unseen:
-    """Lines from ``start`` to ``high`` [Hz], of those at ``frequency`` (n,), that torques ``pull`` (n,) [N m] on the rotor make."""
+def _line_family_bounds(
+    scenario: Scenario,
+    what: str,
+    frequency: np.ndarray,
+    pull: np.ndarray,
+    start: float,
+    high: float,
+) -> OutOfBandLines:
+    """Lines from ``start`` to ``high`` [Hz], of those at ``frequency`` (n,), that torques ``pull``
+    (n,) [N m] on the rotor make.
+    """
     there = np.flatnonzero((frequency > start) & (frequency <= high))
     there = there[np.argsort(frequency[there], kind="stable")]
-    kept = _chosen(scenario, frequency[there])
-    number = np.diff(np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2, [there.size]])[: kept.size + 1])
-    found = _pulled(scenario, what, frequency[there[kept]], pull[there[kept]])
+    kept = _select_near_modes(scenario, frequency[there])
+    number = np.diff(
+        np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2, [there.size]])[: kept.size + 1]
+    )
+    found = _bounds_by_torque(scenario, what, frequency[there[kept]], pull[there[kept]])
     return replace(found, number=number, between=kept.size < there.size)
 
 
-def _pulled(
+def _bounds_by_torque(
     scenario: Scenario,
     what: str,
     frequency: np.ndarray,
     pull: np.ndarray,
     *,
     on_output: bool = False,
-) -> Unseen:
-    """Lines at each ``frequency`` (n,) [Hz] that torques ``pull`` (n,) [N m] on rotor or output make."""
-    by = by_output if on_output else by_rotor
-    return Unseen(what, frequency, pull * by(scenario, frequency), pull, on_output)
+) -> OutOfBandLines:
+    """Lines at each ``frequency`` (n,) [Hz] that torques ``pull`` (n,) [N m] on rotor or output
+    make.
+    """
+    if on_output:
+        by = output_torque_gain
+    else:
+        by = rotor_torque_gain
+    return OutOfBandLines(what, frequency, pull * by(scenario, frequency), pull, on_output)
 
 
-def _unbounded(what: str, frequency: float) -> Unseen:
+def _unbounded(what: str, frequency: float) -> OutOfBandLines:
     """A line that nothing bounds."""
-    return Unseen(what, np.array([frequency]), np.array([math.inf]), np.array([math.inf]))
+    return OutOfBandLines(what, np.array([frequency]), np.array([math.inf]), np.array([math.inf]))
 
 
-def _chosen(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
-    """Which of the frequencies (n,), ascending, are looked at, where there are many: those next to modes, and others."""
+def _select_near_modes(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+    """Which of the frequencies (n,), ascending, are looked at, where there are many: those next to
+    modes, and others.
+    """
     modes = np.array([m.frequency for m in coupled_modes(scenario)])
-    many = _MOST if modes.size < _MANY else _MOST // 10
+    if modes.size < _MANY_MODES:
+        many = _MAX_FREQUENCIES
+    else:
+        many = _MAX_FREQUENCIES // 10
     if frequency.size <= many:
         return np.arange(frequency.size)
     near = np.searchsorted(frequency, modes[:, None]) + np.arange(-2, 3)
@@ -169,38 +248,51 @@ def _chosen(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     return np.unique(np.clip(np.append(near, even), 0, frequency.size - 1))
 
 
-def by_rotor(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+def rotor_torque_gain(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     """T_d over a torque on the rotor at each ``frequency`` (n,) [Hz], by the linearised drive."""
-    return torque_by(scenario, frequency, coordinates(scenario.reducer, len(scenario.load.H))[0])
+    return disturbance_torque_response(
+        scenario, frequency, coordinates(scenario.reducer, len(scenario.load.H))[0]
+    )
 
 
-def by_output(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+def output_torque_gain(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     """T_d over a torque on the output at each ``frequency`` (n,) [Hz], by the linearised drive."""
-    return torque_by(scenario, frequency, coordinates(scenario.reducer, len(scenario.load.H))[1])
+    return disturbance_torque_response(
+        scenario, frequency, coordinates(scenario.reducer, len(scenario.load.H))[1]
+    )
 
 
-def _going_on(scenario: Scenario, table: LineTable, start: float, high: float) -> Iterator[Unseen]:
-    """What stands in the highest octave of the record, as torques on rotor or output would carry it on.
+def _extrapolated_bounds(
+    scenario: Scenario, table: LineTable, start: float, high: float
+) -> Iterator[OutOfBandLines]:
+    """What stands in the highest octave of the record, as torques on rotor or output would carry it
+    on.
 
     Such torques have jumps at most, whose lines fall as their frequency rises.
     """
     edge = PASSBAND * table.sample_rate
-    known = [(x.place_hz, max(x.amplitude_n_m, x.hidden_n_m)) for x in table if math.isfinite(x.amplitude_n_m)]
+    known = [
+        (x.place_hz, max(x.amplitude_n_m, x.hidden_n_m))
+        for x in table
+        if math.isfinite(x.amplitude_n_m)
+    ]
     if table.rest is not None:
         known += zip(table.rest.frequency.tolist(), table.rest.amplitude.tolist(), strict=True)
     octave = np.array([row for row in known if 0.5 * edge <= row[0] <= edge]).reshape(-1, 2)
     modes = np.array([m.frequency for m in coupled_modes(scenario)])
     end = min(2.0 * max(start, modes.max(initial=0.0)), high)
-    even = np.geomspace(start, end, 50 if modes.size < _MANY else 10)
+    even = np.geomspace(start, end, 50 if modes.size < _MANY_MODES else 10)
     at = np.union1d(even, modes[(modes > start) & (modes < end)])
-    for on_output, by in ((False, by_rotor), (True, by_output)):
+    for on_output, by in ((False, rotor_torque_gain), (True, output_torque_gain)):
         level = np.max(octave[:, 1] / np.maximum(by(scenario, octave[:, 0]), 1e-300), initial=0.0)
-        pull = CONTINUES * level * edge / at
-        found = _pulled(scenario, "a line of what the highest octave has", at, pull, on_output=on_output)
+        pull = EXTRAPOLATION_FACTOR * level * edge / at
+        found = _bounds_by_torque(
+            scenario, "a continuation of the highest octave's lines", at, pull, on_output=on_output
+        )
         yield replace(found, between=True)
 
 
-def _by_noise(scenario: Scenario, start: float, high: float) -> Iterator[Unseen]:
+def _noise_driven_modes(scenario: Scenario, start: float, high: float) -> Iterator[OutOfBandLines]:
     """Modes that noise of the output's friction drives."""
     for mode in coupled_modes(scenario):
         for key, (low, top) in noise_bands(scenario).items():

@@ -8,7 +8,16 @@ from typing import Any
 
 import click
 
-from microvib.cli.common import PATH, Target, harmonics_option, load, preparation, set_option, simulates, target_options
+from microvib.cli.common import (
+    PATH,
+    Target,
+    harmonics_option,
+    load,
+    read_preparation,
+    set_option,
+    target_options,
+    with_precompilation,
+)
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 
@@ -16,26 +25,51 @@ from microvib.errors import OptionError
 @click.command()
 @click.argument("scenarios", metavar="SCENARIO...", nargs=-1, required=True)
 @click.option(
-    "--requirement", type=PATH, metavar="FILE", help="Requirements: limits per window, curves over frequency."
+    "--requirement",
+    type=PATH,
+    metavar="FILE",
+    help="Requirements: limits per window, curves over frequency.",
 )
 @click.option(
-    "--sources", type=PATH, metavar="FILE", help="Other sources that move the line of sight: wheels, lines, densities."
+    "--sources",
+    type=PATH,
+    metavar="FILE",
+    help="Other sources that move the line of sight: wheels, lines, densities.",
 )
 @click.option(
-    "--campaign", type=PATH, metavar="FOLDER", help="Merged campaign of SCENARIO: median, P95, P99 over its cases."
+    "--campaign",
+    type=PATH,
+    metavar="FOLDER",
+    help="Merged campaign of SCENARIO: median, P95, P99 over its cases.",
 )
-@click.option("--recording", metavar="FILE", help="The drive's loads recorded on a force table, in place of a run.")
+@click.option(
+    "--recording",
+    metavar="FILE",
+    help="The drive's loads recorded on a force table, in place of a run.",
+)
 @click.option("--prepare", type=PATH, metavar="FILE", help="How to prepare the recording.")
-@click.option("--sum", "rule", default="rss", metavar="RULE", help="Lines of one frequency: rss, coherent or bound.")
 @click.option(
-    "--one-clock", is_flag=True, help="All drives step from one clock: their lines keep their relative phases."
+    "--sum",
+    "rule",
+    default="rss",
+    metavar="RULE",
+    help="Lines of one frequency: rss, coherent or bound.",
+)
+@click.option(
+    "--one-clock",
+    is_flag=True,
+    help="All drives step from one clock: their lines keep their relative phases.",
 )
 @click.option(
     "--short-way",
     is_flag=True,
     help="Also go by blocked loads and apparent masses, and state the error against the coupled run.",
 )
-@click.option("--steady", is_flag=True, help="Start in the steady state (record.start=steady), without settling.")
+@click.option(
+    "--steady",
+    is_flag=True,
+    help="Start in the steady state (record.start=steady), without settling.",
+)
 @click.option(
     "--angles",
     metavar="FIRST:LAST:STEP",
@@ -49,15 +83,15 @@ from microvib.errors import OptionError
 @harmonics_option
 @set_option
 @target_options("Folder for tables, JSON and report [default: print only].")
-@simulates
+@with_precompilation
 def budget(
     scenarios: tuple[str, ...], requirement: Path | None, sources: Path | None, campaign: Path | None, recording: str | None,
     prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, angles: str | None,
     orbit: bool, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Judge the line of sight of a craft against requirements. SCENARIO is the drive on its craft; further ones are other
-    drives on the same craft."""
+    """Judge the line of sight of a craft against requirements. SCENARIO is the drive on its craft;
+    further ones are other drives on the same craft."""
     from microvib.io.recordings import read_prepared
     from microvib.reports.budget import budget_folder, budget_text
     from microvib.studies.angles import angles_in
@@ -65,12 +99,26 @@ def budget(
     from microvib.studies.budget.study import Budget, pointing_budget
 
     if recording is None and prepare is not None:
-        raise OptionError("prepare", "says how a recording is prepared; name one", remedy="recording")
-    measured = None if recording is None else read_prepared(Path(recording), preparation(prepare)).recording
+        raise OptionError(
+            "prepare", "says how a recording is prepared; name one", remedy="recording"
+        )
+    if recording is None:
+        measured = None
+    else:
+        measured = read_prepared(Path(recording), read_preparation(prepare)).recording
     loaded = [load(name, settings) for name in scenarios]
-    turns = None if angles is None else angles_in(angles)
-    several: dict[str, Any] = {} if turns is None and not orbit else {"angles": turns, "orbit": orbit}
-    judge: Callable[..., Budget] = budget_over_angles if several else pointing_budget
+    if angles is None:
+        turns = None
+    else:
+        turns = angles_in(angles)
+    if turns is None and not orbit:
+        several: dict[str, Any] = {}
+    else:
+        several = {"angles": turns, "orbit": orbit}
+    if several:
+        judge: Callable[..., Budget] = budget_over_angles
+    else:
+        judge = pointing_budget
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         found = judge(
             loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, rule=rule,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.cli.common import PATH, Target, options, report_options, say_doubts
+from microvib.cli.common import PATH, Target, options, print_scenario_warnings, report_options
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import MicrovibError, OptionError
@@ -19,14 +19,15 @@ if TYPE_CHECKING:
     from microvib.reports.document import Form
     from microvib.studies.campaign.folder import Campaign
 
-_EVERY = 15.0  # seconds between two lines of progress where there is no terminal
+_STATUS_INTERVAL = 15.0  # seconds between two lines of progress where there is no terminal
 
 folder_argument = click.argument("folder", metavar="DIR", type=PATH)
 
 
 @click.group()
 def campaign() -> None:
-    """Many runs of one scenario: a study file says what varies, DIR holds everything, and computed cases are never lost.
+    """Many runs of one scenario: a study file says what varies, DIR holds everything, and computed
+    cases are never lost.
 
     create STUDY DIR, then run DIR; after an interruption, resume DIR; report DIR at any time.
     """
@@ -35,18 +36,23 @@ def campaign() -> None:
 @campaign.command()
 @click.argument("study", type=PATH)
 @folder_argument
-@click.option("--chunk", type=click.IntRange(1, 100_000), help="Cases computed and written together.")
+@click.option(
+    "--chunk", type=click.IntRange(1, 100_000), help="Cases computed and written together."
+)
 def create(study: Path, folder: Path, chunk: int | None) -> None:
     """Draw the cases of STUDY (a YAML file) and write them to the new folder DIR."""
     from microvib.studies.campaign import folder as campaigns
     from microvib.studies.campaign.design import read_design
 
     design = read_design(study)
-    say_doubts(design.base, str(study))
+    print_scenario_warnings(design.base, str(study))
     made = campaigns.create(design, folder, chunk)
     echo(f"{design.cases} cases in {made.chunks} chunks of {made.chunk_size}.")
     for levels in design.levels:
-        echo(f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to {levels.labels[-1]}")
+        echo(
+            f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to"
+            f" {levels.labels[-1]}"
+        )
     for uncertain in design.uncertain:
         echo(f"  {uncertain.key}: {uncertain.text}")
     echo(f"Written: {folder}. Now: microvib campaign run {shlex.quote(str(folder))}")
@@ -95,7 +101,10 @@ def _compute(
 ) -> None:  # fmt: skip
     opened = _opened(folder)
     part = _shard(shard)
-    listed = None if todo is None else [int(word) for word in todo.read_text(encoding="utf-8").split()]
+    if todo is None:
+        listed = None
+    else:
+        listed = [int(word) for word in todo.read_text(encoding="utf-8").split()]
     if scheduler is not None and on != "dask":
         raise OptionError("scheduler", "works only with --on dask", scheduler)
     if (directives or no_submit) and on != "slurm":
@@ -110,12 +119,13 @@ def _compute(
     try:
         with (
             _backend(on, workers, scheduler) as backend,
-            progress_bar("computing", "cases", lines_every=_EVERY) as progress,
+            progress_bar("computing", "cases", lines_every=_STATUS_INTERVAL) as progress,
         ):
             compute_missing(opened, backend, shard=part, todo=listed, progress=progress)
     except KeyboardInterrupt:
         echo(
-            f"Interrupted; computed cases are kept. Continue with: microvib campaign resume {shlex.quote(str(folder))}",
+            "Interrupted; computed cases are kept. Continue with: microvib campaign resume"
+            f" {shlex.quote(str(folder))}",
             err=True,
         )
         sys.exit(INTERRUPTED)
@@ -140,7 +150,9 @@ def _shard(text: str | None) -> tuple[int, int]:
     first, slash, last = text.partition("/")
     if slash and first.isdigit() and last.isdigit() and int(first) < int(last):
         return int(first), int(last)
-    raise OptionError("shard", f"{text!r} is not allowed; write K/N with K from 0 to N-1, such as 0/8")
+    raise OptionError(
+        "shard", f"{text!r} is not allowed; write K/N with K from 0 to N-1, such as 0/8"
+    )
 
 
 @campaign.command()
@@ -163,17 +175,24 @@ def merge(folder: Path) -> None:
     from microvib.studies.campaign.results import merge as merge_chunks
 
     merged = merge_chunks(_opened(folder))
-    echo(f"{merged.done} of {merged.cases} cases done, {merged.failed} failed, {len(merged.lines)} lines.")
+    echo(
+        f"{merged.done} of {merged.cases} cases done, {merged.failed} failed, {len(merged.lines)}"
+        " lines."
+    )
     echo(f"Written: {merged.path}")
 
 
 @campaign.command()
 @folder_argument
 @click.option("--limit", metavar="TORQUE", help="Largest line allowed [default: the study's].")
-@click.option("--band", metavar="LOW:HIGH", help="Consider only lines in this band [default: the study's].")
+@click.option(
+    "--band", metavar="LOW:HIGH", help="Consider only lines in this band [default: the study's]."
+)
 @report_options
 def report(folder: Path, limit: str | None, band: str | None, form: Form) -> None:
-    """Merge the results so far, then write statistics, worst cases, pictures and report into DIR/report."""
+    """Merge the results so far, then write statistics, worst cases, pictures and report into
+    DIR/report.
+    """
     from microvib.reports.campaign.report import summarise
     from microvib.reports.campaign.text import campaign_folder, report_text
     from microvib.studies.campaign.results import merge as merge_chunks
@@ -183,7 +202,10 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 
     opened = _opened(folder)
     study = opened.design.study
-    most = study.limit if limit is None else quantity("limit", limit, "N*m", positive=True)
+    if limit is None:
+        most = study.limit
+    else:
+        most = quantity("limit", limit, "N*m", positive=True)
     text = band or study.band
     within = ends(text) if text else (0.0, float("inf"))
     merge_chunks(opened)
@@ -197,15 +219,17 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
 @click.option("-o", "--out", type=PATH, help="Write the case's scenario to this file.")
 def case(folder: Path, number: int, out: Path | None) -> None:
     """Compute case NUMBER of DIR again, alone, and compare with the stored result."""
-    from microvib.reports.campaign.text import again_text
+    from microvib.reports.campaign.text import recomputed_case_text
 
     opened = _opened(folder)
     if number >= opened.design.cases:
-        raise MicrovibError(f"{folder}: has no case {number}; there are 0 to {opened.design.cases - 1}")
+        raise MicrovibError(
+            f"{folder}: has no case {number}; there are 0 to {opened.design.cases - 1}"
+        )
     if out is not None:
         from microvib.reports.campaign.text import write_case
 
         write_case(opened, number, out)
-    echo(again_text(opened, number))
+    echo(recomputed_case_text(opened, number))
     if out is not None:
         echo(f"Written: {out}. Whole motion and report: microvib run {shlex.quote(str(out))}")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Command = Callable[..., None]
 PATH = click.Path(path_type=Path)
-MAX_DOUBTS = 8  # values of a scenario that are told as unusual
+MAX_WARNINGS = 8  # values of a scenario that are told as unusual
 
 set_option = click.option(
     "--set",
@@ -30,7 +30,10 @@ set_option = click.option(
     help="Change a dotted key, e.g. reducer.stiffness='9000 N*m/rad'.",
 )
 harmonics_option = click.option(
-    "--harmonics", default=8, type=click.IntRange(1, 200), help="How many members of each family of lines to look for."
+    "--harmonics",
+    default=8,
+    type=click.IntRange(1, 200),
+    help="How many members of each family of lines to look for.",
 )
 
 
@@ -46,7 +49,9 @@ def options(*each: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 recording_options = options(
-    click.option("--channel", default="Mz", help="Channel of a recording that holds the drive-axis torque."),
+    click.option(
+        "--channel", default="Mz", help="Channel of a recording that holds the drive-axis torque."
+    ),
     click.option(
         "--prepare",
         type=PATH,
@@ -55,34 +60,47 @@ recording_options = options(
     ),
 )
 limit_options = options(
-    click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m': margins in the report."),
     click.option(
-        "--band", metavar="LOW:HIGH", help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere]."
+        "--limit",
+        metavar="TORQUE",
+        help="Largest line allowed, e.g. '10 mN*m': margins in the report.",
+    ),
+    click.option(
+        "--band",
+        metavar="LOW:HIGH",
+        help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
     ),
 )
 
 
-def simulates(command: Command) -> Command:
-    """A command that simulates in this process, whatever it is told: compiled code is on its way while the rest is imported."""
+def with_precompilation(command: Command) -> Command:
+    """A command that simulates in this process, whatever it is told: compiled code is on its way
+    while the rest is imported.
+    """
 
     @wraps(command)
     def begun(*arguments: Any, **options: Any) -> None:
-        from microvib.analysis.ahead import begin
+        from microvib.analysis.ahead import start_compilation
 
-        begin()
+        start_compilation()
         command(*arguments, **options)
 
     return begun
 
 
 def _form(pdf: bool, report_data: Path | None) -> Form:
-    """What is asked of the report; a library that is missing and wrong data are told before anything is computed."""
+    """What is asked of the report; a library that is missing and wrong data are told before
+    anything is computed.
+    """
     if pdf:
         import typst  # noqa: F401
     from microvib.reports.document import Form
     from microvib.reports.title_block import TitleBlock, read_title_block
 
-    block = TitleBlock() if report_data is None else read_title_block(report_data)
+    if report_data is None:
+        block = TitleBlock()
+    else:
+        block = read_title_block(report_data)
     return Form(pdf, click.get_current_context().find_root().obj or "", block)
 
 
@@ -113,17 +131,26 @@ class Target:
     form: Form
 
     def deliver(self, text: str, contents: Callable[..., Contents], *result: Any) -> None:
-        """Write the ``contents`` of a result, then print: a reader who leaves early does not cost the results."""
+        """Write the ``contents`` of a result, then print: a reader who leaves early does not cost
+        the results.
+        """
         from microvib.reports.rendering import write_study
 
-        files = () if self.out is None else write_study(self.out, contents(*result), self.form, self.overwrite)
+        files = (
+            ()
+            if self.out is None
+            else write_study(self.out, contents(*result), self.form, self.overwrite)
+        )
         echo(text)
         if self.out is not None:
             echo(f"\nWritten: {', '.join(str(self.out / name) for name in files)}")
 
 
-def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None = None) -> Callable[[Command], Command]:
-    """Options of a command that writes a folder, checked before anything is computed; the command gets them as ``target``.
+def target_options(
+    text: str, folder: Callable[[Mapping[str, Any]], str] | None = None
+) -> Callable[[Command], Command]:
+    """Options of a command that writes a folder, checked before anything is computed; the command
+    gets them as ``target``.
 
     ``folder`` makes its name of the other options, where it has one without --out.
     """
@@ -133,14 +160,21 @@ def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None 
         @click.option("--overwrite", is_flag=True, help="Replace existing results in the folder.")
         @report_options
         @wraps(command)
-        def with_target(*arguments: Any, out: Path | None, overwrite: bool, form: Form, **options: Any) -> None:
+        def with_target(
+            *arguments: Any, out: Path | None, overwrite: bool, form: Form, **options: Any
+        ) -> None:
             from microvib.io.writing import check_folder, free_folder
 
-            out = free_folder(folder(options)) if out is None and folder is not None else out
+            if out is None and folder is not None:
+                out = free_folder(folder(options))
+            else:
+                out = out
             if out is not None:
                 check_folder(out, overwrite)
             elif form.pdf:
-                raise OptionError("pdf", "the report is written into a folder; name one", remedy="out")
+                raise OptionError(
+                    "pdf", "the report is written into a folder; name one", remedy="out"
+                )
             command(*arguments, target=Target(out, overwrite, form), **options)
 
         return with_target
@@ -149,38 +183,46 @@ def target_options(text: str, folder: Callable[[Mapping[str, Any]], str] | None 
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:
-    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied; what is doubtful in it is said on standard error."""
+    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied; what is doubtful in it
+    is said on standard error.
+    """
     from microvib.io.scenario_file import load_scenario, parse_value
 
     changes = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
-            raise OptionError("set", "KEY=VALUE is expected, such as reducer.stiffness='9000 N*m/rad'", setting)
+            raise OptionError(
+                "set", "KEY=VALUE is expected, such as reducer.stiffness='9000 N*m/rad'", setting
+            )
         changes[key.strip()] = parse_value(value)
     loaded = load_scenario(source, changes)
-    say_doubts(loaded, source)
+    print_scenario_warnings(loaded, source)
     return loaded
 
 
-def say_doubts(scenario: Scenario, name: str) -> None:
+def print_scenario_warnings(scenario: Scenario, name: str) -> None:
     """Tell values that are allowed but unusual, on standard error."""
     found = scenario.doubts()
-    for text in found[:MAX_DOUBTS]:
+    for text in found[:MAX_WARNINGS]:
         click.echo(f"Note: {name}: {text}", err=True)
-    if len(found) > MAX_DOUBTS:
-        click.echo(f"Note: {name}: and {len(found) - MAX_DOUBTS} more unusual values", err=True)
+    if len(found) > MAX_WARNINGS:
+        click.echo(f"Note: {name}: and {len(found) - MAX_WARNINGS} more unusual values", err=True)
 
 
-def guide(source: str | None) -> Scenario | None:
+def load_guide(source: str | None) -> Scenario | None:
     """The scenario that says which lines to look for; None without one."""
     from microvib.io.scenario_file import load_scenario
 
-    return None if source is None else load_scenario(source)
+    if source is None:
+        return None
+    return load_scenario(source)
 
 
-def preparation(file: Path | None) -> Preparation | None:
+def read_preparation(file: Path | None) -> Preparation | None:
     """What a preparation file says; None without one."""
     from microvib.io.recordings import load_preparation
 
-    return None if file is None else load_preparation(file)
+    if file is None:
+        return None
+    return load_preparation(file)

@@ -18,19 +18,23 @@ def site_index() -> Path:
     index = SITE / "index.html"
     if not index.is_file():
         raise MicrovibError(
-            "the site is not in this installation; build it in a checkout with: microvib docs --build (its pages can be read"
+            "the site is not in this installation; build it in a checkout with: microvib docs"
+            " --build (its pages can be read"
             " there as plain files, in docs)"
         )
     return index
 
 
 def build_site() -> None:
-    """Build the site from the checkout that this package is installed from, and put it into the package."""
+    """Build the site from the checkout that this package is installed from, and put it into the
+    package.
+    """
     from microvib.io.writing import put_in_place, workspace
 
     if not (SOURCE / "conf.py").is_file():
         raise MicrovibError(
-            "building needs a checkout of the repository, installed with: pip install -e '.[docs]'; this installation is not one"
+            "building needs a checkout of the repository, installed with: pip install -e '.[docs]';"
+            " this installation is not one"
         )
     from sphinx.cmd.build import build_main
 
@@ -38,9 +42,13 @@ def build_site() -> None:
     try:
         with workspace(PACKAGE, SITE.name) as space:
             new = space / "new"
-            if build_main(["-W", "--keep-going", "-q", "-d", str(doctrees), str(SOURCE), str(new)]) != 0:
+            if (
+                build_main(["-W", "--keep-going", "-q", "-d", str(doctrees), str(SOURCE), str(new)])
+                != 0
+            ):
                 raise MicrovibError(
-                    "the site was not built, for the reasons above; the one that was there is unchanged"
+                    "the site was not built, for the reasons above; the one that was there is"
+                    " unchanged"
                 )
             put_in_place(new, SITE, space)
     except OSError as error:
@@ -48,9 +56,13 @@ def build_site() -> None:
 
 
 @click.command()
-@click.option("--path", "path_only", is_flag=True, help="Print the location of the site without opening it.")
 @click.option(
-    "--build", is_flag=True, help="Build the site into the package first: in a checkout, with the extra 'docs'."
+    "--path", "path_only", is_flag=True, help="Print the location of the site without opening it."
+)
+@click.option(
+    "--build",
+    is_flag=True,
+    help="Build the site into the package first: in a checkout, with the extra 'docs'.",
 )
 def docs(path_only: bool, build: bool) -> None:
     """Open the documentation, a site that needs no network, in the browser."""

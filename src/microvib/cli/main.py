@@ -5,7 +5,9 @@ from __future__ import annotations
 try:
     from microvib.cli import signals
 
-    _held = signals.end_at_once()  # until all is imported; nothing has begun that could be left half done
+    _held = (
+        signals.exit_on_interrupt()
+    )  # until all is imported; nothing has begun that could be left half done
     import os
     import shlex
     import sys
@@ -14,32 +16,49 @@ try:
 
     import click
 
-    from microvib.cli import budget, campaign, docs, new, rates, scenarios, sensitivity, serve, structures, test_data
+    from microvib.cli import (
+        budget,
+        campaign,
+        docs,
+        new,
+        rates,
+        scenarios,
+        sensitivity,
+        serve,
+        structures,
+        test_data,
+    )
     from microvib.cli.streams import status_of
-    from microvib.reports.drawing import import_for_files_alone
+    from microvib.reports.drawing import import_matplotlib_lean
 except KeyboardInterrupt:
     raise SystemExit(130) from None
 
-# The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is first imported.
+# The matrices here are small: threads of BLAS would only wait for each other. Set before NumPy is
+# first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Drawings go into files: which window system a user's other programs draw on, or whether it exists, is nothing to us.
+# Drawings go into files: which window system a user's other programs draw on, or whether it exists,
+# is nothing to us.
 os.environ["MPLBACKEND"] = "agg"
 
 
 class _Command(click.Group):
-    """The command ``microvib``; called as a program it ends with a status, and says errors in sentences."""
+    """The command ``microvib``; called as a program it ends with a status, and says errors in
+    sentences.
+    """
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **settings: Any) -> Any:
         run = partial(super().main, *arguments, standalone_mode=False, **settings)
         if not standalone_mode:
             return run()
-        program = not arguments and "args" not in settings  # rather than called from Python with arguments
+        program = (
+            not arguments and "args" not in settings
+        )  # rather than called from Python with arguments
         if program:
-            signals.deliver_all()
-            import_for_files_alone()
+            signals.redeliver_unraisable_interrupts()
+            import_matplotlib_lean()
         status = status_of(run)
         if program:
-            signals.end_at_once()
+            signals.exit_on_interrupt()
         return sys.exit(status)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -70,7 +89,8 @@ def _show_version(context: click.Context, parameter: click.Parameter, asked: boo
 def main() -> None:
     """Disturbance torque of a sun-tracking solar array: from the drive's data sheet to its lines.
 
-    Start with `microvib run state-1`, or write a file of your own with `microvib new my-drive.yaml`.
+    Start with `microvib run state-1`, or write a file of your own with `microvib new
+    my-drive.yaml`.
     """
 
 
@@ -82,4 +102,4 @@ for _command in (
     main.add_command(_command)
 
 if _held:
-    signals.raise_again()
+    signals.restore_keyboard_interrupt()

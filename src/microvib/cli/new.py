@@ -1,4 +1,6 @@
-"""The command that writes a file to start from: the example, one with a gear of the catalog, or one from a data sheet."""
+"""The command that writes a file to start from: the example, one with a gear of the catalog, or one
+from a data sheet.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,7 @@ from microvib.io.questions import QUESTIONS
 if TYPE_CHECKING:
     from microvib.io.gears import Entry
 
-_HYSTERESIS = (
-    "The gear's hysteresis is in the file as a comment, under reducer: a maker's bound, which would stiffen and damp."
-)
+_HYSTERESIS = "The gear's hysteresis is in the file as a comment, under reducer: a maker's bound, which would stiffen and damp."
 
 
 def _option(key: str) -> str:
@@ -34,10 +34,15 @@ def _option(key: str) -> str:
     help="Start from a data sheet, given by the options below or, without any, asked for on the terminal."
     " What it lacks is assumed.",
 )
-@options(*(click.option(_option(key), metavar=asked.metavar, help=f"{asked}.") for key, asked in QUESTIONS.items()))
+@options(
+    *(
+        click.option(_option(key), metavar=asked.metavar, help=f"{asked}.")
+        for key, asked in QUESTIONS.items()
+    )
+)
 def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
-    """Write FILE, a commented scenario to start from. An existing file is never overwritten. --gear also works
-    without --from-datasheet."""
+    """Write FILE, a commented scenario to start from. An existing file is never overwritten. --gear
+    also works without --from-datasheet."""
     from microvib.io.new_scenario import gear_assumed, new_text, sheet_text
     from microvib.io.writing import write_file
 
@@ -48,42 +53,60 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
         stray = next((key for key in sheet if key != "gear"), None)
         if stray is not None:
             raise OptionError(stray, "belongs to a data sheet; it needs --from-datasheet")
-        missing = gear_assumed(sheet["gear"]) if sheet else {}
+        if sheet:
+            missing = gear_assumed(sheet["gear"])
+        else:
+            missing = {}
         write_file(file, new_text(**sheet))
         if sheet:
-            _tell("Assumed of the gear, since the catalog does not say:", missing)
+            _print_assumptions("Assumed of the gear, since the catalog does not say:", missing)
             echo(_HYSTERESIS)
             echo("Motor, driver, friction (the gear's too), array and tracking are examples.")
         echo(f"Written: {file}. Edit it, then: microvib run {shlex.quote(str(file))}")
         return
-    text, missing = sheet_text(sheet) if sheet else _asked()
+    if sheet:
+        text, missing = sheet_text(sheet)
+    else:
+        text, missing = _questionnaire()
     write_file(file, text)
-    _tell(
-        "Assumed, since the data sheet does not say:" if missing else "Nothing of the drive had to be assumed.", missing
+    _print_assumptions(
+        "Assumed, since the data sheet does not say:"
+        if missing
+        else "Nothing of the drive had to be assumed.",
+        missing,
     )
     if "# hysteresis: {loss" in text:
         echo(_HYSTERESIS)
-    echo(f"Friction, array and tracking are examples. Written: {file}. Now: microvib run {shlex.quote(str(file))}")
+    echo(
+        f"Friction, array and tracking are examples. Written: {file}. Now: microvib run"
+        f" {shlex.quote(str(file))}"
+    )
 
 
-def _tell(head: str, assumed: dict[str, Entry]) -> None:
+def _print_assumptions(head: str, assumed: dict[str, Entry]) -> None:
     """Say what is assumed, and why."""
     echo(head)
     for key, entry in assumed.items():
         echo(f"  {key}: {entry.text} ({entry.source.removeprefix('assumed: ')})")
 
 
-def _asked() -> tuple[str, dict[str, Entry]]:
-    """What ``sheet_text`` makes of the answers of a person at the terminal; OptionError where there is none.
+def _questionnaire() -> tuple[str, dict[str, Entry]]:
+    """What ``sheet_text`` makes of the answers of a person at the terminal; OptionError where there
+    is none.
 
     Answers that contradict each other are asked for again, and the others kept.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         known = ", ".join(map(_option, QUESTIONS))
-        raise OptionError("from_datasheet", f"there is no terminal to ask on; give at least one of {known}")
+        raise OptionError(
+            "from_datasheet", f"there is no terminal to ask on; give at least one of {known}"
+        )
     from microvib.io.new_scenario import sheet_text
 
-    echo("What does the data sheet say? Leave empty what it does not; a typical value is then assumed.")
+    echo(
+        "What does the data sheet say? Leave empty what it does not; a typical value is then"
+        " assumed."
+    )
     answers: dict[str, str] = {}
     for key in QUESTIONS:
         _ask(key, answers)
@@ -93,7 +116,10 @@ def _asked() -> tuple[str, dict[str, Entry]]:
         except OptionError as error:
             if error.key not in QUESTIONS:
                 raise
-            echo(f"{QUESTIONS[error.key].words}: {str(error).removeprefix(f'{error.key}: ')}", err=True)
+            echo(
+                f"{QUESTIONS[error.key].words}: {str(error).removeprefix(f'{error.key}: ')}",
+                err=True,
+            )
             _ask(error.key, answers)
 
 

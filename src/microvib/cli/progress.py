@@ -9,17 +9,19 @@ from typing import Any
 
 import click
 
-_PAUSE = 0.1  # seconds between two drawings of a bar
-_EVERY = 60.0  # seconds between two lines where there is no bar
-_WIDE = 80  # columns of a terminal from which on there is room for the bar itself
+_MIN_UPDATE_INTERVAL = 0.1  # seconds between two drawings of a bar
+_LINE_INTERVAL = 60.0  # seconds between two lines where there is no bar
+_MAX_BAR_WIDTH = 80  # columns of a terminal from which on there is room for the bar itself
 
 
 class progress_bar:
-    """A bar where a terminal can draw one, gone when the work is done; elsewhere a line every minute.
+    """A bar where a terminal can draw one, gone when the work is done; elsewhere a line every
+    minute.
 
-    ``lines_every`` are other seconds between lines, for what is counted in cases: then lines and bar say the rate, too.
-    It begins with the first call, so that what is refused before the work begins is told without it. Called with what is done
-    and the whole, in ``unit``; ``finishing`` stands there when all is done.
+    ``lines_every`` are other seconds between lines, for what is counted in cases: then lines and
+    bar say the rate, too. It begins with the first call, so that what is refused before the work
+    begins is told without it. Called with what is done and the whole, in ``unit``; ``finishing``
+    stands there when all is done.
     """
 
     def __init__(
@@ -31,7 +33,7 @@ class progress_bar:
         lines_every: float | None = None,
     ) -> None:
         self._doing, self._unit, self._finishing = doing, unit, finishing
-        self._every, self._rates = lines_every or _EVERY, lines_every is not None
+        self._every, self._rates = lines_every or _LINE_INTERVAL, lines_every is not None
         self._bar: Any = None
         self.begun = False
         self._told = -math.inf
@@ -60,16 +62,27 @@ class progress_bar:
             self._first = now, done
             self._told = now if self._bar is None else -math.inf
             total = math.inf if self._bar is None else total
-        pause = self._every if self._bar is None else _PAUSE
+        if self._bar is None:
+            pause = self._every
+        else:
+            pause = _MIN_UPDATE_INTERVAL
         if now - self._told < pause and (done < total or self._quiet()):
             return
         self._told = now
         amount, pace = f"{done:.0f} of {total:.0f} {self._unit}", self._pace(now, done, total)
         if self._bar is not None:
-            doing = f"{self._doing}{pace}" if done > 0.0 else f"{self._doing} (compiles on first use)"
-            text = self._finishing if done >= total else doing
+            if done > 0.0:
+                doing = f"{self._doing}{pace}"
+            else:
+                doing = f"{self._doing} (compiles on first use)"
+            if done >= total:
+                text = self._finishing
+            else:
+                text = doing
             task, shown = self._bar.task_ids[0], {"description": text, "amount": amount}
-            self._bar.update(task, completed=done, total=total, refresh=True, **shown)  # of short work, too
+            self._bar.update(
+                task, completed=done, total=total, refresh=True, **shown
+            )  # of short work, too
         else:
             self._lines += 1
             click.echo(f"{'' if self._rates else self._doing + ': '}{amount}{pace}", err=True)
@@ -96,12 +109,17 @@ class progress_bar:
         if done <= before:
             return ""
         rate = (done - before) / max(now - begun, 1e-9)
-        left = f", {_span((total - done) / rate)} left" if done < total and self._bar is None else ""
+        if done < total and self._bar is None:
+            left = f", {_format_duration((total - done) / rate)} left"
+        else:
+            left = ""
         return (f", {rate:.3g} {self._unit}/s" if self._rates else "") + left
 
 
-def _span(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+def _format_duration(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min"
 
 
 def _bar() -> Any:
@@ -113,11 +131,17 @@ def _bar() -> Any:
     console = Console(stderr=True)
     if console.is_dumb_terminal:
         return None
-    console.width = max(console.width - len("^C "), 20)  # echoed behind the bar, it must not begin a line of its own
+    console.width = max(
+        console.width - len("^C "), 20
+    )  # echoed behind the bar, it must not begin a line of its own
     one_line = Column(no_wrap=True, overflow="ellipsis", ratio=1)
     text = TextColumn("{task.description}", markup=False, table_column=one_line)
     amount = TextColumn("{task.fields[amount]}", markup=False, table_column=Column(no_wrap=True))
-    columns = (text, BarColumn(), amount, TimeRemainingColumn()) if console.width >= _WIDE else (text, amount)
+    columns = (
+        (text, BarColumn(), amount, TimeRemainingColumn())
+        if console.width >= _MAX_BAR_WIDTH
+        else (text, amount)
+    )
     bar = Progress(*columns, console=console, transient=True, expand=True)
     bar.add_task("", total=None, amount="")
     return bar

@@ -11,25 +11,41 @@ from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 from microvib.units import quantity
 
-WORTH_PROCESSES = 40
+MIN_CASES_FOR_PROCESSES = 40
 """Cases that take longer than to start processes for them."""
 
 
 @click.command()
 @click.argument("scenario")
-@click.option("--from", "low", required=True, metavar="RATE", help="Lowest rate of the array, e.g. '0.01 deg/s'.")
+@click.option(
+    "--from",
+    "low",
+    required=True,
+    metavar="RATE",
+    help="Lowest rate of the array, e.g. '0.01 deg/s'.",
+)
 @click.option("--to", "high", required=True, metavar="RATE", help="Highest rate of the array.")
-@click.option("--count", default=200, type=click.IntRange(2, 10_000), help="Number of rates in the range.")
-@click.option("--microsteps", metavar="N,N,...", help="Microsteps per full step to compare [default: the scenario's].")
+@click.option(
+    "--count", default=200, type=click.IntRange(2, 10_000), help="Number of rates in the range."
+)
+@click.option(
+    "--microsteps",
+    metavar="N,N,...",
+    help="Microsteps per full step to compare [default: the scenario's].",
+)
 @click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m'.")
-@click.option("--band", metavar="LOW:HIGH", help="Consider only lines in this band, e.g. '0.5:5 Hz'.")
+@click.option(
+    "--band", metavar="LOW:HIGH", help="Consider only lines in this band, e.g. '0.5:5 Hz'."
+)
 @click.option(
     "--keep-away",
     metavar="PART",
     help="Distance that the rate must keep from resonances, e.g. '5 percent' of the rate.",
 )
 @click.option(
-    "--linear", is_flag=True, help="Use the linearised drive in closed form: instant, but driving lines only."
+    "--linear",
+    is_flag=True,
+    help="Use the linearised drive in closed form: instant, but driving lines only.",
 )
 @set_option
 @target_options("Folder for tables and pictures [default: print only].")
@@ -37,17 +53,25 @@ def rates(
     scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
     keep_away: str | None, linear: bool, settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and best rates."""
+    """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and
+    best rates.
+    """
     from microvib.reports.rates import linear_text, plan_folder, plan_text
     from microvib.studies.rates import plan_rates, rate_grid
 
     grid = rate_grid(low, high, count)
-    away = 0.0 if keep_away is None else quantity("keep_away", keep_away, "")
+    if keep_away is None:
+        away = 0.0
+    else:
+        away = quantity("keep_away", keep_away, "")
     if not 0.0 <= away < 1.0:
         raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
     loaded = load(scenario, settings)
-    counts = None if microsteps is None else _counts(microsteps)
-    many = not linear and count * (1 if counts is None else len(counts)) >= WORTH_PROCESSES
+    if microsteps is None:
+        counts = None
+    else:
+        counts = _counts(microsteps)
+    many = not linear and count * (1 if counts is None else len(counts)) >= MIN_CASES_FOR_PROCESSES
     workers = os.cpu_count() if many else None
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
@@ -74,6 +98,7 @@ def _counts(text: str) -> tuple[int, ...]:
         counts = (0,)
     if min(counts) < 1 or max(counts) > 65_536:
         raise OptionError(
-            "microsteps", f"{text!r} is not allowed; write whole numbers from 1 to 65536, such as 8,16,32"
+            "microsteps",
+            f"{text!r} is not allowed; write whole numbers from 1 to 65536, such as 8,16,32",
         )
     return counts

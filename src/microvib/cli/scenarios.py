@@ -15,7 +15,7 @@ from microvib.cli.common import (
     load,
     report_options,
     set_option,
-    simulates,
+    with_precompilation,
 )
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
@@ -32,10 +32,14 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.command()
 @click.argument("scenario")
 @set_option
-@click.option("-o", "--out", type=PATH, help="Folder for the results [default: the scenario's name].")
+@click.option(
+    "-o", "--out", type=PATH, help="Folder for the results [default: the scenario's name]."
+)
 @click.option("--overwrite", is_flag=True, help="Replace an existing run in the folder.")
 @click.option(
-    "--lines-only", is_flag=True, help="Write no motion and no report: memory stays bounded however long the run is."
+    "--lines-only",
+    is_flag=True,
+    help="Write no motion and no report: memory stays bounded however long the run is.",
 )
 @harmonics_option
 @click.option(
@@ -60,7 +64,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 )
 @limit_options
 @report_options
-@simulates
+@with_precompilation
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
     steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None, form: Form,
@@ -80,8 +84,13 @@ def run(
     if angles is not None or orbit:
         if lines_only or seeds or allowed is not None:
             option = "orbit" if orbit else "angles"
-            raise OptionError(option, "goes neither with a limit nor with lines alone nor with seeds; leave them out")
-        (_run_orbit if orbit else _run_angles)(loaded, angles, harmonics, Target(out, overwrite, form))
+            raise OptionError(
+                option,
+                "goes neither with a limit nor with lines alone nor with seeds; leave them out",
+            )
+        (_run_orbit if orbit else _run_angles)(
+            loaded, angles, harmonics, Target(out, overwrite, form)
+        )
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         result, files = run_scenario(
@@ -106,12 +115,15 @@ def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Ta
 def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
     from microvib.reports.orbit import orbit_folder, orbit_text
     from microvib.studies.angles import angles_in
-    from microvib.studies.orbit import check_orbit, over_orbit
+    from microvib.studies.orbit import analyse_orbit, check_orbit
 
-    asked = None if angles is None else angles_in(angles)
+    if angles is None:
+        asked = None
+    else:
+        asked = angles_in(angles)
     check_orbit(loaded, asked)
     with progress_bar("solving", "angles") as progress:
-        orbit = over_orbit(loaded, asked, harmonics=harmonics, progress=progress)
+        orbit = analyse_orbit(loaded, asked, harmonics=harmonics, progress=progress)
     target.deliver(orbit_text(orbit), orbit_folder, orbit)
 
 
@@ -125,7 +137,8 @@ def scenarios() -> None:
         loaded = load_scenario(name)
         mode = loaded.array.modes[0]
         echo(
-            f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode {mode.frequency:g} Hz [{loaded.source}]"
+            f"{name:10s} {loaded.title}: {loaded.array.inertia:g} kg m², first mode"
+            f" {mode.frequency:g} Hz [{loaded.source}]"
         )
 
 
@@ -167,44 +180,62 @@ def schema() -> None:
 )
 @report_options
 @click.option("--overwrite", is_flag=True, help="Replace an existing --output file.")
-def report(folder: Path, limit: str | None, band: str | None, output: Path | None, overwrite: bool, form: Form) -> None:
+def report(
+    folder: Path,
+    limit: str | None,
+    band: str | None,
+    output: Path | None,
+    overwrite: bool,
+    form: Form,
+) -> None:
     """Make the report of a run again from its FOLDER, with the run's limit and band or with others.
 
-    report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit out.
+    report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit
+    out.
     """
     from microvib.io.runs import read_run
     from microvib.io.writing import write_file
     from microvib.reports.rendering import html, pdf
     from microvib.reports.run.report import run_report
 
-    targets = (
-        [folder / f"report{kind}" for kind in (_KINDS if form.pdf else _KINDS[:1])] if output is None else [output]
-    )
+    if output is None:
+        targets = [folder / f"report{kind}" for kind in (_KINDS if form.pdf else _KINDS[:1])]
+    else:
+        targets = [output]
     again = output is None or overwrite
     _check(targets, form, again)
     run = read_run(folder)
     allowed = _limit(run.limit, limit, band)
     document = run_report(run.motion, run.table, limit=allowed, versions=run.versions).in_form(form)
-    contents = [pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets]
+    contents = [
+        pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets
+    ]
     for target, content in zip(targets, contents, strict=True):
         write_file(target, content, overwrite=again)
         click.echo(f"Written: {target}")
 
 
 def _check(targets: list[Path], form: Form, again: bool) -> None:
-    """OptionError or OutputError where a file's name does not fit, or it is there already, before anything is drawn."""
+    """OptionError or OutputError where a file's name does not fit, or it is there already, before
+    anything is drawn.
+    """
     for target in targets:
         kinds = _KINDS[1:] if form.pdf and len(targets) == 1 else _KINDS
         if target.suffix.lower() not in kinds:
-            raise OptionError("output", f"{target} is not allowed; its name must end in {' or '.join(kinds)}")
+            raise OptionError(
+                "output", f"{target} is not allowed; its name must end in {' or '.join(kinds)}"
+            )
         if target.exists() and not again:
             raise OutputError(
-                f"{target}: already exists; nothing was written; choose another file, or allow it to be replaced",
+                f"{target}: already exists; nothing was written; choose another file, or allow it"
+                " to be replaced",
                 remedy="overwrite",
             )
 
 
-def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str | None) -> Limit | None:
+def _limit(
+    kept: tuple[float, float, float] | None, limit: str | None, band: str | None
+) -> Limit | None:
     """What lines are judged by: what is asked for, and for the rest what the run was judged by."""
     from microvib.analysis.limits import Limit
     from microvib.units import Si
@@ -212,9 +243,13 @@ def _limit(kept: tuple[float, float, float] | None, limit: str | None, band: str
 
     if limit == "none":
         if band is not None:
-            raise OptionError("band", "says where a limit applies; it cannot be combined with --limit none")
+            raise OptionError(
+                "band", "says where a limit applies; it cannot be combined with --limit none"
+            )
         return None
     asked = Limit.of(limit, None if kept else band)
     if kept is None:
         return asked
-    return Limit(Si(asked.torque if asked else kept[0]), *(map(Si, kept[1:]) if band is None else ends(band)))
+    return Limit(
+        Si(asked.torque if asked else kept[0]), *(map(Si, kept[1:]) if band is None else ends(band))
+    )

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import click
 
-from microvib.cli.common import load, set_option, simulates
+from microvib.cli.common import load, set_option, with_precompilation
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import echo
 
@@ -15,12 +15,13 @@ from microvib.cli.streams import echo
 @click.argument("scenario")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, in SI.")
 @set_option
-@simulates
+@with_precompilation
 def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None:
-    """Rank, line by line, the values of SCENARIO whose sources note a range by how much they matter.
+    """Rank, line by line, the values of SCENARIO whose sources note a range by how much they
+    matter.
 
-    Each goes to both ends of its range, and to extremes of the linearised drive in between, the others as they are;
-    d ln/d ln is the sensitivity at the value itself.
+    Each goes to both ends of its range, and to extremes of the linearised drive in between, the
+    others as they are; d ln/d ln is the sensitivity at the value itself.
     """
     from microvib.io.tables import to_json
     from microvib.reports.sensitivity import ranking_text

@@ -1,4 +1,5 @@
-"""Ctrl-C before a command has begun and after it has ended: the process ends at once, and nothing is printed.
+"""Ctrl-C before a command has begun and after it has ended: the process ends at once, and nothing
+is printed.
 
 In between it is a KeyboardInterrupt, which ``streams`` makes a sentence of.
 """
@@ -12,7 +13,7 @@ import threading
 from typing import Any
 
 
-def end_at_once() -> bool:
+def exit_on_interrupt() -> bool:
     """Let Ctrl-C end the process itself; whether it did anything else, in this thread, before."""
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         return False  # ignored, as in what runs in the background, or somebody else's
@@ -23,13 +24,15 @@ def end_at_once() -> bool:
     return True
 
 
-def raise_again() -> None:
+def restore_keyboard_interrupt() -> None:
     """Let Ctrl-C be a KeyboardInterrupt."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def deliver_all() -> None:
-    """Deliver once more an interrupt that came where Python can only report it, as in a destructor or in a callback of C code."""
+def redeliver_unraisable_interrupts() -> None:
+    """Deliver once more an interrupt that came where Python can only report it, as in a destructor
+    or in a callback of C code.
+    """
     before = sys.unraisablehook
 
     def hook(unraisable: Any) -> None:

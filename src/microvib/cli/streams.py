@@ -1,4 +1,6 @@
-"""Where the command line meets its surroundings: standard streams, interrupts, and errors that become sentences and a status."""
+"""Where the command line meets its surroundings: standard streams, interrupts, and errors that
+become sentences and a status.
+"""
 
 from __future__ import annotations
 
@@ -29,15 +31,19 @@ def status_of(command: Callable[[], Any]) -> int:
             status = command() or 0
             sys.stdout.flush()
         except BaseException as error:
-            status = _said(error)
+            status = _report_error(error)
         return int(status)
 
 
-def _said(error: BaseException) -> int:
+def _report_error(error: BaseException) -> int:
     """Say in sentences what ended a command, and return its status."""
     match error:
         case SystemExit():
-            return error.code if isinstance(error.code, int) else FAILED if error.code else 0
+            if isinstance(error.code, int):
+                return error.code
+            if error.code:
+                return FAILED
+            return 0
         case KeyboardInterrupt() | click.Abort():
             if isinstance(error, click.Abort) and sys.stderr.isatty():
                 click.echo(err=True)  # behind the prompt that was left
@@ -46,36 +52,42 @@ def _said(error: BaseException) -> int:
             error.show()
             return error.exit_code
         case MicrovibError():
-            return _say("\n".join(f"Error: {line}" for line in _typed(error).splitlines()))
+            return _say("\n".join(f"Error: {line}" for line in _error_text(error).splitlines()))
         case ModuleNotFoundError() if sentence := missing_library(error):
             return _say(f"Error: {sentence}")
         case MemoryError():
-            return _say("Error: memory is exhausted; a shorter record.duration or fewer cases at a time need less")
-        case Refused():
+            return _say(
+                "Error: memory is exhausted; a shorter record.duration or fewer cases at a time"
+                " need less"
+            )
+        case StdoutWriteError():
             cause = error.args[0]
             if isinstance(cause, BrokenPipeError):
                 return CLOSED_PIPE  # who reads has enough: nothing is wrong
             return _say(f"Error: standard output cannot be written: {cause.strerror or cause}")
         case OSError() if error.filename is not None:
             return _say(f"Error: {error.filename}: {error.strerror or error}")
-    return _bug(error)
+    return _bug_report(error)
 
 
-def _typed(error: MicrovibError) -> str:
+def _error_text(error: MicrovibError) -> str:
     """The sentences of an error; options are written as they are typed."""
     text = str(error)
     if isinstance(error, OptionError):
         text = f"--{error.key.replace('_', '-')}{text.removeprefix(error.key)}"
-    return f"{text} (--{error.remedy.replace('_', '-')})" if error.remedy else text
+    if error.remedy:
+        return f"{text} (--{error.remedy.replace('_', '-')})"
+    return text
 
 
-def _bug(error: BaseException) -> int:
+def _bug_report(error: BaseException) -> int:
     """What nobody foresaw is said to be ours, never the user's."""
     if os.environ.get(TRACEBACK):
         _say("".join(traceback.format_exception(error)).rstrip())
     what = " ".join(f"{type(error).__name__}: {error}".split())[:300]
     return _say(
-        f"Error: a bug in microvib, not in your input ({what}); please report it to its developers, with the command, its"
+        f"Error: a bug in microvib, not in your input ({what}); please report it to its developers,"
+        " with the command, its"
         f" files, and what it prints when {TRACEBACK}=1 is set",
         BUG,
     )
@@ -87,27 +99,35 @@ def _say(text: str, status: int = FAILED) -> int:
 
 
 def echo(text: str, err: bool = False) -> None:
-    """Print; where a terminal is narrower than a line, the line is broken between words and not inside figures."""
+    """Print; where a terminal is narrower than a line, the line is broken between words and not
+    inside figures.
+    """
     stream = sys.stderr if err else sys.stdout
     if stream.isatty():
         width = max(columns() or _columns(stream), 20)
-        text = "\n".join(part for line in text.split("\n") for part in _fitting(line, width))
+        text = "\n".join(part for line in text.split("\n") for part in _wrap(line, width))
     click.echo(text, err=err)
 
 
-def _fitting(line: str, width: int) -> list[str]:
-    return [line] if len(line) <= width else wrapped(line, width, indent=4)
+def _wrap(line: str, width: int) -> list[str]:
+    if len(line) <= width:
+        return [line]
+    return wrapped(line, width, indent=4)
 
 
 def _columns(stream: Any) -> int:
     try:
-        return os.get_terminal_size(stream.fileno()).columns or 80  # 0: a terminal that does not tell
+        return (
+            os.get_terminal_size(stream.fileno()).columns or 80
+        )  # 0: a terminal that does not tell
     except (OSError, ValueError):
         return 80
 
 
-class Refused(Exception):
-    """Standard output does not take what is written to it. Not an OSError, which libraries on the way would answer."""
+class StdoutWriteError(Exception):
+    """Standard output does not take what is written to it. Not an OSError, which libraries on the
+    way would answer.
+    """
 
 
 class _Output(io.FileIO):
@@ -115,8 +135,10 @@ class _Output(io.FileIO):
         try:
             return super().write(data)
         except OSError as error:
-            os.dup2(_null(), self.fileno())  # what is left goes nowhere, and the interpreter's end is quiet
-            raise Refused(error) from None
+            os.dup2(
+                _null(), self.fileno()
+            )  # what is left goes nowhere, and the interpreter's end is quiet
+            raise StdoutWriteError(error) from None
 
 
 class _Messages(io.FileIO):
@@ -133,14 +155,20 @@ def _null() -> int:
 
 @contextmanager
 def _streams() -> Iterator[None]:
-    """Standard streams that are there, whatever the caller closed, and that tell their own failures from those of files."""
+    """Standard streams that are there, whatever the caller closed, and that tell their own failures
+    from those of files.
+    """
     before = {name: getattr(sys, name) for name in ("stdin", "stdout", "stderr")}
-    for name, mode, kind in (("stdin", "r", None), ("stdout", "w", _Output), ("stderr", "w", _Messages)):
+    for name, mode, kind in (
+        ("stdin", "r", None),
+        ("stdout", "w", _Output),
+        ("stderr", "w", _Messages),
+    ):
         if before[name] is None:  # its number must not go to the next file that is opened
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
             os.set_inheritable(getattr(sys, name).fileno(), True)
         elif kind is not None:
-            setattr(sys, name, _over(before[name], kind))
+            setattr(sys, name, _wrap_stream(before[name], kind))
     try:
         yield
     finally:
@@ -148,13 +176,17 @@ def _streams() -> Iterator[None]:
             setattr(sys, name, stream or getattr(sys, name))
 
 
-def _over(stream: Any, kind: type[io.FileIO]) -> Any:
+def _wrap_stream(stream: Any, kind: type[io.FileIO]) -> Any:
     """The same stream over a file of another kind; as it is where it is not that of a file."""
     buffer = getattr(stream, "buffer", None)
     if not isinstance(getattr(buffer, "raw", buffer), io.FileIO):
         return stream
     stream.flush()
     raw = io.BufferedWriter(kind(stream.fileno(), "w", closefd=False))
-    # What a terminal or a file of another encoding cannot hold is a question mark there, and no error.
-    errors = "replace" if stream.errors == "strict" else stream.errors
+    # What a terminal or a file of another encoding cannot hold is a question mark there, and no
+    # error.
+    if stream.errors == "strict":
+        errors = "replace"
+    else:
+        errors = stream.errors
     return io.TextIOWrapper(raw, stream.encoding, errors, line_buffering=True)

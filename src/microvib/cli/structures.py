@@ -11,30 +11,52 @@ import click
 from microvib.cli.common import PATH, Target, options, target_options
 
 if TYPE_CHECKING:
-    from microvib.structures.deck import Import
+    from microvib.structures.deck import ImportOptions
 
 
 modal_options = options(
-    click.option("--units", help="Unit system of the deck: SI, mm-t-s, mm-kg-s, in-lbf-s or ft-lbf-s."),
     click.option(
-        "--interface", metavar="GRID|X,Y,Z", help="Interface point, in the deck's basic frame and length unit."
+        "--units", help="Unit system of the deck: SI, mm-t-s, mm-kg-s, in-lbf-s or ft-lbf-s."
     ),
-    click.option("--drive-axis", metavar="AXIS", help="Drive axis: x, y, z, or the components X,Y,Z of a direction."),
-    click.option("--frame", metavar="CID", help="Coordinate system of the deck whose axes are used [default: basic]."),
-    click.option("--damping", metavar="RATIO", help="Damping of every mode, such as '1 percent' [default: 1 percent]."),
     click.option(
-        "--mass", metavar="FILE", help="Second file: OP4 with the mass matrix, or F06 with the weight generator."
+        "--interface",
+        metavar="GRID|X,Y,Z",
+        help="Interface point, in the deck's basic frame and length unit.",
+    ),
+    click.option(
+        "--drive-axis",
+        metavar="AXIS",
+        help="Drive axis: x, y, z, or the components X,Y,Z of a direction.",
+    ),
+    click.option(
+        "--frame",
+        metavar="CID",
+        help="Coordinate system of the deck whose axes are used [default: basic].",
+    ),
+    click.option(
+        "--damping",
+        metavar="RATIO",
+        help="Damping of every mode, such as '1 percent' [default: 1 percent].",
+    ),
+    click.option(
+        "--mass",
+        metavar="FILE",
+        help="Second file: OP4 with the mass matrix, or F06 with the weight generator.",
     ),
     click.option("--wtmass", metavar="FACTOR", help="PARAM,WTMASS of the deck [default: 1]."),
     click.option(
-        "--reference", metavar="GRID|X,Y,Z", help="Point of participation factors in OP2 and OP4 [default: 0,0,0]."
+        "--reference",
+        metavar="GRID|X,Y,Z",
+        help="Point of participation factors in OP2 and OP4 [default: 0,0,0].",
     ),
 )
 """A command with them gets them as texts or None, for ``import_from``."""
 
 
-def import_from(source: Path, given: Mapping[str, str | None]) -> Import | None:
-    """Options of an import from those of a command; None if none is given. A ModalError or ScenarioError names what is wrong."""
+def import_from(source: Path, given: Mapping[str, str | None]) -> ImportOptions | None:
+    """Options of an import from those of a command; None if none is given. A ModalError or
+    ScenarioError names what is wrong.
+    """
     from microvib.io.modal_sources import expect_results
     from microvib.structures.deck import import_options
 
@@ -51,23 +73,30 @@ def _value(text: str) -> Any:
     """A whole number, three numbers, or the text itself."""
     parts = [part.strip() for part in text.split(",")]
     try:
-        return int(text) if len(parts) == 1 else [float(part) for part in parts]
+        if len(parts) == 1:
+            return int(text)
+        return [float(part) for part in parts]
     except ValueError:
         return text
 
 
 @click.command()
 @click.argument("source")
-@click.option("--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; for a table, all].")
+@click.option(
+    "--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; for a table, all]."
+)
 @target_options(
-    "Folder for table, pictures, report [default: the name].", lambda options: f"{Path(options['source']).stem}-modes"
+    "Folder for table, pictures, report [default: the name].",
+    lambda options: f"{Path(options['source']).stem}-modes",
 )
 @modal_options
 def modes(source: str, count: int | None, target: Target, **deck: str | None) -> None:
-    """Modes of SOURCE as in the paper's Table 1: `reference-array`, `reference-sas`, a description of an array or a simulator,
-    a table of modes, or results of Nastran or Ansys, for which the options describe the deck.
+    """Modes of SOURCE as in the paper's Table 1: `reference-array`, `reference-sas`, a description
+    of an array or a simulator, a table of modes, or results of Nastran or Ansys, for which the
+    options describe the deck.
 
-    A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem: reference-array, modes: 10}`.
+    A scenario takes them as `array: {from: modes.csv}`, or directly as `array: {fem:
+    reference-array, modes: 10}`.
     """
     from microvib.io.file_access import WORKING_FOLDER
     from microvib.io.modal_sources import modal_source
@@ -79,27 +108,42 @@ def modes(source: str, count: int | None, target: Target, **deck: str | None) ->
 
 @click.group()
 def sas() -> None:
-    """The solar array simulator: springs, arm and counterweights that stand in for an array on a test bench."""
+    """The solar array simulator: springs, arm and counterweights that stand in for an array on a
+    test bench.
+    """
 
 
 @sas.command("size")
 @click.option("--inertia", help="Inertia about the drive axis, e.g. '8.18 kg*m^2'.")
 @click.option("--frequency", help="Torsional frequency, e.g. '1.19 Hz'.")
-@click.option("--array", help="Size it for this array instead: a table of modes, a description, or reference-array.")
-@click.option("--state", "states", multiple=True, metavar="F:J", help="A further state to reach, e.g. 1.19:15.69.")
-@click.option("--states", "file", type=PATH, help="Table of further states [default: the paper's Table 2].")
+@click.option(
+    "--array",
+    help="Size it for this array instead: a table of modes, a description, or reference-array.",
+)
+@click.option(
+    "--state",
+    "states",
+    multiple=True,
+    metavar="F:J",
+    help="A further state to reach, e.g. 1.19:15.69.",
+)
+@click.option(
+    "--states", "file", type=PATH, help="Table of further states [default: the paper's Table 2]."
+)
 @click.option("--amplitude", default="2 deg", help="Largest angle between frame and plate.")
 @click.option("--rate", default="0.06 deg/s", help="Rate at which the drive starts and stops.")
 @click.option("--design", default="reference-sas", help="Simulator to size: a description.")
 @target_options("Folder for tables, drawing, report [default: sas].", lambda options: "sas")
 def sas_size(target: Target, **options: Any) -> None:
-    """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for further states.
+    """Size a simulator for --inertia and --frequency, or for --array, and say how it is set for
+    further states.
 
-    The folder's simulator.yaml is a source of modes: `microvib modes sas/simulator.yaml`, or `array: {fem: sas/simulator.yaml}`.
+    The folder's simulator.yaml is a source of modes: `microvib modes sas/simulator.yaml`, or
+    `array: {fem: sas/simulator.yaml}`.
     """
     from microvib.io.file_access import WORKING_FOLDER
     from microvib.reports.sas import sizing_folder, sizing_text
-    from microvib.studies.sizing import sized
+    from microvib.studies.sizing import size_simulator
 
-    result = sized(**options, files=WORKING_FOLDER)
+    result = size_simulator(**options, files=WORKING_FOLDER)
     target.deliver(sizing_text(result), sizing_folder, result)

@@ -12,13 +12,13 @@ import click
 from microvib.cli.common import (
     PATH,
     Target,
-    guide,
     load,
-    preparation,
+    load_guide,
+    read_preparation,
     recording_options,
     set_option,
-    simulates,
     target_options,
+    with_precompilation,
 )
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
@@ -30,30 +30,50 @@ from microvib.units import quantity
 @click.argument("source")
 @target_options("Folder for tables and report [default: print only].")
 @recording_options
-@click.option("--scenario", help="Scenario of the drive that was recorded, for the lines to expect [default: none].")
 @click.option(
-    "--window", type=click.Choice(["rectangular", "hann", "flat-top"]), default="hann", help="Window of the spectra."
+    "--scenario",
+    help="Scenario of the drive that was recorded, for the lines to expect [default: none].",
 )
 @click.option(
-    "--resolution", metavar="HZ", help="Bin width of density and waterfall, such as '0.5 Hz' [default: 8 / record]."
+    "--window",
+    type=click.Choice(["rectangular", "hann", "flat-top"]),
+    default="hann",
+    help="Window of the spectra.",
 )
 @click.option(
-    "--band", "bands", multiple=True, metavar="LOW:HIGH", help="Also give the RMS in this band, such as '0.5:5 Hz'."
+    "--resolution",
+    metavar="HZ",
+    help="Bin width of density and waterfall, such as '0.5 Hz' [default: 8 / record].",
+)
+@click.option(
+    "--band",
+    "bands",
+    multiple=True,
+    metavar="LOW:HIGH",
+    help="Also give the RMS in this band, such as '0.5:5 Hz'.",
 )
 def analyse(
     source: str, channel: str, prepare: Path | None, scenario: str | None, window: Any, resolution: str | None,
     bands: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a recording."""
+    """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a
+    recording.
+    """
     from microvib.io.sources import open_source
     from microvib.reports.analysis import analysis_folder, analysis_text
     from microvib.studies.analyse import analyse as run_analysis
 
     with progress_bar() as progress:
         analysis = run_analysis(
-            open_source(source, preparation(prepare)), name=source, scenario=guide(scenario), channel=channel, window=window,
-            resolution=resolution, bands=bands, progress=progress,
-        )  # fmt: skip
+            open_source(source, read_preparation(prepare)),
+            name=source,
+            scenario=load_guide(scenario),
+            channel=channel,
+            window=window,
+            resolution=resolution,
+            bands=bands,
+            progress=progress,
+        )
     target.deliver(analysis_text(analysis), analysis_folder, analysis)
 
 
@@ -62,25 +82,46 @@ def analyse(
 @click.argument("b")
 @target_options("Folder for table and report [default: print only].")
 @recording_options
-@click.option("--scenario", help="Scenario of the drive that was recorded, where neither A nor B is one.")
 @click.option(
-    "--band", "bands", multiple=True, metavar="LOW:HIGH", help="Compare only lines in this band, such as '0.5:200 Hz'."
+    "--scenario", help="Scenario of the drive that was recorded, where neither A nor B is one."
+)
+@click.option(
+    "--band",
+    "bands",
+    multiple=True,
+    metavar="LOW:HIGH",
+    help="Compare only lines in this band, such as '0.5:200 Hz'.",
 )
 def compare(
-    a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, bands: tuple[str, ...], target: Target
+    a: str,
+    b: str,
+    channel: str,
+    prepare: Path | None,
+    scenario: str | None,
+    bands: tuple[str, ...],
+    target: Target,
 ) -> None:
-    """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines, paper-test or
-    paper-simulation."""
+    """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines,
+    paper-test or paper-simulation."""
     from microvib.io.sources import open_source
     from microvib.reports.comparison import comparison_folder, comparison_text
     from microvib.studies.compare import compare as run_comparison
 
-    prepared = preparation(prepare)
+    prepared = read_preparation(prepare)
     first = open_source(a, prepared)
-    second = first if a == b else open_source(b, prepared)
+    if a == b:
+        second = first
+    else:
+        second = open_source(b, prepared)
     with progress_bar() as progress:
         found = run_comparison(
-            first, second, names=(a, b), scenario=guide(scenario), channel=channel, bands=bands, progress=progress
+            first,
+            second,
+            names=(a, b),
+            scenario=load_guide(scenario),
+            channel=channel,
+            bands=bands,
+            progress=progress,
         )
     target.deliver(comparison_text(*found), comparison_folder, *found)
 
@@ -89,9 +130,13 @@ def compare(
 @click.argument("scenario")
 @set_option
 @click.option("--bench", default="force-table", help="Bench: a catalog name or a YAML file.")
-@click.option("-o", "--output", type=PATH, required=True, help="Recording to write: .uff, .mat or .csv.")
-@click.option("--seed", default=1, help="Seed of the noise; the same seed gives the same recording.")
-@simulates
+@click.option(
+    "-o", "--output", type=PATH, required=True, help="Recording to write: .uff, .mat or .csv."
+)
+@click.option(
+    "--seed", default=1, help="Seed of the noise; the same seed gives the same recording."
+)
+@with_precompilation
 def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
     """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
     from microvib.io.recordings import check_output, write_recording
@@ -100,7 +145,9 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 
     check_output(output)
     with progress_bar() as progress:
-        recording = run_bench(load(scenario, settings), load_bench(bench), seed=seed, progress=progress)
+        recording = run_bench(
+            load(scenario, settings), load_bench(bench), seed=seed, progress=progress
+        )
     write_recording(recording, output)
     for name, x in recording.channels.items():
         echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
@@ -124,7 +171,11 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 @target_options("Folder for fit, scenario and report [default: print only].")
 @recording_options
 @click.option(
-    "--band", "bands", multiple=True, metavar="LOW:HIGH", help="Fit only to lines in this band, such as '0.5:200 Hz'."
+    "--band",
+    "bands",
+    multiple=True,
+    metavar="LOW:HIGH",
+    help="Fit only to lines in this band, such as '0.5:200 Hz'.",
 )
 @click.option(
     "--share",
@@ -137,11 +188,16 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     multiple=True,
     metavar="EFFECT[,EFFECT]",
     help="Effects to add to the model, and fit, where the evidence asks for them, such as motor.detent_torque; or all."
-    " False alarms were counted for detent torque, driver errors, bits and presliding; take other effects as a hint.",
+    " False alarms were counted for detent torque, driver errors, bits and presliding; take other"
+    " effects as a hint.",
 )
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
-@click.option("--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search.")
-@click.option("--seed", default=1, help="Seed of the global search; the same seed gives the same result.")
+@click.option(
+    "--starts", default=96, type=click.IntRange(2, 100_000), help="Points of the global search."
+)
+@click.option(
+    "--seed", default=1, help="Seed of the global search; the same seed gives the same result."
+)
 @click.option(
     "--model-error",
     default="0.4 percent",
@@ -157,44 +213,55 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     metavar="TIME",
     help="Error of record.settle, the time before a recording (standard deviation) [default: not known].",
 )
-@simulates
+@with_precompilation
 def identify(
     scenario: str, evidence: tuple[str, ...], keys: tuple[str, ...], settings: tuple[str, ...], channel: str,
     prepare: Path | None, bands: tuple[str, ...], without: tuple[str, ...], starts: int, seed: int, model_error: str,
     common_error: str, settle_error: str | None, share: tuple[str, ...],
     select: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper` (Tables 5 and 6).
+    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper`
+    (Tables 5 and 6).
 
-    Several tests at once, each with its own state: FILE@SCENARIO, FILE@KEY=VALUE@KEY=VALUE or both, e.g. b.uff@state-2 or
-    b.uff@array.inertia='15.69 kg*m^2'@record.settle='12 s'.
+    Several tests at once, each with its own state: FILE@SCENARIO, FILE@KEY=VALUE@KEY=VALUE or both,
+    e.g. b.uff@state-2 or b.uff@array.inertia='15.69 kg*m^2'@record.settle='12 s'.
     """
     from microvib.io.scenario_file import parse_value
     from microvib.io.sources import open_source
     from microvib.reports.identification import fit_folder, fit_text
-    from microvib.studies.evidence import chosen, evidence_of
-    from microvib.studies.identify import effects_of, parse_key, switched
+    from microvib.studies.evidence import evidence_of, select_evidence
+    from microvib.studies.identify import effects_of, parse_key, with_effects
     from microvib.studies.identify import identify as run_identification
 
     loaded = load(scenario, settings)
     fit_keys = [parse_key(loaded, key) for key in keys]
-    each, common = _part("model_error", model_error, 0.0), _part("common_error", common_error, -1.0)
-    prepared = preparation(prepare)
-    effects = effects_of(_listed(select))
+    each, common = (
+        _parse_relative_sd("model_error", model_error, 0.0),
+        _parse_relative_sd("common_error", common_error, -1.0),
+    )
+    prepared = read_preparation(prepare)
+    effects = effects_of(_split_names(select))
     read, owned, tests = [], [], []
     for item in evidence:
-        name, own = _named(item)
+        name, own = _parse_source(item)
         scenarios = [one for one in own if "=" not in one]
-        changes = {key: parse_value(value) for key, equals, value in (one.partition("=") for one in own) if equals}
-        test = load(scenarios[-1], settings) if scenarios else loaded
+        changes = {
+            key: parse_value(value)
+            for key, equals, value in (one.partition("=") for one in own)
+            if equals
+        }
+        if scenarios:
+            test = load(scenarios[-1], settings)
+        else:
+            test = loaded
         tests.append(test.with_(changes) if changes else test)
         owned.append(tests[-1] if scenarios else changes)
-        tests[-1] = switched(tests[-1], effects, effects)  # whose lines are to be looked for
+        tests[-1] = with_effects(tests[-1], effects, effects)  # whose lines are to be looked for
         read.append(evidence_of(open_source(name, prepared), tests[-1], channel, name))
-    told = list(zip(chosen(read, tests, bands, without), owned, strict=True))
+    told = list(zip(select_evidence(read, tests, bands, without), owned, strict=True))
     with progress_bar("searching") as progress:
         fit = run_identification(
-            loaded, told, fit_keys, share=_listed(share) or None, select=effects, seed=seed, starts=starts,
+            loaded, told, fit_keys, share=_split_names(share) or None, select=effects, seed=seed, starts=starts,
             model_error=each, common_error=common,
             settle_error=settle_error, progress=_best_so_far(progress),
         )  # fmt: skip
@@ -203,7 +270,7 @@ def identify(
         sys.exit(INTERRUPTED)
 
 
-def _named(item: str) -> tuple[str, list[str]]:
+def _parse_source(item: str) -> tuple[str, list[str]]:
     """Name and what stands behind it, parted by @; those of a file that is there are its own."""
     parts = item.split("@")
     whole = (k for k in range(len(parts), 0, -1) if Path("@".join(parts[:k])).exists())
@@ -211,17 +278,22 @@ def _named(item: str) -> tuple[str, list[str]]:
     return "@".join(parts[:k]), parts[k:]
 
 
-def _listed(given: tuple[str, ...]) -> list[str]:
+def _split_names(given: tuple[str, ...]) -> list[str]:
     """Names that were given one by one, or with commas."""
     return [name.strip() for names in given for name in names.split(",")]
 
 
-def _part(option: str, text: str, above: float) -> float:
+def _parse_relative_sd(option: str, text: str, above: float) -> float:
     """A relative standard deviation above ``above``, at most 1."""
     value = quantity(option, text, "")
     if not above < value <= 1.0 or value < 0.0:
-        least = "at least 0" if above < 0.0 else "greater than 0"
-        raise OptionError(option, f"{text} is not allowed; it must be {least} and at most 100 percent")
+        if above < 0.0:
+            least = "at least 0"
+        else:
+            least = "greater than 0"
+        raise OptionError(
+            option, f"{text} is not allowed; it must be {least} and at most 100 percent"
+        )
     return value
 
 
@@ -238,7 +310,7 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
 
 @click.command()
 @target_options("Folder for table and report [default: print only].")
-@simulates
+@with_precompilation
 def validate(target: Target) -> None:
     """Check the paper's claims, simulation and test against what the catalog's states give."""
     from microvib.reports.validation import validation_folder, validation_text
@@ -251,17 +323,27 @@ def validate(target: Target) -> None:
 
 @click.command()
 @click.argument("table", type=PATH)
-@click.option("--draws", default=40, type=click.IntRange(0, 100_000), help="How many draws of the assumptions.")
 @click.option(
-    "--seeds", default=24, type=click.IntRange(1, 1000), help="Draws of the noise for each state in each of them."
+    "--draws",
+    default=40,
+    type=click.IntRange(0, 100_000),
+    help="How many draws of the assumptions.",
+)
+@click.option(
+    "--seeds",
+    default=24,
+    type=click.IntRange(1, 1000),
+    help="Draws of the noise for each state in each of them.",
 )
 def statements(table: Path, draws: int, seeds: int) -> None:
-    """Test the paper's statements on states 1 to 5 over the range of what is assumed about its test.
+    """Test the paper's statements on states 1 to 5 over the range of what is assumed about its
+    test.
 
-    Each draw is calibrated to state 1 and kept as a row of TABLE, a CSV file; a table that is there is continued. About a minute
-    a draw. `microvib validate` shows the table of the catalog, which is made so.
+    Each draw is calibrated to state 1 and kept as a row of TABLE, a CSV file; a table that is there
+    is continued. About a minute a draw. `microvib validate` shows the table of the catalog, which
+    is made so.
     """
-    from microvib.studies.statements import STATEMENTS, extend, held
+    from microvib.studies.statements import STATEMENTS, extend_table, fraction_holding
 
     with progress_bar("computing", "draws") as progress:
 
@@ -269,15 +351,19 @@ def statements(table: Path, draws: int, seeds: int) -> None:
             if done < total and not progress.begun:
                 minutes = max(round((total - done) * seeds / 24), 1)
                 echo(
-                    f"{total - done} draws to compute, about {minutes} min. Each is kept in {table} when it is done: after an"
+                    f"{total - done} draws to compute, about {minutes} min. Each is kept in {table}"
+                    " when it is done: after an"
                     " interruption the same command continues.",
                     err=True,
                 )
             progress(done, total)
 
-        rows = extend(table, draws, seeds, told)
+        rows = extend_table(table, draws, seeds, told)
     for k, statement in enumerate(STATEMENTS):
-        spread, single = held(rows, k)
-        echo(f"{statement.item:90s} {100 * spread:5.0f} % of the draws, {100 * single:5.0f} % of single records")
+        spread, single = fraction_holding(rows, k)
+        echo(
+            f"{statement.item:90s} {100 * spread:5.0f} % of the draws, {100 * single:5.0f} % of"
+            " single records"
+        )
     refused = sum(bool(row["refused"]) for row in rows)
     echo(f"{refused} of {len(rows) - 1} draws were refused: they do not give state 1's lines.")

@@ -1,8 +1,8 @@
 """Compiled functions that need no compiler when they run.
 
-numba takes most of a minute to understand functions as large as the kernel, LLVM a second to make machine code of what comes
-out. So what comes out, LLVM's code for any machine, is kept beside each module (``kernel.py``, ``kernel.llvm``), and a run
-imports no numba:
+numba takes most of a minute to understand functions as large as the kernel, LLVM a second to make
+machine code of what comes out. So what comes out, LLVM's code for any machine, is kept beside each
+module (``kernel.py``, ``kernel.llvm``), and a run imports no numba:
 
     code = Unit(__name__, "a_file_it_depends_on.py")
 
@@ -12,9 +12,10 @@ imports no numba:
     @code.entry(**OPTIONS)                # for Python to call, with the types that it says
     def norm(x: Vector) -> float: ...
 
-Kept code carries digests of its sources. Where those are others, because somebody edits them in a checkout, or where this LLVM
-cannot read it, numba compiles as ever, which is said, and what it makes goes the same way, by the user's cache
-(``microvib.compiled.machine``). ``python -m microvib.compiled`` makes anew what is kept.
+Kept code carries digests of its sources. Where those are others, because somebody edits them in a
+checkout, or where this LLVM cannot read it, numba compiles as ever, which is said, and what it
+makes goes the same way, by the user's cache (``microvib.compiled.machine``). ``python -m
+microvib.compiled`` makes anew what is kept.
 """
 
 from __future__ import annotations
@@ -58,7 +59,11 @@ class Function:
         return self.dispatcher(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        if name not in ("_numba_type_", "targetoptions", "py_func"):  # what numba asks what it is to call or to inline
+        if name not in (
+            "_numba_type_",
+            "targetoptions",
+            "py_func",
+        ):  # what numba asks what it is to call or to inline
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
@@ -87,7 +92,8 @@ class Unit:
     """The compiled functions of one module, made and kept together."""
 
     def __init__(self, module: str, *sources: str | Unit, types: str | None = None) -> None:
-        """``sources`` are files of its folder, or other units, that the code is made from, and with each what that is made from.
+        """``sources`` are files of its folder, or other units, that the code is made from, and with
+        each what that is made from.
 
         ``types`` is a module that numba needs, unless that of one of those units.
         """
@@ -97,16 +103,23 @@ class Unit:
         for name in sources:
             unit = name if isinstance(name, Unit) else self._imported(name)
             self.types = self.types or (unit.types if unit else None)
-            self.sources += unit.sources if unit else [self.file.parent / str(name)]
+            if unit:
+                self.sources += unit.sources
+            else:
+                self.sources += [self.file.parent / str(name)]
         self.sources += [Path(__file__).parent / name for name in _OWN]
         self.sources = list(dict.fromkeys(self.sources))
         self.entries: dict[str, Entry] = {}
 
     def _imported(self, name: str) -> Unit | None:
-        """The unit of another file of the folder, which the module has imported; None where it has none."""
+        """The unit of another file of the folder, which the module has imported; None where it has
+        none.
+        """
         package, _, _ = self.module.rpartition(".")
         unit = getattr(sys.modules.get(f"{package}.{Path(name).stem}"), "code", None)
-        return unit if isinstance(unit, Unit) else None
+        if isinstance(unit, Unit):
+            return unit
+        return None
 
     def inner(self, **options: Any) -> Callable[[Callable[..., Any]], Any]:
         """Decorator of a function that compiled functions call; ``options`` are numba's."""
@@ -123,7 +136,9 @@ class Unit:
 
     @cached_property
     def addresses(self) -> dict[str, int]:
-        """Addresses of the entries, and of ``deliver``; none where only numba can run them, whatever the reason."""
+        """Addresses of the entries, and of ``deliver``; none where only numba can run them,
+        whatever the reason.
+        """
         with _LOCK:
             if "addresses" in self.__dict__:  # by another thread, meanwhile
                 return self.__dict__["addresses"]  # type: ignore[no-any-return]
@@ -138,12 +153,16 @@ class Unit:
             return {}
 
     def begin(self, *meanwhile: Unit) -> None:
-        """Have another process make machine code of what is kept, if there is none; ``meanwhile`` are units whose turn comes while
-        one waits for it."""
+        """Have another process make machine code of what is kept, if there is none; ``meanwhile``
+        are units whose turn comes while one waits for it."""
         with suppress(Exception):  # then it is made when it is needed
             from microvib.compiled import machine
 
-            machine.begin(self.module, self._kept(), [partial(getattr, unit, "addresses") for unit in meanwhile])
+            machine.begin(
+                self.module,
+                self._kept(),
+                [partial(getattr, unit, "addresses") for unit in meanwhile],
+            )
 
     def _kept(self) -> bytes:
         """The code beside the module, compressed; in a checkout, if it is of these sources."""
@@ -168,11 +187,16 @@ class Unit:
 
     def stamps(self) -> tuple[str, str]:
         """Digest of the sources, and of what they mean: without comments, docstrings and layout."""
-        return digests.of_text(self.sources), digests.of_meaning(self.sources)
+        return digests.text_digest(self.sources), digests.semantic_digest(self.sources)
 
     def fits(self, text: str, meaning: str) -> bool:
-        """Whether digests are those of the sources; their meaning takes a tenth of a second, and is asked for last."""
-        return digests.of_text(self.sources) == text or digests.of_meaning(self.sources) == meaning
+        """Whether digests are those of the sources; their meaning takes a tenth of a second, and is
+        asked for last.
+        """
+        return (
+            digests.text_digest(self.sources) == text
+            or digests.semantic_digest(self.sources) == meaning
+        )
 
 
 class EditedSourcesError(ValueError):
@@ -183,7 +207,9 @@ _said: set[type[Exception]] = set()
 
 
 def _say_refused(file: Path, error: Exception) -> None:
-    """A note on standard error that kept code is not used: one for each reason, and none from worker processes."""
+    """A note on standard error that kept code is not used: one for each reason, and none from
+    worker processes.
+    """
     from multiprocessing import parent_process
 
     if type(error) in _said or parent_process() is not None:
@@ -191,13 +217,16 @@ def _say_refused(file: Path, error: Exception) -> None:
     _said.add(type(error))
     if isinstance(error, EditedSourcesError):
         text = (
-            f"{file.name} was compiled from other sources than those in {file.parent}, so that numba compiles them, for minutes "
-            "after each edit; when the edit is done, run `python -m microvib.compiled` to renew what is kept"
+            f"{file.name} was compiled from other sources than those in {file.parent}, so that"
+            " numba compiles them, for minutes "
+            "after each edit; when the edit is done, run `python -m microvib.compiled` to renew"
+            " what is kept"
         )
     else:
         reason = str(error).partition("\n")[0] or type(error).__name__
         text = (
-            f"the compiled code in {file} cannot be used ({reason}), so that numba compiles it, for minutes the first time; "
+            f"the compiled code in {file} cannot be used ({reason}), so that numba compiles it, for"
+            " minutes the first time; "
             "installing microvib again with the present llvmlite and numba may help"
         )
     print(f"Note: {text}.", file=sys.stderr, flush=True)

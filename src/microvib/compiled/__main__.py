@@ -1,4 +1,5 @@
-"""``python -m microvib.compiled [MODULE ...]``: make anew what is kept beside these modules, or beside all that have it.
+"""``python -m microvib.compiled [MODULE ...]``: make anew what is kept beside these modules, or
+beside all that have it.
 
 Where sources changed in nothing but comments and layout, what is kept stays and gets their digest.
 """
@@ -13,7 +14,8 @@ from pathlib import Path
 
 from microvib.compiled import Unit
 
-# LLVM chooses the length of vectors for a processor; made for one that is common, the code is the same from every computer.
+# LLVM chooses the length of vectors for a processor; made for one that is common, the code is the
+# same from every computer.
 COMMON = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
 
 
@@ -22,7 +24,8 @@ def main(modules: list[str]) -> None:
     for_common_processor()
     root = Path(__file__).parents[1]
     for name in modules or [
-        ".".join(("microvib", *p.relative_to(root).with_suffix("").parts)) for p in root.rglob("*.llvm")
+        ".".join(("microvib", *p.relative_to(root).with_suffix("").parts))
+        for p in root.rglob("*.llvm")
     ]:
         begun = time.perf_counter()
         print(f"{name}: {renew(import_module(name).code)}, {time.perf_counter() - begun:.0f} s")
@@ -37,7 +40,10 @@ def for_common_processor() -> None:
 def renew(unit: Unit) -> str:
     """Make what is kept of a unit, if it is of other sources; what was done."""
     stamps = unit.stamps()
-    old, _, content = unit.file.read_bytes().partition(b"\n") if unit.file.exists() else (b"", b"", b"")
+    if unit.file.exists():
+        old, _, content = unit.file.read_bytes().partition(b"\n")
+    else:
+        old, _, content = (b"", b"", b"")
     done = "as it was"
     if old.decode().split()[1:] != [stamps[1]]:
         from microvib.compiled.build import bitcode

@@ -1,8 +1,10 @@
-"""Machine code that another process makes, while this one imports, reads and makes that of other units.
+"""Machine code that another process makes, while this one imports, reads and makes that of other
+units.
 
-LLVM takes one core and seconds for the largest unit, which is most of a first run. Nothing depends on that process: where there
-is none, or it fails, or takes too long, code is made here when it is needed, as ever. It ends with this one at the latest; where
-this one is killed, seconds later, when its code is made.
+LLVM takes one core and seconds for the largest unit, which is most of a first run. Nothing depends
+on that process: where there is none, or it fails, or takes too long, code is made here when it is
+needed, as ever. It ends with this one at the latest; where this one is killed, seconds later, when
+its code is made.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ _begun: dict[str, _Making] = {}
 
 
 def begin(name: str, content: bytes, meanwhile: Sequence[Callable[[], object]]) -> None:
-    """Begin to make the object file that ``take`` then gives by this name; who waits for it makes these calls in the meantime."""
+    """Begin to make the object file that ``take`` then gives by this name; who waits for it makes
+    these calls in the meantime.
+    """
     if cores() > 1 and sys.executable and not getattr(sys, "frozen", False) and name not in _begun:
         with contextlib.suppress(OSError):  # no more processes, no room for files
             _begun[name] = _Making(content, meanwhile)
@@ -33,12 +37,16 @@ def begin(name: str, content: bytes, meanwhile: Sequence[Callable[[], object]]) 
 def take(name: str) -> bytes | None:
     """The object file, when it is made; None where it has to be made here."""
     making = _begun.pop(name, None)
-    return making.result() if making is not None else None
+    if making is not None:
+        return making.result()
+    return None
 
 
 def cores() -> int:
     """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class _Making:
@@ -49,8 +57,12 @@ class _Making:
         with tempfile.TemporaryFile() as given, contextlib.ExitStack() as files:
             given.write(content)
             given.seek(0)
-            self.made = files.enter_context(tempfile.TemporaryFile())  # a pipe would hold it up until somebody reads
-            self.process = subprocess.Popen(words, stdin=given, stdout=self.made, stderr=subprocess.DEVNULL)
+            self.made = files.enter_context(
+                tempfile.TemporaryFile()
+            )  # a pipe would hold it up until somebody reads
+            self.process = subprocess.Popen(
+                words, stdin=given, stdout=self.made, stderr=subprocess.DEVNULL
+            )
             files.pop_all()
         atexit.register(self.end)
 

@@ -1,8 +1,10 @@
-"""From functions that numba compiles to LLVM's code that stands alone: for developers, and where kept code does not fit.
+"""From functions that numba compiles to LLVM's code that stands alone: for developers, and where
+kept code does not fit.
 
-numba's own functions take its flat arguments and its arrays; each entry gets a function about it that takes words (``layout``).
-The users of arrays that compiled functions make are counted by numba's runtime, which is not there when they run; what they
-need of it, to get memory, to count and to give it back, is added here.
+numba's own functions take its flat arguments and its arrays; each entry gets a function about it
+that takes words (``layout``). The users of arrays that compiled functions make are counted by
+numba's runtime, which is not there when they run; what they need of it, to get memory, to count and
+to give it back, is added here.
 """
 
 from __future__ import annotations
@@ -24,12 +26,16 @@ _OWNER = ir.LiteralStructType(
     [_WORD, _BYTES, _BYTES, _BYTES, _WORD, _BYTES]
 )  # as numba's MemInfo: count, ..., data, size
 _PROCESSORS = ("aarch64", "arm", "ppc", "riscv", "x86")
-"""Families of processors that LLVM has instructions of their own for; elsewhere these would end the process."""
+"""Families of processors that LLVM has instructions of their own for; elsewhere these would end the
+process.
+"""
 
 
 @global_compiler_lock
 def bitcode(unit: Any) -> bytes:
-    """The functions of a ``Unit``, with ``deliver`` for the arrays of results, for any machine of 64 bits."""
+    """The functions of a ``Unit``, with ``deliver`` for the arrays of results, for any machine of
+    64 bits.
+    """
     unit.prepare()
     compiled = []
     for entry in unit.entries.values():
@@ -59,7 +65,9 @@ def numba_type(kind: Any) -> Any:
     if isinstance(kind, Array):
         return types.Array(from_dtype(kind.dtype), kind.ndim, "C")
     fields = [numba_type(field) for field in kind.fields]
-    return types.NamedTuple(fields, kind.type) if kind.type else types.Tuple(fields)
+    if kind.type:
+        return types.NamedTuple(fields, kind.type)
+    return types.Tuple(fields)
 
 
 def _add_entry(module: Any, context: Any, entry: Any, compiled: Any) -> None:
@@ -72,7 +80,9 @@ def _add_entry(module: Any, context: Any, entry: Any, compiled: Any) -> None:
     values = [words.read(context, kind) for kind in entry.signature.arguments.fields]
     kind = context.call_conv.get_function_type(described.restype, described.argtypes)
     called = cgutils.get_or_insert_function(module, kind, described.llvm_func_name)
-    status, result = context.call_conv.call_function(builder, called, made.return_type, made.args, values)
+    status, result = context.call_conv.call_function(
+        builder, called, made.return_type, made.args, values
+    )
     with builder.if_then(status.is_error, likely=False):
         builder.ret(ir.Constant(_INT, 1))
     if entry.signature.result is not None:
@@ -101,27 +111,40 @@ class _Words:
         builder, numbas = self.builder, numba_type(kind)
         if isinstance(kind, Number):
             if kind.type is bool:
-                return builder.icmp_unsigned("!=", self.word(ir.IntType(8)), ir.Constant(ir.IntType(8), 0))
+                return builder.icmp_unsigned(
+                    "!=", self.word(ir.IntType(8)), ir.Constant(ir.IntType(8), 0)
+                )
             return self.word(ir.DoubleType() if kind.type is float else _WORD)
         if isinstance(kind, Complex):
             made = context.make_complex(builder, numbas)
             made.real, made.imag = self.word(ir.DoubleType()), self.word(ir.DoubleType())
             return made._getvalue()
         if isinstance(kind, Record):
-            return context.make_tuple(builder, numbas, [self.read(context, field) for field in kind.fields])
+            return context.make_tuple(
+                builder, numbas, [self.read(context, field) for field in kind.fields]
+            )
         array = context.make_array(numbas)(context, builder)
         record = builder.inttoptr(self.word(), _WORD.as_pointer())
         array.data = builder.inttoptr(builder.load(record), array.data.type)
-        dimensions = builder.inttoptr(builder.load(builder.gep(record, [ir.Constant(_WORD, 2)])), _WORD.as_pointer())
-        shape = [builder.load(builder.gep(dimensions, [ir.Constant(_WORD, k)])) for k in range(kind.ndim)]
+        dimensions = builder.inttoptr(
+            builder.load(builder.gep(record, [ir.Constant(_WORD, 2)])), _WORD.as_pointer()
+        )
+        shape = [
+            builder.load(builder.gep(dimensions, [ir.Constant(_WORD, k)])) for k in range(kind.ndim)
+        ]
         strides, size = [], ir.Constant(_WORD, kind.dtype.itemsize)  # type: ignore[var-annotated]
         for length in reversed(shape):
             strides.insert(0, size)
             size = builder.mul(size, length)
         array.itemsize = ir.Constant(_WORD, kind.dtype.itemsize)
         array.nitems = builder.sdiv(size, array.itemsize)
-        array.shape, array.strides = cgutils.pack_array(builder, shape), cgutils.pack_array(builder, strides)
-        array.meminfo, array.parent = (cgutils.get_null_value(part.type) for part in (array.meminfo, array.parent))
+        array.shape, array.strides = (
+            cgutils.pack_array(builder, shape),
+            cgutils.pack_array(builder, strides),
+        )
+        array.meminfo, array.parent = (
+            cgutils.get_null_value(part.type) for part in (array.meminfo, array.parent)
+        )
         return array._getvalue()
 
     def write(self, context: Any, kind: Any, value: Any) -> None:
@@ -136,7 +159,9 @@ class _Words:
             for word in (*words, *cgutils.unpack_tuple(builder, array.shape, kind.ndim)):
                 builder.store(word, self.place(_WORD))
         else:
-            for part in cgutils.unpack_tuple(builder, value, 2) if isinstance(kind, Complex) else [value]:
+            for part in (
+                cgutils.unpack_tuple(builder, value, 2) if isinstance(kind, Complex) else [value]
+            ):
                 builder.store(part, self.place(part.type))
 
 
@@ -144,11 +169,15 @@ def _add_memory(module: Any) -> None:
     """What is needed of numba's runtime: memory with a count of its users before it, and its end."""
     malloc = ir.Function(module, ir.FunctionType(_BYTES, [_WORD]), "malloc")
     free = ir.Function(module, ir.FunctionType(ir.VoidType(), [_BYTES]), "free")
-    function = ir.Function(module, ir.FunctionType(_BYTES, [_WORD, _INT]), "NRT_MemInfo_alloc_aligned")
+    function = ir.Function(
+        module, ir.FunctionType(_BYTES, [_WORD, _INT]), "NRT_MemInfo_alloc_aligned"
+    )
     builder, size = ir.IRBuilder(function.append_basic_block()), function.args[0]
     align, header = builder.zext(function.args[1], _WORD), ir.Constant(_WORD, 48)
     owner = builder.call(malloc, [builder.add(builder.add(size, header), align)])
-    with builder.if_then(builder.icmp_unsigned("==", owner, ir.Constant(_BYTES, None)), likely=False):
+    with builder.if_then(
+        builder.icmp_unsigned("==", owner, ir.Constant(_BYTES, None)), likely=False
+    ):
         builder.ret(owner)
     end = builder.add(builder.add(builder.ptrtoint(owner, _WORD), header), align)
     data = builder.inttoptr(builder.sub(end, builder.urem(end, align)), _BYTES)
@@ -163,8 +192,8 @@ def _add_memory(module: Any) -> None:
 
 
 def _add_count(module: Any, name: str, change: int, free: Any) -> None:
-    """One user more or less of an array, if there is one. No other thread sees it, so that counting takes no atomic instruction,
-    of which LLVM makes one of this very processor."""
+    """One user more or less of an array, if there is one. No other thread sees it, so that counting
+    takes no atomic instruction, of which LLVM makes one of this very processor."""
     function = ir.Function(module, ir.FunctionType(ir.VoidType(), [_BYTES]), name)
     builder, owner = ir.IRBuilder(function.append_basic_block()), function.args[0]
     with builder.if_then(builder.icmp_unsigned("!=", owner, ir.Constant(_BYTES, None))):
@@ -191,9 +220,12 @@ def _add_delivery(module: Any, free: Any) -> None:
 
 
 _PICKLED = re.compile(
-    r'^(@"?\.const\.(?:pickledata|sha1|picklebuf)[^=]*= .*?constant \[\d+ x i8\]) c"[^"]*"', re.MULTILINE
+    r'^(@"?\.const\.(?:pickledata|sha1|picklebuf)[^=]*= .*?constant \[\d+ x i8\]) c"[^"]*"',
+    re.MULTILINE,
 )
-"""Exceptions that numba keeps with the paths of this machine's files; no compiled code of ours raises one."""
+"""Exceptions that numba keeps with the paths of this machine's files; no compiled code of ours
+raises one.
+"""
 
 
 def _alone(text: str, entries: set[str]) -> bytes:
@@ -209,7 +241,11 @@ def _alone(text: str, entries: set[str]) -> bytes:
     passes.add_strip_dead_prototype_pass()
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
     needed = {function.name for function in module.functions if function.is_declaration}
-    ours = {name for name in needed if name.startswith("llvm.") and name.split(".")[1] not in _PROCESSORS}
+    ours = {
+        name
+        for name in needed
+        if name.startswith("llvm.") and name.split(".")[1] not in _PROCESSORS
+    }
     foreign = needed - ours - set(LIBRARY)
     if foreign:
         raise RuntimeError(f"compiled code would need {', '.join(sorted(foreign))}")

@@ -1,7 +1,9 @@
-"""From LLVM's code to an object file for this very processor; as a program, from standard input to standard output.
+"""From LLVM's code to an object file for this very processor; as a program, from standard input to
+standard output.
 
-It imports LLVM and nothing of this package, so that a process that is started for it (``ahead``) is at work in a twentieth of a
-second. What follows its name on the command line is where it imports from.
+It imports LLVM and nothing of this package, so that a process that is started for it (``ahead``) is
+at work in a twentieth of a second. What follows its name on the command line is where it imports
+from.
 """
 
 from __future__ import annotations

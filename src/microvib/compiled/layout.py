@@ -1,9 +1,12 @@
-"""How arguments and results of compiled functions lie in memory: in words of eight bytes, one after the other.
+"""How arguments and results of compiled functions lie in memory: in words of eight bytes, one after
+the other.
 
-A compiled function takes the address of its arguments' words and of its result's, which is the same on every machine.
-A number is a word, a complex number two, a tuple its fields. An array among the arguments is the address of numpy's own record of
-it (place of the data, count of dimensions, place of these), which is where numpy's binary interface has it, behind what begins
-every object: to ask Python for the data takes ten times as long. An array in a result is its owner, its data and its shape.
+A compiled function takes the address of its arguments' words and of its result's, which is the same
+on every machine. A number is a word, a complex number two, a tuple its fields. An array among the
+arguments is the address of numpy's own record of it (place of the data, count of dimensions, place
+of these), which is where numpy's binary interface has it, behind what begins every object: to ask
+Python for the data takes ten times as long. An array in a result is its owner, its data and its
+shape.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ Complexes = Annotated[np.ndarray, np.complex128, 1]
 
 DTYPES = {name: np.dtype(name) for name in ("float64", "int64", "complex128")}
 Deliver = Callable[[int, int, int, int], None]
-"""Copies the data of a result to a new array's, and gives the result's memory back: owner, data, record, bytes."""
+"""Copies the data of a result to a new array's, and gives the result's memory back: owner, data,
+record, bytes.
+"""
 HEAD = object.__basicsize__
 """Bytes that begin every object."""
 
@@ -41,7 +46,8 @@ def place(array: np.ndarray, dtype: np.dtype[Any], ndim: int) -> int:
     """The word of an array, if it is such a one."""
     if array.dtype != dtype or array.ndim != ndim or not array.flags.c_contiguous:
         raise TypeError(
-            f"an array of {array.ndim} dimensions of {array.dtype} where a contiguous one of {ndim} of {dtype} is expected"
+            f"an array of {array.ndim} dimensions of {array.dtype} where a contiguous one of {ndim}"
+            f" of {dtype} is expected"
         )
     return id(array) + HEAD
 
@@ -88,7 +94,9 @@ class Array:
     @property
     def code(self) -> str:
         """Format of the words, as of ``struct``."""
-        return "q" * (2 + self.ndim) if self.result else "q"
+        if self.result:
+            return "q" * (2 + self.ndim)
+        return "q"
 
     def words(self, value: str) -> list[str]:
         """Expressions for the words of a value, itself an expression."""
@@ -116,14 +124,21 @@ class Record:
 
     def words(self, value: str) -> list[str]:
         """Expressions for the words of a value, itself an expression."""
-        return [word for k, field in enumerate(self.fields) for word in field.words(f"{value}[{k}]")]
+        return [
+            word for k, field in enumerate(self.fields) for word in field.words(f"{value}[{k}]")
+        ]
 
     def read(self, words: Iterator[Any], deliver: Deliver) -> tuple[Any, ...]:
         """The tuple whose words come next."""
         return tuple(field.read(words, deliver) for field in self.fields)
 
 
-NUMBERS = {float: Number(float, "d"), int: Number(int, "q"), bool: Number(bool, "?7x"), complex: Complex()}
+NUMBERS = {
+    float: Number(float, "d"),
+    int: Number(int, "q"),
+    bool: Number(bool, "?7x"),
+    complex: Complex(),
+}
 
 
 def kind(hint: Any, result: bool = False) -> Any:
@@ -137,7 +152,9 @@ def kind(hint: Any, result: bool = False) -> Any:
         return Record(None, tuple(kind(part, result) for part in get_args(hint)))
     if hint in NUMBERS:
         return NUMBERS[hint]
-    return Record(hint, tuple(kind(part) for part in get_type_hints(hint, include_extras=True).values()))
+    return Record(
+        hint, tuple(kind(part) for part in get_type_hints(hint, include_extras=True).values())
+    )
 
 
 class Signature:
@@ -149,13 +166,23 @@ class Signature:
         self.arguments = Record(None, tuple(kind(hint) for hint in hints.values()))
 
     def caller(self, address: int, deliver: int) -> Callable[..., Any]:
-        """The compiled function at ``address``; ``deliver`` is the address of what brings a result's arrays."""
+        """The compiled function at ``address``; ``deliver`` is the address of what brings a
+        result's arrays.
+        """
         function = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_char_p, ctypes.c_void_p)(address)
         bring = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)(deliver)
-        # An expression made once: a call takes microseconds, which walking through the layouts would multiply.
-        names = {"place": place, "pack": struct.Struct("=" + self.arguments.code).pack, "function": function, **DTYPES}
+        # An expression made once: a call takes microseconds, which walking through the layouts
+        # would multiply.
+        names = {
+            "place": place,
+            "pack": struct.Struct("=" + self.arguments.code).pack,
+            "function": function,
+            **DTYPES,
+        }
         run = eval(
-            f"lambda arguments, into: function(pack({', '.join(self.arguments.words('arguments'))}), into)", names
+            "lambda arguments, into:"
+            f" function(pack({', '.join(self.arguments.words('arguments'))}), into)",
+            names,
         )
         result = self.result
         words = struct.Struct("=" + (result.code if result else ""))
@@ -165,6 +192,8 @@ class Signature:
             into = room()
             if run(arguments, into):
                 raise MemoryError("no memory for a compiled function's arrays")
-            return result.read(iter(words.unpack(into)), bring) if result else None
+            if result:
+                return result.read(iter(words.unpack(into)), bring)
+            return None
 
         return call

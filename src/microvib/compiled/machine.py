@@ -1,8 +1,9 @@
 """From LLVM's code to functions of this machine, kept for the next process.
 
-LLVM makes the code for the very processor (its vectors, its fused products) and links it in memory. What it makes is kept in
-the user's cache folder under a digest of all that it depends on: the code, LLVM, the processor. Only a folder that is
-the user's and that no one else can write to is trusted; without one, every process makes its own.
+LLVM makes the code for the very processor (its vectors, its fused products) and links it in memory.
+What it makes is kept in the user's cache folder under a digest of all that it depends on: the code,
+LLVM, the processor. Only a folder that is the user's and that no one else can write to is trusted;
+without one, every process makes its own.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import llvmlite.binding as llvm
 from microvib.compiled import ahead, codegen
 from microvib.compiled.layout import sound
 
-KEPT = 8
+MAX_KEPT_VERSIONS = 8
 """Versions of one unit that are kept."""
 LIBRARY = (
     "sqrt", "sin", "cos", "sincos", "exp", "expm1", "pow", "hypot", "floor", "rint", "fma",
@@ -36,15 +37,17 @@ _loaded: list[Any] = []  # the code lives as long as these
 
 
 def begin(name: str, code: bytes, meanwhile: Sequence[Callable[[], object]]) -> None:
-    """Have another process make machine code of ``code``, if there is none, for ``load``, which calls ``meanwhile`` as it waits."""
+    """Have another process make machine code of ``code``, if there is none, for ``load``, which
+    calls ``meanwhile`` as it waits.
+    """
     file = _file(name, code)
     if kept(file) is None:
         ahead.begin(file, code, meanwhile)
 
 
 def load(name: str, code: bytes, functions: list[str]) -> dict[str, int]:
-    """Addresses of functions in ``code``, LLVM's bitcode, which may be compressed. Raises an error of LLVM's where it cannot be
-    read or linked."""
+    """Addresses of functions in ``code``, LLVM's bitcode, which may be compressed. Raises an error
+    of LLVM's where it cannot be read or linked."""
     global _linker
     file = _file(name, code)
     machine_code = kept(file)
@@ -64,14 +67,18 @@ def load(name: str, code: bytes, functions: list[str]) -> dict[str, int]:
 def _file(name: str, code: bytes) -> str:
     """Name of the file that machine code of ``code`` is kept in, by all that it depends on."""
     if ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little" or not sound():
-        raise RuntimeError("kept code is for 64 bits, little end first, and arrays as CPython has them")
+        raise RuntimeError(
+            "kept code is for 64 bits, little end first, and arrays as CPython has them"
+        )
     return f"{name}-{digest(code, *(text.encode() for text in (llvmlite.__version__, *codegen.host())))}.o"
 
 
 def _c_library() -> dict[str, int]:
     """Addresses of the functions of C that there are."""
     libraries = []
-    for library_name in ("ucrtbase", "vcruntime140") if sys.platform == "win32" else (None, "libm.so.6"):
+    for library_name in (
+        ("ucrtbase", "vcruntime140") if sys.platform == "win32" else (None, "libm.so.6")
+    ):
         with contextlib.suppress(OSError):
             libraries.append(ctypes.CDLL(library_name))
     found: dict[str, int] = {}
@@ -84,20 +91,26 @@ def _c_library() -> dict[str, int]:
 
 def digest(*parts: bytes) -> str:
     """A digest of parts."""
-    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[:32]
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[
+        :32
+    ]
 
 
 def cache_folder() -> Path:
     """Where this user's caches are."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local") / "microvib/cache"
+        return (
+            Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local") / "microvib/cache"
+        )
     if sys.platform == "darwin":
         return Path.home() / "Library/Caches/microvib"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microvib"
 
 
 def _trusted(path: Path) -> bool:
-    """Whether what is there was put there by this user: on Windows, where the folder is, nobody else may write."""
+    """Whether what is there was put there by this user: on Windows, where the folder is, nobody
+    else may write.
+    """
     if sys.platform == "win32":
         return True
     status = path.stat()
@@ -131,5 +144,5 @@ def keep(name: str, content: bytes) -> None:
             os.unlink(temporary)
             raise
         alike = folder.glob(f"{name.rpartition('-')[0]}-*{Path(name).suffix}")
-        for old in sorted(alike, key=lambda path: path.stat().st_mtime)[:-KEPT]:
+        for old in sorted(alike, key=lambda path: path.stat().st_mtime)[:-MAX_KEPT_VERSIONS]:
             old.unlink()

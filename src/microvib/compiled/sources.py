@@ -18,13 +18,15 @@ def editable() -> bool:
     return PACKAGE.parent.name == "src" and (PACKAGE.parents[1] / "pyproject.toml").is_file()
 
 
-def of_text(files: Sequence[Path]) -> str:
+def text_digest(files: Sequence[Path]) -> str:
     """Digest of what is written in files."""
     return _digest(_text(file) for file in files)
 
 
-def of_meaning(files: Sequence[Path]) -> str:
-    """Digest of what is meant in files: without comments, docstrings and layout. It takes a tenth of a second."""
+def semantic_digest(files: Sequence[Path]) -> str:
+    """Digest of what is meant in files: without comments, docstrings and layout. It takes a tenth
+    of a second.
+    """
     return _digest(repr(_meaning(ast.parse(_text(file)))) for file in files)
 
 
@@ -37,7 +39,9 @@ def _digest(texts: Iterable[str]) -> str:
 
 
 def _meaning(node: object) -> object:
-    """A node of a syntax tree as tuples. Fields that are empty are left out, since each Python has others."""
+    """A node of a syntax tree as tuples. Fields that are empty are left out, since each Python has
+    others.
+    """
     if isinstance(node, list):
         return [_meaning(part) for part in node]
     if not isinstance(node, ast.AST):
@@ -49,7 +53,9 @@ def _meaning(node: object) -> object:
     ):
         fields["body"] = node.body[1:]
     if isinstance(node, ast.JoinedStr):  # Python 3.12 has empty strings in it
-        fields["values"] = [part for part in node.values if not isinstance(part, ast.Constant) or part.value != ""]
+        fields["values"] = [
+            part for part in node.values if not isinstance(part, ast.Constant) or part.value != ""
+        ]
     return (
         type(node).__name__,
         *((name, _meaning(value)) for name, value in fields.items() if value not in (None, [])),

@@ -9,24 +9,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from microvib.errors import ScenarioError, error_context, shown
+from microvib.errors import ScenarioError, error_context, quoted_value
 from microvib.io.file_access import FileAccess
 from microvib.io.named import reference_names
-from microvib.model.part import plain
+from microvib.model.part import to_plain_data
 from microvib.units import convert
 
 if TYPE_CHECKING:
     from microvib.structures.modal import ModalModel
 
 ARRAY_ORIGINS = ("from", "fem")
-"""Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table, a description."""
+"""Keys of ``array`` that name where its modes come from, instead of the modes themselves: a table,
+a description.
+"""
 
 
 def with_array(data: dict[str, Any], files: FileAccess, origin: str) -> dict[str, Any]:
-    """Scenario data with ``array: {from: FILE}`` or ``array: {fem: DESCRIPTION}`` replaced by the modes of that source.
+    """Scenario data with ``array: {from: FILE}`` or ``array: {fem: DESCRIPTION}`` replaced by the
+    modes of that source.
 
-    Names are those of ``files`` or of the catalog. ``modes: N`` keeps the first N modes, ``damping`` replaces their damping
-    ratios; beside results of a finite-element program stand the keys of ``Import``. Raises ScenarioError or ModalError.
+    Names are those of ``files`` or of the catalog. ``modes: N`` keeps the first N modes,
+    ``damping`` replaces their damping ratios; beside results of a finite-element program stand the
+    keys of ``Import``. Raises ScenarioError or ModalError.
     """
     group = data.get("array")
     if not isinstance(group, dict) or not any(key in group for key in ARRAY_ORIGINS):
@@ -35,11 +39,15 @@ def with_array(data: dict[str, Any], files: FileAccess, origin: str) -> dict[str
         model, source = _modes_of(group, files)
         given = data.get("sources") or {}
         if not isinstance(given, dict):
-            raise ScenarioError(f"sources: {given!r} is not allowed; keys are expected here: text to text")
-    sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {"array": source}
+            raise ScenarioError(
+                f"sources: {given!r} is not allowed; keys are expected here: text to text"
+            )
+    sources = {key: text for key, text in given.items() if not str(key).startswith("array.")} | {
+        "array": source
+    }
     if model.notes:
         sources["array.inertia"] = " ".join([f"{source}.", *model.notes])  # once, not at each mode
-    return {**data, "array": plain(model.array(), text=True), "sources": sources}
+    return {**data, "array": to_plain_data(model.array(), text=True), "sources": sources}
 
 
 def _modes_of(group: dict[str, Any], files: FileAccess) -> tuple[ModalModel, str]:
@@ -60,7 +68,8 @@ def _modes_of(group: dict[str, Any], files: FileAccess) -> tuple[ModalModel, str
     unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
         raise ScenarioError(
-            f"array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed beside it are modes"
+            f"array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed"
+            " beside it are modes"
             " (how many) and damping"
         )
     if key == "from":
@@ -74,22 +83,34 @@ def _modes_of(group: dict[str, Any], files: FileAccess) -> tuple[ModalModel, str
 def _count(group: dict[str, Any], available: int) -> int:
     count = group.get("modes", available)
     if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= available:
-        raise ScenarioError(f"array.modes: {count!r} is not allowed; a whole number from 0 to {available} is expected")
+        raise ScenarioError(
+            f"array.modes: {count!r} is not allowed; a whole number from 0 to {available} is"
+            " expected"
+        )
     return count
 
 
 def _damped(model: ModalModel, group: dict[str, Any]) -> ModalModel:
     if "damping" not in group:
         return model
-    return replace(model, damping=np.full(model.frequency.size, damping_ratio("array.damping", group["damping"])))
+    return replace(
+        model,
+        damping=np.full(model.frequency.size, damping_ratio("array.damping", group["damping"])),
+    )
 
 
 def damping_ratio(key: str, given: Any) -> float:
     """A damping ratio as a user wrote it beside the name of a file; ScenarioError where it is none."""
     try:
-        xi = convert(given, "") if isinstance(given, str) else float(given)
+        if isinstance(given, str):
+            xi = convert(given, "")
+        else:
+            xi = float(given)
     except (TypeError, ValueError):
         xi = math.nan
     if not 0.0 <= xi <= 0.99:
-        raise ScenarioError(f"{key}: {shown(given)} is not allowed; a damping ratio from 0 to 99 percent is expected")
+        raise ScenarioError(
+            f"{key}: {quoted_value(given)} is not allowed; a damping ratio from 0 to 99 percent is"
+            " expected"
+        )
     return xi

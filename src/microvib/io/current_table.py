@@ -1,4 +1,6 @@
-"""Tables of a driver's currents as CSV: one row a microstep of an electrical turn, or one row a harmonic."""
+"""Tables of a driver's currents as CSV: one row a microstep of an electrical turn, or one row a
+harmonic.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +10,24 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import ScenarioError
-from microvib.io.tables import csv_rows, finite
+from microvib.io.tables import csv_rows, parse_finite
 from microvib.model.driver import MAX_TABLE
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180.0}
 FORMS = (
-    "i_a,i_b (currents over I, a row for each microstep of an electrical turn), angle_deg or angle_rad (added to theta_e, a row for"
-    " each of them), or order,amplitude_deg,phase_deg (harmonics of what is added; _rad in place of _deg is read, too)"
+    "i_a,i_b (currents over I, a row for each microstep of an electrical turn), angle_deg or"
+    " angle_rad (added to theta_e, a row for"
+    " each of them), or order,amplitude_deg,phase_deg (harmonics of what is added; _rad in place of"
+    " _deg is read, too)"
 )
 
 
 def read_current_table(path: Path) -> dict[str, Any]:
-    """Keys of ``driver.table`` that a file says; ScenarioError tells the row and column that is wrong.
+    """Keys of ``driver.table`` that a file says; ScenarioError tells the row and column that is
+    wrong.
 
-    The first line names the columns: see ``FORMS``. Rows of an electrical turn begin at theta_e = 0.
+    The first line names the columns: see ``FORMS``. Rows of an electrical turn begin at theta_e =
+    0.
     """
     head, *rows = csv_rows(path, ScenarioError) or [[]]
     names = [name.strip().lower() for name in head]
@@ -30,7 +36,7 @@ def read_current_table(path: Path) -> dict[str, Any]:
     columns = {
         name: np.array(
             [
-                finite(f"{path}, row {k}: {name}", "".join(row[j : j + 1]), ScenarioError)
+                parse_finite(f"{path}, row {k}: {name}", "".join(row[j : j + 1]), ScenarioError)
                 for k, row in enumerate(rows, 2)
             ]
         )
@@ -65,5 +71,10 @@ def read_current_table(path: Path) -> dict[str, Any]:
 def _angle(columns: dict[str, np.ndarray], stem: str) -> np.ndarray | None:
     """A column of angles [rad], whichever unit its name ends in; None where there is none."""
     return next(
-        (columns[f"{stem}_{unit}"] * size for unit, size in ANGLES.items() if f"{stem}_{unit}" in columns), None
+        (
+            columns[f"{stem}_{unit}"] * size
+            for unit, size in ANGLES.items()
+            if f"{stem}_{unit}" in columns
+        ),
+        None,
     )

@@ -1,4 +1,6 @@
-"""What a drive's data sheet says, as values of a scenario; what it does not say is assumed, with a range."""
+"""What a drive's data sheet says, as values of a scenario; what it does not say is assumed, with a
+range.
+"""
 
 from __future__ import annotations
 
@@ -10,72 +12,95 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
-from microvib.errors import OptionError, ScenarioError, shown
-from microvib.io.gears import OTHERS, Entry, catalog_gears, find_gear
+from microvib.errors import OptionError, ScenarioError, quoted_value
+from microvib.io.gears import NON_CATALOG_GEARS, Entry, catalog_gears, find_gear
 from microvib.io.questions import QUESTIONS
 from microvib.model.driver import Driver
 from microvib.model.motor import Motor
 from microvib.model.part import Part
 from microvib.model.reducer import Reducer
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.units import Quantity, convert
 
-REST = "assumed: an example, Appl. Sci. 2021, 11, 9076, Tables 2 and 3; put yours here"
+EXAMPLE_SOURCE = "assumed: an example, Appl. Sci. 2021, 11, 9076, Tables 2 and 3; put yours here"
 """Source of all that no data sheet of a drive says."""
 
 
 class DataSheet(Part):
     """Entries of a data sheet; what it does not state is left out."""
 
-    holding_torque: Annotated[float, Quantity("N*m", "holding torque of the motor", gt=0)] | None = None
+    holding_torque: (
+        Annotated[float, Quantity("N*m", "holding torque of the motor", gt=0)] | None
+    ) = None
     phases: Literal[2, 3, 5] | None = Field(default=None, description="number of phases")
-    phases_on: Annotated[int, Field(ge=1, le=5, strict=True, description="phases on at the holding torque")] | None = (
-        None
-    )
+    phases_on: (
+        Annotated[
+            int, Field(ge=1, le=5, strict=True, description="phases on at the holding torque")
+        ]
+        | None
+    ) = None
     drive: Literal["current", "voltage"] | None = Field(
         default=None, description="current loop, or voltages without one"
     )
-    current: Annotated[float, Quantity("A", "current per phase at the holding torque", gt=0)] | None = None
+    current: (
+        Annotated[float, Quantity("A", "current per phase at the holding torque", gt=0)] | None
+    ) = None
     detent: (
-        Annotated[float, Quantity("", "detent torque over holding torque", ge=0, le=0.5, display="percent")] | None
+        Annotated[
+            float,
+            Quantity("", "detent torque over holding torque", ge=0, le=0.5, display="percent"),
+        ]
+        | None
     ) = None
     detent_torque: Annotated[float, Quantity("N*m", "detent torque", ge=0)] | None = None
-    step_angle: Annotated[float, Quantity("rad", "full step at the output", gt=0, display="deg")] | None = None
+    step_angle: (
+        Annotated[float, Quantity("rad", "full step at the output", gt=0, display="deg")] | None
+    ) = None
     ratio: Annotated[float, Quantity("", "reduction ratio", ge=1, le=1000)] | None = None
     resistance: Annotated[float, Quantity("ohm", "resistance of one winding", gt=0)] | None = None
-    inductance: Annotated[float, Quantity("H", "inductance of one winding", gt=0, display="mH")] | None = None
-    rotor_inertia: (
-        Annotated[float, Quantity("kg*m^2", "moment of inertia of the rotor", gt=0, display="kg*cm^2")] | None
+    inductance: (
+        Annotated[float, Quantity("H", "inductance of one winding", gt=0, display="mH")] | None
     ) = None
-    microsteps: Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step")] | None = (
-        None
+    rotor_inertia: (
+        Annotated[
+            float, Quantity("kg*m^2", "moment of inertia of the rotor", gt=0, display="kg*cm^2")
+        ]
+        | None
+    ) = None
+    microsteps: (
+        Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step")]
+        | None
+    ) = None
+    gear: str | None = Field(
+        default=None, description="size of the harmonic gear, planetary or none"
     )
-    gear: str | None = Field(default=None, description="size of the harmonic gear, planetary or none")
 
 
-class Between(NamedTuple):
+class TypicalRange(NamedTuple):
     """A value in SI, and between which it may lie; the three are equal where it is known."""
 
     low: float
     value: float
     high: float
 
-    def times(self, other: Between) -> Between:
+    def times(self, other: TypicalRange) -> TypicalRange:
         """Product of two, which need not be known."""
-        return Between(*(a * b for a, b in zip(self, other, strict=True)))
+        return TypicalRange(*(a * b for a, b in zip(self, other, strict=True)))
 
 
 _ONE_TO = re.compile(r"^1\s*:\s*(?=\d)|(?<=\d)\s*:\s*1$")
 TYPICAL = {
-    "holding_torque": Between(0.1, 0.25, 1.0),
-    "detent": Between(0.02, 0.05, 0.1),
-    "resistance": Between(2.0, 6.0, 20.0),
-    "microsteps": Between(4, 16, 64),
+    "holding_torque": TypicalRange(0.1, 0.25, 1.0),
+    "detent": TypicalRange(0.02, 0.05, 0.1),
+    "resistance": TypicalRange(2.0, 6.0, 20.0),
+    "microsteps": TypicalRange(4, 16, 64),
 }
 """What is assumed of an entry that is missing."""
-TIME_CONSTANT = Between(1e-3, 2e-3, 4e-3)  # L/R of windings [s]
-INERTIA = Between(1e-5, 3e-5, 1e-4)  # of the rotor over the holding torque of hybrid stepping motors [kg m^2 / (N m)]
-BANDWIDTH = Between(300.0, 1000.0, 3000.0)  # of current loops [Hz]
+TIME_CONSTANT = TypicalRange(1e-3, 2e-3, 4e-3)  # L/R of windings [s]
+INERTIA = TypicalRange(
+    1e-5, 3e-5, 1e-4
+)  # of the rotor over the holding torque of hybrid stepping motors [kg m^2 / (N m)]
+BANDWIDTH = TypicalRange(300.0, 1000.0, 3000.0)  # of current loops [Hz]
 STIFFNESS = (2000.0, 16_000.0)  # K1 of gears up to size 20, of any ratio [N m/rad]
 CURRENT, TEETH, RATIO, SIZE = 0.6, 50, 100.0, 14  # assumed where the data sheet is silent
 HARMONIC = 20.0  # no harmonic gear has a lower ratio
@@ -84,25 +109,32 @@ PHASES_ON = {2: 2, 3: 2, 5: 4}  # assumed of the holding torque
 
 
 def read_entry(key: str, text: str) -> Any:
-    """Value of one entry in SI from what a user wrote; OptionError with a sentence that names the option."""
+    """Value of one entry in SI from what a user wrote; OptionError with a sentence that names the
+    option.
+    """
     if isinstance(text, Real) and not isinstance(text, bool):
         text = f"{text}"  # a count or a ratio of a program; a quantity then lacks its unit
     if not isinstance(text, str):
         raise OptionError(
-            key, f"{shown(text)} is not allowed; a text as in the data sheet is expected: {QUESTIONS[key]}"
+            key,
+            f"{quoted_value(text)} is not allowed; a text as in the data sheet is expected:"
+            f" {QUESTIONS[key]}",
         )
-    given: Any = (
-        int(text) if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal() else text.strip()
-    )
+    if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal():
+        given: Any = int(text)
+    else:
+        given = text.strip()
     if key == "detent" and _is_torque(text):
         key = "detent_torque"  # as most data sheets state it
     if key == "ratio" and isinstance(given, str):
         given = _ONE_TO.sub("", given)  # data sheets write 1:100 and 100:1
     try:
-        value = getattr(validated(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key)
+        value = getattr(
+            validate_part(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key
+        )
     except ScenarioError as error:
         raise OptionError(key, str(error).removeprefix(f"{key}: ")) from None
-    if key == "gear" and value.lower() not in OTHERS:
+    if key == "gear" and value.lower() not in NON_CATALOG_GEARS:
         find_gear(value, None if "ratio" in value.lower() else RATIO)
     return value
 
@@ -112,7 +144,7 @@ def read_sheet(texts: dict[str, str]) -> DataSheet:
     values = {key: read_entry(key, text) for key, text in texts.items()}
     if _is_torque(str(texts.get("detent", ""))):
         values["detent_torque"] = values.pop("detent")
-    return validated(DataSheet, values, si=True)
+    return validate_part(DataSheet, values, si=True)
 
 
 def _is_torque(text: str) -> bool:
@@ -124,83 +156,127 @@ def _is_torque(text: str) -> bool:
 
 
 def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
-    """Dotted key to value and source, for a scenario with ``inertia`` [kg m^2] rigidly on the output.
+    """Dotted key to value and source, for a scenario with ``inertia`` [kg m^2] rigidly on the
+    output.
 
-    The holding torque is that of currents I in so many of the phases, in the directions that add up best (Eq. 4): with two phases
-    sqrt(2) K_m I if both are on and K_m I with one. Sources begin with ``data sheet`` or
-    ``assumed``, and what is assumed notes its range. OptionError where entries contradict each other.
+    The holding torque is that of currents I in so many of the phases, in the directions that add up
+    best (Eq. 4): with two phases sqrt(2) K_m I if both are on and K_m I with one. Sources begin
+    with ``data sheet`` or ``assumed``, and what is assumed notes its range. OptionError where
+    entries contradict each other.
     """
     torque = _known(sheet, "holding_torque")
     if (sheet.phases_on or 1) > (sheet.phases or 2):
         raise OptionError(
             "phases_on",
-            f"{sheet.phases_on} is not allowed with {sheet.phases or 2} phases; 1 to that number is expected",
+            f"{sheet.phases_on} is not allowed with {sheet.phases or 2} phases; 1 to that number is"
+            " expected",
         )
     return dict([*_motor(sheet, torque), *_windings(sheet), *_train(sheet, inertia), *_examples()])
 
 
 def assumed(entries: dict[str, Entry]) -> dict[str, Entry]:
     """Those of ``entries`` that the data sheet does not give."""
-    return {key: entry for key, entry in entries.items() if entry.text and entry.source.startswith("assumed")}
+    return {
+        key: entry
+        for key, entry in entries.items()
+        if entry.text and entry.source.startswith("assumed")
+    }
 
 
 _Found = tuple[str, Entry]
 
 
-def _motor(sheet: DataSheet, torque: Between) -> Iterator[_Found]:
+def _motor(sheet: DataSheet, torque: TypicalRange) -> Iterator[_Found]:
     phases, current = sheet.phases or 2, sheet.current or CURRENT
     count = sheet.phases_on or PHASES_ON[phases]
-    on = "one phase on" if count == 1 else "both phases on" if phases == 2 else f"{count} of {phases} phases on"
-    usual = "" if sheet.phases_on else ", the usual statement" if phases == 2 else ", assumed"
+    if count == 1:
+        on = "one phase on"
+    elif phases == 2:
+        on = "both phases on"
+    else:
+        on = f"{count} of {phases} phases on"
+    if sheet.phases_on:
+        usual = ""
+    elif phases == 2:
+        usual = ", the usual statement"
+    else:
+        usual = ", assumed"
     spring, most = (
-        math.sin(0.5 * math.pi * j / phases) / math.sin(0.5 * math.pi / phases) * current for j in (count, phases)
+        math.sin(0.5 * math.pi * j / phases) / math.sin(0.5 * math.pi / phases) * current
+        for j in (count, phases)
     )
-    per = _exactly(1.0 / spring) if sheet.phases_on else Between(1.0 / most, 1.0 / spring, 1.0 / current)
+    if sheet.phases_on:
+        per = _exactly(1.0 / spring)
+    else:
+        per = TypicalRange(1.0 / most, 1.0 / spring, 1.0 / current)
     if sheet.phases is not None:
         yield "motor.phases", Entry(f"{phases}", "data sheet: phases")
-        yield "driver.beats", Entry(f"{2 * phases}", "data sheet: twice the phases, full steps per electrical period")
-    stated = "data sheet: current per phase at the holding torque, taken for the amplitude of microsteps"
-    lacking = (
-        "assumed: no range: torque depends on its product with motor.torque_constant, which the holding torque gives"
+        yield (
+            "driver.beats",
+            Entry(
+                f"{2 * phases}", "data sheet: twice the phases, full steps per electrical period"
+            ),
+        )
+    stated = (
+        "data sheet: current per phase at the holding torque, taken for the amplitude of microsteps"
     )
-    yield "motor.current", Entry(_text(Motor, "current", current), stated if sheet.current else lacking)
+    lacking = "assumed: no range: torque depends on its product with motor.torque_constant, which the holding torque gives"
+    yield (
+        "motor.current",
+        Entry(_text(Motor, "current", current), stated if sheet.current else lacking),
+    )
     said = f"holding torque of {torque.value:.4g} N m with {on}{usual}, over {spring:.4g} A{'' if sheet.current else ', assumed'}"
     yield "motor.torque_constant", _entry(Motor, "torque_constant", torque.times(per), said)
     detent, said = _detent(sheet, torque)
     yield "motor.detent_torque", _entry(Motor, "detent_torque", detent, said)
-    rotor = torque.times(INERTIA) if sheet.rotor_inertia is None else _exactly(sheet.rotor_inertia)
-    said = (
-        "rotor"
-        if sheet.rotor_inertia is not None
-        else "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"
-    )
+    if sheet.rotor_inertia is None:
+        rotor = torque.times(INERTIA)
+    else:
+        rotor = _exactly(sheet.rotor_inertia)
+    if sheet.rotor_inertia is not None:
+        said = "rotor"
+    else:
+        said = "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"
     yield "motor.rotor_inertia", _entry(Motor, "rotor_inertia", rotor, said)
 
 
-def _detent(sheet: DataSheet, torque: Between) -> tuple[Between, str]:
-    """Amplitude of the detent torque [N m], and where it is from; OptionError where it is no small part of the holding torque."""
+def _detent(sheet: DataSheet, torque: TypicalRange) -> tuple[TypicalRange, str]:
+    """Amplitude of the detent torque [N m], and where it is from; OptionError where it is no small
+    part of the holding torque.
+    """
     stated = sheet.detent_torque
     if stated is None:
         part = _known(sheet, "detent")
         return part.times(torque), f"{100.0 * part.value:.3g} % of the holding torque"
     if sheet.holding_torque is not None and stated > MOST_DETENT * torque.value:
         share = f"{100.0 * stated / torque.value:.3g} % of the holding torque"
-        raise OptionError("detent", f"{stated:g} N m is {share}; at most {100.0 * MOST_DETENT:g} % is expected")
+        raise OptionError(
+            "detent", f"{stated:g} N m is {share}; at most {100.0 * MOST_DETENT:g} % is expected"
+        )
     return _exactly(stated), "detent torque, taken for the amplitude"
 
 
 def _windings(sheet: DataSheet) -> Iterator[_Found]:
     resistance = _known(sheet, "resistance")
-    yield "motor.winding_resistance", _entry(Motor, "winding_resistance", resistance, "resistance of one winding")
+    yield (
+        "motor.winding_resistance",
+        _entry(Motor, "winding_resistance", resistance, "resistance of one winding"),
+    )
     own = sheet.inductance is not None
-    inductance = _exactly(sheet.inductance) if sheet.inductance is not None else resistance.times(TIME_CONSTANT)
-    said = "inductance of one winding" if own else "a time constant L/R of 2 ms, 1 to 4 ms"
+    if sheet.inductance is not None:
+        inductance = _exactly(sheet.inductance)
+    else:
+        inductance = resistance.times(TIME_CONSTANT)
+    if own:
+        said = "inductance of one winding"
+    else:
+        said = "a time constant L/R of 2 ms, 1 to 4 ms"
     yield "motor.winding_inductance", _entry(Motor, "winding_inductance", inductance, said)
     loop = f"2π f_c {{}}, bandwidth f_c of the current loop {BANDWIDTH.value:g} Hz"
     rate = BANDWIDTH.times(_exactly(2.0 * math.pi))
     if sheet.drive is not None:
         yield "driver.drive", Entry(sheet.drive, "data sheet: drive")
-    gains: tuple[tuple[str, str, Between], ...] = (
+    gains: tuple[tuple[str, str, TypicalRange], ...] = (
         ("proportional_gain", "L", inductance),
         ("integral_gain", "R", resistance),
     )
@@ -211,10 +287,16 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
     for key, name, winding in gains:
         yield f"driver.{key}", _entry(Driver, key, rate.times(winding), loop.format(name))
     steps = _known(sheet, "microsteps")
-    range_ = f"; range {steps.low:g} to {steps.high:g}" if steps.low < steps.high else ""
+    if steps.low < steps.high:
+        range_ = f"; range {steps.low:g} to {steps.high:g}"
+    else:
+        range_ = ""
     yield (
         "driver.microsteps",
-        Entry(f"{steps.value:g}", f"{'assumed' if range_ else 'data sheet'}: microsteps per full step{range_}"),
+        Entry(
+            f"{steps.value:g}",
+            f"{'assumed' if range_ else 'data sheet'}: microsteps per full step{range_}",
+        ),
     )
 
 
@@ -223,9 +305,11 @@ def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
     steps, kind, gear = 2 * (sheet.phases or 2), (sheet.gear or "").lower(), None
     stated = 1.0 if kind == "none" else sheet.ratio
     if kind == "none" and sheet.ratio not in (None, 1.0):
-        raise OptionError("ratio", f"{sheet.ratio:g} is not allowed without a gear; 1 is expected, or none")
+        raise OptionError(
+            "ratio", f"{sheet.ratio:g} is not allowed without a gear; 1 is expected, or none"
+        )
     ratio = stated or (RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps))
-    if kind and kind not in OTHERS:
+    if kind and kind not in NON_CATALOG_GEARS:
         own = "ratio" in kind
         gear, ratio = find_gear(kind, stated or (None if own else ratio))
         stated = stated or (ratio if own else None)
@@ -242,36 +326,57 @@ def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
                 _entry(Reducer, "stiffness", _stiffness(), f"K1 of a harmonic gear of size {SIZE}"),
             )
     if stated is None:
-        why = "a usual one" if sheet.step_angle is None else f"of a motor with steps of {_usual_step(steps):g} deg"
+        if sheet.step_angle is None:
+            why = "a usual one"
+        else:
+            why = f"of a motor with steps of {_usual_step(steps):g} deg"
         yield "reducer.ratio", Entry(f"{ratio:g}", f"assumed: no range: {why}")
     elif gear is None:
         yield (
             "reducer.ratio",
-            Entry(f"{ratio:g}", "data sheet: no gear" if ratio == 1.0 else "data sheet: reduction ratio"),
+            Entry(
+                f"{ratio:g}",
+                "data sheet: no gear" if ratio == 1.0 else "data sheet: reduction ratio",
+            ),
         )
 
 
 def _no_gear() -> Iterator[_Found]:
     """The rotor is on the output: nothing yields, errs or turns round."""
-    texts = {"same_way": "true", "stiffness": "rigid", "damping": "0 N*m*s/rad", "wave_generator_inertia": "0 kg*cm^2"}
+    texts = {
+        "same_way": "true",
+        "stiffness": "rigid",
+        "damping": "0 N*m*s/rad",
+        "wave_generator_inertia": "0 kg*cm^2",
+    }
     for key, text in texts.items():
         yield f"reducer.{key}", Entry(text, "data sheet: no gear")
 
 
 def _planetary(ratio: float, inertia: float) -> Iterator[_Found]:
-    """A gear whose teeth the data sheet does not say: without errors, whose orders are those of teeth, and without backlash."""
+    """A gear whose teeth the data sheet does not say: without errors, whose orders are those of
+    teeth, and without backlash.
+    """
     told = "assumed: no range: as of most planetary gears; errors and backlash are left out, for reducer.train and reducer.backlash"
     yield "reducer.same_way", Entry("true", told)
-    yield "reducer.wave_generator_inertia", Entry("0 kg*cm^2", "assumed: no range: small beside the rotor")
+    yield (
+        "reducer.wave_generator_inertia",
+        Entry("0 kg*cm^2", "assumed: no range: small beside the rotor"),
+    )
     yield (
         "reducer.stiffness",
-        _entry(Reducer, "stiffness", _stiffness(), f"a planetary gear as stiff as a harmonic one of size {SIZE}"),
+        _entry(
+            Reducer,
+            "stiffness",
+            _stiffness(),
+            f"a planetary gear as stiff as a harmonic one of size {SIZE}",
+        ),
     )
     yield "reducer.damping", catalog_gears()[SIZE].entries(ratio, inertia)["reducer.damping"]
 
 
-def _stiffness() -> Between:
-    return Between(STIFFNESS[0], catalog_gears()[SIZE].stiffnesses[0], STIFFNESS[1])
+def _stiffness() -> TypicalRange:
+    return TypicalRange(STIFFNESS[0], catalog_gears()[SIZE].stiffnesses[0], STIFFNESS[1])
 
 
 def _usual_step(steps: int) -> float:
@@ -282,27 +387,37 @@ def _usual_step(steps: int) -> float:
 def _teeth(step_angle: float | None, ratio: float, known: bool, steps: int) -> Entry:
     """Rotor teeth from the step at the output [rad]; OptionError where they are not a whole number."""
     if step_angle is None:
-        return Entry(f"{TEETH}", f"assumed: no range: steps of {_usual_step(steps):g} deg, the usual motor")
+        return Entry(
+            f"{TEETH}", f"assumed: no range: steps of {_usual_step(steps):g} deg, the usual motor"
+        )
     exact, step = 2.0 * math.pi / (steps * ratio * step_angle), math.degrees(step_angle)
     teeth = round(min(exact, 1e6))  # which may be infinite
     if not 1 <= teeth <= 1000 or abs(exact - teeth) > 0.01 * teeth:
         raise OptionError(
             "step_angle",
-            f"{step:g} deg at the output is {step * ratio:g} deg at the motor with ratio {ratio:g}: {360 // steps} deg over a whole"
-            f" number of rotor teeth from 1 to 1000 is expected there, at the output such as {_usual_step(steps) / ratio:g} deg",
+            f"{step:g} deg at the output is {step * ratio:g} deg at the motor with ratio {ratio:g}:"
+            f" {360 // steps} deg over a whole"
+            " number of rotor teeth from 1 to 1000 is expected there, at the output such as"
+            f" {_usual_step(steps) / ratio:g} deg",
         )
-    said = f"step of {step:g} deg at the output, ratio {ratio:g}: {step * ratio:.4g} deg at the motor"
+    said = (
+        f"step of {step:g} deg at the output, ratio {ratio:g}: {step * ratio:.4g} deg at the motor"
+    )
     return Entry(f"{teeth}", f"{'data sheet' if known else 'assumed: no range'}: {said}")
 
 
 def _usual_ratio(step_angle: float, steps: int) -> float:
-    """Ratio with which a step of the usual motor is ``step_angle`` [rad] at the output; OptionError where that is no reducer's."""
+    """Ratio with which a step of the usual motor is ``step_angle`` [rad] at the output; OptionError
+    where that is no reducer's.
+    """
     ratio = float(f"{2.0 * math.pi / (steps * TEETH * step_angle):.6g}")
     if not 5.0 <= ratio <= 1000.0:
         raise OptionError(
             "step_angle",
-            f"{math.degrees(step_angle):g} deg at the output would be ratio {ratio:g} with a motor of {_usual_step(steps):g}"
-            f" deg per step; {_usual_step(steps) / 1000:g} to {_usual_step(steps) / 5:g} deg at the output is expected, or the"
+            f"{math.degrees(step_angle):g} deg at the output would be ratio {ratio:g} with a motor"
+            f" of {_usual_step(steps):g}"
+            f" deg per step; {_usual_step(steps) / 1000:g} to {_usual_step(steps) / 5:g} deg at the"
+            " output is expected, or the"
             " ratio too",
         )
     return ratio
@@ -317,23 +432,27 @@ def _examples() -> Iterator[_Found]:
         "array.modes.0.damping": "range 0.3 percent to 2 percent",
     }
     for key, text in ranges.items():
-        yield key, Entry("", f"{REST}; {text}")
+        yield key, Entry("", f"{EXAMPLE_SOURCE}; {text}")
 
 
-def _known(sheet: DataSheet, key: str) -> Between:
+def _known(sheet: DataSheet, key: str) -> TypicalRange:
     value = getattr(sheet, key)
-    return TYPICAL[key] if value is None else _exactly(value)
+    if value is None:
+        return TYPICAL[key]
+    return _exactly(value)
 
 
-def _exactly(value: float) -> Between:
-    return Between(value, value, value)
+def _exactly(value: float) -> TypicalRange:
+    return TypicalRange(value, value, value)
 
 
-def _entry(part: type[Part], name: str, value: Between, said: str) -> Entry:
+def _entry(part: type[Part], name: str, value: TypicalRange, said: str) -> Entry:
     """A value that is known, or assumed with its range."""
     if value.low == value.high:
         return Entry(_text(part, name, value.value), f"data sheet: {said}")
-    low, high = (_text(part, name, x, 6 if x == value.value else 3) for x in (value.low, value.high))
+    low, high = (
+        _text(part, name, x, 6 if x == value.value else 3) for x in (value.low, value.high)
+    )
     return Entry(_text(part, name, value.value), f"assumed: {said}; range {low} to {high}")
 
 

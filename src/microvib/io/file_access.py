@@ -1,7 +1,7 @@
 """The one door to files that are named in a scenario, a study, or any other file of a user.
 
-Whoever reads such data is given a ``FileAccess`` and gets paths from it alone. A request of the page has ``NO_FILES``: whichever
-key of its data names a file, nothing is opened.
+Whoever reads such data is given a ``FileAccess`` and gets paths from it alone. A request of the
+page has ``NO_FILES``: whichever key of its data names a file, nothing is opened.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import ScenarioError, shown
+from microvib.errors import ScenarioError, quoted_value
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,33 @@ class FileAccess:
         """
         where = f"{self.key}: " if self.key else ""
         if not isinstance(name, str) or not name or "\0" in name:
-            raise ScenarioError(f"{where}{shown(name)} is not allowed; the name of a file is expected")
-        if self.folder is None:
-            choice = f", or take {', '.join(allowed)}" if allowed else ""
             raise ScenarioError(
-                f"{where}{shown(name)} names a file, and {self.refusal}; write what it holds into the scenario{choice}"
+                f"{where}{quoted_value(name)} is not allowed; the name of a file is expected"
+            )
+        if self.folder is None:
+            if allowed:
+                choice = f", or take {', '.join(allowed)}"
+            else:
+                choice = ""
+            raise ScenarioError(
+                f"{where}{quoted_value(name)} names a file, and {self.refusal}; write what it holds"
+                f" into the scenario{choice}"
             )
         return self.folder / name
 
     def beside(self, name: Any) -> FileAccess:
-        """Permission for what the file called ``name`` names in turn, relative to that file's folder."""
+        """Permission for what the file called ``name`` names in turn, relative to that file's
+        folder.
+        """
         return replace(self, folder=self.path(name).parent)
 
     def in_working_folder(self) -> FileAccess:
-        """Permission for names that are typed rather than written in a file, relative to the working folder."""
-        return self if self.folder is None else replace(self, folder=Path())
+        """Permission for names that are typed rather than written in a file, relative to the
+        working folder.
+        """
+        if self.folder is None:
+            return self
+        return replace(self, folder=Path())
 
 
 NO_FILES = FileAccess()

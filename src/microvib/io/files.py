@@ -1,4 +1,6 @@
-"""Files that others wrote: looked at before they are opened, and whatever is wrong with them as one sentence."""
+"""Files that others wrote: looked at before they are opened, and whatever is wrong with them as one
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,28 @@ from typing import Any
 
 from microvib.errors import MicrovibError, error_context, missing_library
 
-RECORDINGS = (".uff", ".unv", ".ufb", ".mat", ".nc", ".tdms", ".csv", ".txt", ".asc", ".lvm", ".wav")
+RECORDINGS = (
+    ".uff",
+    ".unv",
+    ".ufb",
+    ".mat",
+    ".nc",
+    ".tdms",
+    ".csv",
+    ".txt",
+    ".asc",
+    ".lvm",
+    ".wav",
+)
 """Endings of the files of recordings that are read."""
 LARGEST = 8_000_000_000  # bytes of the largest file that is opened
 
 
 @contextmanager
-def reading(path: Path, kind: type[MicrovibError]) -> Iterator[None]:
-    """Every error of the block as a ``kind`` that names the file; libraries raise whatever they meet in a broken one."""
+def as_read_errors(path: Path, kind: type[MicrovibError]) -> Iterator[None]:
+    """Every error of the block as a ``kind`` that names the file; libraries raise whatever they
+    meet in a broken one.
+    """
     with error_context(path), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -59,14 +75,14 @@ class _OtherThreads(io.TextIOBase):
         return int(self.stream.fileno())
 
 
-_READING_ALOUD = threading.RLock()
+_OUTPUT_LOCK = threading.RLock()
 
 
 @contextmanager
-def silent() -> Iterator[None]:
+def suppress_output() -> Iterator[None]:
     """Drop what a library prints in this thread while it reads: that is no output of ours."""
     with (
-        _READING_ALOUD,
+        _OUTPUT_LOCK,
         contextlib.redirect_stdout(_OtherThreads(sys.stdout)),
         contextlib.redirect_stderr(_OtherThreads(sys.stderr)),
     ):
@@ -81,13 +97,19 @@ def check_file(path: Path, largest: int = LARGEST) -> None:
             raise MicrovibError("is not a file")
         path.open("rb").close()
     except (OSError, ValueError) as error:
-        raise MicrovibError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise MicrovibError(
+            f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
     if facts.st_size > largest:
-        raise MicrovibError(f"has {facts.st_size / 1e9:.1f} GB; files of at most {largest / 1e9:g} GB are read")
+        raise MicrovibError(
+            f"has {facts.st_size / 1e9:.1f} GB; files of at most {largest / 1e9:g} GB are read"
+        )
 
 
 def library(module: str) -> Any:
-    """A module of an optional library; MicrovibError where that is not installed, with the extra that brings it."""
+    """A module of an optional library; MicrovibError where that is not installed, with the extra
+    that brings it.
+    """
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

@@ -1,4 +1,6 @@
-"""Formats of recordings: what each file says of its channels, handed to the one path in ``measured``."""
+"""Formats of recordings: what each file says of its channels, handed to the one path in
+``measured``.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from microvib.io.delimited import read_delimited
-from microvib.io.files import library, silent
+from microvib.io.files import library, suppress_output
 from microvib.io.hdf5 import MAX_BYTES, Dataset, open_hdf5
 from microvib.io.labview import read_labview
 from microvib.io.matlab import read_matlab
@@ -35,28 +37,49 @@ def _read_netcdf(path: Path, hints: Hints) -> Recording:
     with path.open("rb") as stream:
         start = stream.read(3)
     if start == b"CDF":
-        raise RecordingError(f"is netCDF 3; netCDF 4 is read, made by: nccopy -k nc4 {path.name} new.nc")
+        raise RecordingError(
+            f"is netCDF 3; netCDF 4 is read, made by: nccopy -k nc4 {path.name} new.nc"
+        )
     with open_hdf5(path) as root:
         numeric = {k: x for k, x in root.members().items() if isinstance(x, Dataset) and x.numeric}
-        variables = {k: x for k, x in numeric.items() if _NO_VARIABLE not in str(x.attribute("NAME"))}
-        said = {k: root.attribute(k) for k in ("fs", "sample_rate", "sample_rate_hz", "sampling_frequency")}
-        said |= {k: float(x.numbers().ravel()[0]) for k, x in variables.items() if x.shape in ((), (1,))}
+        variables = {
+            k: x for k, x in numeric.items() if _NO_VARIABLE not in str(x.attribute("NAME"))
+        }
+        said = {
+            k: root.attribute(k)
+            for k in ("fs", "sample_rate", "sample_rate_hz", "sampling_frequency")
+        }
+        said |= {
+            k: float(x.numbers().ravel()[0]) for k, x in variables.items() if x.shape in ((), (1,))
+        }
         rates = stated_rates({k: v for k, v in said.items() if v is not None})
         columns = [
-            Column(k, _decoded(x), str(x.attribute("units") or ""), rates, scales=_not_of_the_convention(x))
+            Column(
+                k,
+                _decoded(x),
+                str(x.attribute("units") or ""),
+                rates,
+                scales=_not_of_the_convention(x),
+            )
             for k, x in variables.items()
             if len(x.shape) == 1 and x.shape[0] > 1
         ]
     names = [c.name for c in columns]
-    if "T_d" in names and "Mz" not in names:  # a motion of ours: what a table would feel about the drive axis
+    if (
+        "T_d" in names and "Mz" not in names
+    ):  # a motion of ours: what a table would feel about the drive axis
         columns = [
-            replace(c, name="Mz", unit="N*m") if c.name == "T_d" else c for c in columns if c.name in ("T_d", "time")
+            replace(c, name="Mz", unit="N*m") if c.name == "T_d" else c
+            for c in columns
+            if c.name in ("T_d", "time")
         ]
     return recording_of(columns, hints, mixed=True)
 
 
 def _not_of_the_convention(x: Dataset) -> dict[str, Any]:
-    """Attributes of a variable that the conventions of netCDF do not mean, such as a converter's sensitivity."""
+    """Attributes of a variable that the conventions of netCDF do not mean, such as a converter's
+    sensitivity.
+    """
     if any(isinstance(x.attribute(name), float) for name in ("scale_factor", "add_offset")):
         return {}
     known = ("NAME", "CLASS", "units", "_FillValue", "missing_value", "long_name", "standard_name")
@@ -80,18 +103,29 @@ def _decoded(x: Dataset) -> np.ndarray:
             values[raw == np.asarray(fill).astype(raw.dtype)] = np.nan
     scale, shift = x.attribute("scale_factor"), x.attribute("add_offset")
     if isinstance(scale, str) or isinstance(shift, str):
-        raise RecordingError(f"{x.where}: its scale_factor or add_offset is a text; a number is expected")
+        raise RecordingError(
+            f"{x.where}: its scale_factor or add_offset is a text; a number is expected"
+        )
     return values * (1.0 if scale is None else scale) + (0.0 if shift is None else shift)
 
 
 def _read_tdms(path: Path, hints: Hints) -> Recording:
     nptdms = library("nptdms")
     # A stream: no index file beside it is taken.
-    with silent(), _complaints("nptdms"), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+    with (
+        suppress_output(),
+        _logged_errors("nptdms"),
+        path.open("rb") as stream,
+        nptdms.TdmsFile.open(stream) as file,
+    ):
         channels = [c for group in file.groups() for c in group.channels()]
         if sum(len(c) for c in channels) > min(path.stat().st_size, MAX_BYTES // 8):
-            raise RecordingError("is broken or truncated; it says that it has more values than it can hold")
-        numeric = [c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"]
+            raise RecordingError(
+                "is broken or truncated; it says that it has more values than it can hold"
+            )
+        numeric = [
+            c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"
+        ]
         names = [c.name for c in numeric]
         began = {c.path: c.properties.get("wf_start_time") for c in numeric if len(c)}
         times = {path: np.datetime64(t, "us") for path, t in began.items() if t is not None}
@@ -100,15 +134,21 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
         for c in numeric:
             if len(c):
                 clock = (times.get(c.path, first) - first) / np.timedelta64(1, "s")
-                columns.append(replace(_tdms_column(c, names.count(c.name) > 1), clock=float(clock)))
+                columns.append(
+                    replace(_tdms_column(c, names.count(c.name) > 1), clock=float(clock))
+                )
         return recording_of(columns, hints)
 
 
 @contextmanager
-def _complaints(library: str) -> Iterator[None]:
-    """RecordingError for the first thing that a library says in its log about a file that it reads all the same."""
+def _logged_errors(library: str) -> Iterator[None]:
+    """RecordingError for the first thing that a library says in its log about a file that it reads
+    all the same.
+    """
     said = logging.handlers.BufferingHandler(1000)
-    names = [name for name in list(logging.root.manager.loggerDict) if name.split(".")[0] == library]
+    names = [
+        name for name in list(logging.root.manager.loggerDict) if name.split(".")[0] == library
+    ]
     handlers = {name: logging.getLogger(name).handlers for name in names}
     try:
         for name in names:
@@ -123,16 +163,30 @@ def _complaints(library: str) -> Iterator[None]:
 
 def _tdms_column(channel: Any, grouped: bool) -> Column:
     """A channel; by group and name where its name is in several groups."""
-    name = f"{channel.group_name}/{channel.name}" if grouped else channel.name
-    given = {k: str(v).strip() for k, v in channel.properties.items() if k.lower() in _TDMS_UNITS and str(v).strip()}
+    if grouped:
+        name = f"{channel.group_name}/{channel.name}"
+    else:
+        name = channel.name
+    given = {
+        k: str(v).strip()
+        for k, v in channel.properties.items()
+        if k.lower() in _TDMS_UNITS and str(v).strip()
+    }
     if len(set(given.values())) > 1:
-        raise RecordingError(f"channel {name} has two units: {', '.join(f'{v} by {k}' for k, v in given.items())}")
-    said = {k: v for k, v in channel.properties.items() if isinstance(v, (str, int, float, np.number))}
+        raise RecordingError(
+            f"channel {name} has two units: {', '.join(f'{v} by {k}' for k, v in given.items())}"
+        )
+    said = {
+        k: v for k, v in channel.properties.items() if isinstance(v, (str, int, float, np.number))
+    }
     axis = None
     if "wf_increment" in said and not is_time(channel.name):
         x = {k.lower(): str(v).strip() for k, v in said.items()}
         offset = said.get("wf_start_offset")
-        start = None if offset is None else float(offset)
+        if offset is None:
+            start = None
+        else:
+            start = float(offset)
         unit = x.get("wf_xunit_string", "")
         axis = Axis("wf_increment", float(said["wf_increment"]), start, unit, x.get("wf_xname", ""))
     rates = stated_rates({k: v for k, v in said.items() if not k.startswith("wf_")})

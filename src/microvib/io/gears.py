@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-from microvib.errors import OptionError, shown
+from microvib.errors import OptionError, quoted_value
 from microvib.io.tables import read_table
 
 SOURCE = "makers' engineering data of component harmonic gears (cup type, ratios from 80 on)"
@@ -17,13 +17,15 @@ LOWEST, HIGHEST = 80.0, 160.0
 SPREAD = 0.3
 """Part by which a gear's stiffness may differ from the catalog's, which is an average."""
 DAMPING = (0.01, 0.02, 0.05)
-"""Damping of the hub on the gear over critical damping, as makers do not state it: low, assumed, high."""
+"""Damping of the hub on the gear over critical damping, as makers do not state it: low, assumed,
+high.
+"""
 WAVE_GENERATOR = 14, 0.033
-"""Size, and moment of inertia [kg cm^2] of the wave generator, from which those of other sizes are scaled by the fifth power of the
-size, as of bodies of one shape; assumed."""
+"""Size, and moment of inertia [kg cm^2] of the wave generator, from which those of other sizes are
+scaled by the fifth power of the size, as of bodies of one shape; assumed."""
 INERTIA_SPREAD = 2.0
 """Factor by which it may be smaller or larger: hubs, bores and couplings differ."""
-OTHERS = ("planetary", "none")
+NON_CATALOG_GEARS = ("planetary", "none")
 """Gears that are not of the catalog."""
 _GEAR = re.compile(r"\s*size\s+(\d{1,4})(?:[\s,]+ratio\s+(\d{1,6}(?:\.\d{1,6})?))?\s*")
 
@@ -51,7 +53,9 @@ class Gear:
 
     @property
     def amplitude(self) -> float:
-        """Bound on the amplitude of the kinematic error [arcsec at the output]: half of what is stated peak to peak."""
+        """Bound on the amplitude of the kinematic error [arcsec at the output]: half of what is
+        stated peak to peak.
+        """
         return 0.5 * 60.0 * self.accuracy
 
     @property
@@ -61,10 +65,11 @@ class Gear:
         return inertia * (self.size / size) ** 5
 
     def entries(self, ratio: float, inertia: float) -> dict[str, Entry]:
-        """Dotted key to value and source of a scenario with this gear and ``inertia`` [kg m^2] rigidly on its output.
+        """Dotted key to value and source of a scenario with this gear and ``inertia`` [kg m^2]
+        rigidly on its output.
 
-        The stiffness is K1, the kinematic error the largest that the accuracy allows, at two per turn of the wave generator; its
-        moment of inertia and the damping are assumed.
+        The stiffness is K1, the kinematic error the largest that the accuracy allows, at two per
+        turn of the wave generator; its moment of inertia and the damping are assumed.
         """
         K, T1 = self.stiffnesses[0], self.torques[0]
         low, damping, high = (2.0 * xi * math.sqrt(K * inertia) for xi in DAMPING)
@@ -72,30 +77,44 @@ class Gear:
         error, J_wg = "reducer.transmission_error", self.wave_generator_inertia
         lightest, heaviest = J_wg / INERTIA_SPREAD, J_wg * INERTIA_SPREAD
         return {
-            "reducer.ratio": Entry(f"{ratio:g}", f"data sheet: component harmonic gear of size {self.size}"),
+            "reducer.ratio": Entry(
+                f"{ratio:g}", f"data sheet: component harmonic gear of size {self.size}"
+            ),
             "reducer.stiffness": Entry(
                 f"{K:g} N*m/rad",
-                f"data sheet: K1 of size {self.size}, {SOURCE}, which holds up to T1 = {T1:g} N m: torques of tracking in"
-                f" orbit are far below; above T1 K2 = {self.stiffnesses[1]:g}, above T2 = {self.torques[1]:g} N m K3 ="
-                f" {self.stiffnesses[2]:g} N m/rad, which are not used; an average, to ± {100 * SPREAD:g} %; {ends}",
+                f"data sheet: K1 of size {self.size}, {SOURCE}, which holds up to T1 = {T1:g} N m:"
+                " torques of tracking in"
+                f" orbit are far below; above T1 K2 = {self.stiffnesses[1]:g}, above T2 ="
+                f" {self.torques[1]:g} N m K3 ="
+                f" {self.stiffnesses[2]:g} N m/rad, which are not used; an average, to ±"
+                f" {100 * SPREAD:g} %; {ends}",
             ),
             "reducer.damping": Entry(
                 f"{damping:.3g} N*m*s/rad",
-                f"assumed: {100 * DAMPING[1]:g} % of critical for the hub on the gear, {100 * DAMPING[0]:g} to"
+                f"assumed: {100 * DAMPING[1]:g} % of critical for the hub on the gear,"
+                f" {100 * DAMPING[0]:g} to"
                 f" {100 * DAMPING[2]:g} %; range {low:.3g} N*m*s/rad to {high:.3g} N*m*s/rad",
             ),
             "reducer.wave_generator_inertia": Entry(
                 f"{J_wg:.3g} kg*cm^2",
-                f"assumed: of size {self.size}, by the fifth power of the size from {WAVE_GENERATOR[1]:g} kg cm² of size"
-                f" {WAVE_GENERATOR[0]}; a data sheet states it at the input, with its coupling; range {lightest:.3g} kg*cm^2 to"
+                f"assumed: of size {self.size}, by the fifth power of the size from"
+                f" {WAVE_GENERATOR[1]:g} kg cm² of size"
+                f" {WAVE_GENERATOR[0]}; a data sheet states it at the input, with its coupling;"
+                f" range {lightest:.3g} kg*cm^2 to"
                 f" {heaviest:.3g} kg*cm^2",
             ),
-            "reducer.hysteresis": Entry(f"{{loss: {self.hysteresis:g} arcmin, stiffness: {K:g} N*m/rad}}", ""),
-            error: Entry("", "assumed: two per turn of the wave generator, the usual order; phase 0"),
+            "reducer.hysteresis": Entry(
+                f"{{loss: {self.hysteresis:g} arcmin, stiffness: {K:g} N*m/rad}}", ""
+            ),
+            error: Entry(
+                "", "assumed: two per turn of the wave generator, the usual order; phase 0"
+            ),
             f"{error}.0.amplitude": Entry(
                 f"{self.amplitude:g} arcsec",
-                f"assumed: half of the accuracy of {self.accuracy:g} arcmin peak to peak, a maker's bound for size"
-                f" {self.size}, all of it at this order; range 0 arcsec to {self.amplitude:g} arcsec",
+                f"assumed: half of the accuracy of {self.accuracy:g} arcmin peak to peak, a maker's"
+                " bound for size"
+                f" {self.size}, all of it at this order; range 0 arcsec to {self.amplitude:g}"
+                " arcsec",
             ),
         }
 
@@ -118,28 +137,39 @@ def catalog_gears() -> dict[int, Gear]:
 
 
 def find_gear(text: str, ratio: float | None = None) -> tuple[Gear, float]:
-    """Gear and ratio of ``size 14 ratio 100``; the ratio may be given apart. OptionError where the catalog has no such gear."""
+    """Gear and ratio of ``size 14 ratio 100``; the ratio may be given apart. OptionError where the
+    catalog has no such gear.
+    """
     found = _GEAR.fullmatch(str(text).lower())
     sizes = ", ".join(map(str, catalog_gears()))
     if found is None:
         raise OptionError(
             "gear",
-            f"{shown(text)} is not a gear; write 'size 14 ratio 100', sizes are {sizes}; or of a data sheet {' or '.join(OTHERS)}",
+            f"{quoted_value(text)} is not a gear; write 'size 14 ratio 100', sizes are {sizes}; or"
+            f" of a data sheet {' or '.join(NON_CATALOG_GEARS)}",
         )
     gear = catalog_gears().get(int(found[1]))
     if gear is None:
-        raise OptionError("gear", f"{shown(text)}: size {found[1]} is not in the catalog; sizes are {sizes}")
+        raise OptionError(
+            "gear",
+            f"{quoted_value(text)}: size {found[1]} is not in the catalog; sizes are {sizes}",
+        )
     own = float(found[2]) if found[2] else ratio
     if own is None:
-        raise OptionError("gear", f"{shown(text)} has no ratio; write 'size {gear.size} ratio 100'")
+        raise OptionError(
+            "gear", f"{quoted_value(text)} has no ratio; write 'size {gear.size} ratio 100'"
+        )
     if ratio is not None and own != ratio:
         raise OptionError(
-            "gear", f"{shown(text)} has another ratio than the one given separately, {ratio:g}; give one ratio"
+            "gear",
+            f"{quoted_value(text)} has another ratio than the one given separately, {ratio:g}; give"
+            " one ratio",
         )
     if not LOWEST <= own <= HIGHEST:
         raise OptionError(
             "gear",
-            f"{shown(text)}: the catalog's stiffnesses are for ratios from {LOWEST:g} to {HIGHEST:g}, not {own:g}; give"
+            f"{quoted_value(text)}: the catalog's stiffnesses are for ratios from {LOWEST:g} to"
+            f" {HIGHEST:g}, not {own:g}; give"
             " reducer.stiffness in the file instead",
         )
     return gear, own

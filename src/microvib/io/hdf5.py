@@ -1,8 +1,9 @@
-"""The one door to HDF5 files (MATLAB 7.3, netCDF 4, results): what leads out of the file is refused, sizes are bounded first.
+"""The one door to HDF5 files (MATLAB 7.3, netCDF 4, results): what leads out of the file is
+refused, sizes are bounded first.
 
-HDF5 lets a file name other files: external storage, external and user-defined links, virtual datasets. Whoever opens such a
-file reads what its maker chose, with the reader's rights. Here only hard links are followed, and of a dataset only what is
-stored in the file itself is read.
+HDF5 lets a file name other files: external storage, external and user-defined links, virtual
+datasets. Whoever opens such a file reads what its maker chose, with the reader's rights. Here only
+hard links are followed, and of a dataset only what is stored in the file itself is read.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def open_hdf5(path: Path | str) -> Iterator[Group]:
     except (MicrovibError, MemoryError):
         raise
     except Exception as error:  # the library raises whatever it meets in a broken file
-        raise Hdf5Error(f"{path}: is broken or truncated, or not HDF5 ({type(error).__name__}: {error})") from None
+        raise Hdf5Error(
+            f"{path}: is broken or truncated, or not HDF5 ({type(error).__name__}: {error})"
+        ) from None
 
 
 @dataclass
@@ -59,13 +62,17 @@ class _File:
     def count_object(self) -> None:
         self.objects += 1
         if self.objects > MAX_OBJECTS:
-            raise Hdf5Error(f"{self.title}: has more than {MAX_OBJECTS} groups and datasets; that many are not read")
+            raise Hdf5Error(
+                f"{self.title}: has more than {MAX_OBJECTS} groups and datasets; that many are not"
+                " read"
+            )
 
     def count_bytes(self, size: int) -> None:
         self.bytes += size
         if self.bytes > MAX_BYTES:
             raise Hdf5Error(
-                f"{self.title}: unpacks to {self.bytes / 1e9:.3g} GB; at most {MAX_BYTES / 1e9:g} GB of one file are read"
+                f"{self.title}: unpacks to {self.bytes / 1e9:.3g} GB; at most {MAX_BYTES / 1e9:g}"
+                " GB of one file are read"
             )
 
 
@@ -83,7 +90,10 @@ class _Object:
 
     def attributes(self) -> list[str]:
         """Names of its attributes that hold a text or a number."""
-        names = [h5py.h5a.open(self.id, index=k).name for k in range(min(h5py.h5a.get_num_attrs(self.id), MAX_OBJECTS))]
+        names = [
+            h5py.h5a.open(self.id, index=k).name
+            for k in range(min(h5py.h5a.get_num_attrs(self.id), MAX_OBJECTS))
+        ]
         return [
             name.decode("utf-8", "replace")
             for name in names
@@ -91,7 +101,9 @@ class _Object:
         ]
 
     def attribute(self, name: str) -> str | float | None:
-        """A text or a number of the object; None if there is none, or where it is a list or anything else."""
+        """A text or a number of the object; None if there is none, or where it is a list or
+        anything else.
+        """
         key = name.encode()
         if not h5py.h5a.exists(self.id, key):
             return None
@@ -120,15 +132,24 @@ class Group(_Object):
         def look(name: bytes, link: Any) -> bool | None:
             shown = f"{self.where.rstrip('/')}/{name.decode('utf-8', 'replace')}"
             if link.type != h5py.h5l.TYPE_HARD:
-                kind = "a soft link" if link.type == h5py.h5l.TYPE_SOFT else "a link to another file"
-                refused.append(f"{shown} is {kind}; a file is read only where it holds its data itself")
+                if link.type == h5py.h5l.TYPE_SOFT:
+                    kind = "a soft link"
+                else:
+                    kind = "a link to another file"
+                refused.append(
+                    f"{shown} is {kind}; a file is read only where it holds its data itself"
+                )
             elif not name or b"/" in name or name in (b".", b".."):
                 refused.append(f"{shown}: is not a name that an object can have")
             elif len(found) >= MAX_OBJECTS:
-                refused.append(f"{self.where}: has more than {MAX_OBJECTS} members; that many are not read")
+                refused.append(
+                    f"{self.where}: has more than {MAX_OBJECTS} members; that many are not read"
+                )
             else:
                 found[name] = link.u
-            return True if refused else None
+            if refused:
+                return True
+            return None
 
         self.id.links.iterate(look, info=True)
         if refused:
@@ -147,7 +168,10 @@ class Group(_Object):
     def dataset(self, name: str) -> Dataset:
         """One dataset of the group; Hdf5Error if there is none."""
         address = self._links().get(name.encode())
-        member = None if address is None else self._opened(name.encode(), address)
+        if address is None:
+            member = None
+        else:
+            member = self._opened(name.encode(), address)
         if not isinstance(member, Dataset):
             raise Hdf5Error(f"{self.where}: has no dataset '{name}'")
         return member
@@ -166,13 +190,18 @@ class Dataset(_Object):
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape; () for one value."""
-        return (0,) if self.id.shape is None else tuple(self.id.shape)
+        if self.id.shape is None:
+            return (0,)
+        return tuple(self.id.shape)
 
     @property
     def numeric(self) -> bool:
         """Whether it holds plain numbers of at most eight bytes."""
         kind = self.id.get_type()
-        return isinstance(kind, (h5py.h5t.TypeIntegerID, h5py.h5t.TypeFloatID)) and kind.get_size() <= 8
+        return (
+            isinstance(kind, (h5py.h5t.TypeIntegerID, h5py.h5t.TypeFloatID))
+            and kind.get_size() <= 8
+        )
 
     @property
     def refers(self) -> bool:
@@ -190,10 +219,15 @@ class Dataset(_Object):
         return int(self.id.get_num_chunks()) >= wanted
 
     def numbers(self, column: int | None = None, *, whole: bool = False) -> np.ndarray:
-        """Its numbers, or one column of a table; Hdf5Error where it has none, too many, or, of a ``whole``, some not written."""
+        """Its numbers, or one column of a table; Hdf5Error where it has none, too many, or, of a
+        ``whole``, some not written.
+        """
         if not self.numeric:
             raise Hdf5Error(f"{self.where} holds no plain numbers")
-        shape = self.shape if column is None else self.shape[:1]
+        if column is None:
+            shape = self.shape
+        else:
+            shape = self.shape[:1]
         self.file.count_bytes(math.prod(shape) * 8)
         self._check_chunks()
         if whole and not self.complete:
@@ -204,16 +238,26 @@ class Dataset(_Object):
     def texts(self) -> list[str]:
         """Its texts, in order of storage; Hdf5Error where they are not texts, or too many."""
         kind = self.id.get_type()
-        if not isinstance(kind, h5py.h5t.TypeStringID) or len(self.shape) > 1 or kind.get_size() > LONGEST_TEXT:
-            raise Hdf5Error(f"{self.where} is not a list of texts of at most {LONGEST_TEXT} characters")
+        if (
+            not isinstance(kind, h5py.h5t.TypeStringID)
+            or len(self.shape) > 1
+            or kind.get_size() > LONGEST_TEXT
+        ):
+            raise Hdf5Error(
+                f"{self.where} is not a list of texts of at most {LONGEST_TEXT} characters"
+            )
         count = math.prod(self.shape)
         self.file.count_bytes(count * kind.get_size())
         self._check_chunks()
         whole = h5py.Dataset(self.id)
         if not self.shape:
             return [_text(whole[()])]
-        # Many texts of variable length may all be the same large one: no more at a time than memory holds of the largest.
-        largest = Path(self.file.title).stat().st_size if kind.is_variable_str() else kind.get_size()
+        # Many texts of variable length may all be the same large one: no more at a time than memory
+        # holds of the largest.
+        if kind.is_variable_str():
+            largest = Path(self.file.title).stat().st_size
+        else:
+            largest = kind.get_size()
         block = max(1, MAX_BYTES // (4 * max(largest, 1)))
         found: list[str] = []
         for first in range(0, count, block):
@@ -223,24 +267,37 @@ class Dataset(_Object):
         return found
 
     def referred(self) -> list[Group | Dataset | None]:
-        """Objects that it refers to, None for an empty reference; Hdf5Error where it holds anything else."""
+        """Objects that it refers to, None for an empty reference; Hdf5Error where it holds anything
+        else.
+        """
         if not self.refers:
             raise Hdf5Error(f"{self.where} does not hold references to objects")
         if math.prod(self.shape) > MAX_OBJECTS:
-            raise Hdf5Error(f"{self.where}: has more than {MAX_OBJECTS} references; that many are not read")
+            raise Hdf5Error(
+                f"{self.where}: has more than {MAX_OBJECTS} references; that many are not read"
+            )
         self._check_chunks()
         found: list[Group | Dataset | None] = []
         for k, reference in enumerate(np.ravel(h5py.Dataset(self.id)[...])):
-            opened = h5py.h5r.dereference(reference, self.id) if reference else None
-            found.append(None if opened is None else _checked(opened, self, f"{self.name}({k + 1})"))
+            if reference:
+                opened = h5py.h5r.dereference(reference, self.id)
+            else:
+                opened = None
+            found.append(
+                None if opened is None else _checked(opened, self, f"{self.name}({k + 1})")
+            )
         return found
 
     def _chunks(self) -> tuple[int, ...] | None:
         plan = self.id.get_create_plist()
-        return cast(tuple[int, ...], plan.get_chunk()) if plan.get_layout() == h5py.h5d.CHUNKED else None
+        if plan.get_layout() == h5py.h5d.CHUNKED:
+            return cast(tuple[int, ...], plan.get_chunk())
+        return None
 
     def _check_chunks(self) -> None:
-        """Hdf5Error where a chunk unpacks to more than its size: the library would make room for whatever comes."""
+        """Hdf5Error where a chunk unpacks to more than its size: the library would make room for
+        whatever comes.
+        """
         chunks = self._chunks()
         if chunks is None:
             return
@@ -248,7 +305,8 @@ class Dataset(_Object):
         size = math.prod(chunks) * self.id.get_type().get_size()
         if size > LARGEST_CHUNK:
             raise Hdf5Error(
-                f"{self.where}: has chunks of {size / 1e6:.0f} MB; at most {LARGEST_CHUNK / 1e6:g} MB are read"
+                f"{self.where}: has chunks of {size / 1e6:.0f} MB; at most {LARGEST_CHUNK / 1e6:g}"
+                " MB are read"
             )
         filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
         if DEFLATE not in filters:
@@ -261,34 +319,52 @@ class Dataset(_Object):
 
         self.id.chunk_iter(look)
         for offset in packed:
-            if len(zlib.decompressobj().decompress(self.id.read_direct_chunk(offset)[1], size + 1)) > size:
-                raise Hdf5Error(f"{self.where}: unpacks to more than it says, {size} bytes to the chunk")
+            if (
+                len(zlib.decompressobj().decompress(self.id.read_direct_chunk(offset)[1], size + 1))
+                > size
+            ):
+                raise Hdf5Error(
+                    f"{self.where}: unpacks to more than it says, {size} bytes to the chunk"
+                )
 
 
 def _checked(opened: Any, parent: _Object, name: str) -> Group | Dataset | None:
-    """An object that was opened, if it lies in the file and holds its data itself; None for a named type."""
+    """An object that was opened, if it lies in the file and holds its data itself; None for a named
+    type.
+    """
     depth, file = parent.depth + 1, parent.file
     file.count_object()
     where = f"{file.title}: {name}"
     if depth > DEEPEST:
-        raise Hdf5Error(f"{where}: has groups nested more than {DEEPEST} deep; deeper nesting is not read")
+        raise Hdf5Error(
+            f"{where}: has groups nested more than {DEEPEST} deep; deeper nesting is not read"
+        )
     if h5py.h5o.get_info(opened).fileno != file.number:
-        raise Hdf5Error(f"{where} lies in another file; a file is read only where it holds its data itself")
+        raise Hdf5Error(
+            f"{where} lies in another file; a file is read only where it holds its data itself"
+        )
     if isinstance(opened, h5py.h5g.GroupID):
         return Group(opened, file, name, depth)
     if not isinstance(opened, h5py.h5d.DatasetID):
         return None
-    plan = opened.get_create_plist()  # asked before the shape: that of a virtual dataset opens its sources
+    plan = (
+        opened.get_create_plist()
+    )  # asked before the shape: that of a virtual dataset opens its sources
     if plan.get_layout() == h5py.h5d.VIRTUAL or plan.get_external_count():
-        raise Hdf5Error(f"{where} is stored in other files; a file is read only where it holds its data itself")
+        raise Hdf5Error(
+            f"{where} is stored in other files; a file is read only where it holds its data itself"
+        )
     filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
     if len(set(filters)) < len(filters) or not set(filters) <= set(FILTERS):
         raise Hdf5Error(
-            f"{where} is packed with filters {', '.join(FILTERS.get(k, f'number {k}') for k in filters)}; read are"
+            f"{where} is packed with filters"
+            f" {', '.join(FILTERS.get(k, f'number {k}') for k in filters)}; read are"
             f" {', '.join(FILTERS.values())}, each once; write it without or with gzip compression"
         )
     return Dataset(opened, file, name, depth)
 
 
 def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return str(value)

@@ -1,4 +1,6 @@
-"""Where a hub comes from: a table of free-free modes, Nastran, finite elements of a described craft."""
+"""Where a hub comes from: a table of free-free modes, Nastran, finite elements of a described
+craft.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import ScenarioError, shown
+from microvib.errors import ScenarioError, quoted_value
 from microvib.io.array_files import damping_ratio
 from microvib.io.file_access import NO_FILES, FileAccess
-from microvib.io.files import check_file, reading, silent
+from microvib.io.files import as_read_errors, check_file, suppress_output
 from microvib.io.modal_sources import DESCRIPTIONS, elements_of
 from microvib.io.named import hub_names, named_text
-from microvib.io.tables import finite, named_rows
+from microvib.io.tables import named_rows, parse_finite
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.model.spacecraft import Hub
-from microvib.structures.deck import UNIT_SYSTEMS, Import, import_options
-from microvib.structures.hub import FreeModes, freed, hub_of
+from microvib.structures.deck import UNIT_SYSTEMS, ImportOptions, import_options
+from microvib.structures.hub import FreeModes, free_free_modes, hub_of
 from microvib.structures.hub_design import HubDesign
 from microvib.structures.modal import ModalError
 
@@ -29,7 +31,7 @@ _FREE = (".op2", ".op4", ".pch")
 _INTERFACE = (
     "damping",
     "count",
-    *(key for key in Import.model_fields if key not in ("drive_axis", "modes", "damping")),
+    *(key for key in ImportOptions.model_fields if key not in ("drive_axis", "modes", "damping")),
 )
 """Keys beside ``hub.modes`` where they are modes with the interface clamped."""
 
@@ -47,33 +49,48 @@ def hub_from(group: dict[str, Any], files: FileAccess = NO_FILES) -> Hub:
     clamped = "interface" in group and not described
     if not (described or clamped or ending in (".csv", *_FREE)):
         raise ScenarioError(
-            f"spacecraft.hub.modes: {shown(name)} is not a source of a hub's modes; allowed are {', '.join(hub_names())}, a"
-            f" description of a craft ({', '.join(DESCRIPTIONS)}), a table of free-free modes (.csv), results of Nastran"
-            f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped, from what an array is read"
+            f"spacecraft.hub.modes: {quoted_value(name)} is not a source of a hub's modes; allowed"
+            f" are {', '.join(hub_names())}, a"
+            f" description of a craft ({', '.join(DESCRIPTIONS)}), a table of free-free modes"
+            " (.csv), results of Nastran"
+            f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped,"
+            " from what an array is read"
         )
     nastran = ending in _FREE and not clamped
-    beside = _INTERFACE if clamped else ("damping", "count", *(("units", "points") if nastran else ()))
+    if clamped:
+        beside = _INTERFACE
+    else:
+        beside = ("damping", "count", *(("units", "points") if nastran else ()))
     extra = [key for key in group if key not in ("modes", *beside)]
     if extra:
         raise ScenarioError(
-            f"spacecraft.hub.{extra[0]}: does not go with hub.modes: {name}, which brings mass, inertia and modes; allowed beside"
+            f"spacecraft.hub.{extra[0]}: does not go with hub.modes: {name}, which brings mass,"
+            " inertia and modes; allowed beside"
             f" it are {', '.join(beside)}"
         )
     damping, count = _damping(group), _count(group)
     if described:
-        return hub_of(_described(name, files, DEFAULT_MODES if count is None else count), damping, count)
+        return hub_of(
+            _described(name, files, DEFAULT_MODES if count is None else count), damping, count
+        )
     points = _points(group) if nastran else {}
     path = files.path(name, hub_names())
     if clamped:
         return hub_of(_clamped(path, group), damping, count)
-    with reading(path, ModalError):
+    with as_read_errors(path, ModalError):
         check_file(path)
-        return hub_of(_nastran(path, points, str(group["units"])) if nastran else read_hub_table(path), damping, count)
+        return hub_of(
+            _nastran(path, points, str(group["units"])) if nastran else read_hub_table(path),
+            damping,
+            count,
+        )
 
 
 def _described(name: str, files: FileAccess, count: int) -> FreeModes:
-    text = named_text(name, files, kind="description of a craft", published=hub_names(), within="hubs/")
-    design = validated(HubDesign, parse_yaml(text, name), origin=name)
+    text = named_text(
+        name, files, kind="description of a craft", published=hub_names(), within="hubs/"
+    )
+    design = validate_part(HubDesign, parse_yaml(text, name), origin=name)
     with elements_of(name):
         from microvib.structures.fem.hub_mesh import free_modes
     return free_modes(design, count)
@@ -86,24 +103,32 @@ def _clamped(path: Path, group: dict[str, Any]) -> FreeModes:
     options = None
     if path.suffix.lower() != ".csv":
         said = {
-            key: value for key, value in group.items() if key in Import.model_fields and key not in ("modes", "damping")
+            key: value
+            for key, value in group.items()
+            if key in ImportOptions.model_fields and key not in ("modes", "damping")
         }
         options = import_options({**said, "drive_axis": "z"}, "spacecraft.hub")
-    return freed(read_modal_model(path, options))
+    return free_free_modes(read_modal_model(path, options))
 
 
 def _points(group: dict[str, Any]) -> dict[str, int]:
-    """Grids by the names of points, of results of a finite-element program, whose units must be said."""
+    """Grids by the names of points, of results of a finite-element program, whose units must be
+    said.
+    """
     points, units = group.get("points"), group.get("units")
     if units not in UNIT_SYSTEMS:
         raise ScenarioError(
-            f"spacecraft.hub.units: {shown(units)} is not allowed; write the unit system of the deck, one of"
+            f"spacecraft.hub.units: {quoted_value(units)} is not allowed; write the unit system of"
+            " the deck, one of"
             f" {', '.join(UNIT_SYSTEMS)}"
         )
-    whole = isinstance(points, dict) and all(isinstance(x, int) and not isinstance(x, bool) for x in points.values())
+    whole = isinstance(points, dict) and all(
+        isinstance(x, int) and not isinstance(x, bool) for x in points.values()
+    )
     if not isinstance(points, dict) or not points or not whole:
         raise ScenarioError(
-            f"spacecraft.hub.points: {shown(points)} is not allowed; names of points and their grids are expected, such as"
+            f"spacecraft.hub.points: {quoted_value(points)} is not allowed; names of points and"
+            " their grids are expected, such as"
             " {root: 101, payload: 205}"
         )
     return {str(name): grid for name, grid in points.items()}
@@ -112,29 +137,42 @@ def _points(group: dict[str, Any]) -> dict[str, int]:
 def _nastran(path: Path, points: dict[str, int], units: str) -> FreeModes:
     from microvib.io.nastran.free import read_free
 
-    with silent():
+    with suppress_output():
         frequency, places, shapes = read_free(path, list(points.values()))
     length, kilogram = UNIT_SYSTEMS[units]
     scale = np.repeat([length, 1.0], 3) / (np.sqrt(kilogram) * length)
-    return FreeModes(frequency, np.full(frequency.size, 0.01), tuple(points), length * places, scale[:, None] * shapes)
+    return FreeModes(
+        frequency,
+        np.full(frequency.size, 0.01),
+        tuple(points),
+        length * places,
+        scale[:, None] * shapes,
+    )
 
 
 def _damping(group: dict[str, Any]) -> float | None:
     given = group.get("damping")
-    return None if given is None else damping_ratio("spacecraft.hub.damping", given)
+    if given is None:
+        return None
+    return damping_ratio("spacecraft.hub.damping", given)
 
 
 def _count(group: dict[str, Any]) -> int | None:
     count = group.get("count")
-    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= 2000):
+    if count is not None and (
+        not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= 2000
+    ):
         raise ScenarioError(
-            f"spacecraft.hub.count: {shown(count)} is not allowed; how many flexible modes are kept, from 0 to 2000"
+            f"spacecraft.hub.count: {quoted_value(count)} is not allowed; how many flexible modes"
+            " are kept, from 0 to 2000"
         )
     return count
 
 
 def read_hub_table(path: Path) -> FreeModes:
-    """Free-free modes from a CSV file: a row for each mode and point, the six rigid modes among them; SI, mass-normalised."""
+    """Free-free modes from a CSV file: a row for each mode and point, the six rigid modes among
+    them; SI, mass-normalised.
+    """
     rows = named_rows(path, COLUMNS, "a hub's modes", ModalError, also=("damping",))
     names = tuple(dict.fromkeys(row["point"].strip() for row in rows))
     labels = list(dict.fromkeys(row["mode"].strip() for row in rows))
@@ -142,8 +180,14 @@ def read_hub_table(path: Path) -> FreeModes:
     places, shapes = np.full((len(names), 3), np.nan), np.full((len(names), 6, len(labels)), np.nan)
     for number, row in enumerate(rows, 2):
         k, p = labels.index(row["mode"].strip()), names.index(row["point"].strip())
-        given = [name for name in ("frequency_hz", "damping", *COLUMNS[3:]) if name != "damping" or row.get(name)]
-        value = {name: finite(f"row {number}: {name}", row[name], ModalError) for name in given}
+        given = [
+            name
+            for name in ("frequency_hz", "damping", *COLUMNS[3:])
+            if name != "damping" or row.get(name)
+        ]
+        value = {
+            name: parse_finite(f"row {number}: {name}", row[name], ModalError) for name in given
+        }
         frequency[k] = _same(frequency[k], value["frequency_hz"], f"row {number}: frequency_hz")
         xi[k] = value.get("damping", xi[k])
         for j, column in enumerate(COLUMNS[3:6]):
@@ -153,7 +197,9 @@ def read_hub_table(path: Path) -> FreeModes:
         shapes[p, :, k] = [value[column] for column in COLUMNS[6:]]
     if np.any(np.isnan(shapes)):
         p, _, k = np.argwhere(np.isnan(shapes))[0]
-        raise ModalError(f"mode {labels[k]} has no row for point {names[p]}; each mode needs one for each point")
+        raise ModalError(
+            f"mode {labels[k]} has no row for point {names[p]}; each mode needs one for each point"
+        )
     if np.any(frequency < 0.0) or np.any((xi < 0.0) | (xi > 0.99)):
         raise ModalError("a frequency is negative, or a damping ratio not from 0 to 0.99")
     return FreeModes(frequency, xi, names, places, shapes)

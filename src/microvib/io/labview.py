@@ -1,4 +1,6 @@
-"""LabVIEW measurement files (.lvm): text with a header of its own and, before each segment, one of its channels."""
+"""LabVIEW measurement files (.lvm): text with a header of its own and, before each segment, one of
+its channels.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,8 @@ def read_labview(path: Path, hints: Hints) -> Recording:
     decimal = (file.get("Decimal_Separator") or ["."])[0].strip() or "."
     if len(ends) > 2:
         raise RecordingError(
-            f"has {len(ends) - 1} segments; save them as files of their own, or write the file with one header only"
+            f"has {len(ends) - 1} segments; save them as files of their own, or write the file with"
+            " one header only"
         )
     segment = _segment(lines[ends[0] + 1 :], separator, decimal)
     shared = _AXES_OF.get((file.get("X_Columns") or ["One"])[0].strip().lower())
@@ -54,13 +57,16 @@ def _segment(lines: Sequence[str], separator: str, decimal: str) -> _Segment:
         cells = line.split(separator)
         if cells[0].strip():
             said[cells[0].strip()] = [
-                cell.strip().replace(",", ".") if _numeric(cell) else cell.strip() for cell in cells[1:]
+                cell.strip().replace(",", ".") if _numeric(cell) else cell.strip()
+                for cell in cells[1:]
             ]
     body = [line for line in lines[end + 1 :] if line.strip(separator + " ")]
     if not body:
         raise RecordingError("is truncated; it has no rows of numbers")
     names = [name.strip() for name in body[0].split(separator)]
-    rows = [[cell.strip().replace(decimal, ".") for cell in line.split(separator)] for line in body[1:]]
+    rows = [
+        [cell.strip().replace(decimal, ".") for cell in line.split(separator)] for line in body[1:]
+    ]
     return _Segment(said, names, rows)
 
 
@@ -69,7 +75,9 @@ def _numeric(cell: str) -> bool:
 
 
 def _columns(segment: _Segment, shared: int | None) -> list[Column]:
-    """Channels of a segment; ``shared`` is how many columns of x there are for all of them, None for one each."""
+    """Channels of a segment; ``shared`` is how many columns of x there are for all of them, None
+    for one each.
+    """
     names = segment.names
     if names[-1].lower() == "comment":
         names = names[:-1]
@@ -82,28 +90,40 @@ def _columns(segment: _Segment, shared: int | None) -> list[Column]:
             try:
                 table[k, j] = float(cell) if cell else np.nan
             except ValueError:
-                raise RecordingError(f"row {k + 1} of its numbers, {names[j]}: {cell[:40]!r} is not a number") from None
+                raise RecordingError(
+                    f"row {k + 1} of its numbers, {names[j]}: {cell[:40]!r} is not a number"
+                ) from None
     xs = [j for j in range(count) if names[j].lower().startswith("x_value")]
     found: list[Column] = []
     for j, name in enumerate(names):
         if not name or j in xs:
             continue
         beside = [x for x in xs if x < j]
-        x = None if not beside else table[:, beside[-1] if shared is None else beside[0]]
+        if not beside:
+            x = None
+        else:
+            x = table[:, beside[-1] if shared is None else beside[0]]
         found.append(_column(segment.said, name, len(found), table[:, j], x))
     if not found:
         raise RecordingError("has no channels")
     return found
 
 
-def _column(said: dict[str, list[str]], name: str, k: int, values: np.ndarray, x: np.ndarray | None) -> Column:
+def _column(
+    said: dict[str, list[str]], name: str, k: int, values: np.ndarray, x: np.ndarray | None
+) -> Column:
     """The ``k``-th channel, without the rows that it does not have."""
 
     def of(key: str) -> str:
         cells = said.get(key, [])
-        return cells[k] if k < len(cells) else ""
+        if k < len(cells):
+            return cells[k]
+        return ""
 
-    size = int(np.flatnonzero(np.isfinite(values))[-1]) + 1 if np.any(np.isfinite(values)) else 0
+    if np.any(np.isfinite(values)):
+        size = int(np.flatnonzero(np.isfinite(values))[-1]) + 1
+    else:
+        size = 0
     unit, quantity = of("Y_Unit_Label"), of("X_Dimension")
     along = of("X_Unit_Label") or ("s" if quantity.lower() in ("", "time") else "")
     axis = time = None

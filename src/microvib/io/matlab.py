@@ -1,6 +1,7 @@
 """MATLAB files of any version as plain data: arrays, texts, lists of cells, dicts of structs.
 
-Sizes are bounded before anything is unpacked, since a few bytes may declare, or unpack to, more than any memory.
+Sizes are bounded before anything is unpacked, since a few bytes may declare, or unpack to, more
+than any memory.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ class MatlabError(MicrovibError):
 
 
 def read_matlab(path: Path) -> dict[str, Any]:
-    """Variables of a file: arrays without axes of length one, ``str``, ``list`` of cells or of structs, ``dict`` of a struct.
+    """Variables of a file: arrays without axes of length one, ``str``, ``list`` of cells or of
+    structs, ``dict`` of a struct.
 
-    What is none of these (functions, objects, complex numbers, sparse matrices) is left out. MatlabError or Hdf5Error where the
-    file is broken, or unpacks to more than is read.
+    What is none of these (functions, objects, complex numbers, sparse matrices) is left out.
+    MatlabError or Hdf5Error where the file is broken, or unpacks to more than is read.
     """
     with path.open("rb") as stream:
         start = stream.read(128)
@@ -57,20 +59,26 @@ def _plain_5(x: Any) -> Any:
         return [_plain_5(value) for value in (x if isinstance(x, list) else x.ravel())]
     if isinstance(x, str):
         return str(x)
-    return (
-        x if isinstance(x, np.ndarray) else np.asarray(x) if isinstance(x, (int, float, np.number, np.bool_)) else None
-    )
+    if isinstance(x, np.ndarray):
+        return x
+    if isinstance(x, (int, float, np.number, np.bool_)):
+        return np.asarray(x)
+    return None
 
 
 def _members_7_3(group: Group) -> dict[str, Any]:
-    """Fields of a group; attributes that MATLAB does not write, as of other programs, as fields beside them: ``Mz_units``."""
+    """Fields of a group; attributes that MATLAB does not write, as of other programs, as fields
+    beside them: ``Mz_units``.
+    """
     found: dict[str, Any] = {}
     for name, x in group.members().items():
         if not name.startswith("#"):
             found[name] = _plain_7_3(x)
             if isinstance(x, Dataset):
                 found |= {
-                    f"{name}_{key}": value for key, value in _attributes(x).items() if f"{name}_{key}" not in found
+                    f"{name}_{key}": value
+                    for key, value in _attributes(x).items()
+                    if f"{name}_{key}" not in found
                 }
     return {**_attributes(group), **found}
 
@@ -82,7 +90,10 @@ def _attributes(x: Group | Dataset) -> dict[str, Any]:
         if not n.startswith(("MATLAB_", "H5PATH", "_", "CLASS", "NAME", "DIMENSION", "REFERENCE"))
     ]
     values = {name: x.attribute(name) for name in names}
-    return {name: value if isinstance(value, str) else np.asarray(value) for name, value in values.items()}
+    return {
+        name: value if isinstance(value, str) else np.asarray(value)
+        for name, value in values.items()
+    }
 
 
 def _plain_7_3(x: Group | Dataset | None) -> Any:
@@ -91,24 +102,29 @@ def _plain_7_3(x: Group | Dataset | None) -> Any:
     if isinstance(x, Group):
         fields = x.members()
         if fields and all(
-            isinstance(v, Dataset) and v.refers and v.attribute("MATLAB_class") is None for v in fields.values()
+            isinstance(v, Dataset) and v.refers and v.attribute("MATLAB_class") is None
+            for v in fields.values()
         ):
-            columns = {name: _plain_7_3(v) for name, v in fields.items()}  # a struct array: each field a list
-            return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+            columns = {
+                name: _plain_7_3(v) for name, v in fields.items()
+            }  # a struct array: each field a list
+            return [
+                dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+            ]
         return _members_7_3(x)
     if x.attribute("MATLAB_empty"):
-        return "" if x.attribute("MATLAB_class") == "char" else np.empty(0)
+        if x.attribute("MATLAB_class") == "char":
+            return ""
+        return np.empty(0)
     if x.refers:
         return [_plain_7_3(v) for v in x.referred()]
     if not x.numeric:
         return None
     values = x.numbers(whole=True).T.squeeze()  # MATLAB stores columns first
     if x.attribute("MATLAB_class") == "char":
-        return (
-            "".join(chr(int(k)) for k in values.ravel())
-            if values.ndim < 2
-            else ["".join(map(chr, row)) for row in values]
-        )
+        if values.ndim < 2:
+            return "".join(chr(int(k)) for k in values.ravel())
+        return ["".join(map(chr, row)) for row in values]
     return values
 
 
@@ -121,10 +137,18 @@ def _check_4(path: Path) -> None:
             head = stream.read(20)
             if len(head) < 20:
                 raise MatlabError("is truncated, or not a MATLAB file")
-            order = "<" if struct.unpack("<i", head[:4])[0] in range(5000) else ">"
+            if struct.unpack("<i", head[:4])[0] in range(5000):
+                order = "<"
+            else:
+                order = ">"
             kind, rows, columns, imaginary, name = struct.unpack(f"{order}5i", head)
             item = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10)
-            if item is None or not 0 <= kind < 5000 or min(rows, columns, name) < 0 or imaginary not in (0, 1):
+            if (
+                item is None
+                or not 0 <= kind < 5000
+                or min(rows, columns, name) < 0
+                or imaginary not in (0, 1)
+            ):
                 raise MatlabError("is broken, or not a MATLAB file")
             at += 20 + name + rows * columns * item * (1 + imaginary)
             stream.seek(at)
@@ -139,7 +163,9 @@ class _Sizes:
 
 
 def _check_5(path: Path) -> None:
-    """MatlabError where a file of version 5 unpacks to too much, is nested too deep, cut off, or has a name twice."""
+    """MatlabError where a file of version 5 unpacks to too much, is nested too deep, cut off, or
+    has a name twice.
+    """
     sizes, names = _Sizes(), set()
     for element, order in _elements(path):
         name = _walk(element, order, sizes)
@@ -167,8 +193,13 @@ def _elements(path: Path) -> Iterator[tuple[bytes, str]]:
                 data = zlib.decompressobj().decompress(data, MAX_BYTES - unpacked + 1)
                 unpacked += len(data)
                 if unpacked > MAX_BYTES:
-                    raise MatlabError(f"unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read")
-                kind, data = (struct.unpack(f"{order}I", data[:4])[0] if len(data) >= 8 else 0), data[8:]
+                    raise MatlabError(
+                        f"unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read"
+                    )
+                kind, data = (
+                    (struct.unpack(f"{order}I", data[:4])[0] if len(data) >= 8 else 0),
+                    data[8:],
+                )
             if kind == _MATRIX:
                 yield data, order
 
@@ -180,7 +211,9 @@ def _walk(data: bytes, order: str, sizes: _Sizes) -> str:
     while waiting:
         at, end, depth = waiting.pop()
         if depth > DEEPEST:
-            raise MatlabError(f"has cells nested more than {DEEPEST} deep; deeper nesting is not read")
+            raise MatlabError(
+                f"has cells nested more than {DEEPEST} deep; deeper nesting is not read"
+            )
         parts: list[tuple[int, int]] = []
         while at + 8 <= end:
             kind, size = struct.unpack_from(f"{order}2I", data, at)
@@ -195,7 +228,10 @@ def _walk(data: bytes, order: str, sizes: _Sizes) -> str:
             at = after
         _count(data, order, parts, sizes)
         if found is None:
-            found = data[parts[2][0] : sum(parts[2])].decode("latin-1") if len(parts) > 2 else ""
+            if len(parts) > 2:
+                found = data[parts[2][0] : sum(parts[2])].decode("latin-1")
+            else:
+                found = ""
     return found or ""
 
 
@@ -216,5 +252,6 @@ def _count(data: bytes, order: str, parts: list[tuple[int, int]], sizes: _Sizes)
         sizes.bytes += 8 * count
     if sizes.held > MAX_OBJECTS or sizes.bytes > MAX_BYTES:
         raise MatlabError(
-            f"has more than {MAX_OBJECTS} cells or unpacks to more than {MAX_BYTES / 1e9:g} GB; that much is not read"
+            f"has more than {MAX_OBJECTS} cells or unpacks to more than {MAX_BYTES / 1e9:g} GB;"
+            " that much is not read"
         )

@@ -1,4 +1,6 @@
-"""The one path from what a file says of its channels to a recording: time axes, sample rates, units, names."""
+"""The one path from what a file says of its channels to a recording: time axes, sample rates,
+units, names.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,12 @@ from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import (
     COUNTS,
     as_load,
-    in_yaml,
     is_time,
     load_in_name,
     named_unit,
     seconds_per,
     what_is_measured_in,
+    yaml_quoted,
 )
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.time_axis import agrees, regular_rate, snapped_rate
@@ -28,9 +30,13 @@ from microvib.units import convert
 PLAUSIBLE = (
     20.0,
     1e7,
-)  # sample rates [Hz] of loads; others come of kilohertz, milliseconds or days that are not said to be that
-SLOW = 1000.0  # sample rate [Hz] below which a number without a unit may be meant in kilohertz, which is told
-SAME_RATE = 1e-4  # relative difference up to which two statements on the sample rate agree: time axes have few digits
+    # sample rates [Hz] of loads; others come of kilohertz, milliseconds or days that are not said to be
+    # that
+)
+# sample rate [Hz] below which a number without a unit may be meant in kilohertz, which is told
+SLOW_RATE = 1000.0
+# relative difference up to which two statements on the sample rate agree: time axes have few digits
+SAME_RATE = 1e-4
 _RATES = re.compile(
     r"fs|f_?s(am(p|ple))?|s(ample|ampling)?_?(rate|freq|frequency)(_?hz)?|sfreq|srate|abtast(rate|frequenz)",
     re.IGNORECASE,
@@ -43,7 +49,8 @@ STEPS = re.compile(
 _NAMED_UNIT = re.compile(r"(.+?)_(k?hz|[munµ]?s|sec|msec|usec)", re.IGNORECASE)
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _SPECTRAL = re.compile(
-    r"(?-i:f)|f_?axis|freq\w*|frequen\w*|fr[eé]quence\w*|frequenz\w*|k?hz|orders?|ordnung(en)?", re.IGNORECASE
+    r"(?-i:f)|f_?axis|freq\w*|frequen\w*|fr[eé]quence\w*|frequenz\w*|k?hz|orders?|ordnung(en)?",
+    re.IGNORECASE,
 )
 """Names of what spectra are given over."""
 _SCALE = re.compile(
@@ -71,7 +78,9 @@ class Hints:
 
 @dataclass(frozen=True)
 class Axis:
-    """Even axis of a channel as its file gives it: step and first value in its unit, and what runs along it."""
+    """Even axis of a channel as its file gives it: step and first value in its unit, and what runs
+    along it.
+    """
 
     name: str  # under which the preparation gives its unit
     step: float
@@ -87,20 +96,28 @@ class Column:
     name: str
     values: np.ndarray
     unit: str = ""
-    rates: Mapping[str, float] = field(default_factory=dict)  # sample rates [Hz], each by who says so
+    rates: Mapping[str, float] = field(
+        default_factory=dict
+    )  # sample rates [Hz], each by who says so
     time: Column | None = None
     axis: Axis | None = None
-    clock: float | None = None  # time [s] of the file's clock to which the time axis is relative, where it says that
+    clock: float | None = (
+        None  # time [s] of the file's clock to which the time axis is relative, where it says that
+    )
     scales: Mapping[str, Any] = field(default_factory=dict)
-    """What stands beside the samples and may be the scale of a converter's counts: numbers and texts by name."""
+    """What stands beside the samples and may be the scale of a converter's counts: numbers and
+    texts by name.
+    """
     field: str = ""  # where the samples are in the file, if that is not the name
     unfit: str = ""  # why it is no time history, where it is none
 
 
 def stated_rates(fields: Mapping[str, Any]) -> dict[str, float]:
-    """Sample rates [Hz] among named numbers or texts: ``fs``, ``SampleRate`` and the like, or a time step ``dt``.
+    """Sample rates [Hz] among named numbers or texts: ``fs``, ``SampleRate`` and the like, or a
+    time step ``dt``.
 
-    Without a unit, in the name as in ``fs_kHz`` or in the text as in ``50 kHz``, they are in Hz and s.
+    Without a unit, in the name as in ``fs_kHz`` or in the text as in ``50 kHz``, they are in Hz and
+    s.
     """
     found = {}
     for name, given in fields.items():
@@ -108,19 +125,31 @@ def stated_rates(fields: Mapping[str, Any]) -> dict[str, float]:
         named = _NAMED_UNIT.fullmatch(word)
         if named and not (_RATES.fullmatch(word) or STEPS.fullmatch(word)):
             word, unit = named[1], named[2]
-        rate, step = _RATES.fullmatch(re.sub(r"[ -]", "_", word)), STEPS.fullmatch(re.sub(r"[ -]", "_", word))
+        rate, step = (
+            _RATES.fullmatch(re.sub(r"[ -]", "_", word)),
+            STEPS.fullmatch(re.sub(r"[ -]", "_", word)),
+        )
         if not rate and not step:
             continue
         value = _scalar(given, unit or "", "Hz" if rate else "s")
         if value is not None:
-            found[name] = value if rate else (1.0 / value if value else math.inf)
+            if rate:
+                found[name] = value
+            elif value:
+                found[name] = 1.0 / value
+            else:
+                found[name] = math.inf
     return found
 
 
 def _scalar(given: Any, unit: str, wanted: str) -> float | None:
-    """A number or a text such as ``50 kHz``, without a unit in ``unit`` or else in the ``wanted`` one; None if it is neither."""
+    """A number or a text such as ``50 kHz``, without a unit in ``unit`` or else in the ``wanted``
+    one; None if it is neither.
+    """
     if isinstance(given, str):
-        found = _QUANTITY.fullmatch(given.replace(",", ".") if given.count(",") == 1 and "." not in given else given)
+        found = _QUANTITY.fullmatch(
+            given.replace(",", ".") if given.count(",") == 1 and "." not in given else given
+        )
         if found is None:
             return None
         number, unit = float(found[1]), found[2] or unit
@@ -129,34 +158,45 @@ def _scalar(given: Any, unit: str, wanted: str) -> float | None:
     if not unit:
         return number
     unit = re.sub(
-        r"(?i)^(k?)hz$", lambda m: m[1].lower() + "Hz", re.sub(r"(?i)^([kM]?)S(a(mples)?)?/s(ec)?$", r"\1Hz", unit)
+        r"(?i)^(k?)hz$",
+        lambda m: m[1].lower() + "Hz",
+        re.sub(r"(?i)^([kM]?)S(a(mples)?)?/s(ec)?$", r"\1Hz", unit),
     )
     if wanted == "s":
         size = seconds_per(unit)
-        return None if size is None else number * size
+        if size is None:
+            return None
+        return number * size
     try:
         return number * convert(f"1 {unit}", wanted)
     except ValueError:
         return None
 
 
-def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] = (), mixed: bool = False) -> Recording:
-    """Recording of the columns of one rate and length, the longest; RecordingError for what is missing or contradictory.
+def recording_of(
+    columns: Iterable[Column], hints: Hints, notes: Sequence[str] = (), mixed: bool = False
+) -> Recording:
+    """Recording of the columns of one rate and length, the longest; RecordingError for what is
+    missing or contradictory.
 
-    Columns of another rate, spectra and counts of a converter are left out, and named in a note. ``mixed`` says that the file may
-    hold vectors that are not channels.
+    Columns of another rate, spectra and counts of a converter are left out, and named in a note.
+    ``mixed`` says that the file may hold vectors that are not channels.
     """
     said, columns = list(notes), list(columns)
     rated: list[tuple[Column, float]] = []
     known: dict[tuple[object, ...], float] = {}
-    named = _fit(_with_time(_with_units(columns, hints), hints), hints, said)
+    named = _time_history_columns(_with_time(_with_units(columns, hints), hints), hints, said)
     sampled = [c for c in named if c.rates or c.time is not None or c.axis is not None]
     if mixed and sampled and hints.sample_rate is None:
         bare = (c for c in named if not any(c is s for s in sampled))
         said += [f"left out, without a sample rate: {c.name} ({c.values.size})" for c in bare]
         named = sampled
     for column in named:
-        key = (id(column.time), column.axis and replace(column.axis, start=None), *column.rates.items())
+        key = (
+            id(column.time),
+            column.axis and replace(column.axis, start=None),
+            *column.rates.items(),
+        )
         if key not in known:
             known[key] = _rate(column, hints, said)
         rated.append((column, known[key]))
@@ -168,13 +208,15 @@ def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] =
     if not mixed and len(alike) < len(pairs):
         raise RecordingError(f"its channels differ in length: {sizes}")
     used = [whole for whole, column in pairs if column.values.size == size]
-    _check_alike(alike, [column for column, _ in rated if not any(column is u for u in used)], rate, said)
+    _check_alike(
+        alike, [column for column, _ in rated if not any(column is u for u in used)], rate, said
+    )
     said += [
-        f"channel {c.name} has whole numbers only: are these {c.unit}, or counts of a converter?"
+        f"channel {c.name} contains only integers: are these {c.unit}, or counts of a converter?"
         for c in alike
         if as_load(f"1 {c.unit}") is not None
         and not re.match(r"\s*[+-]?[\d.]", hints.units.get(c.name, ""))
-        and _whole(c.values)
+        and _integer_valued(c.values)
     ]
     for column in alike:
         bad = int(np.count_nonzero(~np.isfinite(column.values)))
@@ -184,11 +226,15 @@ def recording_of(columns: Iterable[Column], hints: Hints, notes: Sequence[str] =
     axes = {axis.name for c in named for axis in (c.time, c.axis) if axis is not None}
     axes |= {c.name for c in columns if c.name not in units}
     told = tuple(dict.fromkeys(note for note in said if note))
-    return Recording({c.name: c.values for c in alike}, rate, units, notes=told, axes=frozenset(axes))
+    return Recording(
+        {c.name: c.values for c in alike}, rate, units, notes=told, axes=frozenset(axes)
+    )
 
 
 def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
-    """The columns, with the units that their names hold; ``Mz_mNm`` becomes Mz unless the preparation, or the file, knows that."""
+    """The columns, with the units that their names hold; ``Mz_mNm`` becomes Mz unless the
+    preparation, or the file, knows that.
+    """
     names = [column.name for column in columns]
     meant = {*hints.units, *hints.sensitivity, *hints.channels, *filter(None, [hints.time])}
     found = []
@@ -197,27 +243,36 @@ def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
         if column.unit or not unit or is_time(column.name):
             found.append(column)
             continue
-        shorter = name if name not in names and column.name not in meant and name in COMPONENTS else column.name
+        if name not in names and column.name not in meant and name in COMPONENTS:
+            shorter = name
+        else:
+            shorter = column.name
         found.append(replace(column, name=shorter, unit=unit))
     return found
 
 
-def _fit(columns: list[Column], hints: Hints, said: list[str]) -> list[Column]:
-    """Columns that are time histories in a unit; the others are left out with a note. RecordingError where none is one."""
+def _time_history_columns(columns: list[Column], hints: Hints, said: list[str]) -> list[Column]:
+    """Columns that are time histories in a unit; the others are left out with a note.
+    RecordingError where none is one.
+    """
     if not columns:
         raise RecordingError("has no channels")
     kept: list[Column] = []
     reasons: list[str] = []
     for column in columns:
-        reason = column.unfit or _over_another_axis(column, hints) or _in_counts(column, hints)
+        reason = (
+            column.unfit or _over_another_axis(column, hints) or _unscaled_counts(column, hints)
+        )
         if reason:
             reasons.append(reason)
-        elif column.scales and column.name in hints.sensitivity and _whole(column.values):
+        elif column.scales and column.name in hints.sensitivity and _integer_valued(column.values):
             kept.append(replace(column, unit="counts"))
         else:
             kept.append(column)
     longest = max(column.values.size for column in columns)
-    if not any(2 * column.values.size > longest for column in kept):  # what is left are lists of something else
+    if not any(
+        2 * column.values.size > longest for column in kept
+    ):  # what is left are lists of something else
         raise RecordingError(reasons[0] if reasons else "has no channels", remedy="prepare")
     said += [f"left out: {reason}" for reason in reasons]
     return kept
@@ -232,23 +287,35 @@ def _over_another_axis(column: Column, hints: Hints) -> str:
     if axis is None:
         return ""
     unit = _unit(axis, hints)
-    quantity = axis.quantity if isinstance(axis, Axis) else ""
+    if isinstance(axis, Axis):
+        quantity = axis.quantity
+    else:
+        quantity = ""
     if unit:
         if seconds_per(unit) is not None:
             return ""
         if _is_index(unit):
             asks = f"its time axis {axis.name} counts samples ('{unit}'); add the rate to the preparation file"
-            return "" if hints.sample_rate is not None else f"{asks}, such as sample_rate: 4096 Hz"
+            if hints.sample_rate is not None:
+                return ""
+            return f"{asks}, such as sample_rate: 4096 Hz"
         found = what_is_measured_in(unit)
-        what = f" but of {found}: channel {column.name} is not a time history" if found else ""
+        if found:
+            what = f" but of {found}: channel {column.name} is not a time history"
+        else:
+            what = ""
         return (
-            f"its time axis {axis.name} is in '{unit}', which is not a unit of time{what}; export the time history, or, if only the"
-            f" unit is wrong, add the right one to the preparation file, such as units: {{{in_yaml(axis.name)}: s}}"
+            f"its time axis {axis.name} is in '{unit}', which is not a unit of time{what}; export"
+            " the time history, or, if only the"
+            " unit is wrong, add the right one to the preparation file, such as units:"
+            f" {{{yaml_quoted(axis.name)}: s}}"
         )
     if quantity and axis.name not in hints.units and _SPECTRAL.fullmatch(quantity.split()[0]):
         return (
-            f"channel {column.name} is not a time history: its axis is called '{quantity}'; export the time history, or, if the"
-            f" axis is time, add its unit to the preparation file, such as units: {{{in_yaml(axis.name)}: s}}"
+            f"channel {column.name} is not a time history: its axis is called '{quantity}'; export"
+            " the time history, or, if the"
+            " axis is time, add its unit to the preparation file, such as units:"
+            f" {{{yaml_quoted(axis.name)}: s}}"
         )
     return ""
 
@@ -257,20 +324,35 @@ def _is_index(unit: str) -> bool:
     return unit.lower() in ("samples", "sample", "points", "pts", "index", "#", "-", "1")
 
 
-def _in_counts(column: Column, hints: Hints) -> str:
-    """What says that samples are counts of a converter, and what to do; empty where nothing does, or they are scaled later."""
+def _unscaled_counts(column: Column, hints: Hints) -> str:
+    """What says that samples are counts of a converter, and what to do; empty where nothing does,
+    or they are scaled later.
+    """
     scale = _scale_beside(column)
-    if scale is None or column.unit.strip("[] ").lower() in COUNTS or not _whole(column.values):
+    if (
+        scale is None
+        or column.unit.strip("[] ").lower() in COUNTS
+        or not _integer_valued(column.values)
+    ):
         return ""
     given = hints.units.get(column.name, "")
-    if column.name in hints.sensitivity or re.match(r"\s*[+-]?[\d.]", given) or given.lower() in COUNTS:
+    if (
+        column.name in hints.sensitivity
+        or re.match(r"\s*[+-]?[\d.]", given)
+        or given.lower() in COUNTS
+    ):
         return ""
     name, value = scale
-    shown = f"{value:.6g}" if isinstance(value, float) else str(value)[:40]
-    key, load = in_yaml(column.name), "N" if column.name.startswith("F") else "N*m"
+    if isinstance(value, float):
+        shown = f"{value:.6g}"
+    else:
+        shown = str(value)[:40]
+    key, load = yaml_quoted(column.name), "N" if column.name.startswith("F") else "N*m"
     return (
-        f"{column.field or column.name} has whole numbers beside {name}: counts of a converter, which nothing scales here"
-        f" ({shown}); add to the preparation file what one count stands for, such as units: {{{key}: 0.0001 {load}}}, or save the"
+        f"{column.field or column.name} has whole numbers beside {name}: counts of a converter,"
+        " which nothing scales here"
+        f" ({shown}); add to the preparation file what one count stands for, such as units:"
+        f" {{{key}: 0.0001 {load}}}, or save the"
         f" channel in its unit; units: {{{key}: 1 {load}}} if it is in whole {load}"
     )
 
@@ -297,7 +379,7 @@ def _scale_beside(column: Column) -> tuple[str, Any] | None:
     return None
 
 
-def _whole(values: np.ndarray) -> bool:
+def _integer_valued(values: np.ndarray) -> bool:
     """Whether all samples are whole numbers, and not all the same."""
     first = values[:100]
     if np.any(np.isfinite(first) & (first != np.rint(first))):  # as nearly always
@@ -306,14 +388,20 @@ def _whole(values: np.ndarray) -> bool:
     return bool(finite.size and np.all(finite == np.rint(finite)) and np.ptp(finite) > 0)
 
 
-def _aligned(columns: list[Column], rate: float, hints: Hints, said: list[str]) -> list[tuple[Column, Column]]:
-    """Columns, each with its part from the latest of their starts on; RecordingError where they differ by parts of a sample."""
+def _aligned(
+    columns: list[Column], rate: float, hints: Hints, said: list[str]
+) -> list[tuple[Column, Column]]:
+    """Columns, each with its part from the latest of their starts on; RecordingError where they
+    differ by parts of a sample.
+    """
     starts = [_start(column, hints) for column in columns]
     longest = max(column.values.size for column in columns)
     meant = [c.name in hints.channels for c in columns]
     if not any(meant):
         meant = [2 * c.values.size > longest for c in columns]
-    chosen = [(c, at) for c, at, own in zip(columns, starts, meant, strict=True) if own and at is not None]
+    chosen = [
+        (c, at) for c, at, own in zip(columns, starts, meant, strict=True) if own and at is not None
+    ]
     known = [at for _, at in chosen]
     if not known or max(known) - min(known) <= 0.01 / rate:
         return [(c, c) for c in columns]
@@ -323,48 +411,71 @@ def _aligned(columns: list[Column], rate: float, hints: Hints, said: list[str]) 
     if size < 8 or any(abs(k - round(k)) > 0.01 for k in late):
         names = ", ".join(f"{c.name} at {at:.6g} s" for c, at in chosen[:6])
         raise RecordingError(
-            f"its channels start at different times, {first:g} to {last:g} s, and not by whole samples within the record; they must"
-            f" be cut to one time. Or name in the preparation file those that start together, such as channels: {{Mz:"
-            f" {in_yaml(chosen[-1][0].name)}}}; there are {names}",
+            f"its channels start at different times, {first:g} to {last:g} s, and not by whole"
+            " samples within the record; they must"
+            " be cut to one time. Or name in the preparation file those that start together, such"
+            f" as channels: {{Mz:"
+            f" {yaml_quoted(chosen[-1][0].name)}}}; there are {names}",
             remedy="prepare",
         )
     said.append(
-        f"channels start at different times, {first:g} to {last:g} s; all are taken from the latest start on, {size} samples"
+        f"channels start at different times, {first:g} to {last:g} s; all are taken from the latest"
+        f" start on, {size} samples"
     )
     cut = [round(k) for k in late]
-    return [(c, replace(c, values=c.values[k : k + size])) for (c, _), k in zip(chosen, cut, strict=True)]
+    return [
+        (c, replace(c, values=c.values[k : k + size]))
+        for (c, _), k in zip(chosen, cut, strict=True)
+    ]
 
 
 def _start(column: Column, hints: Hints) -> float | None:
     """Time [s] of the first sample, as far as the file says it."""
     axis = column.time or column.axis
-    first = axis.start if isinstance(axis, Axis) else None if axis is None else float(axis.values[0])
+    if isinstance(axis, Axis):
+        first = axis.start
+    elif axis is None:
+        first = None
+    else:
+        first = float(axis.values[0])
     if first is None or axis is None:
         return column.clock
     return (column.clock or 0.0) + first * _seconds(axis, hints)
 
 
 def _check_alike(kept: list[Column], others: list[Column], rate: float, said: list[str]) -> None:
-    """RecordingError for a name that is there twice; columns of another rate or length are named as left out."""
+    """RecordingError for a name that is there twice; columns of another rate or length are named as
+    left out.
+    """
     names = [column.name for column in kept]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RecordingError(f"channel {twice} occurs twice; give the two different names")
     if others:
-        listed = ", ".join(f"{c.name} ({c.values.size})" for c in others[:8]) + (" ..." if len(others) > 8 else "")
+        listed = ", ".join(f"{c.name} ({c.values.size})" for c in others[:8]) + (
+            " ..." if len(others) > 8 else ""
+        )
         said.append(f"left out, not of {kept[0].values.size} samples at {rate:g} Hz: {listed}")
 
 
 def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
     """The columns that are not time axes, each with the time axis that is meant for it."""
     if hints.time is not None and hints.time not in [c.name for c in columns]:
-        raise RecordingError(f"time: there is no column '{hints.time}'; there are {', '.join(c.name for c in columns)}")
-    axes = [c for c in columns if (c.name == hints.time if hints.time is not None else is_time(c.name))]
+        raise RecordingError(
+            f"time: there is no column '{hints.time}'; there are"
+            f" {', '.join(c.name for c in columns)}"
+        )
+    axes = [
+        c for c in columns if (c.name == hints.time if hints.time is not None else is_time(c.name))
+    ]
     if not axes and hints.time is None:  # one whose unit alone says it, such as X_Value [s]
         axes = [c for c in columns if _runs_in_time(c)][:1]
     timed = {axis.values.size for axis in axes}
     spectral = [c for c in columns if c.values.size not in timed and _runs_over_spectra(c)]
-    elsewhere = _evenly_over(columns[0], hints) if len(columns) > 1 and not axes else ""
+    if len(columns) > 1 and not axes:
+        elsewhere = _evenly_over(columns[0], hints)
+    else:
+        elsewhere = ""
     found = []
     for column in columns:
         if any(column is axis for axis in (*axes, *spectral)):
@@ -378,7 +489,9 @@ def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
         if elsewhere and column is columns[0]:
             continue
         if elsewhere and column.time is None and column.axis is None:
-            column = replace(column, unfit=f"channel {column.name} is not a time history but {elsewhere}")
+            column = replace(
+                column, unfit=f"channel {column.name} is not a time history but {elsewhere}"
+            )
         over = next((a for a in spectral if a.values.size == column.values.size), None)
         if column.time is None and column.axis is None and over is not None:
             column = replace(column, unfit=_spectrum(column, over))
@@ -390,40 +503,66 @@ def _runs_in_time(column: Column) -> bool:
     """Whether a column is in a unit of time and rises throughout."""
     unit = column.unit or named_unit(column.name)[1]
     rises = column.values.size > 1 and bool(np.all(np.diff(column.values) > 0.0))
-    return rises and bool(unit) and seconds_per(unit) is not None and column.time is None and column.axis is None
+    return (
+        rises
+        and bool(unit)
+        and seconds_per(unit) is not None
+        and column.time is None
+        and column.axis is None
+    )
 
 
 def _runs_over_spectra(column: Column) -> bool:
-    """Whether a column is the axis of spectra: frequencies or orders in even steps, as no measurement has them."""
+    """Whether a column is the axis of spectra: frequencies or orders in even steps, as no
+    measurement has them.
+    """
     x = column.values
     if column.time is not None or column.axis is not None:
         return False
     unit = column.unit or named_unit(column.name)[1]
-    named = bool(_SPECTRAL.fullmatch(named_unit(column.name.rsplit(".", 1)[-1])[0].split(" ")[0].split("_")[0] or "-"))
-    if not (named or what_is_measured_in(unit).startswith("a frequency")) or x.size < 8 or not np.all(np.isfinite(x)):
+    named = bool(
+        _SPECTRAL.fullmatch(
+            named_unit(column.name.rsplit(".", 1)[-1])[0].split(" ")[0].split("_")[0] or "-"
+        )
+    )
+    if (
+        not (named or what_is_measured_in(unit).startswith("a frequency"))
+        or x.size < 8
+        or not np.all(np.isfinite(x))
+    ):
         return False
     steps = np.diff(x)
     return bool(np.all(steps > 0.0) and np.ptp(steps) < 0.05 * float(np.median(steps)))
 
 
 def _evenly_over(first: Column, hints: Hints) -> str:
-    """What the first column runs over evenly that is not time, and what to do; empty where it does not, or the rate is known."""
+    """What the first column runs over evenly that is not time, and what to do; empty where it does
+    not, or the rate is known.
+    """
     what = what_is_measured_in(first.unit or named_unit(first.name)[1])
     x = first.values
-    if not what or hints.sample_rate is not None or first.rates or x.size < 8 or not np.all(np.isfinite(x)):
+    if (
+        not what
+        or hints.sample_rate is not None
+        or first.rates
+        or x.size < 8
+        or not np.all(np.isfinite(x))
+    ):
         return ""
     steps = np.diff(x)
     if not np.all(steps > 0.0) or np.ptp(steps) > 1e-3 * float(np.median(steps)):
         return ""
     return (
-        f"given over {first.name}, {what} that rises evenly; export it over time, or, where its samples are evenly spaced in time,"
+        f"given over {first.name}, {what} that rises evenly; export it over time, or, where its"
+        " samples are evenly spaced in time,"
         " add their rate to the preparation file, such as sample_rate: 4096 Hz"
     )
 
 
 def _spectrum(column: Column, over: Column) -> str:
     return (
-        f"channel {column.name} is not a time history but given over {over.name}, which rises evenly as the axis of a spectrum"
+        f"channel {column.name} is not a time history but given over {over.name}, which rises"
+        " evenly as the axis of a spectrum"
         f" does; export the time history, or, if {over.name} is a channel, take it out of the file"
     )
 
@@ -435,8 +574,10 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
         return _rate_as_prepared(hints.sample_rate, stated, said)
     if not stated:
         raise RecordingError(
-            f"has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate in Hz: add to the"
-            " preparation file sample_rate: 4096 Hz, with your rate, or time: with the name of the column"
+            f"has neither a time axis (time, t) nor a rate (fs, sample_rate); give the sample rate"
+            " in Hz: add to the"
+            " preparation file sample_rate: 4096 Hz, with your rate, or time: with the name of the"
+            " column"
             f" that is the time axis; there are {column.name}",
             remedy="prepare",
         )
@@ -448,11 +589,14 @@ def _stated_rates(column: Column, hints: Hints, said: list[str]) -> dict[str, fl
     stated = dict(column.rates)
     for name, value in stated.items():
         if not 0.0 < value < math.inf:
-            raise RecordingError(f"{name} gives a sample rate of {value:g} Hz; it must be greater than 0 Hz and finite")
+            raise RecordingError(
+                f"{name} gives a sample rate of {value:g} Hz; it must be greater than 0 Hz and"
+                " finite"
+            )
     said += [
         f"{name} has no unit and is read in Hz: {value:g} Hz"
         for name, value in stated.items()
-        if value < SLOW and _RATES.fullmatch(name.rsplit(".", 1)[-1])
+        if value < SLOW_RATE and _RATES.fullmatch(name.rsplit(".", 1)[-1])
     ]
     if column.time is not None and not _is_index(_unit(column.time, hints)):
         stated |= _rate_of_axis(column.time, hints, said)
@@ -476,12 +620,17 @@ def _rate_as_prepared(given: float, stated: dict[str, float], said: list[str]) -
         return given
     if all(abs(1e3 * value / given - 1.0) <= SAME_RATE for value in values):
         said.append(
-            f"sample rate {given:g} Hz as the preparation says; the file says {_listed(stated)}, which is kilohertz"
+            f"sample rate {given:g} Hz as the preparation says; the file says {_listed(stated)},"
+            " which is kilohertz"
         )
     elif all(abs(value / given - 1.0) > SAME_RATE for value in values):
-        raise RecordingError(f"has a sample rate of {_listed(stated)}, but the preparation says {given:g} Hz")
+        raise RecordingError(
+            f"has a sample rate of {_listed(stated)}, but the preparation says {given:g} Hz"
+        )
     elif not _agreed(stated):
-        said.append(f"sample rate {given:g} Hz as the preparation says; the file says {_listed(stated)}")
+        said.append(
+            f"sample rate {given:g} Hz as the preparation says; the file says {_listed(stated)}"
+        )
     return given
 
 
@@ -490,16 +639,21 @@ def _rate_as_stated(column: Column, stated: dict[str, float], said: list[str]) -
     values = list(stated.values())
     if not _agreed(stated):
         raise RecordingError(
-            f"contradicts itself, its sample rate is {_listed(stated)}; add the right one to the preparation file,"
+            f"has contradictory sample rates: {_listed(stated)}; add the right one to the"
+            " preparation file,"
             f" such as sample_rate: {values[0]:.6g} Hz",
             remedy="prepare",
         )
     rate, note = snapped_rate(values[0])
     if not PLAUSIBLE[0] <= rate <= PLAUSIBLE[1]:
         runs = column.time or column.axis
-        axis = "time" if runs is None else in_yaml(runs.name)
+        if runs is None:
+            axis = "time"
+        else:
+            axis = yaml_quoted(runs.name)
         raise RecordingError(
-            f"has a sample rate of {_listed(stated)}; {PLAUSIBLE[0]:g} Hz to {1e-6 * PLAUSIBLE[1]:g} MHz is expected."
+            f"has a sample rate of {_listed(stated)}; {PLAUSIBLE[0]:g} Hz to"
+            f" {1e-6 * PLAUSIBLE[1]:g} MHz is expected."
             f" Add the right rate to the preparation file, such as sample_rate: 4096 Hz,"
             f" or the unit of the time axis, such as units: {{{axis}: ms}}",
             remedy="prepare",
@@ -517,7 +671,8 @@ def _rate_of_axis(time: Column, hints: Hints, said: list[str]) -> dict[str, floa
             raise
         rate, note = (
             given,
-            f"time axis {time.name} has too few digits; its samples are at {given:g} Hz as the preparation says",
+            f"time axis {time.name} has too few digits; its samples are at {given:g} Hz as the"
+            " preparation says",
         )
     said.append(note)
     if not _unit(time, hints):
@@ -533,10 +688,13 @@ def _rate_of_step(axis: Axis, hints: Hints, said: list[str]) -> dict[str, float]
     step = axis.step * _seconds(axis, hints)
     if step and not 0.0 < 1.0 / step < math.inf:
         raise RecordingError(
-            f"{axis.name} gives a sample rate of {1.0 / step:g} Hz; it must be greater than 0 Hz and finite"
+            f"{axis.name} gives a sample rate of {1.0 / step:g} Hz; it must be greater than 0 Hz"
+            " and finite"
         )
     if not step:
-        raise RecordingError(f"{axis.name} gives a sample rate of inf Hz; it must be greater than 0 Hz and finite")
+        raise RecordingError(
+            f"{axis.name} gives a sample rate of inf Hz; it must be greater than 0 Hz and finite"
+        )
     return {axis.name: 1.0 / step}
 
 

@@ -13,7 +13,9 @@ LARGEST_FILE = 1_000_000  # bytes of the largest scenario file that is read
 
 def catalog_names() -> tuple[str, ...]:
     """Names of the published scenarios."""
-    return tuple(name for name in _catalog_files() if name != "new" and not name.startswith(REFERENCE))
+    return tuple(
+        name for name in _catalog_files() if name != "new" and not name.startswith(REFERENCE)
+    )
 
 
 REFERENCE = "reference-"  # how names of catalog files begin that describe structures, not scenarios
@@ -52,25 +54,36 @@ def named_text(
     published: tuple[str, ...] | None = None,
     within: str = "",
 ) -> str:
-    """Text of what a user named: a ``published`` name of the catalog, ``within`` a folder of it, or one of the ``files``."""
-    names = catalog_names() if published is None else published
-    return catalog_text(f"{within}{name}") if name in names else read_text(files.path(name, names), kind, names)
+    """Text of what a user named: a ``published`` name of the catalog, ``within`` a folder of it, or
+    one of the ``files``.
+    """
+    if published is None:
+        names = catalog_names()
+    else:
+        names = published
+    if name in names:
+        return catalog_text(f"{within}{name}")
+    return read_text(files.path(name, names), kind, names)
 
 
 def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | None = None) -> str:
-    """Text of a file that a user named, which is to hold a ``kind``; ScenarioError if it is not one."""
+    """Text of a file that a user named, which is to hold a ``kind``; ScenarioError if it is not
+    one.
+    """
     names = ", ".join(catalog_names() if published is None else published)
     try:
         size = path.stat().st_size
         if path.is_dir():
             raise ScenarioError(
-                f"{path}: is a folder; a {kind} file{f' or one of {names}' if names else ''} is expected"
+                f"{path}: is a folder; a {kind} file{f' or one of {names}' if names else ''} is"
+                " expected"
             )
         if not path.is_file():
             raise ScenarioError(f"{path}: is not a regular file")
         if size > LARGEST_FILE:
             raise ScenarioError(
-                f"{path}: has {size / 1e6:.1f} MB; a {kind} file has at most {LARGEST_FILE / 1e6:.0f} MB"
+                f"{path}: has {size / 1e6:.1f} MB; a {kind} file has at most"
+                f" {LARGEST_FILE / 1e6:.0f} MB"
             )
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:

@@ -11,22 +11,29 @@ from typing import Any
 
 @contextmanager
 def new_netcdf(path: Path) -> Iterator[Any]:
-    """An ``h5netcdf.File`` to fill, written to ``path``; OSError, with its reason, where the disk did not take it whole."""
+    """An ``h5netcdf.File`` to fill, written to ``path``; OSError, with its reason, where the disk
+    did not take it whole.
+    """
     import h5netcdf
 
-    with _Kept(path, "wb+") as kept:
+    with _FailureRecordingFile(path, "wb+") as kept:
         try:
             with h5netcdf.File(kept, "w") as file:
                 yield file
-        except (OSError, RuntimeError):  # HDF5 misses what the disk did not take; the disk's own reason is the true one
+        except (
+            OSError,
+            RuntimeError,
+        ):  # HDF5 misses what the disk did not take; the disk's own reason is the true one
             if kept.failure is None:
                 raise
         if kept.failure is not None:
             raise kept.failure
 
 
-class _Kept(io.FileIO):
-    """A file that remembers its first failure to write and lets HDF5 finish: the library crashes if told while it closes."""
+class _FailureRecordingFile(io.FileIO):
+    """A file that remembers its first failure to write and lets HDF5 finish: the library crashes if
+    told while it closes.
+    """
 
     failure: OSError | None = None
 
@@ -48,4 +55,6 @@ class _Kept(io.FileIO):
             return super().truncate(size)
         except OSError as error:
             self.failure = self.failure or error
-            return self.tell() if size is None else size
+            if size is None:
+                return self.tell()
+            return size

@@ -1,4 +1,6 @@
-"""A scenario to start from: the commented file of the catalog, with what is known of a drive filled in."""
+"""A scenario to start from: the commented file of the catalog, with what is known of a drive filled
+in.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ import json
 import re
 from collections.abc import Mapping
 
-from microvib.io.data_sheet import REST, assumed, entries_of, read_sheet
+from microvib.io.data_sheet import EXAMPLE_SOURCE, assumed, entries_of, read_sheet
 from microvib.io.gears import Entry, find_gear
 from microvib.io.named import catalog_text
 from microvib.io.scenario_file import scenario_of
@@ -18,7 +20,9 @@ _ERROR, _HYSTERESIS = "reducer.transmission_error", "reducer.hysteresis"
 
 
 def gear_assumed(gear: str) -> dict[str, Entry]:
-    """What of the file with a gear of the catalog is assumed, dotted key to value and source. OptionError."""
+    """What of the file with a gear of the catalog is assumed, dotted key to value and source.
+    OptionError.
+    """
     found, ratio = find_gear(gear)
     return assumed(found.entries(ratio, _example().output_inertia))
 
@@ -26,8 +30,9 @@ def gear_assumed(gear: str) -> dict[str, Entry]:
 def new_text(gear: str | None = None, **sheet: str) -> str:
     """Text of a commented scenario file.
 
-    ``gear`` alone is one of the catalog, such as ``size 14 ratio 100``. Further entries of a data sheet, texts with units such as
-    ``holding_torque="0.5 N*m"``, make the file of that drive, in which all else is assumed: see ``DataSheet``. OptionError.
+    ``gear`` alone is one of the catalog, such as ``size 14 ratio 100``. Further entries of a data
+    sheet, texts with units such as ``holding_torque="0.5 N*m"``, make the file of that drive, in
+    which all else is assumed: see ``DataSheet``. OptionError.
     """
     if sheet:
         return sheet_text({**sheet, **({} if gear is None else {"gear": gear})})[0]
@@ -38,9 +43,11 @@ def new_text(gear: str | None = None, **sheet: str) -> str:
 
 
 def sheet_text(texts: dict[str, str]) -> tuple[str, dict[str, Entry]]:
-    """Text of the file of a data sheet's entries, as a user wrote them, and what of it is assumed. OptionError, ScenarioError."""
+    """Text of the file of a data sheet's entries, as a user wrote them, and what of it is assumed.
+    OptionError, ScenarioError.
+    """
     entries = entries_of(read_sheet(texts), _example().output_inertia)
-    text = filled(entries, REST)
+    text = filled(entries, EXAMPLE_SOURCE)
     scenario_of(parse_yaml(text, "new"), "data sheet")
     return text, assumed(entries)
 
@@ -48,7 +55,8 @@ def sheet_text(texts: dict[str, str]) -> tuple[str, dict[str, Entry]]:
 def new_scenario(gear: str | None = None, **sheet: str) -> Scenario:
     """The scenario that ``new_text`` is the file of.
 
-    ``new_scenario(gear="size 14 ratio 100")``, ``new_scenario(holding_torque="0.5 N*m", detent="5 percent", ratio="100")``.
+    ``new_scenario(gear="size 14 ratio 100")``, ``new_scenario(holding_torque="0.5 N*m", detent="5
+    percent", ratio="100")``.
     """
     return scenario_of(parse_yaml(new_text(gear, **sheet), "new"), "new")
 
@@ -58,7 +66,9 @@ def _example() -> Scenario:
 
 
 def filled(entries: Mapping[str, Entry], source: str = "") -> str:
-    """The commented file with ``entries``, dotted key to value and source, in place of its examples; ``source`` is of the rest."""
+    """The commented file with ``entries``, dotted key to value and source, in place of its
+    examples; ``source`` is of the rest.
+    """
     text = catalog_text("new")
     example = parse_yaml(text, "new")
     sources = {key: said for key, said in example["sources"].items() if key not in entries}
@@ -88,11 +98,17 @@ def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
     if hysteresis is not None and line.startswith("  # hysteresis:"):
         return f"  # hysteresis: {hysteresis.text}  # a maker's bound on the loss; without the first # it acts"
     found = _LINE.fullmatch(line)
-    entry = entries.get(f"{group}.{found['key']}") if found else None
+    if found:
+        entry = entries.get(f"{group}.{found['key']}")
+    else:
+        entry = None
     if found is None or entry is None or not entry.text:
         return line
     start, comment = found["start"], found["comment"] or ""
-    wide = found.start("comment") - len(start) if comment else 0
+    if comment:
+        wide = found.start("comment") - len(start)
+    else:
+        wide = 0
     return f"{start}{f'{entry.text} '.ljust(wide) if comment else entry.text}{comment}"
 
 

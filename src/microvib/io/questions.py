@@ -1,4 +1,6 @@
-"""What a data sheet may say: one list for the options of the command line, its questions, and the page's form."""
+"""What a data sheet may say: one list for the options of the command line, its questions, and the
+page's form.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +8,18 @@ from typing import NamedTuple
 
 
 class Question(NamedTuple):
-    """An entry of a data sheet: how its value is called in the help, what it is, and an example where its form is not evident."""
+    """An entry of a data sheet: how its value is called in the help, what it is, and an example
+    where its form is not evident.
+    """
 
     metavar: str
     words: str
     example: str = ""
 
     def __str__(self) -> str:
-        return f"{self.words}, e.g. '{self.example}'" if self.example else self.words
+        if self.example:
+            return f"{self.words}, e.g. '{self.example}'"
+        return self.words
 
 
 QUESTIONS = {
@@ -21,14 +27,20 @@ QUESTIONS = {
     "phases": Question("2|3|5", "Phases of the motor [usual: 2]"),
     "phases_on": Question("1|2|...", "Phases on at the holding torque [usual: 2 of two phases]"),
     "current": Question("CURRENT", "Current per phase at the holding torque", "0.6 A"),
-    "detent": Question("DETENT", "Detent torque, or its fraction of the holding torque", "5 percent"),
+    "detent": Question(
+        "DETENT", "Detent torque, or its fraction of the holding torque", "5 percent"
+    ),
     "step_angle": Question("ANGLE", "Full step at the output", "0.018 deg"),
     "ratio": Question("NUMBER", "Reduction ratio", "100"),
     "resistance": Question("RESISTANCE", "Resistance of one winding", "6 ohm"),
     "inductance": Question("INDUCTANCE", "Inductance of one winding", "13 mH"),
     "rotor_inertia": Question("INERTIA", "Moment of inertia of the rotor", "0.2 kg*cm^2"),
-    "drive": Question("current|voltage", "What the driver commands: current, or voltage without a current loop"),
+    "drive": Question(
+        "current|voltage", "What the driver commands: current, or voltage without a current loop"
+    ),
     "microsteps": Question("NUMBER", "Microsteps per full step", "16"),
-    "gear": Question("GEAR", "A harmonic gear of the catalog, planetary, or none", "size 14 ratio 100"),
+    "gear": Question(
+        "GEAR", "A harmonic gear of the catalog, planetary, or none", "size 14 ratio 100"
+    ),
 }
 """In the order in which it is asked for; the keys are those of ``io.data_sheet.DataSheet``."""

@@ -13,7 +13,7 @@ import numpy as np
 from microvib.errors import OutputError, ScenarioError, expect
 from microvib.io.csv_cells import csv_text
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
-from microvib.io.files import check_file, library, reading
+from microvib.io.files import as_read_errors, check_file, library
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.named import read_text
@@ -21,32 +21,42 @@ from microvib.io.tables import dict_rows
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.rigid import COMPONENTS
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Stage
 from microvib.testdata.time_axis import snapped_rate
-from microvib.units import Given, quantity
+from microvib.units import GivenQuantity, quantity
 
 LARGEST = 2_000_000_000  # bytes of the largest recording that is read
 
 
-def read_recording(path: Path | str, sample_rate: Given | None = None) -> Recording:
-    """Channels of a recording, in SI; the format follows from the file's ending. RecordingError says what is wrong.
+def read_recording(path: Path | str, sample_rate: GivenQuantity | None = None) -> Recording:
+    """Channels of a recording, in SI; the format follows from the file's ending. RecordingError
+    says what is wrong.
 
-    ``sample_rate``, such as ``"4096 Hz"``, is needed only where the file has no time axis, or contradicts itself.
+    ``sample_rate``, such as ``"4096 Hz"``, is needed only where the file has no time axis, or
+    contradicts itself.
     """
     expect(path, (str, Path), "the name of a file")
-    rate = None if sample_rate is None else quantity("sample_rate", sample_rate, "Hz", positive=True)
+    if sample_rate is None:
+        rate = None
+    else:
+        rate = quantity("sample_rate", sample_rate, "Hz", positive=True)
     return _read(Path(path), Hints(rate)).in_si()
 
 
 def _read(path: Path, hints: Hints) -> Recording:
     """Channels in the units of the file."""
-    with reading(path, RecordingError), np.errstate(all="ignore"):  # numbers are checked where they are looked at
+    with (
+        as_read_errors(path, RecordingError),
+        np.errstate(all="ignore"),
+    ):  # numbers are checked where they are looked at
         reader = READERS.get(path.suffix.lower())
         if reader is None:
-            raise RecordingError(f"'{path.suffix}' is not known; recordings are read from {', '.join(READERS)}")
+            raise RecordingError(
+                f"'{path.suffix}' is not known; recordings are read from {', '.join(READERS)}"
+            )
         check_file(path, LARGEST)
         return replace(reader(path, hints), title=str(path))
 
@@ -62,14 +72,21 @@ class Prepared:
 
 
 def load_preparation(path: Path | str) -> Preparation:
-    """How to prepare recordings, from a YAML file; files that it names are relative to it. ScenarioError if it is wrong."""
+    """How to prepare recordings, from a YAML file; files that it names are relative to it.
+    ScenarioError if it is wrong.
+    """
     path = Path(path)
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
-    preparation = validated(Preparation, data if data is not None else {}, origin=str(path))
+    preparation = validate_part(Preparation, data if data is not None else {}, origin=str(path))
     tables = [stage for stage in preparation.response if stage.file is not None]
     files = WORKING_FOLDER.beside(str(path))
-    chain = tuple(_with_table(stage, files) if stage in tables else stage for stage in preparation.response)
-    background = None if preparation.background is None else str(files.under("background").path(preparation.background))
+    chain = tuple(
+        _with_table(stage, files) if stage in tables else stage for stage in preparation.response
+    )
+    if preparation.background is None:
+        background = None
+    else:
+        background = str(files.under("background").path(preparation.background))
     return preparation.model_copy(update={"response": chain, "background": background})
 
 
@@ -77,28 +94,41 @@ def _with_table(stage: Stage, files: FileAccess) -> Stage:
     """A stage with the rows of its table; ScenarioError says which row is wrong."""
     path = files.under("response.file").path(stage.file)
     rows = []
-    for number, row in enumerate(dict_rows(path, [name for name, _ in _RESPONSE_COLUMNS], ScenarioError), 2):
+    for number, row in enumerate(
+        dict_rows(path, [name for name, _ in _RESPONSE_COLUMNS], ScenarioError), 2
+    ):
         try:
             values = tuple(float(row.get(name) or default) for name, default in _RESPONSE_COLUMNS)
         except ValueError:
             values = (math.nan,)
         if not all(map(math.isfinite, values)):
             raise ScenarioError(
-                f"{path}, row {number}: expected numbers in the columns frequency_hz, magnitude and, if known, phase_deg"
+                f"{path}, row {number}: expected numbers in the columns frequency_hz, magnitude"
+                " and, if known, phase_deg"
             )
         rows.append(values)
-    return validated(Stage, {"kind": "table", "file": str(stage.file), "rows": rows}, si=True, origin=str(path))
+    return validate_part(
+        Stage, {"kind": "table", "file": str(stage.file), "rows": rows}, si=True, origin=str(path)
+    )
 
 
 _RESPONSE_COLUMNS = (("frequency_hz", "nan"), ("magnitude", "nan"), ("phase_deg", "0"))
 
 
 def read_prepared(path: Path | str, preparation: Preparation | None = None) -> Prepared:
-    """A recording, and its background, after the steps of ``preparation``; RecordingError says what does not go."""
+    """A recording, and its background, after the steps of ``preparation``; RecordingError says what
+    does not go.
+    """
     if preparation is None:
         return Prepared(read_recording(path))
     wanted = frozenset(name.lstrip("-") for name in preparation.channels.values())
-    hints = Hints(preparation.sample_rate, preparation.time, preparation.units, preparation.sensitivity, wanted)
+    hints = Hints(
+        preparation.sample_rate,
+        preparation.time,
+        preparation.units,
+        preparation.sensitivity,
+        wanted,
+    )
     recording = preparation.apply(_read(Path(path), hints))
     if preparation.background is None:
         return Prepared(recording, response_known=bool(preparation.response))
@@ -113,9 +143,13 @@ def read_prepared(path: Path | str, preparation: Preparation | None = None) -> P
 
 
 def check_output(path: Path) -> None:
-    """RecordingError where a recording cannot be written to ``path``: kind not known, or a file there already."""
+    """RecordingError where a recording cannot be written to ``path``: kind not known, or a file
+    there already.
+    """
     if path.suffix.lower() not in WRITERS:
-        raise RecordingError(f"{path}: '{path.suffix}' is not known; recordings are written to {', '.join(WRITERS)}")
+        raise RecordingError(
+            f"{path}: '{path.suffix}' is not known; recordings are written to {', '.join(WRITERS)}"
+        )
     if path.exists():
         raise OutputError(f"{path}: already exists; nothing was written")
     if not path.absolute().parent.is_dir():
@@ -123,7 +157,9 @@ def check_output(path: Path) -> None:
 
 
 def write_recording(recording: Recording, path: Path | str) -> None:
-    """Write UFF 58 (binary), MATLAB v5 or CSV, by the file's ending; whole or not at all, and never over a file."""
+    """Write UFF 58 (binary), MATLAB v5 or CSV, by the file's ending; whole or not at all, and never
+    over a file.
+    """
     path = Path(path)
     check_output(path)
     write_file(path, partial(WRITERS[path.suffix.lower()], recording))
@@ -132,8 +168,11 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 def _write_uff(recording: Recording, path: Path) -> None:
     pyuff = library("pyuff")
     t = np.arange(recording.samples) / recording.sample_rate
-    # The step is written with six digits; where these do not give the rate back, each sample has its time.
-    even = snapped_rate(1.0 / float(f"{1.0 / recording.sample_rate:.5e}"))[0] == recording.sample_rate
+    # The step is written with six digits; where these do not give the rate back, each sample has
+    # its time.
+    even = (
+        snapped_rate(1.0 / float(f"{1.0 / recording.sample_rate:.5e}"))[0] == recording.sample_rate
+    )
     for name, x in recording.channels.items():
         data = {
             "type": 58, "binary": 1, "func_type": 1, "rsp_node": 1, "rsp_dir": 0, "ref_node": 0, "ref_dir": 0,
@@ -168,10 +207,21 @@ def _write_mat(recording: Recording, path: Path) -> None:
 def _write_csv(recording: Recording, path: Path) -> None:
     t = np.arange(recording.samples) / recording.sample_rate
     names = list(recording.channels)
-    header = csv_text([["time", *names], ["s", *(recording.units.get(n, "") or "-" for n in names)]]).rstrip("\n")
+    header = csv_text(
+        [["time", *names], ["s", *(recording.units.get(n, "") or "-" for n in names)]]
+    ).rstrip("\n")
     np.savetxt(
-        path, np.column_stack([t, *recording.channels.values()]), delimiter=",", header=header, comments="", fmt="%.12g"
+        path,
+        np.column_stack([t, *recording.channels.values()]),
+        delimiter=",",
+        header=header,
+        comments="",
+        fmt="%.12g",
     )
 
 
-WRITERS: dict[str, Callable[[Recording, Path], None]] = {".uff": _write_uff, ".mat": _write_mat, ".csv": _write_csv}
+WRITERS: dict[str, Callable[[Recording, Path], None]] = {
+    ".uff": _write_uff,
+    ".mat": _write_mat,
+    ".csv": _write_csv,
+}

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError, expect_path
-from microvib.io.csv_cells import unguarded
+from microvib.io.csv_cells import unescape_formula
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
-from microvib.signals.line_table import Line, LineTable, Rest, SeedLine
+from microvib.signals.line_table import Line, LineTable, ResidualPeaks, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
@@ -44,7 +44,9 @@ class Run:
 
 
 def write_motion(motion: Motion, path: Path) -> None:
-    """NetCDF 4 file of a motion (HDF5; read by xarray, MATLAB, Octave), with unit and meaning on every variable."""
+    """NetCDF 4 file of a motion (HDF5; read by xarray, MATLAB, Octave), with unit and meaning on
+    every variable.
+    """
     with new_netcdf(path) as f:
         f.dimensions = {"time": motion.time.size}
         if any(v.ndim == 2 for v in motion.channels.values()):
@@ -67,7 +69,14 @@ def _variable(f: Any, channel: Channel, values: Any) -> None:
 
 def lines_csv(table: LineTable) -> str:
     """CSV text of a table of lines, one row each; what could not be estimated is left empty."""
-    figures = ("expected_hz", "frequency_hz", "amplitude_n_m", "phase_rad", "bin_frequency_hz", "bin_amplitude_n_m")
+    figures = (
+        "expected_hz",
+        "frequency_hz",
+        "amplitude_n_m",
+        "phase_rad",
+        "bin_frequency_hz",
+        "bin_amplitude_n_m",
+    )
     first = ("line", *figures)
     names = [*first, *(f.name for f in fields(Line) if f.name not in first)]
     return rows_csv(names, ([getattr(line, name) for name in names] for line in table))
@@ -85,9 +94,15 @@ def scenario_hash(scenario: Scenario) -> str:
 
 
 def summary(
-    scenario: Scenario, invariants: Invariants, solver: dict[str, Any], table: LineTable, **timings: float
+    scenario: Scenario,
+    invariants: Invariants,
+    solver: dict[str, Any],
+    table: LineTable,
+    **timings: float,
 ) -> dict[str, Any]:
-    """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the coupled drive."""
+    """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the
+    coupled drive.
+    """
     rest = table.rest  # the highest peaks that no line accounts for
     left = rest and {
         "frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist(), "slow_n_m": rest.slow,
@@ -111,7 +126,9 @@ def summary(
 
 
 def numerics(invariants: Invariants, solver: dict[str, Any]) -> dict[str, Any]:
-    """What ``summary.json`` says of how one drive was solved; of the second wing's under SECOND_DRIVE."""
+    """What ``summary.json`` says of how one drive was solved; of the second wing's under
+    SECOND_DRIVE.
+    """
     return {"invariants": asdict(invariants), "solver": solver}
 
 
@@ -119,16 +136,22 @@ Numerics = tuple[Invariants, dict[str, Any]]
 
 
 def _numerics(said: dict[str, Any]) -> Numerics:
-    return Invariants(**{k: math.nan if x is None else float(x) for k, x in said["invariants"].items()}), said["solver"]
+    return Invariants(
+        **{k: math.nan if x is None else float(x) for k, x in said["invariants"].items()}
+    ), said["solver"]
 
 
 def read_run(folder: Path | str) -> Run:
-    """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been changed since."""
+    """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been
+    changed since.
+    """
     expect_path(folder)
     folder = Path(folder)
     missing = [name for name in _NEEDED if not (folder / name).is_file()]
     if missing:
-        raise MicrovibError(f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected")
+        raise MicrovibError(
+            f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected"
+        )
     with _expected(folder / "summary.json", "a summary of a run of this version") as path:
         said = json.loads(path.read_text(encoding="utf-8"))
         first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
@@ -137,7 +160,8 @@ def read_run(folder: Path | str) -> Run:
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(
-            f"{written}: was changed since the run; run it again: microvib run {shlex.quote(str(written))}"
+            f"{written}: was changed since the run; run it again: microvib run"
+            f" {shlex.quote(str(written))}"
         )
     scenario = load_scenario(written)
     motion = _motion(folder / "motion.nc", scenario, first)
@@ -156,10 +180,10 @@ def read_run(folder: Path | str) -> Run:
     return Run(motion, table, versions, limit)
 
 
-def _rest(left: dict[str, Any]) -> Rest:
+def _rest(left: dict[str, Any]) -> ResidualPeaks:
     """What ``summary.json`` says of the peaks that no line accounts for."""
     frequency, amplitude = (np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))
-    return Rest(frequency, amplitude, slow=left.get("slow_n_m", 0.0))
+    return ResidualPeaks(frequency, amplitude, slow=left.get("slow_n_m", 0.0))
 
 
 def _motion(path: Path, scenario: Scenario, how: Numerics) -> Motion:
@@ -192,7 +216,10 @@ def _lines(path: Path) -> tuple[Line, ...]:
 
 
 def _seeds(path: Path) -> tuple[SeedLine, ...]:
-    rows = _rows(path, SeedLine) if path.is_file() else []
+    if path.is_file():
+        rows = _rows(path, SeedLine)
+    else:
+        rows = []
     return tuple(SeedLine(**{**row, "draws": int(row["draws"])}) for row in rows)
 
 
@@ -201,6 +228,9 @@ def _rows(path: Path, of: type) -> list[dict[str, Any]]:
     texts = {field.name for field in fields(of) if field.type == "str"}
     with path.open(encoding="utf-8", newline="") as stream:
         return [
-            {key: unguarded(text) if key in texts else float(text or math.nan) for key, text in row.items()}
+            {
+                key: unescape_formula(text) if key in texts else float(text or math.nan)
+                for key, text in row.items()
+            }
             for row in csv.DictReader(stream)
         ]

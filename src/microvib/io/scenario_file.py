@@ -13,24 +13,30 @@ from microvib.io.array_files import ARRAY_ORIGINS, with_array
 from microvib.io.file_access import NO_FILES, WORKING_FOLDER, FileAccess
 from microvib.io.named import bench_names, catalog_names, catalog_text, named_text, read_text
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.part import Part, plain
-from microvib.model.scenario import BY_USER, Scenario, expect_scenario, set_key
-from microvib.model.sentences import validated
+from microvib.model.part import Part, to_plain_data
+from microvib.model.scenario import USER_SOURCE, Scenario, expect_scenario, set_key
+from microvib.model.sentences import validate_part
 from microvib.testdata.bench import Bench
 
 
 def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> Scenario:
     """A scenario from a catalog name or a YAML file, with dotted keys changed on the way.
 
-    Values of ``changes`` are as in the file: text with a unit, numbers where there is no unit. Raises ScenarioError with one
-    sentence per problem.
+    Values of ``changes`` are as in the file: text with a unit, numbers where there is no unit.
+    Raises ScenarioError with one sentence per problem.
     """
     expect(source, (str, Path), "a name of the catalog, or that of a file")
-    expect(changes, (dict, type(None)), "keys with their values, such as {'tracking.rate': '0.05 deg/s'}")
+    expect(
+        changes,
+        (dict, type(None)),
+        "keys with their values, such as {'tracking.rate': '0.05 deg/s'}",
+    )
     name = str(source)
     if name in catalog_names():
         return scenario_of(copy.deepcopy(_catalog_data(name)), name, changes, WORKING_FOLDER)
-    return scenario_of(parse_yaml(read_text(Path(name)), name), name, changes, WORKING_FOLDER.beside(name))
+    return scenario_of(
+        parse_yaml(read_text(Path(name)), name), name, changes, WORKING_FOLDER.beside(name)
+    )
 
 
 @cache
@@ -39,44 +45,64 @@ def _catalog_data(name: str) -> Any:
     return parse_yaml(catalog_text(name), name)
 
 
-def scenario_of(data: Any, name: str, changes: dict[str, Any] | None = None, files: FileAccess = NO_FILES) -> Scenario:
-    """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it; ``data`` is changed.
+def scenario_of(
+    data: Any, name: str, changes: dict[str, Any] | None = None, files: FileAccess = NO_FILES
+) -> Scenario:
+    """A scenario from the data of a scenario file called ``name``, as ``load_scenario`` makes it;
+    ``data`` is changed.
 
-    What it names is taken from ``files``, what ``changes`` name from the working folder, unless no files may be opened.
+    What it names is taken from ``files``, what ``changes`` name from the working folder, unless no
+    files may be opened.
     """
     if isinstance(data, dict):
         data = with_files(data, files, name)
     if not changes or not isinstance(data, dict):
-        return validated(Scenario, data, origin=name)
-    before = validated(Scenario, data, origin=name) if "sources" in data else None
+        return validate_part(Scenario, data, origin=name)
+    if "sources" in data:
+        before = validate_part(Scenario, data, origin=name)
+    else:
+        before = None
     other = any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes)
     if other:
         data["array"] = {}  # another array, not a changed one
     for key, value in changes.items():
-        set_key(data, key, plain(value))  # a copy, for later keys may change what is inside
+        set_key(data, key, to_plain_data(value))  # a copy, for later keys may change what is inside
     data = with_files(data, files.in_working_folder(), name)
     if other and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
-    after = validated(Scenario, {**data, "sources": data.get("sources") if "sources" in changes else {}}, origin=name)
+    after = validate_part(
+        Scenario,
+        {**data, "sources": data.get("sources") if "sources" in changes else {}},
+        origin=name,
+    )
     if "sources" in changes:
         return after
     told = {} if before is None else before.sources
     kept = {key: text for key, text in told.items() if not (other and key.split(".")[0] == "array")}
-    own = {"array": data["sources"]["array"]} if other else {}
+    if other:
+        own = {"array": data["sources"]["array"]}
+    else:
+        own = {}
     # A value that was changed no longer comes from the file's source.
     set_here = [key for key in changes if key.split(".")[0] not in ("source", "sources", "title")]
-    return after.with_sources(kept | dict.fromkeys(set_here, BY_USER) | own)
+    return after.with_sources(kept | dict.fromkeys(set_here, USER_SOURCE) | own)
 
 
 def load_bench(source: str | Path) -> Bench:
-    """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per problem."""
+    """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per
+    problem.
+    """
     name = str(source)
-    text = named_text(name, WORKING_FOLDER, kind="bench", published=bench_names(), within="benches/")
-    return validated(Bench, parse_yaml(text, name), origin=name)
+    text = named_text(
+        name, WORKING_FOLDER, kind="bench", published=bench_names(), within="benches/"
+    )
+    return validate_part(Bench, parse_yaml(text, name), origin=name)
 
 
 def with_files(data: dict[str, Any], files: FileAccess, origin: str) -> dict[str, Any]:
-    """Scenario data with what files hold in place of their names: ``with_array``, ``with_spacecraft``, and ``TABLES``."""
+    """Scenario data with what files hold in place of their names: ``with_array``,
+    ``with_spacecraft``, and ``TABLES``.
+    """
     data = with_array(data, files, origin)
     if isinstance(data.get("spacecraft"), dict):
         from microvib.io.spacecraft_files import with_spacecraft
@@ -86,7 +112,10 @@ def with_files(data: dict[str, Any], files: FileAccess, origin: str) -> dict[str
         with error_context(origin):
             data = _with_table(data, key, files.under(key).path(name))
         given = data.get("sources")
-        sources = {key: name, **given} if isinstance(given, dict) else given or {key: name}
+        if isinstance(given, dict):
+            sources = {key: name, **given}
+        else:
+            sources = given or {key: name}
         data = {**data, "sources": sources}
     return data
 
@@ -108,7 +137,10 @@ def named_tables(data: Any) -> dict[str, str]:
     for key in TABLES:
         node = data
         for part in key.split("."):
-            node = node.get(part) if isinstance(node, dict) else None
+            if isinstance(node, dict):
+                node = node.get(part)
+            else:
+                node = None
         if isinstance(node, str):
             named[key] = node
     return named
@@ -119,9 +151,14 @@ def _with_table(data: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     from microvib.io.current_table import read_current_table
     from microvib.io.row_table import read_row_table
 
-    table: Any = read_row_table(path, *TABLES[key]) if TABLES[key] else read_current_table(path)
+    if TABLES[key]:
+        table: Any = read_row_table(path, *TABLES[key])
+    else:
+        table = read_current_table(path)
     if any(name == "density" for name, _ in TABLES[key]):
-        table = [row for row in table if row[0] != 0.0]  # a density at 0 is nothing that turns or varies
+        table = [
+            row for row in table if row[0] != 0.0
+        ]  # a density at 0 is nothing that turns or varies
     first, *rest = key.split(".")
     changed = copy.deepcopy(data[first])
     set_key(changed, ".".join(rest), table)
@@ -134,7 +171,9 @@ def parse_value(text: str) -> Any:
         value = parse_yaml(text, "value")
     except ScenarioError:
         return text
-    return text if value is None and text.strip() not in ("null", "~", "") else value
+    if value is None and text.strip() not in ("null", "~", ""):
+        return text
+    return value
 
 
 def dump_part(part: Part) -> str:
@@ -145,7 +184,7 @@ def dump_part(part: Part) -> str:
     yaml.default_flow_style = False
     yaml.width = 4096
     stream = io.StringIO()
-    yaml.dump(plain(part, text=True), stream)
+    yaml.dump(to_plain_data(part, text=True), stream)
     return stream.getvalue()
 
 

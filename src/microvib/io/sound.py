@@ -1,4 +1,6 @@
-"""Sound files (.wav) of data recorders: samples as parts of full scale, which the preparation gives a size."""
+"""Sound files (.wav) of data recorders: samples as parts of full scale, which the preparation gives
+a size.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from microvib.testdata.recording import Recording, RecordingError
 
 
 def read_sound(path: Path, hints: Hints) -> Recording:
-    """Channels ``channel 1``, ``channel 2`` and so on; full scale is 1, whatever the kind of numbers."""
+    """Channels ``channel 1``, ``channel 2`` and so on; full scale is 1, whatever the kind of
+    numbers.
+    """
     from scipy.io import wavfile
 
     with warnings.catch_warnings():

@@ -1,4 +1,6 @@
-"""The one door from a name to what it stands for: a scenario, a run's folder, a recording, a table of lines, the paper's lines."""
+"""The one door from a name to what it stands for: a scenario, a run's folder, a recording, a table
+of lines, the paper's lines.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from microvib.testdata.recording import Recording
 
 @dataclass(frozen=True)
 class RunFolder:
-    """What a run's folder holds, None where that is not there; also of another version, or put together by hand."""
+    """What a run's folder holds, None where that is not there; also of another version, or put
+    together by hand.
+    """
 
     path: Path
     scenario: Scenario | None
@@ -34,9 +38,10 @@ Source = Scenario | RunFolder | Prepared | LineTable | PaperLines
 def open_source(name: str, preparation: Preparation | None = None) -> Source:
     """The object that ``name`` stands for; a recording is prepared as ``preparation`` says.
 
-    A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a recording by its ending, a CSV file
-    whose first column is ``line`` a table of lines; ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's.
-    MicrovibError where it is none of them, or cannot be read.
+    A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a
+    recording by its ending, a CSV file whose first column is ``line`` a table of lines;
+    ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's. MicrovibError where it
+    is none of them, or cannot be read.
     """
     expect(name, str, "the name of a scenario, a run, a recording or a table")
     path = Path(name)
@@ -53,7 +58,8 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
     if path.suffix.lower() in READERS:
         return read_prepared(path, preparation)
     raise MicrovibError(
-        f"{name}: is not known; expected a scenario (of the catalog, or .yaml), the folder of a run, a recording"
+        f"{name}: is not known; expected a scenario (of the catalog, or .yaml), the folder of a"
+        " run, a recording"
         f" ({', '.join(READERS)}), a table of lines (.csv), paper-test or paper-simulation"
     )
 
@@ -61,7 +67,9 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
 def _folder(path: Path) -> RunFolder:
     scenario, lines, motion = (path / name for name in ("scenario.yaml", "lines.csv", "motion.nc"))
     if not lines.is_file() and not motion.is_file():
-        raise MicrovibError(f"{path}: is not the folder of a run; it has neither lines.csv nor motion.nc")
+        raise MicrovibError(
+            f"{path}: is not the folder of a run; it has neither lines.csv nor motion.nc"
+        )
     return RunFolder(
         path,
         load_scenario(scenario) if scenario.is_file() else None,

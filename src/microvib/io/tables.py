@@ -1,4 +1,6 @@
-"""Tables: CSV and JSON of results, the versions behind them; tables of lines and those of the paper, read."""
+"""Tables: CSV and JSON of results, the versions behind them; tables of lines and those of the
+paper, read.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
-from microvib.errors import MicrovibError, did_you_mean, shown
-from microvib.io.csv_cells import csv_text, unguarded
-from microvib.io.files import check_file, reading
+from microvib.errors import MicrovibError, did_you_mean, quoted_value
+from microvib.io.csv_cells import csv_text, unescape_formula
+from microvib.io.files import as_read_errors, check_file
 from microvib.signals.line_table import Line, LineTable
 
 _COMMA, _POINT = (re.compile(rf"\s*[+-]?\d*{mark}\d+([eE][+-]?\d+)?\s*") for mark in (",", r"\."))
@@ -44,7 +46,9 @@ def tables_csv(tables: Mapping[str, tuple[str, Iterable[Sequence[Any]]]]) -> dic
 
 def _cell(value: Any) -> str:
     if isinstance(value, float):
-        return "" if math.isnan(value) else f"{value:.9g}"
+        if math.isnan(value):
+            return ""
+        return f"{value:.9g}"
     return str(value)
 
 
@@ -59,15 +63,18 @@ def _finite(data: Any) -> Any:
     if isinstance(data, (list, tuple)):
         return [_finite(value) for value in data]
     if isinstance(data, float):
-        return float(data) if math.isfinite(data) else None
+        if math.isfinite(data):
+            return float(data)
+        return None
     return data
 
 
 def plain_lines(text: str) -> list[str]:
-    """Lines of a table as text, separated by commas and with decimal points, however it came from a spreadsheet.
+    """Lines of a table as text, separated by commas and with decimal points, however it came from a
+    spreadsheet.
 
-    Where its columns are parted by semicolons or tabs, numbers may have decimal commas; not where another has a point, for then a
-    comma may part thousands.
+    Where its columns are parted by semicolons or tabs, numbers may have decimal commas; not where
+    another has a point, for then a comma may part thousands.
     """
     lines = text.removeprefix("\ufeff").splitlines()
     head = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -76,7 +83,10 @@ def plain_lines(text: str) -> list[str]:
         return lines
     rows = list(csv.reader(lines, delimiter=separator))
     if not any(_POINT.fullmatch(cell) for row in rows for cell in row):
-        rows = [[cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row] for row in rows]
+        rows = [
+            [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row]
+            for row in rows
+        ]
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerows(rows)
     return stream.getvalue().splitlines()
@@ -84,7 +94,7 @@ def plain_lines(text: str) -> list[str]:
 
 @contextmanager
 def _table_at(path: Path, kind: type[MicrovibError]) -> Iterator[list[str]]:
-    with reading(path, kind):
+    with as_read_errors(path, kind):
         check_file(path, LARGEST)
         try:
             yield plain_lines(path.read_text(encoding="utf-8"))
@@ -100,7 +110,7 @@ def csv_rows(path: Path, kind: type[MicrovibError]) -> list[list[str]]:
 
 def _cells(lines: Iterable[str]) -> list[list[str]]:
     """Cells of a table by rows, as they were before they were guarded against spreadsheets."""
-    return [[unguarded(cell) for cell in row] for row in csv.reader(lines)]
+    return [[unescape_formula(cell) for cell in row] for row in csv.reader(lines)]
 
 
 def dict_rows(
@@ -135,12 +145,21 @@ def dict_rows(
         head, *rows = _cells(lines) or [[]]
         columns = [names.get(name.strip().lower(), name.strip()) for name in head]
         rows = [row for row in rows if row]
-        while columns and not columns[-1] and not any("".join(row[len(columns) - 1 :]).strip() for row in rows):
+        while (
+            columns
+            and not columns[-1]
+            and not any("".join(row[len(columns) - 1 :]).strip() for row in rows)
+        ):
             columns.pop()  # spreadsheets leave empty columns behind
-        _check_columns(path, columns if rows else [], names, kind, what, needed=needed, ignored=ignored)
+        _check_columns(
+            path, columns if rows else [], names, kind, what, needed=needed, ignored=ignored
+        )
         for k, row in enumerate(rows, 2):
             if any(cell.strip() for cell in row[len(columns) :]):
-                raise kind(f"{path}, row {k}: has {len(row)} cells, and the first line names {len(columns)} columns")
+                raise kind(
+                    f"{path}, row {k}: has {len(row)} cells, and the first line names"
+                    f" {len(columns)} columns"
+                )
     return [dict(zip(columns, [*row, *[""] * len(columns)], strict=False)) for row in rows]
 
 
@@ -148,16 +167,25 @@ def _check_columns(
     path: Path, columns: Sequence[str], names: Mapping[str, str], kind: type[MicrovibError], what: str,
     *, needed: Sequence[str], ignored: str,
 ) -> None:  # fmt: skip
-    """Refuse a table that lacks ``needed`` columns, or has others than those with these ``names``, or one twice."""
+    """Refuse a table that lacks ``needed`` columns, or has others than those with these ``names``,
+    or one twice.
+    """
     for name in needed:
         if name not in columns:
             raise kind(
-                f"{path}: is not a table of {what}: a header with {', '.join(needed)} is expected; {name} is missing"
+                f"{path}: is not a table of {what}: a header with {', '.join(needed)} is expected;"
+                f" {name} is missing"
             )
     for name in columns:
         if name not in names.values() and not re.fullmatch(ignored, name):
-            none = f"is not a table of {what}: " if what else ""
-            raise kind(f"{path}: {none}column {shown(name)} is not known; {_proposal(name, names.values())}")
+            if what:
+                none = f"is not a table of {what}: "
+            else:
+                none = ""
+            raise kind(
+                f"{path}: {none}column {quoted_value(name)} is not known;"
+                f" {_proposal(name, names.values())}"
+            )
         if columns.count(name) > 1:
             raise kind(f"{path}: column '{name}' is there twice; leave one of them out")
 
@@ -169,14 +197,23 @@ def _proposal(name: str, known: Iterable[str]) -> str:
 
 
 def named_rows(
-    path: Path, columns: Sequence[str], what: str, kind: type[MicrovibError], *, also: Sequence[str] = ()
+    path: Path,
+    columns: Sequence[str],
+    what: str,
+    kind: type[MicrovibError],
+    *,
+    also: Sequence[str] = (),
 ) -> list[dict[str, str]]:
-    """Rows of a CSV file with these columns, and perhaps those of ``also``; an error of this ``kind`` where it is none."""
+    """Rows of a CSV file with these columns, and perhaps those of ``also``; an error of this
+    ``kind`` where it is none.
+    """
     return dict_rows(path, (*columns, *also), kind, what=what, needed=columns)
 
 
-def finite(where: str, text: str | None, kind: type[MicrovibError] = MicrovibError) -> float:
-    """The number that a cell of a table holds; an error of this ``kind`` where it is none, or not finite."""
+def parse_finite(where: str, text: str | None, kind: type[MicrovibError] = MicrovibError) -> float:
+    """The number that a cell of a table holds; an error of this ``kind`` where it is none, or not
+    finite.
+    """
     try:
         value = float(text or "")
     except ValueError:
@@ -200,7 +237,12 @@ def _version_of(name: str) -> str:
         return "unknown"
 
 
-PAPER_LINES = {"natural": "array_mode_1", "driving": "drive_1", "driving_2": "drive_2", "driving_3": "drive_3"}
+PAPER_LINES = {
+    "natural": "array_mode_1",
+    "driving": "drive_1",
+    "driving_2": "drive_2",
+    "driving_3": "drive_3",
+}
 """Our names of the lines of Tables 5 and 6."""
 
 
@@ -212,8 +254,16 @@ def read_table(name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-_FIGURES = ("frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m", "bin_frequency_hz", "bin_amplitude_n_m")
-_UNKNOWN: dict[str, Any] = {field.name: "" if field.type == "str" else math.nan for field in fields(Line)}
+_FIGURES = (
+    "frequency_hz",
+    "amplitude_n_m",
+    "amplitude_uncertainty_n_m",
+    "bin_frequency_hz",
+    "bin_amplitude_n_m",
+)
+_UNKNOWN: dict[str, Any] = {
+    field.name: "" if field.type == "str" else math.nan for field in fields(Line)
+}
 
 
 @dataclass(frozen=True)
@@ -235,19 +285,29 @@ def is_line_table(path: Path) -> bool:
 
 
 def read_lines(path: Path) -> LineTable:
-    """Frequencies, amplitudes and status of a table of lines by name, empty or nan where they are; nothing else is read.
+    """Frequencies, amplitudes and status of a table of lines by name, empty or nan where they are;
+    nothing else is read.
 
-    MicrovibError names a column that is not known, and the row where one is not a number, or not finite.
+    MicrovibError names a column that is not known, and the row where one is not a number, or not
+    finite.
     """
     rows = dict_rows(path, [field.name for field in fields(Line)], what="lines")
-    return _table([(row.get("line") or "", _figures(f"{path}, row {k}", row)) for k, row in enumerate(rows, 2)])
+    return _table(
+        [
+            (row.get("line") or "", _figures(f"{path}, row {k}", row))
+            for k, row in enumerate(rows, 2)
+        ]
+    )
 
 
 def paper_lines(column: Literal["test", "simulation"]) -> PaperLines:
     """A column of Tables 5 and 6."""
     hz = {row["line"]: float(row[f"{column}_hz"]) for row in read_table("table5_line_frequencies")}
     rows = [
-        (PAPER_LINES[name], {"bin_frequency_hz": hz[name], "bin_amplitude_n_m": float(row[f"{column}_n_m"])})
+        (
+            PAPER_LINES[name],
+            {"bin_frequency_hz": hz[name], "bin_amplitude_n_m": float(row[f"{column}_n_m"])},
+        )
         for row in read_table("table6_line_amplitudes")
         for name in [row["line"]]
     ]
@@ -263,5 +323,8 @@ def _figures(where: str, row: Mapping[str, str | None]) -> dict[str, Any]:
     found: dict[str, Any] = {"status": (row.get("status") or "").strip()}
     for column in _FIGURES:
         text = (row.get(column) or "").strip()
-        found[column] = finite(f"{where}: {column}", text) if text else math.nan
+        if text:
+            found[column] = parse_finite(f"{where}: {column}", text)
+        else:
+            found[column] = math.nan
     return found

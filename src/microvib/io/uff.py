@@ -26,7 +26,8 @@ _AXES = {18: "Hz", 19: "rpm", 20: "orders"}
 """Units of the kinds of abscissae that are not time, where the file names none."""
 _DIRECTIONS = {0: "", 1: "X", 2: "Y", 3: "Z", 4: "RX", 5: "RY", 6: "RZ"}
 _NUMBER = re.compile(
-    rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+|[+-]\d{3}(?!\d|\.))?|[+-]?(?:nan|inf\w*)", re.IGNORECASE
+    rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+|[+-]\d{3}(?!\d|\.))?|[+-]?(?:nan|inf\w*)",
+    re.IGNORECASE,
 )
 
 
@@ -53,7 +54,9 @@ class _Dataset:
 
 
 def read_uff(path: Path, hints: Hints) -> Recording:
-    """Channels of the time histories among the datasets 58 of a file; RecordingError where there is none, or one is broken."""
+    """Channels of the time histories among the datasets 58 of a file; RecordingError where there is
+    none, or one is broken.
+    """
     data = path.read_bytes()
     if not data.rstrip().endswith(_DELIMITER):
         raise RecordingError("is truncated, or no UFF; its last dataset does not end with -1")
@@ -61,7 +64,8 @@ def read_uff(path: Path, hints: Hints) -> Recording:
     if not sets:
         kinds = sorted({int(number) for number in _KINDS.findall(data)})
         raise RecordingError(
-            f"has no dataset 58, which holds recordings; it has {', '.join(map(str, kinds[:12])) or 'none'}; export the time"
+            "has no dataset 58, which holds recordings; it has"
+            f" {', '.join(map(str, kinds[:12])) or 'none'}; export the time"
             " histories, too"
         )
     names = _names(sets)
@@ -70,12 +74,19 @@ def read_uff(path: Path, hints: Hints) -> Recording:
         for name, s in zip(names, sets, strict=True)
         if s.response[2] < 0
     ]
-    turn = ["a minus sign in the preparation's channels turns it round"] if against else []
-    return recording_of([_column(s, name) for s, name in zip(sets, names, strict=True)], hints, [*against, *turn])
+    if against:
+        turn = ["a minus sign in the preparation's channels turns it round"]
+    else:
+        turn = []
+    return recording_of(
+        [_column(s, name) for s, name in zip(sets, names, strict=True)], hints, [*against, *turn]
+    )
 
 
 def _names(sets: list[_Dataset]) -> list[str]:
-    """Names of the channels: their first lines where these tell them apart, else with node and direction, as 7:+Z."""
+    """Names of the channels: their first lines where these tell them apart, else with node and
+    direction, as 7:+Z.
+    """
     labels = ["" if s.label.upper() == "NONE" else s.label for s in sets]
     places = [_place(s) for s in sets]
     found = []
@@ -88,10 +99,19 @@ def _names(sets: list[_Dataset]) -> list[str]:
 def _place(s: _Dataset) -> str:
     name, node, direction = s.response
     if not node and not direction:
-        return "" if name.upper() == "NONE" else name
-    sign = "" if not direction else "-" if direction < 0 else "+"
+        if name.upper() == "NONE":
+            return ""
+        return name
+    if not direction:
+        sign = ""
+    elif direction < 0:
+        sign = "-"
+    else:
+        sign = "+"
     where = f"{node}:{sign}{_DIRECTIONS.get(abs(direction), abs(direction))}".rstrip(":")
-    return where if name.upper() in ("", "NONE") else f"{name}:{where}"
+    if name.upper() in ("", "NONE"):
+        return where
+    return f"{name}:{where}"
 
 
 def _column(s: _Dataset, name: str) -> Column:
@@ -102,7 +122,10 @@ def _column(s: _Dataset, name: str) -> Column:
     if what or (kind not in (_TIME, *_UNKNOWN) and kind not in _AXES):
         what = what or "a function of something else than time"
         unfit = f"channel {name} is not a time history but {what}; export the time history"
-    values = s.values[: s.points] if s.even else s.values[1::2][: s.points]
+    if s.even:
+        values = s.values[: s.points]
+    else:
+        values = s.values[1::2][: s.points]
     if unfit:
         return Column(name, np.real(values), s.unit, unfit=unfit)
     if s.even:
@@ -126,7 +149,11 @@ def _datasets(data: bytes) -> Iterator[_Dataset]:
         header: list[str] = []
         for _ in range(_HEADER_LINES):
             text, after = _line(data, after)
-            header.append(text.decode("utf-8", "replace") if _is_utf8(text) else text.decode("cp1252", "replace"))
+            header.append(
+                text.decode("utf-8", "replace")
+                if _is_utf8(text)
+                else text.decode("cp1252", "replace")
+            )
         try:
             found, at = _dataset(data, line, header, after)
         except (ValueError, IndexError) as error:
@@ -158,12 +185,16 @@ _DELIMITERS = re.compile(rb"(?:^|(?<=[\r\n])) {4}-1 *(?:\r\n|\r|\n|$)")
 def _after_delimiter(data: bytes, at: int) -> int:
     """Where the next line after a delimiter begins; -1 without one."""
     found = _DELIMITERS.search(data, at)
-    return -1 if found is None else found.end()
+    if found is None:
+        return -1
+    return found.end()
 
 
 def _field(text: str, first: int, size: int, kind: type = int) -> float:
     own = text[first : first + size].strip()
-    return kind(own.replace("D", "E").replace("d", "e")) if own else kind(0)
+    if own:
+        return kind(own.replace("D", "E").replace("d", "e"))
+    return kind(0)
 
 
 def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dataset, int]:
@@ -172,12 +203,15 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
     (kind, points, spacing), (start, step) = _data_form(form)
     if kind not in (2, 4, 5, 6):
         raise RecordingError(
-            f"channel {header[0].strip()} is broken; its data have the kind {kind}, and 2, 4, 5 or 6 is expected"
+            f"channel {header[0].strip()} is broken; its data have the kind {kind}, and 2, 4, 5 or"
+            " 6 is expected"
         )
     each = (2 if kind in (5, 6) else 1) + (0 if spacing == 1 else 1)
     label = header[0].strip()
     if points < 0 or points * each > 4 * len(data):
-        raise RecordingError(f"channel {label} is truncated, or broken; it says that it has {points} samples")
+        raise RecordingError(
+            f"channel {label} is truncated, or broken; it says that it has {points} samples"
+        )
     if re.match(rb" *58 *b", line, re.IGNORECASE):
         values, at = _binary(data, line, at, points, kind, spacing=spacing, label=label)
     else:
@@ -190,13 +224,27 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
     function, response = _response(dof)
     abscissa = (int(_field(x, 0, 10)), _label(x, 25), _label(x, 46))
     return (
-        _Dataset(label, function, response, kind, points, spacing == 1, start, step, abscissa, _label(y, 46), values),
+        _Dataset(
+            label,
+            function,
+            response,
+            kind,
+            points,
+            spacing == 1,
+            start,
+            step,
+            abscissa,
+            _label(y, 46),
+            values,
+        ),
         at,
     )
 
 
 def _data_form(text: str) -> tuple[tuple[int, int, int], tuple[float, float]]:
-    """Kind of data, points and spacing, first abscissa and step, in columns or, from other programs, between blanks."""
+    """Kind of data, points and spacing, first abscissa and step, in columns or, from other
+    programs, between blanks.
+    """
     try:
         kind, points, spacing = (int(_field(text, k, 10)) for k in (0, 10, 20))
         return (kind, points, spacing), (_field(text, 30, 13, float), _field(text, 43, 13, float))
@@ -208,7 +256,11 @@ def _data_form(text: str) -> tuple[tuple[int, int, int], tuple[float, float]]:
 def _response(text: str) -> tuple[int, tuple[str, int, int]]:
     """Function, and name, node and direction of its response."""
     try:
-        return int(_field(text, 0, 5)), (text[31:41].strip(), int(_field(text, 41, 10)), int(_field(text, 51, 4)))
+        return int(_field(text, 0, 5)), (
+            text[31:41].strip(),
+            int(_field(text, 41, 10)),
+            int(_field(text, 51, 4)),
+        )
     except ValueError:
         words = text.split()
         return int(words[0]), (words[4], int(words[5]), int(words[6]))
@@ -216,7 +268,9 @@ def _response(text: str) -> tuple[int, tuple[str, int, int]]:
 
 def _label(text: str, first: int) -> str:
     own = text[first : first + 21].strip()
-    return "" if own.upper() == "NONE" else own
+    if own.upper() == "NONE":
+        return ""
+    return own
 
 
 def _text(data: bytes, at: int, count: int, label: str, points: int) -> tuple[np.ndarray, int]:
@@ -234,10 +288,13 @@ def _text(data: bytes, at: int, count: int, label: str, points: int) -> tuple[np
         values = np.array(found, dtype=float)
     if values.size < count:
         raise RecordingError(
-            f"channel {label} is truncated, {values.size * points // max(count, 1)} of {points} samples"
+            f"channel {label} is truncated, {values.size * points // max(count, 1)} of {points}"
+            " samples"
         )
     if values.size > count:
-        raise RecordingError(f"channel {label} is broken; it has {values.size} numbers and says {count}")
+        raise RecordingError(
+            f"channel {label} is broken; it has {values.size} numbers and says {count}"
+        )
     return values, end.end()
 
 
@@ -249,34 +306,51 @@ def _binary(
     order, form, said = (int(_field(text, *place)) for place in ((7, 6), (13, 6), (31, 12)))
     if form not in (0, _IEEE):
         raise RecordingError(
-            f"channel {label} has numbers in a format other than IEEE 754 ({form}); export it again, or as text"
+            f"channel {label} has numbers in a format other than IEEE 754 ({form}); export it"
+            " again, or as text"
         )
     size = 4 if kind in (2, 5) else 8
     parts = 2 if kind in (5, 6) else 1
-    layouts = [(size, size)] if spacing == 1 else [(4, size), (size, size)]
+    if spacing == 1:
+        layouts = [(size, size)]
+    else:
+        layouts = [(4, size), (size, size)]
     for along, own in layouts:
         whole = points * (parts * own + (0 if spacing == 1 else along))
         stop = _end_at(data, at + whole)
         if stop >= 0 and (said in (0, whole) or len(layouts) == 1 or along == layouts[-1][0]):
-            return _unpacked(data[at : at + whole], order, points, parts, own, 0 if spacing == 1 else along), stop
+            return _unpacked(
+                data[at : at + whole], order, points, parts, own, 0 if spacing == 1 else along
+            ), stop
     raise RecordingError(
-        f"channel {label} is truncated or broken: after its {points} samples the dataset does not end (it says {said} bytes)"
+        f"channel {label} is truncated or broken: after its {points} samples the dataset does not"
+        f" end (it says {said} bytes)"
     )
 
 
 def _end_at(data: bytes, at: int) -> int:
-    """Where what follows a delimiter begins that stands at ``at``, after the end of a line or blanks at most; -1 without."""
+    """Where what follows a delimiter begins that stands at ``at``, after the end of a line or
+    blanks at most; -1 without.
+    """
     found = re.compile(rb"[\r\n ]{0,90}-1 *(?:\r\n|\r|\n|$)").match(data, at)
-    return -1 if found is None else found.end()
+    if found is None:
+        return -1
+    return found.end()
 
 
-def _unpacked(data: bytes, order: int, points: int, parts: int, size: int, along: int) -> np.ndarray:
-    """Numbers of a dataset, in the byte order that it says; in the other where only that gives numbers of any sense."""
+def _unpacked(
+    data: bytes, order: int, points: int, parts: int, size: int, along: int
+) -> np.ndarray:
+    """Numbers of a dataset, in the byte order that it says; in the other where only that gives
+    numbers of any sense.
+    """
     found = []
     for mark in ("<", ">") if order in (0, 1) else (">", "<"):
         fields = ([("x", f"{mark}f{along}")] if along else []) + [("y", f"{mark}f{size}", (parts,))]
         table = np.frombuffer(data, np.dtype(fields), count=points)
-        columns = ([table["x"].astype(float)] if along else []) + [table["y"][:, k].astype(float) for k in range(parts)]
+        columns = ([table["x"].astype(float)] if along else []) + [
+            table["y"][:, k].astype(float) for k in range(parts)
+        ]
         found.append(np.column_stack(columns).ravel())
         if _makes_sense(found[-1]):
             return found[-1]
@@ -284,6 +358,8 @@ def _unpacked(data: bytes, order: int, points: int, parts: int, size: int, along
 
 
 def _makes_sense(values: np.ndarray) -> bool:
-    """Whether numbers are of sizes that are measured, as they are not where their bytes are turned round."""
+    """Whether numbers are of sizes that are measured, as they are not where their bytes are turned
+    round.
+    """
     size = np.abs(values[values != 0.0])
     return not size.size or float(np.mean((size > 1e-20) & (size < 1e20))) > 0.95

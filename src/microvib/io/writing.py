@@ -2,8 +2,9 @@
 
 They are written beside their place in a hidden folder, then moved into it.
 
-The hidden folder is locked while its process lives. Where a process was killed, the next one that writes at the same place finds
-the folder without its lock and clears it away; results that had been set aside in it come back.
+The hidden folder is locked while its process lives. Where a process was killed, the next one that
+writes at the same place finds the folder without its lock and clears it away; results that had been
+set aside in it come back.
 """
 
 from __future__ import annotations
@@ -30,9 +31,11 @@ _ENDING, _LOCK, _NEW, _OLD = ".microvib", "lock", "new", "old"
 
 
 def write_files(out: Path, files: Mapping[str, str | bytes | Writer]) -> None:
-    """Fill or replace the folder ``out`` with ``files``, together or not at all; OutputError leaves what was there."""
+    """Fill or replace the folder ``out`` with ``files``, together or not at all; OutputError leaves
+    what was there.
+    """
     out = real_path(out)  # where a link leads, not the link
-    with _told(out, "; nothing was left behind"):
+    with _write_error(out, "; nothing was left behind"):
         out.parent.mkdir(parents=True, exist_ok=True)
         # An empty folder that is there may be a mount: it is filled, not replaced.
         fill = out.is_dir() and not any(out.iterdir())
@@ -48,15 +51,21 @@ def write_files(out: Path, files: Mapping[str, str | bytes | Writer]) -> None:
                 put_in_place(new, out, space)
 
 
-def write_file(path: Path, content: str | bytes | Writer, overwrite: bool = False, after: str = "") -> None:
-    """Write one file, whole or not at all; OutputError where it cannot be, or is there already without ``overwrite``.
+def write_file(
+    path: Path, content: str | bytes | Writer, overwrite: bool = False, after: str = ""
+) -> None:
+    """Write one file, whole or not at all; OutputError where it cannot be, or is there already
+    without ``overwrite``.
 
     ``after`` ends the sentence of a failure: what is kept, and how to go on.
     """
     path = real_path(path)
     if path.exists() and not (overwrite and path.is_file()):
         raise OutputError(f"{path}: already exists; nothing was written")
-    with _told(path, after or "; nothing was left behind"), workspace(path.absolute().parent, path.name) as space:
+    with (
+        _write_error(path, after or "; nothing was left behind"),
+        workspace(path.absolute().parent, path.name) as space,
+    ):
         new = space / path.name  # with its ending, which some writers look at
         _write(new, content)
         os.replace(new, path)
@@ -76,8 +85,10 @@ def real_path(path: Path) -> Path:
 
 @contextmanager
 def workspace(parent: Path, name: str) -> Iterator[Path]:
-    """A hidden folder in ``parent`` for what becomes ``name``, gone at the end; those of killed processes are cleared first."""
-    clear(parent)
+    """A hidden folder in ``parent`` for what becomes ``name``, gone at the end; those of killed
+    processes are cleared first.
+    """
+    clear_stale_workspaces(parent)
     lock = None
     while lock is None:
         space = Path(tempfile.mkdtemp(prefix=f".{name[:40]}-", suffix=_ENDING, dir=parent))
@@ -89,13 +100,16 @@ def workspace(parent: Path, name: str) -> Iterator[Path]:
         shutil.rmtree(space, ignore_errors=True)
 
 
-def clear(parent: Path) -> None:
-    """Clear away the workspaces of killed processes in ``parent``, and put back what they had set aside.
+def clear_stale_workspaces(parent: Path) -> None:
+    """Clear away the workspaces of killed processes in ``parent``, and put back what they had set
+    aside.
 
     Not on Windows, where a lock does not tell whether its process lives.
     """
     for space in list(parent.glob(f".*{_ENDING}")) if fcntl else ():
-        with contextlib.suppress(OSError):  # in use, of somebody else, or cleared by another at the same time
+        with contextlib.suppress(
+            OSError
+        ):  # in use, of somebody else, or cleared by another at the same time
             if _is_ours(space):
                 _clear(space)
 
@@ -105,7 +119,8 @@ def put_in_place(new: Path, out: Path, space: Path) -> None:
     if not out.exists():
         new.rename(out)
         return
-    # What was there is set aside until the new is in place, so that one of them is there whatever happens.
+    # What was there is set aside until the new is in place, so that one of them is there whatever
+    # happens.
     old = space / _OLD / out.name
     old.parent.mkdir()
     out.rename(old)
@@ -149,7 +164,7 @@ def _write(path: Path, content: str | bytes | Writer) -> None:
 
 
 @contextmanager
-def _told(path: Path, after: str) -> Iterator[None]:
+def _write_error(path: Path, after: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -157,12 +172,16 @@ def _told(path: Path, after: str) -> Iterator[None]:
 
 
 def _locked(path: Path) -> int | None:
-    """The lock of a new workspace, held while the process lives; None where another cleared it away before it was taken."""
+    """The lock of a new workspace, held while the process lives; None where another cleared it away
+    before it was taken.
+    """
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
     except FileNotFoundError:
         return None
-    with contextlib.suppress(OSError):  # a file system without locks: nobody clears away what he cannot lock
+    with contextlib.suppress(
+        OSError
+    ):  # a file system without locks: nobody clears away what he cannot lock
         if fcntl:
             fcntl.flock(lock, fcntl.LOCK_EX)
     if path.exists():
@@ -190,13 +209,17 @@ STUDY_FILES = (
 
 
 def check_folder(out: Path, overwrite: bool = False) -> None:
-    """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds results and no more."""
+    """OutputError unless ``out`` is free: absent, empty, or with ``overwrite`` a folder that holds
+    results and no more.
+    """
     try:
         with workspace(_nearest_folder(real_path(out)), out.name):
             pass  # it can be written to
         exists = out.exists()
     except OSError as error:
-        raise OutputError(f"{str(out)[:200]}: cannot be made or written to: {error.strerror or error}") from None
+        raise OutputError(
+            f"{str(out)[:200]}: cannot be created or written to: {error.strerror or error}"
+        ) from None
     if not exists:
         return
     if not out.is_dir():
@@ -204,14 +227,20 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
     content = sorted(p.name for p in out.iterdir())
     if not content:
         return
-    foreign = [name for name in content if name not in (*RUN_FILES, *STUDY_FILES) or not (out / name).is_file()]
+    foreign = [
+        name
+        for name in content
+        if name not in (*RUN_FILES, *STUDY_FILES) or not (out / name).is_file()
+    ]
     if foreign:
         raise OutputError(
-            f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or new folder"
+            f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or"
+            " new folder"
         )
     if not overwrite:
         raise OutputError(
-            f"{out}: already holds results; nothing was written; choose another folder, or allow them to be replaced",
+            f"{out}: already holds results; nothing was written; choose another folder, or allow"
+            " them to be replaced",
             remedy="overwrite",
         )
 
@@ -227,7 +256,9 @@ def free_folder(stem: str) -> Path:
 
 def _nearest_folder(path: Path) -> Path:
     """The folder itself, or what there is of the way to it."""
-    return path if path.is_dir() else next(parent for parent in path.absolute().parents if parent.exists())
+    if path.is_dir():
+        return path
+    return next(parent for parent in path.absolute().parents if parent.exists())
 
 
 def check_room(out: Path, size: float) -> None:
@@ -235,13 +266,16 @@ def check_room(out: Path, size: float) -> None:
     free = shutil.disk_usage(_nearest_folder(out)).free
     if size > free:
         raise OutputError(
-            f"{out}: needs about {size / 1e6:.0f} MB, but the disk has {free / 1e6:.0f} MB free; shorten record.duration, lower"
+            f"{out}: needs about {size / 1e6:.0f} MB, but the disk has {free / 1e6:.0f} MB free;"
+            " shorten record.duration, lower"
             " record.sample_rate, or keep the lines only",
             remedy="lines_only",
         )
 
 
-def write_folder(out: Path, files: Mapping[str, str | bytes | Writer], overwrite: bool = False) -> None:
+def write_folder(
+    out: Path, files: Mapping[str, str | bytes | Writer], overwrite: bool = False
+) -> None:
     """Write a folder of results, whole or not at all, where ``check_folder`` allows it."""
     check_folder(out, overwrite)
     write_files(out, files)

@@ -13,7 +13,9 @@ from microvib.errors import ScenarioError
 
 DEEPEST = 100  # levels of lists and mappings in each other, at most
 MAX_ENTRIES = 60_000
-"""Keys and values of a file, at most: twice what 2000 modes with six participations need, read in some 2 s."""
+"""Keys and values of a file, at most: twice what 2000 modes with six participations need, read in
+some 2 s.
+"""
 
 
 class _Bounded(Parser):
@@ -42,15 +44,22 @@ class _Bounded(Parser):
 
 
 def parse_yaml(text: str, origin: str) -> Any:
-    """YAML 1.2 data of a file's text; ScenarioError if it is not one, has anchors or tags, or goes beyond the bounds."""
+    """YAML 1.2 data of a file's text; ScenarioError if it is not one, has anchors or tags, or goes
+    beyond the bounds.
+    """
     yaml = YAML(typ="safe", pure=True)
     yaml.Parser = _Bounded
     try:
         return yaml.load(text.removeprefix("\ufeff"))
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        reason = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+        if mark:
+            where = f", line {mark.line + 1}, column {mark.column + 1}"
+        else:
+            where = ""
+        reason = (
+            getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+        )
         raise ScenarioError(f"{origin}{where}: is not YAML: {reason}") from None
     except (RecursionError, ValueError, TypeError) as error:
         raise ScenarioError(f"{origin}: is not YAML that can be read: {str(error)[:200]}") from None

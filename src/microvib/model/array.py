@@ -13,25 +13,41 @@ from microvib.model.part import Part, Six
 from microvib.model.rigid import COMPONENTS, RigidBody
 from microvib.units import Quantity
 
-SLACK = 1e-9  # relative; what rounding may make of sum H^2 = J
-TABLE = 1e-3  # relative; what rounding of printed tables and single precision may do to masses
+ROUNDING_TOLERANCE = 1e-9  # relative; what rounding may make of sum H^2 = J
+TABLE_ROUNDING_TOLERANCE = (
+    1e-3  # relative; what rounding of printed tables and single precision may do to masses
+)
 
 
 class Mode(Part):
     """One fixed-interface mode, mass-normalised (Eq. 14, 16)."""
 
     frequency: Annotated[
-        float, Quantity("Hz", "natural frequency with the interface clamped", "Omega/2pi", gt=0, usual=(5e-3, 5000.0))
+        float,
+        Quantity(
+            "Hz",
+            "natural frequency with the interface clamped",
+            "Omega/2pi",
+            gt=0,
+            usual=(5e-3, 5000.0),
+        ),
     ]
     damping: Annotated[
-        float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent", usual=(1e-4, 0.15))
+        float,
+        Quantity(
+            "", "modal damping ratio", "xi", ge=0, le=0.99, display="percent", usual=(1e-4, 0.15)
+        ),
     ]
-    participation: Annotated[float, Quantity("kg^0.5*m", "participation about the drive axis", "H")] | None = None
+    participation: (
+        Annotated[float, Quantity("kg^0.5*m", "participation about the drive axis", "H")] | None
+    ) = None
     effective_inertia: (
-        Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)] | None
+        Annotated[float, Quantity("kg*m^2", "effective inertia about the drive axis", "H^2", ge=0)]
+        | None
     ) = None
     interface_participation: Six | None = Field(
-        default=None, description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface"
+        default=None,
+        description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface",
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -50,16 +66,23 @@ class Array(Part):
     """Solar array, or its simulator, about the drive axis; no modes make it a rigid load."""
 
     inertia: Annotated[
-        float, Quantity("kg*m^2", "moment of inertia about the drive axis", "J", gt=0, usual=(1e-3, 1e5))
+        float,
+        Quantity("kg*m^2", "moment of inertia about the drive axis", "J", gt=0, usual=(1e-3, 1e5)),
     ]
-    rigid_inertia: Annotated[float, Quantity("kg*m^2", "inertia rigidly on the shaft", "J_h", ge=0)] | None = None
-    modes: tuple[Mode, ...] = Field(max_length=2000, description="fixed-interface modes; an empty list is a rigid load")
+    rigid_inertia: (
+        Annotated[float, Quantity("kg*m^2", "inertia rigidly on the shaft", "J_h", ge=0)] | None
+    ) = None
+    modes: tuple[Mode, ...] = Field(
+        max_length=2000, description="fixed-interface modes; an empty list is a rigid load"
+    )
     interface_inertia: Six | None = Field(
         default=None,
         description="rigid-body inertia coupling a rotation about the drive axis to Fx Fy Fz [kg m], Mx My Mz [kg m^2];"
         " without it the centre of mass is on the drive axis, a principal axis",
     )
-    drive_axis: Literal["x", "y", "z"] = Field(default="z", description="drive axis in the interface frame")
+    drive_axis: Literal["x", "y", "z"] = Field(
+        default="z", description="drive axis in the interface frame"
+    )
     rigid_body: RigidBody | None = Field(
         default=None, description="mass properties of the whole array, which a spacecraft needs"
     )
@@ -68,39 +91,50 @@ class Array(Part):
         J, rigid, axis = self.inertia, self.rigid_inertia, self._axis
         rows = [mode.interface_participation for mode in self.modes]
         for k, (row, H) in enumerate(zip(rows, [mode.H for mode in self.modes], strict=True)):
-            if row and H is not None and not math.isclose(abs(row[axis]), abs(H), rel_tol=1e-6, abs_tol=1e-9):
+            if (
+                row
+                and H is not None
+                and not math.isclose(abs(row[axis]), abs(H), rel_tol=1e-6, abs_tol=1e-9)
+            ):
                 yield (
-                    f"modes.{k}: interface_participation about {self.drive_axis} is {row[axis]:g} kg^0.5*m and"
+                    f"modes.{k}: interface_participation about {self.drive_axis} is {row[axis]:g}"
+                    " kg^0.5*m and"
                     f" participation {H:g} kg^0.5*m; they must be equal"
                 )
         if any(rows) and not all(rows):
             yield f"modes.{rows.index(None)}.interface_participation: missing; give it for all modes, or for none"
-        if self.interface_inertia and not math.isclose(self.interface_inertia[axis], J, rel_tol=1e-3):
+        if self.interface_inertia and not math.isclose(
+            self.interface_inertia[axis], J, rel_tol=1e-3
+        ):
             yield (
-                f"interface_inertia: {self.interface_inertia[axis]:g} kg*m^2 about {self.drive_axis} disagrees with inertia,"
+                f"interface_inertia: {self.interface_inertia[axis]:g} kg*m^2 about"
+                f" {self.drive_axis} disagrees with inertia,"
                 f" {J:g} kg*m^2; they must be equal"
             )
         yield from self._rigid_body_misfits()
         given = [self._given(mode) for mode in self.modes]
         if None in given and (len(self.modes) > 1 or rigid is None):
             yield (
-                f"modes.{given.index(None)}: participation is missing; give participation or effective_inertia of each mode,"
+                f"modes.{given.index(None)}: participation is missing; give participation or"
+                " effective_inertia of each mode,"
                 " or rigid_inertia where there is one mode"
             )
-        if rigid is not None and rigid > J * (1 + SLACK):
+        if rigid is not None and rigid > J * (1 + ROUNDING_TOLERANCE):
             yield f"rigid_inertia: {rigid:g} kg*m^2 is more than the inertia, {J:g} kg*m^2"
         if None in given:
             return
         effective = sum((H or 0.0) ** 2 for H in given)
-        if effective > J * (1 + SLACK):
+        if effective > J * (1 + ROUNDING_TOLERANCE):
             yield (
-                f"modes: effective inertias H^2 add up to {effective:g} kg*m^2, more than the inertia, {J:g} kg*m^2; they must"
+                f"modes: effective inertias H^2 add up to {effective:g} kg*m^2, more than the"
+                f" inertia, {J:g} kg*m^2; they must"
                 " not exceed it"
             )
         residual = J - effective
         if rigid is not None and not math.isclose(rigid, residual, rel_tol=1e-3, abs_tol=1e-6 * J):
             yield (
-                f"rigid_inertia: {rigid:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g} kg*m^2; leave it out, or"
+                f"rigid_inertia: {rigid:g} kg*m^2 disagrees with inertia - sum H^2 = {residual:g}"
+                " kg*m^2; leave it out, or"
                 " correct the modes"
             )
 
@@ -108,29 +142,33 @@ class Array(Part):
         if self.rigid_body is None:
             return
         M, axis = self.rigid_body.matrix, self._axis
-        if not math.isclose(M[axis, axis], self.inertia, rel_tol=TABLE):
+        if not math.isclose(M[axis, axis], self.inertia, rel_tol=TABLE_ROUNDING_TOLERANCE):
             yield (
-                f"rigid_body.inertia: {M[axis, axis]:g} kg*m^2 about {self.drive_axis} disagrees with inertia,"
+                f"rigid_body.inertia: {M[axis, axis]:g} kg*m^2 about {self.drive_axis} disagrees"
+                " with inertia,"
                 f" {self.inertia:g} kg*m^2; they must be equal"
             )
         size = np.sqrt(np.diag(M))
         size = np.where(size > 0.0, size, 1.0)
         if self.interface_inertia is not None:
             off = np.abs(np.array(self.interface_inertia) - M[:, axis]) / (size * size[axis])
-            if off.max() > TABLE:
+            if off.max() > TABLE_ROUNDING_TOLERANCE:
                 k = int(off.argmax())
                 yield (
-                    f"interface_inertia: {self.interface_inertia[k]:g} in {COMPONENTS[k]} disagrees with rigid_body, which has"
+                    f"interface_inertia: {self.interface_inertia[k]:g} in {COMPONENTS[k]} disagrees"
+                    " with rigid_body, which has"
                     f" {M[k, axis]:g} there; leave it out, or correct one of them"
                 )
         P = self.interface
         if P is None:
             return
         least = float(np.linalg.eigvalsh((M - P @ P.T) / np.outer(size, size)).min())
-        if least < -TABLE:
+        if least < -TABLE_ROUNDING_TOLERANCE:
             yield (
-                f"rigid_body: the modes hold more than the mass of the rigid body (D_0 = M_r - P P' has the eigenvalue {least:.3g}"
-                " of its diagonal, and must have none below 0); mass, participation and reference point do not belong together"
+                "rigid_body: the modal effective masses exceed the rigid-body mass (D_0 = M_r - P"
+                f" P' has the eigenvalue {least:.3g}"
+                " of its diagonal, and must be positive semi-definite); mass, participation and"
+                " reference point are inconsistent"
             )
 
     @property
@@ -167,7 +205,9 @@ class Array(Part):
 
     @property
     def mass(self) -> np.ndarray | None:
-        """Rigid-body mass matrix about the interface point, (6, 6) [kg, kg m, kg m^2]; None where it is not given."""
+        """Rigid-body mass matrix about the interface point, (6, 6) [kg, kg m, kg m^2]; None where
+        it is not given.
+        """
         if self.rigid_body is None:
             return None
         M = self.rigid_body.matrix
@@ -176,14 +216,20 @@ class Array(Part):
 
     @property
     def coupling(self) -> np.ndarray | None:
-        """Column of that matrix for a rotation about the drive axis, (6,), as given or from ``rigid_body``; None without either."""
+        """Column of that matrix for a rotation about the drive axis, (6,), as given or from
+        ``rigid_body``; None without either.
+        """
         if self.interface_inertia is not None:
             return np.array(self.interface_inertia)
-        return None if self.rigid_body is None else self.rigid_body.matrix[:, self._axis]
+        if self.rigid_body is None:
+            return None
+        return self.rigid_body.matrix[:, self._axis]
 
     @property
     def interface(self) -> np.ndarray | None:
-        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode, or a mass without modes, gives it."""
+        """Interface participation, (6, s) [kg^0.5, kg^0.5 m]; None unless every mode, or a mass
+        without modes, gives it.
+        """
         if not self.modes and (self.interface_inertia is not None or self.rigid_body is not None):
             return np.zeros((6, 0))
         rows = [mode.interface_participation for mode in self.modes]

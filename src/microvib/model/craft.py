@@ -1,17 +1,21 @@
-"""Drive, array and free hub as one linear structure with both hinges locked: its modes, and what follows from its motion.
+"""Drive, array and free hub as one linear structure with both hinges locked: its modes, and what
+follows from its motion.
 
-Coordinates are the hub's, q (displacement of its centre of mass, rotation, flexible modes), and the array's fixed-interface modes
-eta. With u_I = Phi_I q the motion of the interface point, M and P mass matrix and participation of the array about it, in hub
-axes and at the array's angle, a the unit rotation about the drive axis (docs/theory/spacecraft.md):
+Coordinates are the hub's, q (displacement of its centre of mass, rotation, flexible modes), and the
+array's fixed-interface modes eta. With u_I = Phi_I q the motion of the interface point, M and P
+mass matrix and participation of the array about it, in hub axes and at the array's angle, a the
+unit rotation about the drive axis (docs/theory/spacecraft.md):
 
     M_S = [[M_hub + Phi_I' (M + J_m a a') Phi_I, Phi_I' P], [P' Phi_I, 1]]
     in theta_l: [Phi_I' M a; P' a],     in theta_m: [J_m Phi_I' a; 0]
 
-A second wing adds its own coordinates between q and eta: its array's modes, and both its shafts, which its linearised drive holds.
+A second wing adds its own coordinates between q and eta: its array's modes, and both its shafts,
+which its linearised drive holds.
 
-Motions without stiffness (all six rigid ones, or the three displacements where the attitude is controlled) are split off exactly:
-their momentum is conserved, so that they follow from the two shafts' angles. The others, which damping couples, are the modes of
-the kernel once they are decoupled (``microvib.model.decoupled``).
+Motions without stiffness (all six rigid ones, or the three displacements where the attitude is
+controlled) are split off exactly: their momentum is conserved, so that they follow from the two
+shafts' angles. The others, which damping couples, are the modes of the kernel once they are
+decoupled (``microvib.model.decoupled``).
 """
 
 from __future__ import annotations
@@ -23,19 +27,21 @@ from functools import lru_cache
 import numpy as np
 
 from microvib.model.array import Array
-from microvib.model.decoupled import Decoupled, decoupled
+from microvib.model.decoupled import DecoupledModes, decouple_modes
 from microvib.model.drive_matrices import coordinates, drive_matrices
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
-from microvib.model.rigid import both, motion_of, tensor
-from microvib.model.spacecraft import CENTER, INTERFACE, SECOND, Interface, Spacecraft
+from microvib.model.rigid import block_rotation, rigid_motion_at, tensor
+from microvib.model.spacecraft import CENTER, INTERFACE, SECOND_INTERFACE, Interface, Spacecraft
 
 
 @dataclass(frozen=True)
-class Rows:
-    """What is looked at, (k, ...): combinations of the coordinates, of their accelerations, and of those of output and rotor."""
+class OutputMatrix:
+    """What is looked at, (k, ...): combinations of the coordinates, of their accelerations, and of
+    those of output and rotor.
+    """
 
     position: np.ndarray
     """By q, eta, (k, n)."""
@@ -44,13 +50,13 @@ class Rows:
     direct: np.ndarray
     """By alpha_l, alpha_m, (k, 2)."""
 
-    def through(self, rows: np.ndarray) -> Rows:
+    def through(self, rows: np.ndarray) -> OutputMatrix:
         """Combinations ``rows`` (m, k) of these."""
-        return Rows(rows @ self.position, rows @ self.acceleration, rows @ self.direct)
+        return OutputMatrix(rows @ self.position, rows @ self.acceleration, rows @ self.direct)
 
 
 @dataclass(frozen=True)
-class Outputs:
+class ModalOutputMatrix:
     """The same by the kernel's modes and shafts, (k, ...), with which samples become samples."""
 
     eta: np.ndarray
@@ -58,7 +64,9 @@ class Outputs:
     rate: np.ndarray
     """By their rates, (k, s)."""
     shafts: np.ndarray
-    """By angle, acceleration and rate of output and rotor: theta_l, theta_m, alpha_l, alpha_m, omega_l, omega_m, (k, 6)."""
+    """By angle, acceleration and rate of output and rotor: theta_l, theta_m, alpha_l, alpha_m,
+    omega_l, omega_m, (k, 6).
+    """
 
     def of(self, eta: np.ndarray, rate: np.ndarray, shafts: np.ndarray) -> np.ndarray:
         """Values (..., k) for a motion: modes and their rates (..., s), shafts (..., 6).
@@ -69,10 +77,12 @@ class Outputs:
 
 
 @dataclass(frozen=True)
-class Held:
-    """A wing whose shaft is held by its linearised drive: coordinates x that the interface's acceleration stirs.
+class HeldWing:
+    """A wing whose shaft is held by its linearised drive: coordinates x that the interface's
+    acceleration stirs.
 
-    M x'' + C x' + K x = -G' a, and the load on the hub is -(mass a + G x''); x are theta_m, theta_l (not if rigid), modes.
+    M x'' + C x' + K x = -G' a, and the load on the hub is -(mass a + G x''); x are theta_m, theta_l
+    (not if rigid), modes.
     """
 
     mass: np.ndarray
@@ -87,7 +97,9 @@ class Held:
 
 @dataclass(frozen=True)
 class Craft:
-    """The structure with locked hinges: its modes zeta, undamped and mass-normalised, and its free motions."""
+    """The structure with locked hinges: its modes zeta, undamped and mass-normalised, and its free
+    motions.
+    """
 
     spacecraft: Spacecraft
     load: Load
@@ -99,46 +111,52 @@ class Craft:
     """Their damping, (s, s) [1/s]."""
     participation_of_shafts: np.ndarray
     """Their participation in the motion of output and rotor, (s, 2)."""
-    modes: Decoupled
+    modes: DecoupledModes
     """What the kernel takes for them."""
     by_output: np.ndarray
     """Coordinates by theta_l, through the free motions, (n,)."""
     by_rotor: np.ndarray
     """Coordinates by theta_m, (n,)."""
     array_mass: np.ndarray
-    """Mass matrix of the array about the interface point, hub axes, with the reducer's output about the drive axis, (6, 6)."""
+    """Mass matrix of the array about the interface point, hub axes, with the reducer's output about
+    the drive axis, (6, 6).
+    """
     participation: np.ndarray
     """Participation of the array's modes, hub axes, (6, s_array)."""
     rotor_inertia: float
-    second: Held | None
+    second: HeldWing | None
     """The second wing."""
 
     @property
     def frequency(self) -> np.ndarray:
-        """Natural frequencies with locked hinges [Hz], (s,) ascending; free motions are not among them."""
+        """Natural frequencies with locked hinges [Hz], (s,) ascending; free motions are not among
+        them.
+        """
         return np.asarray(np.sqrt(self.squares) / (2.0 * np.pi))
 
     @property
     def axis(self) -> np.ndarray:
         """Unit rotation about the drive axis, hub axes, (6,)."""
-        return _six(self.spacecraft.interface.axis)
+        return _unit_rotation(self.spacecraft.interface.axis)
 
     def at(self, point: str) -> np.ndarray:
         """Motion of a named point by the coordinates, (6, n): displacement and rotation, hub axes."""
         of_hub = _motion_of_point(self.spacecraft, point)
         return np.hstack([of_hub, np.zeros((6, self.shapes.shape[0] - of_hub.shape[1]))])
 
-    def motion(self, point: str) -> Rows:
-        """Displacement [m] and rotation [rad] of a named point, hub axes, less the mean motion that the command makes."""
+    def motion(self, point: str) -> OutputMatrix:
+        """Displacement [m] and rotation [rad] of a named point, hub axes, less the mean motion that
+        the command makes.
+        """
         there = self.at(point)
-        return Rows(there, np.zeros_like(there), np.zeros((6, 2)))
+        return OutputMatrix(there, np.zeros_like(there), np.zeros((6, 2)))
 
-    def acceleration(self, point: str) -> Rows:
+    def acceleration(self, point: str) -> OutputMatrix:
         """Its second derivative [m/s^2, rad/s^2]."""
         there = self.at(point)
-        return Rows(np.zeros_like(there), there, np.zeros((6, 2)))
+        return OutputMatrix(np.zeros_like(there), there, np.zeros((6, 2)))
 
-    def loads(self) -> Rows:
+    def loads(self) -> OutputMatrix:
         """Loads on the hub at the interface point, Fx Fy Fz [N], Mx My Mz [N m], hub axes.
 
         Minus the rate of momentum of array, reducer output and rotor,
@@ -148,58 +166,80 @@ class Craft:
         of_modes = np.zeros_like(at_root)
         of_modes[:, at_root.shape[1] - self.participation.shape[1] :] = self.participation
         acceleration = -(M + J_m * np.outer(a, a)) @ at_root - of_modes
-        return Rows(np.zeros_like(at_root), acceleration, -np.column_stack([M @ a, J_m * a]))
+        return OutputMatrix(
+            np.zeros_like(at_root), acceleration, -np.column_stack([M @ a, J_m * a])
+        )
 
-    def second_loads(self) -> Rows:
+    def second_loads(self) -> OutputMatrix:
         """The same at the interface point of the second wing, of the second wing."""
         if self.second is None:
             raise ValueError("this craft has no second wing")
-        there, before = self.at(SECOND), 6 + len(self.spacecraft.hub.modes)
+        there, before = self.at(SECOND_INTERFACE), 6 + len(self.spacecraft.hub.modes)
         acceleration = -self.second.mass @ there
         acceleration[:, before : before + self.second.G.shape[1]] -= self.second.G
-        return Rows(np.zeros_like(there), acceleration, np.zeros((6, 2)))
+        return OutputMatrix(np.zeros_like(there), acceleration, np.zeros((6, 2)))
 
-    def line_of_sight(self, *, accelerations: bool = False) -> Rows:
-        """Two angles of the line of sight [rad], or their ``accelerations`` [rad/s^2]; see ``LineOfSight``."""
-        move, los = self.acceleration if accelerations else self.motion, self.spacecraft.line_of_sight
+    def line_of_sight(self, *, accelerations: bool = False) -> OutputMatrix:
+        """Two angles of the line of sight [rad], or their ``accelerations`` [rad/s^2]; see
+        ``LineOfSight``.
+        """
+        move, los = (
+            self.acceleration if accelerations else self.motion,
+            self.spacecraft.line_of_sight,
+        )
         if los is None:
             raise ValueError("this craft has no line of sight")
         if los.rows is None:
             return move(los.point).through(np.hstack([np.zeros((2, 3)), los.axes()]))
-        parts = [move(row.point).through(np.outer([row.axis == "x", row.axis == "y"], row.by)) for row in los.rows]
-        return Rows(
+        parts = [
+            move(row.point).through(np.outer([row.axis == "x", row.axis == "y"], row.by))
+            for row in los.rows
+        ]
+        return OutputMatrix(
             np.sum([part.position for part in parts], axis=0),
             np.sum([part.acceleration for part in parts], axis=0),
             np.sum([part.direct for part in parts], axis=0),
         )
 
-    def outputs(self, rows: Rows) -> Outputs:
-        """What is looked at by the kernel's modes and shafts; accelerations by the equations of motion of zeta."""
+    def outputs(self, rows: OutputMatrix) -> ModalOutputMatrix:
+        """What is looked at by the kernel's modes and shafts; accelerations by the equations of
+        motion of zeta.
+        """
         y, free = self.modes, np.column_stack([self.by_output, self.by_rotor])
         by_acceleration = rows.acceleration @ self.shapes
         by_zeta = rows.position @ self.shapes - by_acceleration * self.squares
         by_rate = -by_acceleration @ self.damping
-        by_alpha = rows.direct + rows.acceleration @ free - by_acceleration @ self.participation_of_shafts
+        by_alpha = (
+            rows.direct + rows.acceleration @ free - by_acceleration @ self.participation_of_shafts
+        )
         # zeta = p y + q y' + q a' omega,   zeta' = p y' - q (d y' + k y + g' omega)
-        return Outputs(
+        return ModalOutputMatrix(
             by_zeta @ y.p - by_rate @ (y.q * y.k),
             by_zeta @ y.q + by_rate @ (y.p - y.q * y.d),
             np.hstack([rows.position @ free, by_alpha, by_zeta @ y.q @ y.a - by_rate @ y.q @ y.g]),
         )
 
-    def transfer(self, rows: Rows, frequency: np.ndarray) -> np.ndarray:
+    def transfer(self, rows: OutputMatrix, frequency: np.ndarray) -> np.ndarray:
         """What is looked at by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2)."""
         free = np.column_stack([self.by_output, self.by_rotor])
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
-        dynamic = np.diag(self.squares) - omega**2 * np.eye(self.squares.size) + 1j * omega * self.damping
-        drive = np.broadcast_to(self.participation_of_shafts, (len(frequency), *self.participation_of_shafts.shape))
+        dynamic = (
+            np.diag(self.squares) - omega**2 * np.eye(self.squares.size) + 1j * omega * self.damping
+        )
+        drive = np.broadcast_to(
+            self.participation_of_shafts, (len(frequency), *self.participation_of_shafts.shape)
+        )
         x = -self.shapes @ np.linalg.solve(dynamic, drive) - free / omega**2
         return np.asarray(rows.position @ x - omega**2 * (rows.acceleration @ x) + rows.direct)
 
 
 @lru_cache(maxsize=8)  # as often as a motion is compared with another
-def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Load:
-    """What hangs on the two shafts: an array on firm ground, or with the craft that carries the drive."""
+def shaft_load(
+    array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float
+) -> Load:
+    """What hangs on the two shafts: an array on firm ground, or with the craft that carries the
+    drive.
+    """
     craft = craft_of(array, spacecraft, output_inertia, rotor_inertia)
     if craft is not None:
         return craft.load
@@ -220,24 +260,33 @@ def load_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, 
 
 
 @lru_cache(maxsize=8)  # an eigenproblem, asked for at every turn
-def craft_of(array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float) -> Craft | None:
-    """The craft of an array on a hub, None on firm ground; inertias J_flex and J_m [kg m^2] as in a ``Scenario``."""
-    return None if spacecraft is None else _assembled(array, spacecraft, output_inertia, rotor_inertia)
+def craft_of(
+    array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float
+) -> Craft | None:
+    """The craft of an array on a hub, None on firm ground; inertias J_flex and J_m [kg m^2] as in a
+    ``Scenario``.
+    """
+    if spacecraft is None:
+        return None
+    return _assemble_craft(array, spacecraft, output_inertia, rotor_inertia)
 
 
-def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float) -> Craft:
-    a = _six(spacecraft.interface.axis)
+def _assemble_craft(
+    array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float
+) -> Craft:
+    a = _unit_rotation(spacecraft.interface.axis)
     M, P = array_on_hub(array, spacecraft.interface, spacecraft.array_angle)
     M = M + output_inertia * np.outer(a, a)
     hub_mass, hub_stiffness, hub_damping, free = hub_matrices(spacecraft)
     root, second = _motion_of_point(spacecraft, INTERFACE), second_wing(spacecraft)
     if second is not None:
-        there = _motion_of_point(spacecraft, SECOND)
+        there = _motion_of_point(spacecraft, SECOND_INTERFACE)
         carried, stirred = there.T @ second.mass @ there, there.T @ second.G
         hub_mass = np.block([[hub_mass + carried, stirred], [stirred.T, second.M]])
         apart = np.zeros_like(stirred)
         hub_stiffness, hub_damping = (
-            np.block([[X, apart], [apart.T, Y]]) for X, Y in ((hub_stiffness, second.K), (hub_damping, second.C))
+            np.block([[X, apart], [apart.T, Y]])
+            for X, Y in ((hub_stiffness, second.K), (hub_damping, second.C))
         )
         root = np.hstack([root, np.zeros((6, len(second.M)))])
     # Both hinges locked: hub and second wing (n), array (s).
@@ -257,14 +306,16 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
     in_rotor = np.concatenate([rotor_inertia * (root.T @ a), np.zeros(s)])
     shapes, squares = _modes(M_S, K_S, free)
     damping, in_shafts = shapes.T @ C_S @ shapes, shapes.T @ np.column_stack([in_output, in_rotor])
-    # Modes that damping couples, as uncoupled ones that also feel the shafts' rates; what that adds is inertia of the shafts.
-    y = decoupled(damping, squares, in_shafts)
+    # Modes that damping couples, as uncoupled ones that also feel the shafts' rates; what that adds
+    # is inertia of the shafts.
+    y = decouple_modes(damping, squares, in_shafts)
     viscous, (H, R, V_l, V_m) = (y.g.T / y.k) @ y.g, np.vstack([y.a.T, y.g.T]).copy()
     # Free motions keep their momentum, M_ff x_f + (in_output theta_l + in_rotor theta_m)_f = 0.
     by_output, by_rotor = np.zeros(n + s), np.zeros(n + s)
     by_output[:free] = -np.linalg.solve(M_S[:free, :free], in_output[:free])
     by_rotor[:free] = -np.linalg.solve(M_S[:free, :free], in_rotor[:free])
-    # What is left of the output's inertia once all modes are taken out: what turns with it at the highest frequencies.
+    # What is left of the output's inertia once all modes are taken out: what turns with it at the
+    # highest frequencies.
     whole = np.linalg.solve(M_S, np.column_stack([in_output, in_rotor]))
     J = float(a @ M @ a)
     left = J - float(in_output @ whole[:, 0])
@@ -283,12 +334,26 @@ def _assembled(array: Array, spacecraft: Spacecraft, output_inertia: float, roto
         array_left=left - output_inertia,
     )
     return Craft(
-        spacecraft, load, shapes, squares, damping, in_shafts, y, by_output, by_rotor, M, P, rotor_inertia, second
+        spacecraft,
+        load,
+        shapes,
+        squares,
+        damping,
+        in_shafts,
+        y,
+        by_output,
+        by_rotor,
+        M,
+        P,
+        rotor_inertia,
+        second,
     )
 
 
-def second_wing(spacecraft: Spacecraft) -> Held | None:
-    """The second wing as its drive holds it; None where there is none. The spacecraft has all its groups (``Scenario.mounted``)."""
+def second_wing(spacecraft: Spacecraft) -> HeldWing | None:
+    """The second wing as its drive holds it; None where there is none. The spacecraft has all its
+    groups (``Scenario.mounted``).
+    """
     wing = spacecraft.second_wing
     if wing is None:
         return None
@@ -297,31 +362,46 @@ def second_wing(spacecraft: Spacecraft) -> Held | None:
     assert wing.friction is not None
     assert wing.array is not None
     assert wing.array_angle is not None
-    return held(wing.motor, wing.reducer, wing.friction, wing.array, wing.interface, wing.array_angle)
+    return held_wing(
+        wing.motor, wing.reducer, wing.friction, wing.array, wing.interface, wing.array_angle
+    )
 
 
-def held(motor: Motor, reducer: Reducer, friction: Friction, array: Array, interface: Interface, angle: float) -> Held:
-    """A wing at an ``angle`` [rad] of its array on its ``interface``, its shaft held by the linearised drive."""
-    a, J_m = _six(interface.axis), motor.rotor_inertia + reducer.input_inertia
+def held_wing(
+    motor: Motor,
+    reducer: Reducer,
+    friction: Friction,
+    array: Array,
+    interface: Interface,
+    angle: float,
+) -> HeldWing:
+    """A wing at an ``angle`` [rad] of its array on its ``interface``, its shaft held by the
+    linearised drive.
+    """
+    a, J_m = _unit_rotation(interface.axis), motor.rotor_inertia + reducer.input_inertia
     M, P = array_on_hub(array, interface, angle)
     M = M + reducer.output_inertia * np.outer(a, a)
-    on_ground = load_of(array, None, reducer.output_inertia, J_m)
+    on_ground = shaft_load(array, None, reducer.output_inertia, J_m)
     G = np.column_stack([J_m * a, M @ a, P]) @ coordinates(reducer, P.shape[1])
     M_x, C_x, K_x = drive_matrices(motor, reducer, friction, on_ground)
-    return Held(M + J_m * np.outer(a, a), G, M_x, C_x, K_x)
+    return HeldWing(M + J_m * np.outer(a, a), G, M_x, C_x, K_x)
 
 
 def array_on_hub(array: Array, interface: Interface, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mass matrix (6, 6) and participation (6, s) of an array about its interface point, at its angle, hub axes."""
+    """Mass matrix (6, 6) and participation (6, s) of an array about its interface point, at its
+    angle, hub axes.
+    """
     mass, participation = array.mass, array.interface
     if mass is None or participation is None:
         raise ValueError("the array has no six components")
-    turn = both(interface.turn(array.drive_axis, angle))
+    turn = block_rotation(interface.turn(array.drive_axis, angle))
     return turn @ mass @ turn.T, turn @ participation
 
 
 def hub_matrices(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Mass, stiffness and damping of the hub's coordinates, (n, n), and how many of the first are free."""
+    """Mass, stiffness and damping of the hub's coordinates, (n, n), and how many of the first are
+    free.
+    """
     hub, control = spacecraft.hub, spacecraft.attitude_control
     n = 6 + len(hub.modes)
     M, K, C = np.eye(n), np.zeros((n, n)), np.zeros((n, n))
@@ -344,23 +424,33 @@ def _motion_of_point(spacecraft: Spacecraft, point: str) -> np.ndarray:
     names = [p.name for p in hub.points]
     interfaces = {INTERFACE: spacecraft.interface}
     if spacecraft.second_wing is not None:
-        interfaces[SECOND] = spacecraft.second_wing.interface
-    index = spacecraft.point_at(interfaces[point]) if point in interfaces else None
+        interfaces[SECOND_INTERFACE] = spacecraft.second_wing.interface
+    if point in interfaces:
+        index = spacecraft.point_at(interfaces[point])
+    else:
+        index = None
     if point in names:
         index = names.index(point)
-    position = interfaces[point].position if point in interfaces else (0.0, 0.0, 0.0)
+    if point in interfaces:
+        position = interfaces[point].position
+    else:
+        position = (0.0, 0.0, 0.0)
     if index is not None:
         position = hub.points[index].position
     elif point not in (CENTER, *interfaces):
         raise KeyError(point)
-    flexible = np.array([mode.shapes[index] if index is not None else np.zeros(6) for mode in hub.modes])
-    return np.hstack([motion_of(np.array(position)), flexible.reshape(len(hub.modes), 6).T])
+    flexible = np.array(
+        [mode.shapes[index] if index is not None else np.zeros(6) for mode in hub.modes]
+    )
+    return np.hstack([rigid_motion_at(np.array(position)), flexible.reshape(len(hub.modes), 6).T])
 
 
 def _modes(M: np.ndarray, K: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shapes (n, s), mass-normalised, and squares of frequencies (s,) ascending of all but the first ``free`` coordinates.
+    """Shapes (n, s), mass-normalised, and squares of frequencies (s,) ascending of all but the
+    first ``free`` coordinates.
 
-    Those have no stiffness; they are taken out by their momentum, so that no rounding gives them a frequency.
+    Those have no stiffness; they are taken out by their momentum, so that no rounding gives them a
+    frequency.
     """
     held = np.linalg.solve(M[:free, :free], M[:free, free:])
     reduced = M[free:, free:] - M[free:, :free] @ held
@@ -371,5 +461,5 @@ def _modes(M: np.ndarray, K: np.ndarray, free: int) -> tuple[np.ndarray, np.ndar
     return np.vstack([-held @ elastic, elastic]), squares
 
 
-def _six(axis: np.ndarray) -> np.ndarray:
+def _unit_rotation(axis: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros(3), axis])

@@ -13,7 +13,9 @@ from microvib.model.reducer import Reducer
 def drive_matrices(
     motor: Motor, reducer: Reducer, friction: Friction, load: Load
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, damping and stiffness by the coordinates theta_m, theta_l (not if rigid) and the modes of a ``load`` (Eq. 16-18)."""
+    """Mass, damping and stiffness by the coordinates theta_m, theta_l (not if rigid) and the modes
+    of a ``load`` (Eq. 16-18).
+    """
     s, h, spring = load.H.size, reducer.h, motor.electromagnetic_stiffness
     M, C, K = (np.zeros((2 + s, 2 + s)) for _ in range(3))
     M[0, 0], M[1, 1] = load.rotor, load.output
@@ -37,7 +39,9 @@ def drive_matrices(
 
 
 def coordinates(reducer: Reducer, modes: int) -> np.ndarray:
-    """theta_m, theta_l and ``modes`` by the coordinates of the matrices, (2 + s, n): the same, or without theta_l if rigid."""
+    """theta_m, theta_l and ``modes`` by the coordinates of the matrices, (2 + s, n): the same, or
+    without theta_l if rigid.
+    """
     T = np.eye(2 + modes)
     if reducer.rigid:  # theta_m = -h theta_l (Eq. 19)
         T[1, 0] = -1.0 / reducer.h

@@ -1,4 +1,6 @@
-"""Microstep command and current loop (Eq. 1, 2, 25, 26), and how a driver's reference currents differ from their ideal."""
+"""Microstep command and current loop (Eq. 1, 2, 25, 26), and how a driver's reference currents
+differ from their ideal.
+"""
 
 from __future__ import annotations
 
@@ -23,46 +25,76 @@ class Imperfections(Part):
     """Errors of the reference currents; zeros make an ideal driver.
 
     With I the amplitude and theta_e the electrical angle: i_A* = I (cos theta_e + offset_a) and
-    i_B* = I ((1 + gain_b) sin(theta_e + quadrature) + offset_b), zero where smaller than dead_band I, then rounded to whole
-    multiples of I/(2^(dac_bits - 1) - 1). Of more phases B is the second, cos(theta_e + quadrature - 2 pi/phases); the others
-    are as A, without its offset.
+    i_B* = I ((1 + gain_b) sin(theta_e + quadrature) + offset_b), zero where smaller than dead_band
+    I, then rounded to whole multiples of I/(2^(dac_bits - 1) - 1). Of more phases B is the second,
+    cos(theta_e + quadrature - 2 pi/phases); the others are as A, without its offset.
     """
 
     gain_b: Annotated[
-        float, Quantity("", "gain of phase B over that of the others, less 1", ge=-0.5, le=0.5, usual=_USUAL)
+        float,
+        Quantity(
+            "", "gain of phase B over that of the others, less 1", ge=-0.5, le=0.5, usual=_USUAL
+        ),
     ] = 0.0
-    offset_a: Annotated[float, Quantity("", "offset of phase A over the current I", ge=-0.5, le=0.5, usual=_USUAL)] = (
-        0.0
-    )
-    offset_b: Annotated[float, Quantity("", "offset of phase B over the current I", ge=-0.5, le=0.5, usual=_USUAL)] = (
-        0.0
-    )
+    offset_a: Annotated[
+        float, Quantity("", "offset of phase A over the current I", ge=-0.5, le=0.5, usual=_USUAL)
+    ] = 0.0
+    offset_b: Annotated[
+        float, Quantity("", "offset of phase B over the current I", ge=-0.5, le=0.5, usual=_USUAL)
+    ] = 0.0
     quadrature: Annotated[
         float,
-        Quantity("rad", "angle by which phase B leads its place", ge=-0.5, le=0.5, display="deg", usual=_USUAL),
+        Quantity(
+            "rad",
+            "angle by which phase B leads its place",
+            ge=-0.5,
+            le=0.5,
+            display="deg",
+            usual=_USUAL,
+        ),
     ] = 0.0
     dead_band: Annotated[
-        float, Quantity("", "references smaller than this part of the current I are zero", ge=0, le=0.5)
+        float,
+        Quantity("", "references smaller than this part of the current I are zero", ge=0, le=0.5),
     ] = 0.0
     dac_bits: (
-        Annotated[int, Field(ge=2, le=24, strict=True, description="bits that references are rounded to, over -I..I")]
+        Annotated[
+            int,
+            Field(
+                ge=2,
+                le=24,
+                strict=True,
+                description="bits that references are rounded to, over -I..I",
+            ),
+        ]
         | None
-    ) = Field(default=None, description="bits that references are rounded to, over -I..I; null does not round")
+    ) = Field(
+        default=None,
+        description="bits that references are rounded to, over -I..I; null does not round",
+    )
 
 
 class Harmonic(Part):
     """One harmonic of an angle correction: amplitude x sin(order theta_e + phase)."""
 
-    order: Annotated[int, Field(ge=1, le=10_000, strict=True, description="cycles per electrical turn")]
-    amplitude: Annotated[float, Quantity("rad", "amplitude, electrical angle", ge=-1.0, le=1.0, display="deg")]
+    order: Annotated[
+        int, Field(ge=1, le=10_000, strict=True, description="cycles per electrical turn")
+    ]
+    amplitude: Annotated[
+        float, Quantity("rad", "amplitude, electrical angle", ge=-1.0, le=1.0, display="deg")
+    ]
     phase: Annotated[float, Quantity("rad", "phase at theta_e = 0", display="deg")] = 0.0
 
 
 class CurrentTable(Part):
-    """What the driver commands in place of cos theta_e and sin theta_e: currents row by row, or a corrected angle."""
+    """What the driver commands in place of cos theta_e and sin theta_e: currents row by row, or a
+    corrected angle.
+    """
 
     harmonics: tuple[Harmonic, ...] = Field(
-        default=(), max_length=1000, description="angle that is added to theta_e, harmonic by harmonic"
+        default=(),
+        max_length=1000,
+        description="angle that is added to theta_e, harmonic by harmonic",
     )
     currents: tuple[tuple[float, float], ...] = Field(
         default=(),
@@ -79,7 +111,7 @@ class CurrentTable(Part):
                 yield f"currents.{k}: {pair[0]:g}, {pair[1]:g} is not allowed; currents over I from -2 to 2 are expected"
 
 
-PERFECT = Imperfections()
+NO_IMPERFECTIONS = Imperfections()
 
 
 class Driver(Part):
@@ -89,31 +121,58 @@ class Driver(Part):
         default="current",
         description="what is commanded: phase currents, or voltages R times as large without a current loop",
     )
-    beats: Annotated[int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")]
-    microsteps: Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step, n")]
+    beats: Annotated[
+        int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")
+    ]
+    microsteps: Annotated[
+        int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step, n")
+    ]
     proportional_gain: Annotated[
-        float, Quantity("V/A", "proportional gain of the current loop", "K_P", ge=0, usual=(0.05, 1e5))
+        float,
+        Quantity("V/A", "proportional gain of the current loop", "K_P", ge=0, usual=(0.05, 1e5)),
     ] = 0.0
     integral_gain: Annotated[
-        float, Quantity("V/A/s", "integral gain of the current loop", "K_I", ge=0, display="V/(A*s)", usual=(0.05, 1e8))
+        float,
+        Quantity(
+            "V/A/s",
+            "integral gain of the current loop",
+            "K_I",
+            ge=0,
+            display="V/(A*s)",
+            usual=(0.05, 1e8),
+        ),
     ] = 0.0
-    derivative_gain: Annotated[float, Quantity("V*s/A", "derivative gain, on the measured current", "K_D", ge=0)] = 0.0
+    derivative_gain: Annotated[
+        float, Quantity("V*s/A", "derivative gain, on the measured current", "K_D", ge=0)
+    ] = 0.0
     supply_voltage: (
-        Annotated[float, Quantity("V", "limit of the phase voltage; null is none", "U", gt=0, usual=(1.0, 400.0))]
+        Annotated[
+            float,
+            Quantity(
+                "V", "limit of the phase voltage; null is none", "U", gt=0, usual=(1.0, 400.0)
+            ),
+        ]
         | None
     ) = None
     microstep_ramp: Annotated[
         float,
         Quantity(
-            "", "part of a microstep's time in which references ramp to their new values; 0 is a step", ge=0, le=1
+            "",
+            "part of a microstep's time in which references ramp to their new values; 0 is a step",
+            ge=0,
+            le=1,
         ),
     ] = 0.0
     delay: Annotated[
-        float, Quantity("s", "time from the command of a microstep to its references", ge=0, le=1, display="ms")
+        float,
+        Quantity(
+            "s", "time from the command of a microstep to its references", ge=0, le=1, display="ms"
+        ),
     ] = 0.0
     imperfections: Imperfections = Imperfections()
     table: CurrentTable | None = Field(
-        default=None, description="table of currents in place of cosine and sine, or the name of a file that has it"
+        default=None,
+        description="table of currents in place of cosine and sine, or the name of a file that has it",
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -123,12 +182,15 @@ class Driver(Part):
         rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
         if rows not in (0, turn):
             yield (
-                f"table.currents: has {rows} rows; one for each microstep of an electrical turn is expected,"
+                f"table.currents: has {rows} rows; one for each microstep of an electrical turn is"
+                " expected,"
                 f" beats x microsteps = {turn}"
             )
 
     def _needed(self) -> tuple[str, ...]:
-        return ("proportional_gain", "integral_gain") if self.drive == "current" else ()
+        if self.drive == "current":
+            return ("proportional_gain", "integral_gain")
+        return ()
 
     def full_step(self, motor: Motor) -> float:
         """Full step of the rotor Delta theta [rad] (Eq. 25)."""
@@ -143,29 +205,43 @@ class Driver(Part):
         return abs(omega_m) / self.microstep(motor)
 
     def electrical_angle(self, count: np.ndarray) -> np.ndarray:
-        """Electrical angle theta_e [rad] after ``count`` microsteps, an array of any shape (Eq. 1, corrected)."""
+        """Electrical angle theta_e [rad] after ``count`` microsteps, an array of any shape (Eq. 1,
+        corrected).
+        """
         return 2.0 * math.pi * count / (self.beats * self.microsteps)
 
     def reference_currents(self, motor: Motor, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected); of more phases, along the two axes."""
+        """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected); of more
+        phases, along the two axes.
+        """
         return self.references(motor, self.electrical_angle(count))
 
-    def references(self, motor: Motor, electrical_angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same at electrical angles [rad], of any shape; with errors or a table only those of microsteps are known."""
+    def references(
+        self, motor: Motor, electrical_angle: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same at electrical angles [rad], of any shape; with errors or a table only those of
+        microsteps are known.
+        """
         if not self.distorted:
-            return motor.axis_current * np.cos(electrical_angle), motor.axis_current * np.sin(electrical_angle)
-        turn = electrical_turn(self, motor.axis_current, motor.phases)
-        count = np.rint(np.asarray(electrical_angle) * (len(turn) / (2.0 * math.pi))).astype(np.int64) % len(turn)
+            return motor.axis_current * np.cos(electrical_angle), motor.axis_current * np.sin(
+                electrical_angle
+            )
+        turn = references_over_electrical_period(self, motor.axis_current, motor.phases)
+        count = np.rint(np.asarray(electrical_angle) * (len(turn) / (2.0 * math.pi))).astype(
+            np.int64
+        ) % len(turn)
         return turn[count, 0], turn[count, 1]
 
     def largest_reference(self, motor: Motor) -> float:
         """Largest reference current of a phase [A], of two."""
-        return float(np.max(np.abs(electrical_turn(self, motor.current)))) if self.distorted else motor.current
+        if self.distorted:
+            return float(np.max(np.abs(references_over_electrical_period(self, motor.current))))
+        return motor.current
 
     @property
     def distorted(self) -> bool:
         """Whether references after a microstep are not I cos theta_e and I sin theta_e."""
-        return self.table is not None or self.imperfections != PERFECT
+        return self.table is not None or self.imperfections != NO_IMPERFECTIONS
 
     @property
     def ideal(self) -> bool:
@@ -175,12 +251,13 @@ class Driver(Part):
     def repeats_after(self, motor: Motor) -> int:
         """Microsteps after which references are as before, but turned, and the detent torque too.
 
-        For an ideal driver a period of the detent torque, or its least multiple that is a whole number of microsteps.
+        For an ideal driver a period of the detent torque, or its least multiple that is a whole
+        number of microsteps.
         """
         electrical = self.beats * self.microsteps
         quarter = electrical // math.gcd(electrical, motor.detent_periods)
         if self.distorted:
-            turn = electrical_turn(self, 1.0, motor.phases)
+            turn = references_over_electrical_period(self, 1.0, motor.phases)
             vector = turn[:, 0] + 1j * turn[:, 1]
             turned = vector * np.exp(2j * math.pi * quarter / electrical)
             if np.max(np.abs(np.roll(vector, -quarter) - turned)) > 1e-12:
@@ -189,14 +266,20 @@ class Driver(Part):
 
     def time_constant(self, motor: Motor) -> float:
         """Fast time constant of the closed current loop [s]."""
-        return (motor.winding_inductance + self.derivative_gain) / (self.proportional_gain + motor.winding_resistance)
+        return (motor.winding_inductance + self.derivative_gain) / (
+            self.proportional_gain + motor.winding_resistance
+        )
 
 
 @lru_cache(maxsize=32)
-def electrical_turn(driver: Driver, current: float, phases: int = 2) -> np.ndarray:
-    """References i_A*, i_B* [A] after each microstep of an electrical turn, from theta_e = 0 on, (b n, 2); not to be changed.
+def references_over_electrical_period(
+    driver: Driver, current: float, phases: int = 2
+) -> np.ndarray:
+    """References i_A*, i_B* [A] after each microstep of an electrical turn, from theta_e = 0 on, (b
+    n, 2); not to be changed.
 
-    Of more phases they are along the two axes, ``current`` being the amplitude there; each phase has its errors by itself.
+    Of more phases they are along the two axes, ``current`` being the amplitude there; each phase
+    has its errors by itself.
     """
     errors, table = driver.imperfections, driver.table
     count = np.arange(driver.beats * driver.microsteps)
@@ -204,10 +287,13 @@ def electrical_turn(driver: Driver, current: float, phases: int = 2) -> np.ndarr
     if table is not None and table.currents:
         along, across = np.array(table.currents).T
     else:
-        corrections = (h.amplitude * np.sin(h.order * theta_e + h.phase) for h in (table.harmonics if table else ()))
+        corrections = (
+            h.amplitude * np.sin(h.order * theta_e + h.phase)
+            for h in (table.harmonics if table else ())
+        )
         theta_e = theta_e + sum(corrections)
         along, across = np.cos(theta_e), np.sin(theta_e)
-    place = np.array([(1.0, 0.0), (0.0, 1.0)] if phases == 2 else _places(phases))
+    place = np.array([(1.0, 0.0), (0.0, 1.0)] if phases == 2 else _phase_axes(phases))
     (c, s), lead = place[1], errors.quadrature
     led = place.copy()
     led[1] = c * math.cos(lead) + s * math.sin(lead), s * math.cos(lead) - c * math.sin(lead)
@@ -223,10 +309,11 @@ def electrical_turn(driver: Driver, current: float, phases: int = 2) -> np.ndarr
 
 
 def quantized(references: np.ndarray, levels: int) -> np.ndarray:
-    """Round references over I, of any shape, to whole multiples of 1/``levels``, a half step away from zero.
+    """Round references over I, of any shape, to whole multiples of 1/``levels``, a half step away
+    from zero.
 
-    A reference within the noise of floating point of a half step is taken for it: references that are equal but for their sign, or
-    by a symmetry of the phases, stay so.
+    A reference within the noise of floating point of a half step is taken for it: references that
+    are equal but for their sign, or by a symmetry of the phases, stay so.
     """
     steps = np.abs(references) * levels
     halves = np.rint(2.0 * steps)
@@ -234,7 +321,7 @@ def quantized(references: np.ndarray, levels: int) -> np.ndarray:
     return np.asarray(np.copysign(np.floor(steps + 0.5), references) / levels)
 
 
-def _places(phases: int) -> list[tuple[float, float]]:
+def _phase_axes(phases: int) -> list[tuple[float, float]]:
     """Cosine and sine of the electrical angle of each phase's axis, of three phases or more."""
     angles = (2.0 * math.pi * k / phases for k in range(phases))
     return [(math.cos(angle), math.sin(angle)) for angle in angles]

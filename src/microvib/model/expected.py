@@ -11,23 +11,34 @@ from typing import Literal
 
 import numpy as np
 
-from microvib.model.driver import Driver, Imperfections, electrical_turn
+from microvib.model.driver import Driver, Imperfections, references_over_electrical_period
 from microvib.model.linear import coupled_modes
 from microvib.model.motor import Motor
 from microvib.model.reducer import KinematicError
 from microvib.model.scenario import Scenario, expect_scenario
-from microvib.units import Given, quantity
+from microvib.units import GivenQuantity, quantity
 
-Kind = Literal["array mode", "drive", "full step", "electrical", "wave generator", "gear train", "sideband", "other"]
+Kind = Literal[
+    "array mode",
+    "drive",
+    "full step",
+    "electrical",
+    "wave generator",
+    "gear train",
+    "sideband",
+    "other",
+]
 
-UNLISTED = "other_"
-"""Beginning of the names of lines that were found and not expected; within a record they are numbered by size, so that one name
-means another line in another record."""
+UNLISTED_PREFIX = "other_"
+"""Beginning of the names of lines that were found and not expected; within a record they are
+numbered by size, so that one name means another line in another record."""
 
 
 def is_unlisted(name: str) -> bool:
-    """Whether a line was found where none was expected, by its name, that of a second wing's drive among them."""
-    return any(part.startswith(UNLISTED) for part in name.split())
+    """Whether a line was found where none was expected, by its name, that of a second wing's drive
+    among them.
+    """
+    return any(part.startswith(UNLISTED_PREFIX) for part in name.split())
 
 
 def is_sideband(name: str) -> bool:
@@ -38,7 +49,7 @@ def is_sideband(name: str) -> bool:
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
 
-class OfKind:
+class LineKindProperties:
     """What the kind of a line, expected or found, says of it."""
 
     kind: str
@@ -50,12 +61,14 @@ class OfKind:
 
     @property
     def of_clock(self) -> bool:
-        """Whether the step clock makes it; modes, and what is not expected, have frequencies of their own."""
+        """Whether the step clock makes it; modes, and what is not expected, have frequencies of
+        their own.
+        """
         return self.kind not in ("array mode", "other")
 
 
 @dataclass(frozen=True)
-class ExpectedLine(OfKind):
+class ExpectedLine(LineKindProperties):
     """An expected line: its name, its frequency and the band to search [Hz]."""
 
     name: str
@@ -67,25 +80,33 @@ class ExpectedLine(OfKind):
 
 
 def expected_lines(
-    scenario: Scenario, highest: Given, harmonics: int = 8, clock_tolerance: float = 0.0, mode_tolerance: float = 0.0
+    scenario: Scenario,
+    highest: GivenQuantity,
+    harmonics: int = 8,
+    clock_tolerance: float = 0.0,
+    mode_tolerance: float = 0.0,
 ) -> tuple[ExpectedLine, ...]:
-    """Lines up to ``highest``, a frequency: array modes as seen through the drive, and all that the step clock makes.
+    """Lines up to ``highest``, a frequency: array modes as seen through the drive, and all that the
+    step clock makes.
 
-    Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq. 26); the detent period
-    4 f_d/(b n), of three phases 6 f_d/(b n), of five 10 f_d/(b n), which is the full-step rate f_d/n where b is that number;
-    the electrical period f_d/(b n); the wave generator's turns, for each transmission-error harmonic; and the sidebands that
-    the detent torque makes about the driving lines. A
-    frequency that belongs to several families carries the name of the first. Of the electrical period an ideal driver has no
-    lines, and three are listed; one with errors has ``harmonics``, and the origin says which error makes a line.
-    Where the rate changes within the record, or is zero, there are modes only.
+    Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq.
+    26); the detent period 4 f_d/(b n), of three phases 6 f_d/(b n), of five 10 f_d/(b n), which is
+    the full-step rate f_d/n where b is that number; the electrical period f_d/(b n); the wave
+    generator's turns, for each transmission-error harmonic; and the sidebands that the detent
+    torque makes about the driving lines. A frequency that belongs to several families carries the
+    name of the first. Of the electrical period an ideal driver has no lines, and three are listed;
+    one with errors has ``harmonics``, and the origin says which error makes a line. Where the rate
+    changes within the record, or is zero, there are modes only.
 
-    ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of the frequency: zero for a
-    simulation, whose clock is known, a per cent for a test.
+    ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of
+    the frequency: zero for a simulation, whose clock is known, a per cent for a test.
     """
     expect_scenario(scenario)
     highest = quantity("highest", highest, "Hz")
     modes = [
-        replace(line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance))
+        replace(
+            line, low=line.low * (1.0 - mode_tolerance), high=line.high * (1.0 + mode_tolerance)
+        )
         for line in _array_lines(scenario, highest)
     ]
     f_d = scenario.driving_frequency
@@ -96,7 +117,14 @@ def expected_lines(
     turn, orders = _orders(driver, motor, errors, harmonics)
     base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
     clock = [
-        ExpectedLine(name, kind, float(order) * base, low * (float(order) * base), high * (float(order) * base), origin)
+        ExpectedLine(
+            name,
+            kind,
+            float(order) * base,
+            low * (float(order) * base),
+            high * (float(order) * base),
+            origin,
+        )
         for order, (name, kind, origin) in orders.items()
         if float(order) * base <= highest
     ]
@@ -107,30 +135,52 @@ def expected_lines(
 def _orders(
     driver: Driver, motor: Motor, errors: tuple[KinematicError, ...], harmonics: int
 ) -> tuple[int, dict[Fraction | int, tuple[str, Kind, str]]]:
-    """Microsteps per turn of the rotor; and name, kind and origin of the line of each order of such a turn, a whole one but of
-    gear trains, that of the first family where several have it."""
+    """Microsteps per turn of the rotor; and name, kind and origin of the line of each order of such
+    a turn, a whole one but of gear trains, that of the first family where several have it."""
     b, z, steps = driver.beats, motor.rotor_teeth, motor.full_steps
     turn = b * driver.microsteps * z
     makers = {error.order: error.causes for error in angle_errors(driver, motor.phases)}
     families: list[tuple[str, Kind, int, Sequence[int], str]] = [
         ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
-        ("full_step", "full step", steps * z, range(1, harmonics + 1), "full step" if b == steps else "detent period"),
-        ("electrical", "electrical", z, range(1, (harmonics if driver.distorted else 3) + 1), "electrical period"),
+        (
+            "full_step",
+            "full step",
+            steps * z,
+            range(1, harmonics + 1),
+            "full step" if b == steps else "detent period",
+        ),
+        (
+            "electrical",
+            "electrical",
+            z,
+            range(1, (harmonics if driver.distorted else 3) + 1),
+            "electrical period",
+        ),
     ]
     orders: dict[Fraction | int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
-            made = ", ".join(makers.get(k * unit // z, ())) if stem in ("full_step", "electrical") else ""
-            orders.setdefault(k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}"))
+            if stem in ("full_step", "electrical"):
+                made = ", ".join(makers.get(k * unit // z, ()))
+            else:
+                made = ""
+            orders.setdefault(
+                k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}")
+            )
     for e in errors:
-        of: Kind = "wave generator" if e.line.startswith("wave_generator") else "gear train"
+        if e.line.startswith("wave_generator"):
+            of: Kind = "wave generator"
+        else:
+            of = "gear train"
         orders.setdefault(e.order, (e.line, of, f"transmission error, {e.origin}"))
     detent = motor.detent_periods * z
     if motor.detent_torque > 0.0 and turn > 2 * SIDEBANDS * detent:
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
                 name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
-                orders.setdefault(k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step"))
+                orders.setdefault(
+                    k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step")
+                )
     return turn, orders
 
 
@@ -147,23 +197,30 @@ class AngleError:
 
 
 def angle_errors(driver: Driver, phases: int = 2) -> tuple[AngleError, ...]:
-    """Harmonics of the angle error of a driver's references, from order 1 to half a turn's microsteps; none for an ideal one.
+    """Harmonics of the angle error of a driver's references, from order 1 to half a turn's
+    microsteps; none for an ideal one.
 
-    Those below a hundredth of the largest are left out. Each is given the causes that make at least a tenth of it when they act
-    alone.
+    Those below a hundredth of the largest are left out. Each is given the causes that make at least
+    a tenth of it when they act alone.
     """
     if not driver.distorted:
         return ()
-    size, alone = _angle_error(driver, phases), {key: _angle_error(one, phases) for key, one in _single_causes(driver)}
+    size, alone = (
+        _angle_error(driver, phases),
+        {key: _angle_error(one, phases) for key, one in _single_causes(driver)},
+    )
     told = [k for k in range(1, size.size) if size[k] > max(0.01 * np.max(size[1:]), 1e-9)]
     return tuple(
-        AngleError(k, float(size[k]), tuple(key for key, own in alone.items() if own[k] > 0.1 * size[k])) for k in told
+        AngleError(
+            k, float(size[k]), tuple(key for key, own in alone.items() if own[k] > 0.1 * size[k])
+        )
+        for k in told
     )
 
 
 def _angle_error(driver: Driver, phases: int) -> np.ndarray:
     """Amplitudes of the angle error's harmonics, (b n // 2 + 1,) [rad]."""
-    turn = electrical_turn(driver, 1.0, phases)
+    turn = references_over_electrical_period(driver, 1.0, phases)
     n = len(turn)
     vector = (turn[:, 0] + 1j * turn[:, 1]) * np.exp(-2j * math.pi * np.arange(n) / n)
     amplitudes: np.ndarray = np.abs(np.fft.rfft(np.angle(vector))) * (2.0 / n)
@@ -180,7 +237,10 @@ def _single_causes(driver: Driver) -> Iterator[tuple[str, Driver]]:
         if value != default:
             yield (
                 name,
-                driver.model_copy(update=none | {"imperfections": Imperfections().model_copy(update={name: value})}),
+                driver.model_copy(
+                    update=none
+                    | {"imperfections": Imperfections().model_copy(update={name: value})}
+                ),
             )
 
 
@@ -189,9 +249,12 @@ def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:
     for mode in coupled_modes(scenario):
         if mode.fixed_frequency is None or mode.frequency > highest:
             continue
-        # While the shaft sticks the mode is at its clamped frequency, while it slips at the coupled one.
+        # While the shaft sticks the mode is at its clamped frequency, while it slips at the coupled
+        # one.
         low, high = sorted((mode.frequency, mode.fixed_frequency))
-        if high > 1.1 * low:  # above the hub's resonance they lie far apart, with other lines between
+        if (
+            high > 1.1 * low
+        ):  # above the hub's resonance they lie far apart, with other lines between
             low = high = mode.frequency
         origin = f"clamped {mode.fixed_frequency:.4g} Hz, seen through the drive"
         lines.append(ExpectedLine(mode.name, "array mode", mode.frequency, low, high, origin))

@@ -17,10 +17,18 @@ from microvib.units import Quantity
 class SlipRing(Part):
     """Conductive slip ring: brushes that slide on rings (Eq. 6)."""
 
-    contact_pairs: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="pairs of ring and brush, N_c")]
-    contact_force: Annotated[float, Quantity("N", "force of one contact", "p", ge=0, usual=(1e-3, 20.0))]
-    friction_factor: Annotated[float, Quantity("", "friction factor of the contact", "mu", ge=0, usual=(0.01, 5.0))]
-    ring_radius: Annotated[float, Quantity("m", "radius of the rings", "r", ge=0, display="mm", usual=(5e-4, 0.5))]
+    contact_pairs: Annotated[
+        int, Field(ge=0, le=1_000_000, strict=True, description="pairs of ring and brush, N_c")
+    ]
+    contact_force: Annotated[
+        float, Quantity("N", "force of one contact", "p", ge=0, usual=(1e-3, 20.0))
+    ]
+    friction_factor: Annotated[
+        float, Quantity("", "friction factor of the contact", "mu", ge=0, usual=(0.01, 5.0))
+    ]
+    ring_radius: Annotated[
+        float, Quantity("m", "radius of the rings", "r", ge=0, display="mm", usual=(5e-4, 0.5))
+    ]
 
     @property
     def torque(self) -> float:
@@ -31,22 +39,33 @@ class SlipRing(Part):
 class Friction(Part):
     """Stribeck friction of one shaft (Eq. 5, 7)."""
 
-    coulomb: Annotated[float, Quantity("N*m", "Coulomb friction torque", "T_c", ge=0, usual=(1e-6, 100.0))]
-    breakaway: Annotated[float, Quantity("N*m", "breakaway (static) torque", "T_s", ge=0, usual=(1e-6, 100.0))]
-    stribeck_rate: Annotated[
-        float, Quantity("rad/s", "Stribeck rate", "omega_s", gt=0, display="deg/s", usual=(1e-7, 20.0))
+    coulomb: Annotated[
+        float, Quantity("N*m", "Coulomb friction torque", "T_c", ge=0, usual=(1e-6, 100.0))
     ]
-    stribeck_shape: Annotated[float, Quantity("", "exponent of the Stribeck curve", "delta", gt=0, le=10)] = 1.0
-    viscous: Annotated[float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0, usual=(1e-7, 1e4))]
+    breakaway: Annotated[
+        float, Quantity("N*m", "breakaway (static) torque", "T_s", ge=0, usual=(1e-6, 100.0))
+    ]
+    stribeck_rate: Annotated[
+        float,
+        Quantity("rad/s", "Stribeck rate", "omega_s", gt=0, display="deg/s", usual=(1e-7, 20.0)),
+    ]
+    stribeck_shape: Annotated[
+        float, Quantity("", "exponent of the Stribeck curve", "delta", gt=0, le=10)
+    ] = 1.0
+    viscous: Annotated[
+        float, Quantity("N*m*s/rad", "viscous friction", "sigma", ge=0, usual=(1e-7, 1e4))
+    ]
     slip_ring: SlipRing | None = None
     presliding: Presliding | None = Field(
-        default=None, description="friction with memory; without it, what sticks is rigid"
+        default=None,
+        description="presliding friction (hysteretic); without it, sticking contacts are rigid",
     )
     torque_noise: TorqueNoise | None = Field(
         default=None, description="noise of the torque, on the output; without it, none"
     )
     position: FrictionPosition | None = Field(
-        default=None, description="how friction varies with the angle of the output; without it, not at all"
+        default=None,
+        description="how friction varies with the angle of the output; without it, not at all",
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -56,7 +75,7 @@ class Friction(Part):
         if self.presliding is None:
             return
         if self.breakaway_torque == 0.0:
-            yield "presliding: there is no friction that could stick; coulomb, breakaway or slip_ring must be greater than 0"
+            yield "presliding: there is no friction to stick; coulomb, breakaway or slip_ring must be greater than 0"
             return
         try:
             _ = self.memory
@@ -65,7 +84,9 @@ class Friction(Part):
 
     @property
     def memory(self) -> tuple[tuple[float, float], ...]:
-        """Stiffness [N m/rad] and share of the limit of each element of a friction with memory; empty without."""
+        """Stiffness [N m/rad] and share of the limit of each element of a friction with memory;
+        empty without.
+        """
         own = self.presliding
         if own is None:
             return ()
@@ -90,29 +111,41 @@ class Friction(Part):
     def drawn_anew(self) -> Friction:
         """The same of another unit: its noise and its roughness are other draws."""
         noise, position = self.torque_noise, self.position
-        rough = None if position is None else position.roughness
+        if position is None:
+            rough = None
+        else:
+            rough = position.roughness
         changed: dict[str, Part] = {}
         if noise is not None:
-            changed["torque_noise"] = noise.model_copy(update={"seed": _other(noise.seed)})
+            changed["torque_noise"] = noise.model_copy(update={"seed": _derived_seed(noise.seed)})
         if position is not None and rough is not None:
-            anew = rough.model_copy(update={"seed": _other(rough.seed)})
+            anew = rough.model_copy(update={"seed": _derived_seed(rough.seed)})
             changed["position"] = position.model_copy(update={"roughness": anew})
-        return self.model_copy(update=changed) if changed else self
+        if changed:
+            return self.model_copy(update=changed)
+        return self
 
     @property
     def without_noise(self) -> Friction:
         """The same without torque noise and roughness."""
-        position = None if self.position is None else self.position.model_copy(update={"roughness": None})
+        if self.position is None:
+            position = None
+        else:
+            position = self.position.model_copy(update={"roughness": None})
         return self.model_copy(update={"torque_noise": None, "position": position})
 
     def torque(self, omega: float) -> float:
-        """Friction torque [N m] at the rate ``omega`` != 0 [rad/s] (Eq. 7); at rest it is set-valued and this is 0."""
+        """Friction torque [N m] at the rate ``omega`` != 0 [rad/s] (Eq. 7); at rest it is
+        set-valued and this is 0.
+        """
         if omega == 0.0:
             return 0.0
-        stribeck = self.stribeck_torque * math.exp(-(abs(omega / self.stribeck_rate) ** self.stribeck_shape))
+        stribeck = self.stribeck_torque * math.exp(
+            -(abs(omega / self.stribeck_rate) ** self.stribeck_shape)
+        )
         return math.copysign(self.sliding_torque + stribeck + self.viscous * abs(omega), omega)
 
 
-def _other(seed: int) -> int:
+def _derived_seed(seed: int) -> int:
     """A seed far from those that studies count up to."""
     return (seed + 2**62) % 2**63

@@ -1,8 +1,9 @@
 """The drive linearised about tracking: the array's modes as seen through the drive.
 
-The electromagnetic spring is taken without detent torque (whose stiffness changes sign several times per electrical turn and
-averages to nothing), frictions by their viscous part, the transmission error as nothing. Of a drive without a current loop the
-windings take part: a rotor that turns against the command changes the currents by its back-EMF.
+The electromagnetic spring is taken without detent torque (whose stiffness changes sign several
+times per electrical turn and averages to nothing), frictions by their viscous part, the
+transmission error as nothing. Of a drive without a current loop the windings take part: a rotor
+that turns against the command changes the currents by its back-EMF.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from microvib.model.array import Array
-from microvib.model.craft import craft_of, load_of
+from microvib.model.craft import craft_of, shaft_load
 from microvib.model.drive_matrices import drive_matrices
 from microvib.model.friction import Friction
 from microvib.model.mode_names import mode_names
@@ -26,7 +27,9 @@ from microvib.model.spacecraft import Spacecraft
 
 _MOST_ELEMENTS = 4_000_000
 """Elements of the matrices that are solved together, at most."""
-MANY = 300  # modes above which the damped eigenproblem, whose work grows with the third power, is not solved as a whole
+# modes above which the damped eigenproblem, whose work grows with the third power, is not solved as
+# a whole
+MAX_DENSE_MODES = 300
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,9 @@ class CoupledMode:
     frequency: float
     damping: float
     fixed_frequency: float | None
-    """Frequency with the interface clamped, on a craft with locked hinges [Hz]; None for a resonance of the drive itself."""
+    """Frequency with the interface clamped, on a craft with locked hinges [Hz]; None for a
+    resonance of the drive itself.
+    """
 
     @property
     def decay(self) -> float:
@@ -46,7 +51,9 @@ class CoupledMode:
 
 
 def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if rigid), modes (Eq. 16-18)."""
+    """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if
+    rigid), modes (Eq. 16-18).
+    """
     return drive_matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.load)
 
 
@@ -61,26 +68,31 @@ class LinearLine:
 
 
 def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ...]:
-    """Driving lines of T_d in closed form: the microsteps' staircase through the linearised drive (Eq. 16-18, 20).
+    """Driving lines of T_d in closed form: the microsteps' staircase through the linearised drive
+    (Eq. 16-18, 20).
 
-    The command is a ramp and a sawtooth of one microstep's height delta, whose order k has the amplitude delta/(pi k); it pulls
-    at the rotor through the electromagnetic spring z K_m I. Currents are assumed to follow instantly, those of voltages by their
-    windings, about a rotor without load; friction is viscous only, and detent torque, stick and errors of the driver do not
-    exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the staircase, whose order k
-    falls by sinc(k r). Empty where the rate is zero or changes.
+    The command is a ramp and a sawtooth of one microstep's height delta, whose order k has the
+    amplitude delta/(pi k); it pulls at the rotor through the electromagnetic spring z K_m I.
+    Currents are assumed to follow instantly, those of voltages by their windings, about a rotor
+    without load; friction is viscous only, and detent torque, stick and errors of the driver do not
+    exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the
+    staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes.
     """
     f_d = scenario.driving_frequency
     if not f_d:
         return ()
     order, of_drive = np.arange(1, harmonics + 1), matrices(scenario)
-    frequency, pull = order * f_d, pulls(scenario, order)
+    frequency, pull = order * f_d, staircase_torque(scenario, order)
     if scenario.driver.drive == "voltage":
-        by_command = [_by_voltage(scenario, 2j * math.pi * f)[0] for f in frequency.tolist()]
+        by_command = [
+            _voltage_drive_stiffness(scenario, 2j * math.pi * f)[0] for f in frequency.tolist()
+        ]
         pull *= np.array(by_command) / scenario.motor.electromagnetic_stiffness
     lines: list[LinearLine] = []
-    for part in chunks(frequency.size, of_drive[0].shape[0]):
+    for part in frequency_blocks(frequency.size, of_drive[0].shape[0]):
         motion = np.linalg.solve(
-            _dynamic(scenario, *of_drive, frequency[part]), pull[part, None, None] * _on(0, of_drive)
+            _dynamic(scenario, *of_drive, frequency[part]),
+            pull[part, None, None] * _unit_torque(0, of_drive),
         )
         moved = np.sum(momentum_row(scenario, frequency[part]) * motion[..., 0], axis=-1)
         torque = (2.0 * math.pi * frequency[part]) ** 2 * moved
@@ -88,18 +100,22 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     return tuple(lines)
 
 
-def chunks(count: int, size: int) -> Iterator[slice]:
-    """Parts of ``count`` frequencies whose matrices of ``size`` rows are solved together, in little memory."""
+def frequency_blocks(count: int, size: int) -> Iterator[slice]:
+    """Parts of ``count`` frequencies whose matrices of ``size`` rows are solved together, in little
+    memory.
+    """
     step = max(_MOST_ELEMENTS // size**2, 1)
     yield from (slice(first, first + step) for first in range(0, count, step))
 
 
-def _on(coordinate: int, matrices: tuple[np.ndarray, ...]) -> np.ndarray:
+def _unit_torque(coordinate: int, matrices: tuple[np.ndarray, ...]) -> np.ndarray:
     """A torque of 1 on one coordinate, as a column."""
     return np.eye(matrices[0].shape[0])[:, [coordinate]]
 
 
-def torque_by(scenario: Scenario, frequency: np.ndarray, torque: np.ndarray) -> np.ndarray:
+def disturbance_torque_response(
+    scenario: Scenario, frequency: np.ndarray, torque: np.ndarray
+) -> np.ndarray:
     """Size of T_d by torques on the coordinates of ``matrices`` at each ``frequency`` of (m,) [Hz].
 
     Parameters
@@ -115,14 +131,18 @@ def torque_by(scenario: Scenario, frequency: np.ndarray, torque: np.ndarray) -> 
         Amplitudes of T_d [N m], (m,).
     """
     of_drive, found = matrices(scenario), np.zeros(frequency.size)
-    for part in chunks(frequency.size, torque.size):
-        motion = np.linalg.solve(_dynamic(scenario, *of_drive, frequency[part]), torque[:, None])[..., 0]
+    for part in frequency_blocks(frequency.size, torque.size):
+        motion = np.linalg.solve(_dynamic(scenario, *of_drive, frequency[part]), torque[:, None])[
+            ..., 0
+        ]
         found[part] = np.abs(np.sum(momentum_row(scenario, frequency[part]) * motion, axis=-1))
     return np.asarray((2.0 * math.pi * frequency) ** 2 * found)
 
 
 def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
-    """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` (...) [Hz], complex, (..., n, n)."""
+    """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` (...) [Hz], complex,
+    (..., n, n).
+    """
     return _dynamic(scenario, *matrices(scenario), frequency)
 
 
@@ -132,30 +152,42 @@ def _dynamic(
     omega = 2.0 * math.pi * np.asarray(frequency, dtype=float)[..., None, None]
     dynamic: np.ndarray = K - omega**2 * M + 1j * omega * C
     if scenario.driver.drive == "voltage":
-        by_angle = np.vectorize(lambda w: _by_voltage(scenario, 1j * w)[1], otypes=[complex])
+        by_angle = np.vectorize(
+            lambda w: _voltage_drive_stiffness(scenario, 1j * w)[1], otypes=[complex]
+        )
         dynamic[..., 0, 0] += by_angle(omega[..., 0, 0]) - scenario.motor.electromagnetic_stiffness
     return dynamic
 
 
-def pulls(scenario: Scenario, order: np.ndarray) -> np.ndarray:
-    """Torque of the command's staircase on the rotor at each ``order`` of the driving frequency, complex amplitude [N m]."""
-    step = -math.copysign(scenario.driver.microstep(scenario.motor), (scenario.rate or 0.0) * scenario.reducer.h)
+def staircase_torque(scenario: Scenario, order: np.ndarray) -> np.ndarray:
+    """Torque of the command's staircase on the rotor at each ``order`` of the driving frequency,
+    complex amplitude [N m].
+    """
+    step = -math.copysign(
+        scenario.driver.microstep(scenario.motor), (scenario.rate or 0.0) * scenario.reducer.h
+    )
     ramped = order * scenario.driver.microstep_ramp
     sawtooth = -1j * step / (math.pi * order) * (np.sinc(ramped) * np.exp(-1j * math.pi * ramped))
     return np.asarray(scenario.motor.electromagnetic_stiffness * sawtooth)
 
 
-def _by_voltage(scenario: Scenario, s: complex) -> tuple[complex, complex]:
-    """Torque on the rotor [N m/rad] by the angle of the commanded voltage over z, and against the rotor's own; at s = j omega.
+def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, complex]:
+    """Torque on the rotor [N m/rad] by the angle of the commanded voltage over z, and against the
+    rotor's own; at s = j omega.
 
-    Seen from a rotor that turns evenly without load, at the angle a (electrical) from the voltage: |i| = I cos a, and of small
-    changes (R + s L + j omega_e L) i = j R I exp(-j a) z command - j K_m (s + j omega_e) angle.
+    Seen from a rotor that turns evenly without load, at the angle a (electrical) from the voltage:
+    |i| = I cos a, and of small changes (R + s L + j omega_e L) i = j R I exp(-j a) z command - j
+    K_m (s + j omega_e) angle.
     """
     motor, omega = scenario.motor, -scenario.reducer.h * (scenario.rate or 0.0)
     z, K_m, current = motor.rotor_teeth, motor.axis_torque_constant, motor.axis_current
     R, X = motor.winding_resistance, z * omega * motor.winding_inductance
-    a = math.asin(max(-1.0, min(1.0, -K_m * omega / (current * math.hypot(R, X))))) - math.atan2(X, R)
-    windings = np.array([[R + s * motor.winding_inductance, -X], [X, R + s * motor.winding_inductance]])
+    a = math.asin(max(-1.0, min(1.0, -K_m * omega / (current * math.hypot(R, X))))) - math.atan2(
+        X, R
+    )
+    windings = np.array(
+        [[R + s * motor.winding_inductance, -X], [X, R + s * motor.winding_inductance]]
+    )
     by_command = R * current * z * np.array([math.sin(a), math.cos(a)])
     by_angle = K_m * np.array([z * omega, -s])
     q = np.linalg.solve(windings, np.column_stack([by_command, by_angle]))[1]
@@ -163,27 +195,42 @@ def _by_voltage(scenario: Scenario, s: complex) -> tuple[complex, complex]:
 
 
 def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
-    """Angular momentum about the drive axis for unit rates at a ``frequency`` (...) [Hz] of the coordinates of ``matrices``
-    (Eq. 20), complex, (..., n)."""
+    """Angular momentum about the drive axis for unit rates at a ``frequency`` (...) [Hz] of the
+    coordinates of ``matrices`` (Eq. 20), complex, (..., n)."""
     load, h = scenario.load, scenario.reducer.h
     rotor, output = load.rotor + load.cross, load.output + load.cross
-    modes = load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency, dtype=float)[..., None])
-    shafts = [rotor - output / h] if scenario.reducer.rigid else [rotor, output]
-    return np.concatenate([np.broadcast_to(shafts, (*modes.shape[:-1], len(shafts))), modes], axis=-1)
+    modes = (
+        load.H
+        + load.R
+        + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency, dtype=float)[..., None])
+    )
+    if scenario.reducer.rigid:
+        shafts = [rotor - output / h]
+    else:
+        shafts = [rotor, output]
+    return np.concatenate(
+        [np.broadcast_to(shafts, (*modes.shape[:-1], len(shafts))), modes], axis=-1
+    )
 
 
 def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
-    """Natural frequencies of drive and array together; array modes first, named ``array_mode_1`` and so on.
+    """Natural frequencies of drive and array together; array modes first, named ``array_mode_1``
+    and so on.
 
-    On a craft also ``hub_mode_1``, ``control_mode_1`` and so on, by what holds most of their energy (``mode_names``).
+    On a craft also ``hub_mode_1``, ``control_mode_1`` and so on, by what holds most of their energy
+    (``mode_names``).
 
-    What holds least of its energy in the array are resonances of the drive (rotor on the electromagnetic spring, hub on the
-    reducer), named ``drive_resonance_1`` and so on if they oscillate; the others carry the array modes' names in the order
-    of their frequencies. With more than ``MANY`` modes, those that the drive's damping hardly mixes are taken one by one.
+    What holds least of its energy in the array are resonances of the drive (rotor on the
+    electromagnetic spring, hub on the reducer), named ``drive_resonance_1`` and so on if they
+    oscillate; the others carry the array modes' names in the order of their frequencies. With more
+    than ``MAX_DENSE_MODES`` modes, those that the drive's damping hardly mixes are taken one by
+    one.
     """
     expect_scenario(scenario)
     s = scenario
-    return _coupled_modes(s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage")
+    return _coupled_modes(
+        s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage"
+    )
 
 
 @lru_cache(maxsize=16)
@@ -197,25 +244,39 @@ def _coupled_modes(
 ) -> tuple[CoupledMode, ...]:
     J_flex, J_m = reducer.output_inertia, motor.rotor_inertia + reducer.input_inertia
     craft = craft_of(array, spacecraft, J_flex, J_m)
-    load = load_of(array, spacecraft, J_flex, J_m)
-    locked = [mode.frequency for mode in array.modes] if craft is None else craft.frequency.tolist()
-    names = [f"array_mode_{k + 1}" for k in range(len(locked))] if craft is None else mode_names(craft)
+    load = shaft_load(array, spacecraft, J_flex, J_m)
+    if craft is None:
+        locked = [mode.frequency for mode in array.modes]
+    else:
+        locked = craft.frequency.tolist()
+    names = (
+        [f"array_mode_{k + 1}" for k in range(len(locked))] if craft is None else mode_names(craft)
+    )
     M, C, K = drive_matrices(motor, reducer, friction, load)
     n, s = M.shape[0], len(locked)
-    # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none of a current loop
-    windings = np.eye(n)[0] * motor.axis_torque_constant * voltage, motor.winding_resistance, motor.winding_inductance
-    values, vectors = (_eigenvalues_of_many if s > MANY else _eigenvalues)(M, C, K, windings)
+    # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none
+    # of a current loop
+    windings = (
+        np.eye(n)[0] * motor.axis_torque_constant * voltage,
+        motor.winding_resistance,
+        motor.winding_inductance,
+    )
+    values, vectors = (_eigenvalues_large if s > MAX_DENSE_MODES else _eigenvalues)(
+        M, C, K, windings
+    )
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:, keep]
     elastic = np.sum(vectors.conj() * _product(K, vectors), axis=0).real
     share = load.Lambda @ np.abs(vectors[n - s :]) ** 2 / np.maximum(elastic, 1e-300)
-    # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as the array's modes do.
+    # What holds least of its energy in the array is the drive's own; the rest goes by frequency, as
+    # the array's modes do.
     by_share = np.argsort(-share, kind="stable")
     oscillates = np.sqrt(load.Lambda) > 0.5 * load.D  # attitude control may not
     order = [k for k in np.argsort(load.Lambda, kind="stable") if oscillates[k]]
     array_columns = sorted(by_share[: len(order)], key=lambda c: abs(values[c]))
     modes = {
-        int(k): _mode(names[int(k)], values[c], locked[int(k)]) for k, c in zip(order, array_columns, strict=False)
+        int(k): _mode(names[int(k)], values[c], locked[int(k)])
+        for k, c in zip(order, array_columns, strict=False)
     }
     rest = sorted((values[c] for c in by_share[len(order) :]), key=abs)
     drive = [_mode(f"drive_resonance_{i + 1}", value, None) for i, value in enumerate(rest)]
@@ -225,10 +286,13 @@ def _coupled_modes(
 Windings = tuple[np.ndarray, float, float]
 
 
-def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings) -> tuple[np.ndarray, np.ndarray]:
+def _eigenvalues(
+    M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings
+) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues [1/s] of the damped system, (2n,) or one more, and its shapes, (n, ...).
 
-    ``windings`` are the torques of their current on the coordinates (n,), resistance and inductance; without torques none.
+    ``windings`` are the torques of their current on the coordinates (n,), resistance and
+    inductance; without torques none.
     """
     n, (K_m, R, L) = M.shape[0], windings
     state = np.zeros((2 * n + 1, 2 * n + 1))
@@ -243,12 +307,14 @@ def _eigenvalues(M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings
     return values, vectors[:n]
 
 
-def _eigenvalues_of_many(
+def _eigenvalues_large(
     M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same, in a tenth of the time and less: from the undamped shapes, of which the damping mixes few.
+    """The same, in a tenth of the time and less: from the undamped shapes, of which the damping
+    mixes few.
 
-    The ``MANY`` shapes that it mixes most are solved together; of each other the damping is phi^T C phi / 2.
+    The ``MAX_DENSE_MODES`` shapes that it mixes most are solved together; of each other the damping
+    is phi^T C phi / 2.
     """
     from scipy.linalg import eigh
 
@@ -260,17 +326,25 @@ def _eigenvalues_of_many(
     np.fill_diagonal(apart, np.inf)
     mixing = np.abs(damping) * np.sqrt(squares) / np.maximum(apart, 1e-12 * squares[-1])
     order = np.argsort(-mixing.max(axis=1), kind="stable")
-    mixed, alone = order[:MANY], order[MANY:]
-    inner = damping[np.ix_(mixed, mixed)] - np.outer(K_m @ shapes[:, mixed], K_m @ shapes[:, mixed]) / R
-    values, vectors = _eigenvalues(np.eye(MANY), inner, np.diag(squares[mixed]), (K_m @ shapes[:, mixed], R, L))
+    mixed, alone = order[:MAX_DENSE_MODES], order[MAX_DENSE_MODES:]
+    inner = (
+        damping[np.ix_(mixed, mixed)] - np.outer(K_m @ shapes[:, mixed], K_m @ shapes[:, mixed]) / R
+    )
+    values, vectors = _eigenvalues(
+        np.eye(MAX_DENSE_MODES), inner, np.diag(squares[mixed]), (K_m @ shapes[:, mixed], R, L)
+    )
     sigma = 0.5 * damping[alone, alone]
     single = -sigma + 1j * np.sqrt(np.maximum(squares[alone] - sigma**2, 0.0))
-    return np.concatenate([values, single]), np.hstack([shapes[:, mixed] @ vectors, shapes[:, alone]])
+    return np.concatenate([values, single]), np.hstack(
+        [shapes[:, mixed] @ vectors, shapes[:, alone]]
+    )
 
 
 def _product(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """``matrix @ vectors``; of many modes, whose matrices are diagonal but for the shafts, without their zeros."""
-    if matrix.shape[0] <= MANY:
+    """``matrix @ vectors``; of many modes, whose matrices are diagonal but for the shafts, without
+    their zeros.
+    """
+    if matrix.shape[0] <= MAX_DENSE_MODES:
         return matrix @ vectors
     from scipy.sparse import csr_array
 
@@ -278,4 +352,6 @@ def _product(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def _mode(name: str, value: complex, fixed: float | None) -> CoupledMode:
-    return CoupledMode(name, float(abs(value.imag)) / (2.0 * math.pi), float(-value.real / abs(value)), fixed)
+    return CoupledMode(
+        name, float(abs(value.imag)) / (2.0 * math.pi), float(-value.real / abs(value)), fixed
+    )

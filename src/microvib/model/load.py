@@ -1,11 +1,13 @@
-"""What hangs on the drive's two shafts, as the equations of motion take it: an array on firm ground, or a craft.
+"""What hangs on the drive's two shafts, as the equations of motion take it: an array on firm
+ground, or a craft.
 
     y'' + D y' + Lambda y + H alpha_l + R alpha_m + V_l omega_l + V_m omega_m = 0
     J_l alpha_l + c alpha_m + H' y'' + V_l' y' = torques on the output
     J_m alpha_m + c alpha_l + R' y'' + V_m' y' = torques on the rotor
 
-On firm ground y are the array's modes, and R, c and V are zero (Eq. 16-18). On a craft V is what is left of damping that couples
-its modes, where each y stands for a complex mode (``microvib.model.decoupled``).
+On firm ground y are the array's modes, and R, c and V are zero (Eq. 16-18). On a craft V is what is
+left of damping that couples its modes, where each y stands for a complex mode
+(``microvib.model.decoupled``).
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ class Load:
     R: np.ndarray
     """Participation in the rotor's motion, (s,); zero on firm ground."""
     V_l: np.ndarray
-    """Viscous participation in the output's motion, (s,) [kg^0.5 m/s]; zero where damping couples no modes."""
+    """Viscous participation in the output's motion, (s,) [kg^0.5 m/s]; zero where damping couples
+    no modes.
+    """
     V_m: np.ndarray
     """The same in the rotor's, (s,)."""
     D: np.ndarray
@@ -38,7 +42,9 @@ class Load:
     rotor: float
     """Inertia of the rotor with all modes held, J_m [kg m^2]."""
     cross: float
-    """Coupling of the two shafts with all modes held, c [kg m^2]; not zero where free rigid motions are taken out of the modes."""
+    """Coupling of the two shafts with all modes held, c [kg m^2]; not zero where free rigid motions
+    are taken out of the modes.
+    """
     output_left: float
     """What of the output's inertia is in no mode, J_l - sum H^2 [kg m^2]."""
     array_left: float
@@ -51,7 +57,9 @@ class Load:
 
     @property
     def decay(self) -> np.ndarray:
-        """Rate at which each mode dies away at the last, (s,) [1/s]: of what is overdamped the slower."""
+        """Rate at which each mode dies away at the last, (s,) [1/s]: of what is overdamped the
+        slower.
+        """
         return np.asarray(0.5 * self.D - np.sqrt(np.maximum(0.25 * self.D**2 - self.Lambda, 0.0)))
 
     @property

@@ -1,4 +1,6 @@
-"""Names of a craft's modes: by what holds most of their elastic energy while both hinges are locked."""
+"""Names of a craft's modes: by what holds most of their elastic energy while both hinges are
+locked.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,11 @@ def names_a_mode(line: str) -> bool:
 
 
 def mode_names(craft: Craft) -> tuple[str, ...]:
-    """Names of the modes in the order of their frequencies: ``array_mode_1``, ``hub_mode_1``, ``control_mode_1`` and so on.
+    """Names of the modes in the order of their frequencies: ``array_mode_1``, ``hub_mode_1``,
+    ``control_mode_1`` and so on.
 
-    There are as many of each as it has coordinates, so that ``array_mode_k`` is the k-th mode of the array also where energies are
-    shared: the mode that is most of its own kind is named first.
+    There are as many of each as it has coordinates, so that ``array_mode_k`` is the k-th mode of
+    the array also where energies are shared: the mode that is most of its own kind is named first.
     """
     spacecraft, shapes, wing = craft.spacecraft, craft.shapes, craft.second
     _, K, _, free = hub_matrices(spacecraft)
@@ -28,7 +31,10 @@ def mode_names(craft: Craft) -> tuple[str, ...]:
     end = flexible + (0 if wing is None else len(wing.M))
     parts = {CONTROL: (free, 6, K[free:6, free:6]), HUB: (6, flexible, K[6:, 6:])}
     parts |= {SECOND_WING: (flexible, end, np.zeros((0, 0)) if wing is None else wing.K)}
-    energy = {kind: np.sum(shapes[a:b] * (held @ shapes[a:b]), axis=0) for kind, (a, b, held) in parts.items()}
+    energy = {
+        kind: np.sum(shapes[a:b] * (held @ shapes[a:b]), axis=0)
+        for kind, (a, b, held) in parts.items()
+    }
     energy[ARRAY] = craft.squares - sum(energy.values())
     left = {kind: b - a for kind, (a, b, _) in parts.items()} | {ARRAY: len(shapes) - end}
     kinds = list(energy)

@@ -1,4 +1,6 @@
-"""Orders of a drive: what its motor, driver and gears repeat per turn of the output, known before anything is simulated."""
+"""Orders of a drive: what its motor, driver and gears repeat per turn of the output, known before
+anything is simulated.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from microvib.model.gear_train import train_orders
 from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
 
-NEAR = 0.05
+RESONANCE_PROXIMITY = 0.05
 """Part of a mode's frequency within which an order is near it."""
 
 
@@ -33,15 +35,19 @@ class DriveOrder:
 def drive_orders(scenario: Scenario) -> tuple[DriveOrder, ...]:
     """Orders of motor, driver and gears, the train's stage by stage.
 
-    Microsteps, full steps, detent torque, electrical periods and turns of the rotor with their first harmonics; of a harmonic
-    reducer two per turn, where its kinematic error usually stands, and the orders of ``transmission_error``; of a train all of its
-    stages' orders and their ``errors``. Near are modes through the drive or clamped, within NEAR.
+    Microsteps, full steps, detent torque, electrical periods and turns of the rotor with their
+    first harmonics; of a harmonic reducer two per turn, where its kinematic error usually stands,
+    and the orders of ``transmission_error``; of a train all of its stages' orders and their
+    ``errors``. Near are modes through the drive or clamped, within NEAR.
     """
     rate = scenario.rate
-    per_second = math.nan if rate is None else abs(rate) / (2.0 * math.pi)
+    if rate is None:
+        per_second = math.nan
+    else:
+        per_second = abs(rate) / (2.0 * math.pi)
     modes = [mode for mode in coupled_modes(scenario) if mode.fixed_frequency is not None]
     rows: dict[str, DriveOrder] = {}
-    for name, words, cycles in _found(scenario):
+    for name, words, cycles in _enumerate_orders(scenario):
         per_turn = float(cycles) * scenario.reducer.ratio
         near = tuple(mode.name for mode in modes if _is_near(per_turn * per_second, mode))
         rows.setdefault(name, DriveOrder(name, words, per_turn, per_turn * per_second, near))
@@ -49,35 +55,55 @@ def drive_orders(scenario: Scenario) -> tuple[DriveOrder, ...]:
 
 
 def _is_near(frequency: float, mode: CoupledMode) -> bool:
-    return any(abs(frequency - f) <= NEAR * f for f in (mode.frequency, mode.fixed_frequency or mode.frequency))
+    return any(
+        abs(frequency - f) <= RESONANCE_PROXIMITY * f
+        for f in (mode.frequency, mode.fixed_frequency or mode.frequency)
+    )
 
 
-def _found(scenario: Scenario) -> Iterator[tuple[str, str, Fraction | int]]:
+def _enumerate_orders(scenario: Scenario) -> Iterator[tuple[str, str, Fraction | int]]:
     """Name, words and cycles per turn of the rotor."""
     driver, motor, reducer = scenario.driver, scenario.motor, scenario.reducer
     z, b, n = motor.rotor_teeth, driver.beats, driver.microsteps
     for k in (1, 2, 3):
         yield (
             f"drive_{k}",
-            f"{_times(k)}microsteps: {b} beats x {n} microsteps x {z} teeth x turns of the rotor",
+            f"{_multiple_prefix(k)}microsteps: {b} beats x {n} microsteps x {z} teeth x turns of"
+            " the rotor",
             k * b * n * z,
         )
     for k in (1, 2):
-        words = f"{_times(k)}full steps: {motor.full_steps} x {z} teeth x turns of the rotor"
+        words = (
+            f"{_multiple_prefix(k)}full steps: {motor.full_steps} x {z} teeth x turns of the rotor"
+        )
         yield f"full_step_{k}", words, k * motor.full_steps * z
     detent = motor.detent_periods
     yield "detent", f"detent torque: {detent} x {z} teeth x turns of the rotor", detent * z
     for k in (1, 2):
-        yield f"electrical_{k}", f"{_times(k)}electrical periods: {z} teeth x turns of the rotor", k * z
+        yield (
+            f"electrical_{k}",
+            f"{_multiple_prefix(k)}electrical periods: {z} teeth x turns of the rotor",
+            k * z,
+        )
     yield "rotor", f"turns of the rotor: ratio {reducer.ratio:.6g}", 1
     if not reducer.train:
         yield "wave_generator_2", "two per turn of the wave generator, the usual kinematic error", 2
     for stage, name, words, cycles in train_orders(reducer.train):
         yield f"stage {stage}, {name}", words, cycles
     for e in reducer.errors:
-        yield (e.line if e.line.startswith("wave") else e.origin), f"kinematic error: {e.origin}", e.order
-    yield "output", "turns of the output", Fraction(1) / Fraction(reducer.ratio).limit_denominator(10**9)
+        yield (
+            (e.line if e.line.startswith("wave") else e.origin),
+            f"kinematic error: {e.origin}",
+            e.order,
+        )
+    yield (
+        "output",
+        "turns of the output",
+        Fraction(1) / Fraction(reducer.ratio).limit_denominator(10**9),
+    )
 
 
-def _times(k: int) -> str:
-    return "" if k == 1 else f"{k} x "
+def _multiple_prefix(k: int) -> str:
+    if k == 1:
+        return ""
+    return f"{k} x "

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 from microvib.errors import ScenarioError
 from microvib.model.fields import quantity_in
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.units import Quantity, Si
 
 Six = tuple[float, float, float, float, float, float]  # Fx Fy Fz and Mx My Mz of something
@@ -25,14 +25,16 @@ else:
         """Classes whose constructor takes and refuses what a file would, in the same sentences."""
 
         def __call__(cls, **data: Any) -> Any:
-            return validated(cls, data)
+            return validate_part(cls, data)
 
     class _Base(BaseModel, metaclass=_Sentences):
         pass
 
 
 class Part(_Base):
-    """A frozen set of parameters; values are SI floats, given as text with a unit, or as ``Si`` numbers."""
+    """A frozen set of parameters; values are SI floats, given as text with a unit, or as ``Si``
+    numbers.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     removed_keys: ClassVar[dict[str, str]] = {}
@@ -41,20 +43,33 @@ class Part(_Base):
     def __setattr__(self, name: str, value: Any) -> None:
         """Nothing can be set: pydantic's refusal, as a sentence."""
         raise ScenarioError(
-            f"{name}: cannot be set, scenarios are frozen; scenario.with_({{...}}) makes a changed copy"
+            f"{name}: cannot be set, scenarios are frozen; scenario.with_({{...}}) makes a changed"
+            " copy"
         )
 
     def __dir__(self) -> list[str]:
         """Parameters and what is computed of them, without the machinery."""
-        own = [name for kind in type(self).__mro__ if kind.__module__.startswith("microvib") for name in vars(kind)]
-        return sorted({*type(self).model_fields, *(name for name in own if not name.startswith(("_", "model_")))})
+        own = [
+            name
+            for kind in type(self).__mro__
+            if kind.__module__.startswith("microvib")
+            for name in vars(kind)
+        ]
+        return sorted(
+            {
+                *type(self).model_fields,
+                *(name for name in own if not name.startswith(("_", "model_"))),
+            }
+        )
 
     @classmethod
     @cache
     def quantity_of(cls, name: str) -> Quantity | None:
         """Declaration of the field's physical quantity, or None where it has none."""
         field = cls.model_fields.get(name)
-        return None if field is None else quantity_in(field)
+        if field is None:
+            return None
+        return quantity_in(field)
 
     def _misfits(self) -> Iterator[str]:
         """Sentences on what does not go together, which begin with the key; the first is told."""
@@ -72,29 +87,42 @@ class Part(_Base):
     def _fits(self) -> Self:
         following = self._following()
         for name, value in following.items():
-            if name in self.model_fields_set and not _alike(getattr(self, name), value):
+            if name in self.model_fields_set and not _nearly_equal(getattr(self, name), value):
                 given = getattr(self, name)
-                told = f"{given:g}" if isinstance(given, float) else given
-                raise ValueError(f"{name}: {told} is not what follows from the other keys, {value:g}; leave it out")
+                if isinstance(given, float):
+                    told = f"{given:g}"
+                else:
+                    told = given
+                raise ValueError(
+                    f"{name}: {told} is not what follows from the other keys, {value:g}; leave it"
+                    " out"
+                )
             object.__setattr__(self, name, value)
         for name in self._needed():
             if name not in self.model_fields_set | set(following):
                 quantity = self.quantity_of(name)
-                unit = f", in {quantity.display or quantity.unit}" if quantity and quantity.unit else ""
-                raise ValueError(f"{name}: missing ({quantity.meaning if quantity else name}{unit})")
+                if quantity and quantity.unit:
+                    unit = f", in {quantity.display or quantity.unit}"
+                else:
+                    unit = ""
+                raise ValueError(
+                    f"{name}: missing ({quantity.meaning if quantity else name}{unit})"
+                )
         for sentence in self._misfits():
             raise ValueError(sentence)
         return self
 
 
-def _alike(given: Any, value: float) -> bool:
+def _nearly_equal(given: Any, value: float) -> bool:
     return isinstance(given, float) and math.isclose(given, value, rel_tol=1e-6)
 
 
-def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -> Any:
-    """A part as nested dicts and lists, of which the same part can be made; what is None is left out.
+def to_plain_data(value: Any, quantity: Quantity | None = None, *, text: bool = False) -> Any:
+    """A part as nested dicts and lists, of which the same part can be made; what is None is left
+    out.
 
-    Its quantities are known to be in SI or, with ``text``, are texts with units that read back exactly.
+    Its quantities are known to be in SI or, with ``text``, are texts with units that read back
+    exactly.
     """
     if isinstance(value, Part):
         left_out = value._following()
@@ -103,27 +131,37 @@ def plain(value: Any, quantity: Quantity | None = None, *, text: bool = False) -
             for name in type(value).model_fields
             if name not in left_out and (x := getattr(value, name)) is not None
         }
-        return {name: plain(x, value.quantity_of(name), text=text) for name, x in given.items()}
+        return {
+            name: to_plain_data(x, value.quantity_of(name), text=text) for name, x in given.items()
+        }
     if isinstance(value, (tuple, list)):
-        return [plain(item, quantity, text=text) for item in value]
+        return [to_plain_data(item, quantity, text=text) for item in value]
     if isinstance(value, dict):
-        return {key: plain(item, text=text) for key, item in value.items()}
+        return {key: to_plain_data(item, text=text) for key, item in value.items()}
     if hasattr(value, "item") and getattr(value, "ndim", 1) == 0:  # a number of numpy's
         value = value.item()
     if not isinstance(value, float) or quantity is None:
         return value
     if text:
-        return quantity.format(value) if quantity.unit else value
+        if quantity.unit:
+            return quantity.format(value)
+        return value
     return Si(value)
 
 
-def entries(key: str, value: Any, quantity: Quantity | None) -> Iterator[tuple[str, Any, Quantity | None]]:
-    """Every parameter under ``key`` as (dotted key, value, declaration or None), in the order of the file."""
+def flatten_parameters(
+    key: str, value: Any, quantity: Quantity | None
+) -> Iterator[tuple[str, Any, Quantity | None]]:
+    """Every parameter under ``key`` as (dotted key, value, declaration or None), in the order of
+    the file.
+    """
     if isinstance(value, Part):
         for name in type(value).model_fields:
-            yield from entries(f"{key}.{name}", getattr(value, name), type(value).quantity_of(name))
+            yield from flatten_parameters(
+                f"{key}.{name}", getattr(value, name), type(value).quantity_of(name)
+            )
     elif isinstance(value, tuple) and value and isinstance(value[0], Part):
         for index, item in enumerate(value):
-            yield from entries(f"{key}.{index}", item, None)
+            yield from flatten_parameters(f"{key}.{index}", item, None)
     else:
         yield key, value, quantity

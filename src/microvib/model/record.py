@@ -12,7 +12,9 @@ from microvib.units import Quantity
 
 MAX_SAMPLES = 2_000_000_000
 PASSBAND = 0.35
-"""Edge of a record's flat band, as a fraction of its sample rate: samples are filtered so, and lines looked for up to there."""
+"""Edge of a record's flat band, as a fraction of its sample rate: samples are filtered so, and
+lines looked for up to there.
+"""
 
 
 class Record(Part):
@@ -20,14 +22,19 @@ class Record(Part):
 
     settle: Annotated[float, Quantity("s", "time before the window", ge=0, usual=(1e-3, 1e6))]
     duration: Annotated[float, Quantity("s", "length of the window", gt=0, usual=(0.01, 1e6))]
-    sample_rate: Annotated[float, Quantity("Hz", "samples per second", gt=0, le=1e7, usual=(5.0, 1e6))]
+    sample_rate: Annotated[
+        float, Quantity("Hz", "samples per second", gt=0, le=1e7, usual=(5.0, 1e6))
+    ]
     start: Literal["rest", "steady"] = Field(
         default="rest",
         description="how the motion begins: at rest at t = 0, or in the steady state of the window's rate where there is one",
     )
 
     rotor_offset: Annotated[
-        float, Quantity("", "angle of the rotor from its first command when the currents come on, in full steps")
+        float,
+        Quantity(
+            "", "angle of the rotor from its first command when the currents come on, in full steps"
+        ),
     ] = 0.0
 
     def _misfits(self) -> Iterator[str]:
@@ -47,7 +54,9 @@ class Record(Part):
 
 
 class Solver(Part):
-    """Accuracy of the time integration; docs/numerics.md says what the defaults reach, ``refinement`` how to check it."""
+    """Accuracy of the time integration; docs/numerics.md says what the defaults reach,
+    ``refinement`` how to check it.
+    """
 
     removed_keys: ClassVar[dict[str, str]] = {
         "method": "there is one method of integration now; leave the key out",
@@ -56,7 +65,9 @@ class Solver(Part):
 
     accuracy: Annotated[
         float,
-        Quantity("", "error of a step over what a microstep moves", gt=0, le=0.1, usual=(1e-8, 1e-2)),
+        Quantity(
+            "", "error of a step over what a microstep moves", gt=0, le=0.1, usual=(1e-8, 1e-2)
+        ),
     ] = 5e-4
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
     refinement: Annotated[

@@ -1,4 +1,6 @@
-"""Harmonic reducer or gear train: ratio, torsional compliance, transmission error (Eq. 19, and beyond the paper)."""
+"""Harmonic reducer or gear train: ratio, torsional compliance, transmission error (Eq. 19, and
+beyond the paper).
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,16 @@ _LEFT_OUT = (
 class TransmissionError(Part):
     """One harmonic of the kinematic error, in turns of the wave generator."""
 
-    order: Annotated[int, Field(ge=1, le=1000, strict=True, description="cycles per turn of the wave generator")]
-    amplitude: Annotated[float, Quantity("rad", "amplitude at the output", ge=0, display="arcsec", usual=(1e-7, 0.02))]
-    phase: Annotated[float, Quantity("rad", "phase at the wave generator's zero", display="deg")] = 0.0
+    order: Annotated[
+        int, Field(ge=1, le=1000, strict=True, description="cycles per turn of the wave generator")
+    ]
+    amplitude: Annotated[
+        float,
+        Quantity("rad", "amplitude at the output", ge=0, display="arcsec", usual=(1e-7, 0.02)),
+    ]
+    phase: Annotated[
+        float, Quantity("rad", "phase at the wave generator's zero", display="deg")
+    ] = 0.0
 
 
 class KinematicError(NamedTuple):
@@ -44,44 +53,84 @@ class KinematicError(NamedTuple):
 
 
 class Hysteresis(Part):
-    """What the gear's torque lags behind its twist: elements beside its spring, each a spring up to its share of a limit."""
+    """What the gear's torque lags behind its twist: elements beside its spring, each a spring up to
+    its share of a limit.
+    """
 
     loss: Annotated[
         float,
-        Quantity("rad", "width of the loop at zero torque, at the output", gt=0, display="arcsec", usual=(1e-6, 0.01)),
+        Quantity(
+            "rad",
+            "width of the loop at zero torque, at the output",
+            gt=0,
+            display="arcsec",
+            usual=(1e-6, 0.01),
+        ),
     ]
     stiffness: Annotated[
-        float, Quantity("N*m/rad", "stiffness beside the gear's own at small twists", gt=0, usual=(1.0, 1e7))
+        float,
+        Quantity(
+            "N*m/rad", "stiffness beside the gear's own at small twists", gt=0, usual=(1.0, 1e7)
+        ),
     ]
     elements: Annotated[int, Field(ge=1, le=10, strict=True, description="number of elements")] = 4
 
 
 class Reducer(Part):
-    """Harmonic reducer, or a train of gears; ``stiffness: rigid`` is the paper's, which has no compliance and no loss."""
+    """Harmonic reducer, or a train of gears; ``stiffness: rigid`` is the paper's, which has no
+    compliance and no loss.
+    """
 
-    ratio: Annotated[float, Quantity("", "reduction ratio", "h", ge=1, le=1e5, usual=(1.0, 5000.0))] = 1.0
+    ratio: Annotated[
+        float, Quantity("", "reduction ratio", "h", ge=1, le=1e5, usual=(1.0, 5000.0))
+    ] = 1.0
     wave_generator_inertia: Annotated[
         float,
         Quantity(
-            "kg*m^2", "moment of inertia of the wave generator", "J_wg", ge=0, display="kg*cm^2", usual=(1e-10, 1e-2)
+            "kg*m^2",
+            "moment of inertia of the wave generator",
+            "J_wg",
+            ge=0,
+            display="kg*cm^2",
+            usual=(1e-10, 1e-2),
         ),
     ] = 0.0
     stiffness: (
         Annotated[
-            float, Quantity("N*m/rad", "torsional stiffness at the output, or rigid", "K_g", gt=0, usual=(1.0, 1e7))
+            float,
+            Quantity(
+                "N*m/rad",
+                "torsional stiffness at the output, or rigid",
+                "K_g",
+                gt=0,
+                usual=(1.0, 1e7),
+            ),
         ]
         | Literal["rigid"]
     ) = "rigid"
     damping: Annotated[
         float,
-        Quantity("N*m*s/rad", "torsional damping at the output; no part if rigid", "C_g", ge=0, usual=(1e-4, 1e4)),
+        Quantity(
+            "N*m*s/rad",
+            "torsional damping at the output; no part if rigid",
+            "C_g",
+            ge=0,
+            usual=(1e-4, 1e4),
+        ),
     ]
     same_way: bool = Field(
         default=False,
         description="whether the output turns the rotor's way, as of most planetary gears and without one; a train says it itself",
     )
     output_inertia: Annotated[
-        float, Quantity("kg*m^2", "moment of inertia of flexspline and output", "J_flex", ge=0, usual=(1e-7, 10.0))
+        float,
+        Quantity(
+            "kg*m^2",
+            "moment of inertia of flexspline and output",
+            "J_flex",
+            ge=0,
+            usual=(1e-7, 10.0),
+        ),
     ] = 0.0
     transmission_error: tuple[TransmissionError, ...] = Field(
         default=(), description="kinematic error, harmonic by harmonic"
@@ -90,7 +139,11 @@ class Reducer(Part):
         Annotated[
             float,
             Quantity(
-                "rad", "turn without torque, flank to flank, at the output", ge=0, display="arcsec", usual=(1e-6, 0.05)
+                "rad",
+                "turn without torque, flank to flank, at the output",
+                ge=0,
+                display="arcsec",
+                usual=(1e-6, 0.05),
             ),
         ]
         | None
@@ -109,7 +162,9 @@ class Reducer(Part):
     def _name_the_other_choice(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        data = {key: value for key, value in data.items() if value is not None or key not in _LEFT_OUT}
+        data = {
+            key: value for key, value in data.items() if value is not None or key not in _LEFT_OUT
+        }
         stiffness = data.get("stiffness")
         if isinstance(stiffness, str) and stiffness.strip().lower() == "rigid":
             return {**data, "stiffness": "rigid"}
@@ -119,11 +174,15 @@ class Reducer(Part):
         if not self.train:
             return {}
         K, gap = stiffness(self.train), backlash(self.train)
-        made = {"ratio": abs(float(1 / speeds(self.train)[-1]))} | ({} if K is None else {"stiffness": K})
+        made = {"ratio": abs(float(1 / speeds(self.train)[-1]))} | (
+            {} if K is None else {"stiffness": K}
+        )
         return made | ({"backlash": gap} if gap else {})
 
     def _needed(self) -> tuple[str, ...]:
-        return ("stiffness",) if self.train else ("ratio", "wave_generator_inertia", "stiffness")
+        if self.train:
+            return ("stiffness",)
+        return ("ratio", "wave_generator_inertia", "stiffness")
 
     def _misfits(self) -> Iterator[str]:
         if not 1.0 <= self.ratio <= 1e5:
@@ -133,22 +192,30 @@ class Reducer(Part):
         if self.train and self.train[-1].output_inertia:
             yield f"train.{len(self.train) - 1}.output_inertia: is on the output; give it as reducer.output_inertia"
         if self.rigid and self.hysteresis is not None:
-            yield "hysteresis: a rigid reducer has no twist that torque could lag behind; give stiffness in N*m/rad"
+            yield "hysteresis: a rigid reducer has no wind-up, so no hysteresis; give stiffness in N*m/rad"
         if self.rigid and self.backlash:
-            yield "backlash: flanks of a rigid reducer would hit each other with no time to do so; give stiffness in N*m/rad"
+            yield (
+                "backlash: a rigid reducer cannot have backlash, because tooth contact would be"
+                " instantaneous; give stiffness in N*m/rad"
+            )
         slope = sum(float(e.order) * e.amplitude for e in self.errors)
         if slope >= 1.0 / self.ratio:
             yield (
-                f"transmission_error: the sum of order x amplitude is {slope:g} rad; it must be below 1/ratio,"
+                f"transmission_error: the sum of order x amplitude is {slope:g} rad; it must be"
+                " below 1/ratio,"
                 f" {1.0 / self.ratio:g} rad, or the output would run backwards"
             )
 
     @property
     def h(self) -> float:
-        """The ratio of Eq. 19, theta_m = -h theta_l; negative where the output turns the rotor's way."""
+        """The ratio of Eq. 19, theta_m = -h theta_l; negative where the output turns the rotor's
+        way.
+        """
         if self.train:
             return math.copysign(self.ratio, -speeds(self.train)[-1])
-        return -self.ratio if self.same_way else self.ratio
+        if self.same_way:
+            return -self.ratio
+        return self.ratio
 
     @property
     def input_inertia(self) -> float:
@@ -157,33 +224,59 @@ class Reducer(Part):
 
     @property
     def errors(self) -> tuple[KinematicError, ...]:
-        """Harmonics of the transmission error: those of the wave generator's turns, then those of the train's stages."""
+        """Harmonics of the transmission error: those of the wave generator's turns, then those of
+        the train's stages.
+        """
         found = [
-            KinematicError(Fraction(e.order), e.amplitude, e.phase, f"wave_generator_{e.order}", f"order {e.order}")
+            KinematicError(
+                Fraction(e.order),
+                e.amplitude,
+                e.phase,
+                f"wave_generator_{e.order}",
+                f"order {e.order}",
+            )
             for e in self.transmission_error
         ]
         through = speeds(self.train)
         for k, stage in enumerate(self.train):
             for e in stage.errors:
                 amplitude = e.amplitude * abs(float(through[-1] / through[k + 1]))
-                name = re.sub(r"[^a-z0-9]+", "_", e.order.strip().replace("+", " plus ").replace("-", " minus "))
+                name = re.sub(
+                    r"[^a-z0-9]+",
+                    "_",
+                    e.order.strip().replace("+", " plus ").replace("-", " minus "),
+                )
                 order = abs(through[k]) * stage.order(e.order)
                 found.append(
-                    KinematicError(order, amplitude, e.phase, f"stage_{k + 1}_{name}", f"stage {k + 1}, {e.order}")
+                    KinematicError(
+                        order,
+                        amplitude,
+                        e.phase,
+                        f"stage_{k + 1}_{name}",
+                        f"stage {k + 1}, {e.order}",
+                    )
                 )
         return tuple(found)
 
     @property
     def hysteresis_torque(self) -> float:
-        """Torque at which all elements of the hysteresis slide [N m]: half the loss over the compliance."""
-        return 0.0 if self.hysteresis is None else 0.5 * self.hysteresis.loss * float(self.stiffness)
+        """Torque at which all elements of the hysteresis slide [N m]: half the loss over the
+        compliance.
+        """
+        if self.hysteresis is None:
+            return 0.0
+        return 0.5 * self.hysteresis.loss * float(self.stiffness)
 
     @property
     def memory(self) -> tuple[tuple[float, float], ...]:
-        """Stiffness [N m/rad] and share of that torque of each element of the hysteresis; empty without."""
+        """Stiffness [N m/rad] and share of that torque of each element of the hysteresis; empty
+        without.
+        """
         if self.hysteresis is None:
             return ()
-        return maxwell_elements(self.hysteresis.stiffness, self.hysteresis_torque, self.hysteresis.elements)
+        return maxwell_elements(
+            self.hysteresis.stiffness, self.hysteresis_torque, self.hysteresis.elements
+        )
 
     @property
     def rigid(self) -> bool:

@@ -18,12 +18,16 @@ _Element = Annotated[float, Quantity("kg*m^2", "tensor element of inertia")]
 Inertia = tuple[_Element, _Element, _Element, _Element, _Element, _Element]
 """xx, yy, zz, xy, xz, yz as tensor elements: I_xy = - integral of x y dm."""
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-"""The six components of a load, and the motions that go with them: along the axes of a frame, then about them."""
+"""The six components of a load, and the motions that go with them: along the axes of a frame, then
+about them.
+"""
 ROUNDING = 1e-9
 
 
 def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Displacements and rotations of nodes (n, 3) that move as one rigid body about ``origin``, (6 n, 6)."""
+    """Displacements and rotations of nodes (n, 3) that move as one rigid body about ``origin``, (6
+    n, 6).
+    """
     R = np.zeros((len(xyz), 6, 6))
     R[:] = np.eye(6)
     x, y, z = (xyz - origin).T
@@ -33,7 +37,7 @@ def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
     return R.reshape(-1, 6)
 
 
-def motion_of(position: np.ndarray) -> np.ndarray:
+def rigid_motion_at(position: np.ndarray) -> np.ndarray:
     """The same of one point that lies at ``position`` (3,) [m] from the reference point, (6, 6)."""
     return rigid_motions(np.asarray(position, dtype=float)[None], np.zeros(3))
 
@@ -50,55 +54,73 @@ def elements(inertia: np.ndarray) -> list[float]:
 
 
 def mass_matrix(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Mass matrix (6, 6) about a point, with the ``center`` of mass (3,) [m] and the ``inertia`` (3, 3) about that point."""
+    """Mass matrix (6, 6) about a point, with the ``center`` of mass (3,) [m] and the ``inertia``
+    (3, 3) about that point.
+    """
     M = np.zeros((6, 6))
-    turn = motion_of(center)[:3, 3:]  # displacement of the centre by rotations
-    M[:3, :3], M[:3, 3:], M[3:, :3], M[3:, 3:] = mass * np.eye(3), mass * turn, mass * turn.T, inertia
+    turn = rigid_motion_at(center)[:3, 3:]  # displacement of the centre by rotations
+    M[:3, :3], M[:3, 3:], M[3:, :3], M[3:, 3:] = (
+        mass * np.eye(3),
+        mass * turn,
+        mass * turn.T,
+        inertia,
+    )
     return M
 
 
-def about_center(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Inertia (3, 3) about the centre of mass of what has ``inertia`` about a point from which the centre is at ``center``."""
+def inertia_about_center(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Inertia (3, 3) about the centre of mass of what has ``inertia`` about a point from which the
+    centre is at ``center``.
+    """
     c = np.asarray(center, dtype=float)
     return np.asarray(inertia - mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def beside(direction: np.ndarray) -> np.ndarray:
-    """Unit vector across a unit vector (3,): the first axis, or where that is near it the second, made perpendicular to it."""
+def perpendicular_unit_vector(direction: np.ndarray) -> np.ndarray:
+    """Unit vector across a unit vector (3,): the first axis, or where that is near it the second,
+    made perpendicular to it.
+    """
     axis = np.eye(3)[0 if abs(direction[0]) < 0.9 else 1]
     across = axis - (axis @ direction) * direction
     return np.asarray(across / np.linalg.norm(across))
 
 
-def both(turn: np.ndarray) -> np.ndarray:
+def block_rotation(turn: np.ndarray) -> np.ndarray:
     """A turn (3, 3) of displacements and rotations, or of forces and torques, alike, (6, 6)."""
     return np.kron(np.eye(2), turn)
 
 
-def inertia_misfit(inertia: np.ndarray) -> str:
-    """What keeps a tensor (3, 3) about a centre of mass from being an inertia, in words; empty where it is one."""
+def inertia_error(inertia: np.ndarray) -> str:
+    """What keeps a tensor (3, 3) about a centre of mass from being an inertia, in words; empty
+    where it is one.
+    """
     principal = np.linalg.eigvalsh(inertia)
     said = ", ".join(f"{value:.4g}" for value in principal)
     if principal[0] <= ROUNDING * abs(principal[2]):
         return f"principal moments about the centre of mass are {said} kg*m^2; they must be greater than 0 kg*m^2"
     if principal[2] > (principal[0] + principal[1]) * (1.0 + ROUNDING):
         return (
-            f"principal moments about the centre of mass are {said} kg*m^2; none may be more than the sum of the other two"
+            f"principal moments about the centre of mass are {said} kg*m^2; none may be more than"
+            " the sum of the other two"
             " (xx yy zz xy xz yz are tensor elements, I_xy = - integral of x y dm)"
         )
     return ""
 
 
 class RigidBody(Part):
-    """Mass properties of an array as one rigid body, about its interface point, in array axes at angle 0."""
+    """Mass properties of an array as one rigid body, about its interface point, in array axes at
+    angle 0.
+    """
 
     mass: Annotated[float, Quantity("kg", "mass", gt=0, usual=(0.1, 5000.0))]
     center_of_mass: Position = Field(description="centre of mass from the interface point")
-    inertia: Inertia = Field(description="inertia about the interface point: xx yy zz xy xz yz, tensor elements")
+    inertia: Inertia = Field(
+        description="inertia about the interface point: xx yy zz xy xz yz, tensor elements"
+    )
 
     def _misfits(self) -> Iterator[str]:
         center = np.array(self.center_of_mass)
-        misfit = inertia_misfit(about_center(self.mass, center, tensor(self.inertia)))
+        misfit = inertia_error(inertia_about_center(self.mass, center, tensor(self.inertia)))
         if misfit:
             yield f"inertia: {misfit}"
 

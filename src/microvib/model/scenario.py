@@ -10,21 +10,21 @@ from pydantic import Field
 
 from microvib.errors import ScenarioError, did_you_mean, expect, expect_mapping
 from microvib.model.array import Array
-from microvib.model.craft import Craft, craft_of, load_of
+from microvib.model.craft import Craft, craft_of, shaft_load
 from microvib.model.driver import Driver
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
-from microvib.model.part import Part, entries, plain
+from microvib.model.part import Part, flatten_parameters, to_plain_data
 from microvib.model.record import Record, Solver
 from microvib.model.reducer import Reducer
-from microvib.model.sentences import validated
-from microvib.model.spacecraft import DRIVE, HELD, Spacecraft
+from microvib.model.sentences import validate_part
+from microvib.model.spacecraft import DRIVE_GROUPS, HELD_WING_SETTINGS, Spacecraft
 from microvib.model.tracking import Tracking
-from microvib.units import Given, Quantity, quantity
+from microvib.units import GivenQuantity, Quantity, quantity
 
-_WORDS = ("title", "source", "sources")  # fields that hold no parameters
-BY_USER = "set by the user"
+_TEXT_KEYS = ("title", "source", "sources")  # fields that hold no parameters
+USER_SOURCE = "set by the user"
 """Source of a value that was changed: it no longer comes from where the scenario's does."""
 
 
@@ -34,7 +34,8 @@ class Scenario(Part):
     title: str = Field(default="", max_length=500, description="what is simulated, in a few words")
     source: str = Field(default="", max_length=2000, description="where the values come from")
     sources: dict[str, str] = Field(
-        default_factory=dict, description="source and status of single keys or groups, as dotted key: text"
+        default_factory=dict,
+        description="source and status of single keys or groups, as dotted key: text",
     )
     motor: Motor
     driver: Driver
@@ -52,61 +53,85 @@ class Scenario(Part):
         yield from self._misfits_of_array()
         yield from self._misfits_of_wings()
         yield from self._misfits_of_drive()
-        yield from (f"sources: '{key}' is not a key of this scenario" for key in self.sources if not self._has(key))
+        yield from (
+            f"sources: '{key}' is not a key of this scenario"
+            for key in self.sources
+            if not self._has(key)
+        )
 
     def _misfits_of_array(self) -> Iterator[str]:
-        if self.spacecraft is not None and (self.array.mass is None or self.array.interface is None):
-            missing = "interface_participation of every mode" if self.array.interface is None else "rigid_body"
+        if self.spacecraft is not None and (
+            self.array.mass is None or self.array.interface is None
+        ):
+            if self.array.interface is None:
+                missing = "interface_participation of every mode"
+            else:
+                missing = "rigid_body"
             yield (
-                f"array: has no {missing}, and a spacecraft feels six components; give interface_participation of all modes and"
+                f"array: has no {missing}, and a spacecraft feels six components; give"
+                " interface_participation of all modes and"
                 " rigid_body, or take the array from finite elements (array.fem, array.from)"
             )
-        if not self.reducer.rigid and self.reducer.output_inertia + self.array.J_h < 1e-6 * self.array.inertia:
+        if (
+            not self.reducer.rigid
+            and self.reducer.output_inertia + self.array.J_h < 1e-6 * self.array.inertia
+        ):
             yield self._hardly_any(self.reducer.output_inertia + self.array.J_h)
 
     def _hardly_any(self, rigid: float) -> str:
         return (
-            "array: hardly anything is rigidly attached to the shaft (J_h and reducer.output_inertia add up to"
+            "array: almost no inertia is rigidly attached to the shaft (J_h and"
+            " reducer.output_inertia add up to"
             f" {rigid:.3g} kg*m^2, under a millionth of the inertia); a compliant"
-            " reducer needs some; lower the modes' participation, give reducer.output_inertia or use reducer.stiffness: rigid"
+            " reducer needs some; lower the modes' participation, give reducer.output_inertia or"
+            " use reducer.stiffness: rigid"
         )
 
     def _misfits_of_drive(self) -> Iterator[str]:
         if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
             yield self._hardly_any(self.output_inertia)
         noise, rate = self.friction.torque_noise, self.record.sample_rate
-        low, high = noise.band(rate) if noise else (0.0, rate)
+        if noise:
+            low, high = noise.band(rate)
+        else:
+            low, high = (0.0, rate)
         if low >= high:
             yield (
-                f"friction.torque_noise.lowest: {low:g} Hz is not below half the sample rate, {0.5 * rate:g} Hz, where noise"
+                f"friction.torque_noise.lowest: {low:g} Hz is not below half the sample rate,"
+                f" {0.5 * rate:g} Hz, where noise"
                 " without a highest frequency ends; lower it, or give friction.torque_noise.highest"
             )
         driver, motor = self.driver, self.motor
         if not abs(self.record.rotor_offset) < 0.5 * driver.beats:
             yield (
-                f"record.rotor_offset: {self.record.rotor_offset:g} full steps are half an electrical turn or more, from where the"
-                f" rotor aligns with another tooth; it must be between -{0.5 * driver.beats:g} and {0.5 * driver.beats:g}"
+                f"record.rotor_offset: {self.record.rotor_offset:g} full steps are half an"
+                " electrical turn or more, from where the"
+                f" rotor aligns with another tooth; it must be between -{0.5 * driver.beats:g} and"
+                f" {0.5 * driver.beats:g}"
             )
         voltage = driver.drive == "voltage"
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0 and not voltage:
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
         if driver.supply_voltage is not None and motor.phases != 2:
             yield (
-                f"driver: supply_voltage {driver.supply_voltage:g} V limits each of the {motor.phases} phases, which the two axes"
+                f"driver: supply_voltage {driver.supply_voltage:g} V limits each of the"
+                f" {motor.phases} phases, which the two axes"
                 " of the equations cannot tell; leave it out"
             )
         if driver.proportional_gain == 0.0 and driver.supply_voltage is not None and not voltage:
             yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
         if driver.beats % motor.phases and motor.phases != 2:
             yield (
-                f"driver: beats {driver.beats} is not allowed with {motor.phases} phases; a multiple of their number is expected,"
+                f"driver: beats {driver.beats} is not allowed with {motor.phases} phases; a"
+                " multiple of their number is expected,"
                 f" such as {motor.full_steps} for full steps"
             )
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
         if driver.supply_voltage is not None and driver.supply_voltage < needed:
             yield (
-                f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {largest:g} A through"
+                f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {largest:g} A"
+                " through"
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
 
@@ -119,18 +144,21 @@ class Scenario(Part):
         wing = craft.second_wing
         if "voltage" in (other.driver.drive, self.driver.drive if wing.drive == "driven" else ""):
             yield (
-                "spacecraft.second_wing: a shaft is held by its drive as by springs and dampers, and a driver without a current"
+                "spacecraft.second_wing: a shaft is held by its drive as by springs and dampers,"
+                " and a driver without a current"
                 " loop (driver.drive: voltage) is none; use drive: current, in both where both step"
             )
         if wing.stagger and not other.driving_frequency:
             yield (
-                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps are no time where the rate is zero or changes in the"
+                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps are no time where the"
+                " rate is zero or changes in the"
                 " record; leave it out, or track at a constant rate"
             )
         late = other.driver.delay - self.driver.delay
         if wing.stagger > 1.0 and self.record.start == "rest" and late >= self.record.settle:
             yield (
-                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps take {late:.4g} s, and record.settle is"
+                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps take {late:.4g} s,"
+                " and record.settle is"
                 f" {self.record.settle:g} s; it must be longer, or record.start be steady"
             )
 
@@ -138,7 +166,9 @@ class Scenario(Part):
         return f"scenario '{self.title or 'without a title'}'"
 
     def __hash__(self) -> int:
-        return hash(tuple(getattr(self, name) for name in type(self).model_fields if name != "sources"))  # a dict
+        return hash(
+            tuple(getattr(self, name) for name in type(self).model_fields if name != "sources")
+        )  # a dict
 
     @property
     def rotor_inertia(self) -> float:
@@ -147,13 +177,17 @@ class Scenario(Part):
 
     @property
     def output_inertia(self) -> float:
-        """J_flex + J_h, all that is rigid on the output [kg m^2]; on a spacecraft, what is in none of its modes."""
+        """J_flex + J_h, all that is rigid on the output [kg m^2]; on a spacecraft, what is in none
+        of its modes.
+        """
         return self.load.output_left
 
     @property
     def load(self) -> Load:
-        """What hangs on the two shafts: the array on firm ground, or with the craft that carries the drive."""
-        return load_of(self.array, self.mounted, self.reducer.output_inertia, self.rotor_inertia)
+        """What hangs on the two shafts: the array on firm ground, or with the craft that carries
+        the drive.
+        """
+        return shaft_load(self.array, self.mounted, self.reducer.output_inertia, self.rotor_inertia)
 
     @property
     def craft(self) -> Craft | None:
@@ -167,28 +201,46 @@ class Scenario(Part):
         if craft is None or craft.second_wing is None:
             return craft
         wing = craft.second_wing
-        first = {name: getattr(self, name) for name in DRIVE} | {"friction": self.friction.drawn_anew}
-        taken: dict[str, Any] = {name: group for name, group in first.items() if getattr(wing, name) is None}
+        first = {name: getattr(self, name) for name in DRIVE_GROUPS} | {
+            "friction": self.friction.drawn_anew
+        }
+        taken: dict[str, Any] = {
+            name: group for name, group in first.items() if getattr(wing, name) is None
+        }
         if wing.array_angle is None:
             taken["array_angle"] = math.copysign(1.0, craft.second_sense) * craft.array_angle
         return craft.model_copy(update={"second_wing": wing.model_copy(update=taken)})
 
     @property
     def other_wing(self) -> Scenario | None:
-        """The second wing's drive on the same craft, on which the first is now the second and holds; None where there is one wing.
+        """The second wing's drive on the same craft, on which the first is now the second and
+        holds; None where there is one wing.
 
-        It steps as ``tracking``, ``clock_ratio`` and ``stagger`` say, whether ``drive`` is driven or held; its noise is its own.
+        It steps as ``tracking``, ``clock_ratio`` and ``stagger`` say, whether ``drive`` is driven
+        or held; its noise is its own.
         """
         craft = self.mounted
         if craft is None or craft.second_wing is None:
             return None
         wing = craft.second_wing
-        tracking = wing.tracking or (self.tracking if craft.second_sense > 0.0 else self.tracking.reversed)
-        tracking = tracking.model_copy(update={"clock_ratio": tracking.clock_ratio * wing.clock_ratio})
-        own = {name: getattr(wing, name) for name in DRIVE}
-        first = {name: getattr(self, name) for name in DRIVE}
-        title = f"{self.title}, second wing" if self.title else "second wing"
-        update = {"title": title, "sources": {}, "spacecraft": craft.from_second(first), "tracking": tracking}
+        tracking = wing.tracking or (
+            self.tracking if craft.second_sense > 0.0 else self.tracking.reversed
+        )
+        tracking = tracking.model_copy(
+            update={"clock_ratio": tracking.clock_ratio * wing.clock_ratio}
+        )
+        own = {name: getattr(wing, name) for name in DRIVE_GROUPS}
+        first = {name: getattr(self, name) for name in DRIVE_GROUPS}
+        if self.title:
+            title = f"{self.title}, second wing"
+        else:
+            title = "second wing"
+        update = {
+            "title": title,
+            "sources": {},
+            "spacecraft": craft.from_second(first),
+            "tracking": tracking,
+        }
         other = self.model_copy(update=own | update)
         f_d = other.driving_frequency
         if not wing.stagger or not f_d:
@@ -199,8 +251,13 @@ class Scenario(Part):
     @property
     def driven_wing(self) -> Scenario | None:
         """``other_wing`` where its drive steps; None where it holds."""
-        wing = None if self.spacecraft is None else self.spacecraft.second_wing
-        return None if wing is None or wing.drive == "held" else self.other_wing
+        if self.spacecraft is None:
+            wing = None
+        else:
+            wing = self.spacecraft.second_wing
+        if wing is None or wing.drive == "held":
+            return None
+        return self.other_wing
 
     @property
     def alone(self) -> Scenario:
@@ -208,57 +265,78 @@ class Scenario(Part):
         craft = self.spacecraft
         if craft is None or craft.second_wing is None or craft.second_wing.drive == "held":
             return self
-        wing = craft.second_wing.model_copy(update=HELD)
-        return self.model_copy(update={"spacecraft": craft.model_copy(update={"second_wing": wing})})
+        wing = craft.second_wing.model_copy(update=HELD_WING_SETTINGS)
+        return self.model_copy(
+            update={"spacecraft": craft.model_copy(update={"second_wing": wing})}
+        )
 
-    def at_angle(self, angle: Given) -> Scenario:
+    def at_angle(self, angle: GivenQuantity) -> Scenario:
         """The same with its array at an ``angle``, such as ``"30 deg"``, on a craft.
 
-        A second wing without ``array_angle`` turns with it; a driven one with its own does by its rate, from where it is.
+        A second wing without ``array_angle`` turns with it; a driven one with its own does by its
+        rate, from where it is.
         """
         craft = self.spacecraft
         assert craft is not None
         angle = quantity("angle", angle, "rad", example="deg")
         update: dict[str, Any] = {"array_angle": angle}
         wing, other = craft.second_wing, self.driven_wing
-        if wing is not None and wing.array_angle is not None and other is not None and self.rate and other.rate:
+        if (
+            wing is not None
+            and wing.array_angle is not None
+            and other is not None
+            and self.rate
+            and other.rate
+        ):
             there = wing.array_angle + (angle - craft.array_angle) * other.rate / self.rate
             update["second_wing"] = wing.model_copy(update={"array_angle": there})
         return self.model_copy(update={"spacecraft": craft.model_copy(update=update)})
 
     @property
     def has_memory(self) -> bool:
-        """Whether a friction or the gear remembers how it got there (``presliding``, ``hysteresis``, ``backlash``)."""
+        """Whether a friction or the gear remembers how it got there (``presliding``,
+        ``hysteresis``, ``backlash``).
+        """
         reducer = self.reducer
-        return bool(self.motor.friction.memory or self.friction.memory or reducer.memory or reducer.backlash)
+        return bool(
+            self.motor.friction.memory or self.friction.memory or reducer.memory or reducer.backlash
+        )
 
     @property
     def rate(self) -> float | None:
         """Rate of the array [rad/s] while it is recorded, or None where it changes."""
-        return self.tracking.constant_rate(self.record.settle, self.record.settle + self.record.duration)
+        return self.tracking.constant_rate(
+            self.record.settle, self.record.settle + self.record.duration
+        )
 
     @property
     def driving_frequency(self) -> float | None:
         """Microsteps per second f_d [Hz] while recording (Eq. 26), or None where the rate changes."""
         rate = self.rate
-        return None if rate is None else self.driver.driving_frequency(self.motor, self.reducer.ratio * rate)
+        if rate is None:
+            return None
+        return self.driver.driving_frequency(self.motor, self.reducer.ratio * rate)
 
     def with_(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
-        """A changed copy: dotted keys to values as in a file (text with a unit, numbers where there is no unit), or whole groups.
+        """A changed copy: dotted keys to values as in a file (text with a unit, numbers where there
+        is no unit), or whole groups.
 
-        ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``. Raises ScenarioError, also
-        for a bare number where a unit decides: ``with_si`` takes those.
+        ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``.
+        Raises ScenarioError, also for a bare number where a unit decides: ``with_si`` takes those.
         """
         return self._changed(changes, groups, si=False)
 
     def with_si(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
-        """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in the SI unit of its key.
+        """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in
+        the SI unit of its key.
 
         ``scenario.with_si({"tracking.rate": 0.001})`` is 0.001 rad/s. Raises ScenarioError.
         """
         return self._changed(changes, groups, si=True)
 
-    def _changed(self, changes: dict[str, Any] | None, groups: dict[str, Any], si: bool) -> Scenario:
+    def _changed(
+        self, changes: dict[str, Any] | None, groups: dict[str, Any], si: bool
+    ) -> Scenario:
         if changes is not None:
             expect_mapping(changes, "changes", "{'reducer.stiffness': '9000 N*m/rad'}")
         data: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
@@ -267,28 +345,46 @@ class Scenario(Part):
             expect(key, str, "a dotted key, such as reducer.stiffness")
             group = key.split(".")[0]
             if isinstance(data.get(group), Part):  # what is not changed has been validated
-                data[group] = plain(data[group])
-            set_key(data, key, plain(value))
-            if group not in _WORDS and group in data:  # what was said of the value before is not said of this one
-                kept = {k: text for k, text in data["sources"].items() if k != key and not k.startswith(f"{key}.")}
-                data["sources"] = {**kept, key: BY_USER}
-        return validated(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
+                data[group] = to_plain_data(data[group])
+            set_key(data, key, to_plain_data(value))
+            if (
+                group not in _TEXT_KEYS and group in data
+            ):  # what was said of the value before is not said of this one
+                kept = {
+                    k: text
+                    for k, text in data["sources"].items()
+                    if k != key and not k.startswith(f"{key}.")
+                }
+                data["sources"] = {**kept, key: USER_SOURCE}
+        return validate_part(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
         """A copy with the sources of those keys that it has; the others are dropped."""
-        return self.model_copy(update={"sources": {key: text for key, text in sources.items() if self._has(key)}})
+        return self.model_copy(
+            update={"sources": {key: text for key, text in sources.items() if self._has(key)}}
+        )
 
     def __getitem__(self, key: str) -> Any:
-        """A value in SI, or a group, by its dotted key: ``scenario["reducer.stiffness"]``. Raises ScenarioError."""
+        """A value in SI, or a group, by its dotted key: ``scenario["reducer.stiffness"]``. Raises
+        ScenarioError.
+        """
         expect(key, str, "a dotted key, such as reducer.stiffness")
         node: Any = self
         for name in key.split("."):
             listed = isinstance(node, tuple) and node and isinstance(node[0], Part)
-            known = [str(k) for k in range(len(node))] if listed else list(getattr(type(node), "model_fields", ()))
+            if listed:
+                known = [str(k) for k in range(len(node))]
+            else:
+                known = list(getattr(type(node), "model_fields", ()))
             if name not in known:
                 near = did_you_mean(key, self._ipython_key_completions_())
-                raise ScenarioError(f"{key}: unknown key; {near}allowed here are {', '.join(known) or 'none'}")
-            node = node[int(name)] if listed else getattr(node, name)
+                raise ScenarioError(
+                    f"{key}: unknown key; {near}allowed here are {', '.join(known) or 'none'}"
+                )
+            if listed:
+                node = node[int(name)]
+            else:
+                node = getattr(node, name)
         return node
 
     def _has(self, key: str) -> bool:
@@ -297,7 +393,7 @@ class Scenario(Part):
             self[key]
         except ScenarioError:
             return False
-        return key.split(".")[0] not in _WORDS
+        return key.split(".")[0] not in _TEXT_KEYS
 
     def _ipython_key_completions_(self) -> list[str]:
         return [key for key, _, _ in self.entries()]
@@ -305,16 +401,22 @@ class Scenario(Part):
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
         for name in type(self).model_fields:
-            if name not in _WORDS and (name != "spacecraft" or self.spacecraft is not None):
-                yield from entries(name, getattr(self, name), type(self).quantity_of(name))
+            if name not in _TEXT_KEYS and (name != "spacecraft" or self.spacecraft is not None):
+                yield from flatten_parameters(
+                    name, getattr(self, name), type(self).quantity_of(name)
+                )
 
     def shown(self, key: str, value: Any) -> str:
         """A value of a key as tables show it: a number in its unit, all else as it is."""
         quantity = next((quantity for name, _, quantity in self.entries() if name == key), None)
-        return quantity.show(value) if quantity and isinstance(value, float) else str(value)
+        if quantity and isinstance(value, float):
+            return quantity.show(value)
+        return str(value)
 
     def doubts(self) -> tuple[str, ...]:
-        """Values that are allowed but not of a usual size, a sentence each: often another unit was meant."""
+        """Values that are allowed but not of a usual size, a sentence each: often another unit was
+        meant.
+        """
         said = (
             (key, quantity.doubt(value))
             for key, value, quantity in self.entries()
@@ -338,7 +440,9 @@ def expect_scenario(given: Any) -> None:
 
 
 def set_key(data: Any, key: str, value: Any) -> None:
-    """Set a dotted key in nested dicts and lists, in place; ScenarioError where the way to it does not exist."""
+    """Set a dotted key in nested dicts and lists, in place; ScenarioError where the way to it does
+    not exist.
+    """
     *path, last = key.split(".")
     node = data
     walked: list[str] = []
@@ -372,6 +476,11 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
     if isinstance(node, dict):
         return part
     if not part.isdigit() or int(part) >= len(node):
-        allowed = f"0 to {len(node) - 1}" if node else "none, the list is empty"
-        raise ScenarioError(f"{key}: '{part}' is not an index of {'.'.join(walked)}; allowed is {allowed}")
+        if node:
+            allowed = f"0 to {len(node) - 1}"
+        else:
+            allowed = "none, the list is empty"
+        raise ScenarioError(
+            f"{key}: '{part}' is not an index of {'.'.join(walked)}; allowed is {allowed}"
+        )
     return int(part)

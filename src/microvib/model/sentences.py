@@ -9,23 +9,27 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from microvib.errors import ScenarioError, did_you_mean, shown
-from microvib.model.fields import part_in, quantity_in, whole_numbers
+from microvib.errors import ScenarioError, did_you_mean, quoted_value
+from microvib.model.fields import integer_range_text, part_type_of, quantity_in
 
 P = TypeVar("P", bound=BaseModel)
 MAX_SENTENCES = 8  # problems that are told, at most; of the others their number
 
 
-def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -> P:
+def validate_part(part: type[P], data: Any, *, si: bool = False, origin: str = "") -> P:
     """A part from nested dicts; every problem found becomes a sentence of one ScenarioError.
 
     Bare numbers are taken where no unit decides; with ``si`` everywhere, as SI.
     """
     name = part.__name__.lower()
     if not isinstance(data, dict):
-        first = next((key for key, field in part.model_fields.items() if part_in(field.annotation)), "title")
+        first = next(
+            (key for key, field in part.model_fields.items() if part_type_of(field.annotation)),
+            "title",
+        )
         raise ScenarioError(
-            f"{origin or name}: a mapping of keys is expected, such as '{first}:', not {type(data).__name__}"
+            f"{origin or name}: a mapping of keys is expected, such as '{first}:', not"
+            f" {type(data).__name__}"
         )
     try:
         return part.model_validate(data, context={"si": si})
@@ -33,18 +37,35 @@ def validated(part: type[P], data: Any, *, si: bool = False, origin: str = "") -
         items = error.errors(include_url=False)
         # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
         quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
-        items = [item for item in items if item["type"] != "literal_error" or item["loc"][:-1] not in quantities]
+        items = [
+            item
+            for item in items
+            if item["type"] != "literal_error" or item["loc"][:-1] not in quantities
+        ]
         lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MAX_SENTENCES]))
         if len(lines) > MAX_SENTENCES:
-            more = len(lines) if len(items) <= 10 * MAX_SENTENCES else len(items)
+            if len(items) <= 10 * MAX_SENTENCES:
+                more = len(lines)
+            else:
+                more = len(items)
             lines = [*lines[:MAX_SENTENCES], f"... and {more - MAX_SENTENCES} more"]
-        raise ScenarioError("\n".join(f"{origin}: {line}" if origin else line for line in lines)) from None
+        raise ScenarioError(
+            "\n".join(f"{origin}: {line}" if origin else line for line in lines)
+        ) from None
 
 
-_BRANCHES = ("function-after", "function-plain", "function-wrap", "literal", "constrained", "tuple", "lax-or-strict")
+_BRANCHES = (
+    "function-after",
+    "function-plain",
+    "function-wrap",
+    "literal",
+    "constrained",
+    "tuple",
+    "lax-or-strict",
+)
 
 
-class _Place(NamedTuple):
+class _KeyContext(NamedTuple):
     """What a path of keys leads to."""
 
     keys: tuple[str, ...] = ()
@@ -57,36 +78,52 @@ class _Place(NamedTuple):
     """Keys of the release before, and what to do instead."""
 
 
-def _place(root: type[BaseModel], where: list[str]) -> _Place:
+def _resolve_key(root: type[BaseModel], where: list[str]) -> _KeyContext:
     part: type[BaseModel] | None = root
     field = None
     for name in (name for name in where if not name.isdigit()):
         if part is None or name not in part.model_fields:
-            return _Place()
+            return _KeyContext()
         field = part.model_fields[name]
-        part = part_in(field.annotation)
+        part = part_type_of(field.annotation)
     keys = () if part is None else tuple(part.model_fields)
     removed_keys = getattr(part, "removed_keys", {})
     if field is None:
-        return _Place(keys, removed_keys=removed_keys)
-    quantity = None if where[-1].isdigit() else quantity_in(field)
-    unit = f", in {quantity.display or quantity.unit}" if quantity and quantity.unit else ""
+        return _KeyContext(keys, removed_keys=removed_keys)
+    if where[-1].isdigit():
+        quantity = None
+    else:
+        quantity = quantity_in(field)
+    if quantity and quantity.unit:
+        unit = f", in {quantity.display or quantity.unit}"
+    else:
+        unit = ""
     meaning = f"{quantity.meaning}{unit}" if quantity else field.description
-    return _Place(keys, f" ({meaning})" if meaning else "", whole_numbers(field) or "a whole number", removed_keys)
+    return _KeyContext(
+        keys,
+        f" ({meaning})" if meaning else "",
+        integer_range_text(field) or "a whole number",
+        removed_keys,
+    )
 
 
 def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
     """One validation error as a sentence: which key, what was found, what is allowed."""
     where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
     key = ".".join(where) or root.__name__.lower()
-    kind, found, context, place = item["type"], item.get("input"), item.get("ctx", {}), _place(root, where)
+    kind, found, context, place = (
+        item["type"],
+        item.get("input"),
+        item.get("ctx", {}),
+        _resolve_key(root, where),
+    )
     if kind == "extra_forbidden":
-        parent = _place(root, where[:-1])
+        parent = _resolve_key(root, where[:-1])
         if where[-1] in parent.removed_keys:
             return f"{key}: this key was removed; {parent.removed_keys[where[-1]]}"
         allowed = parent.keys
         known = [".".join([*where[:-1], name]) for name in allowed]
-        return f"{key}: unknown key; {_near(key, known, root)}allowed here are {', '.join(allowed) or 'none'}"
+        return f"{key}: unknown key; {_suggest_key(key, known, root)}allowed here are {', '.join(allowed) or 'none'}"
     if kind == "missing":
         return f"{key}: missing{place.meaning}"
     if kind == "quantity":
@@ -94,14 +131,25 @@ def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
     if kind == "value_error":
         text = str(context.get("error", item["msg"]))
         deeper = text.split(":")[0].replace(".", "").replace("_", "").isalnum()  # begins with a key
-        return f"{key}{'.' if deeper else ': '}{text}" if where else text
+        if where:
+            return f"{key}{'.' if deeper else ': '}{text}"
+        return text
     if kind in ("too_long", "string_too_long"):
-        what = "characters" if kind.startswith("string") else "entries"
+        if kind.startswith("string"):
+            what = "characters"
+        else:
+            what = "entries"
         length = context.get("actual_length") or len(found)
         return f"{key}: has {length} {what}; at most {context['max_length']} are allowed{place.meaning}"
     if kind == "literal_error":
         expected = f"write {context.get('expected')}{place.meaning}"
-    elif kind in ("int_type", "int_from_float", "int_parsing", "greater_than_equal", "less_than_equal"):
+    elif kind in (
+        "int_type",
+        "int_from_float",
+        "int_parsing",
+        "greater_than_equal",
+        "less_than_equal",
+    ):
         expected = f"{place.number} is expected{place.meaning}"
     elif kind in ("model_type", "model_attributes_type", "dict_type"):
         expected = f"keys are expected here: {', '.join(place.keys) or 'text to text'}"
@@ -109,22 +157,27 @@ def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
         expected = f"a list is expected{place.meaning}"
     else:
         expected = item["msg"].replace("Input should", "it should")
-    return f"{key}: {shown(found)} is not allowed; {expected}"
+    return f"{key}: {quoted_value(found)} is not allowed; {expected}"
 
 
-def _near(key: str, known: list[str], root: type[BaseModel]) -> str:
-    """What an unknown key may stand for: a neighbour spelt like it, or a key of its name in another group, the outermost."""
+def _suggest_key(key: str, known: list[str], root: type[BaseModel]) -> str:
+    """What an unknown key may stand for: a neighbour spelt like it, or a key of its name in another
+    group, the outermost.
+    """
     elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]
     outermost = min((name.count(".") for name in elsewhere), default=0)
     elsewhere = [name for name in elsewhere if name.count(".") == outermost]
-    return did_you_mean(key, known) or (f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else "")
+    return did_you_mean(key, known) or (
+        f"did you mean {' or '.join(elsewhere)}? " if 0 < len(elsewhere) <= 3 else ""
+    )
 
 
 def _all_keys(part: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for name, field in part.model_fields.items():
         yield f"{prefix}{name}"
-        inner = part_in(field.annotation)
+        inner = part_type_of(field.annotation)
         if inner is not None:
             yield from _all_keys(
-                inner, f"{prefix}{name}.0." if "tuple" in str(field.annotation) else f"{prefix}{name}."
+                inner,
+                f"{prefix}{name}.0." if "tuple" in str(field.annotation) else f"{prefix}{name}.",
             )

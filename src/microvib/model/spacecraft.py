@@ -1,4 +1,6 @@
-"""The spacecraft that carries the drive: hub, where and how arrays sit on it, attitude control, line of sight."""
+"""The spacecraft that carries the drive: hub, where and how arrays sit on it, attitude control,
+line of sight.
+"""
 
 from __future__ import annotations
 
@@ -15,48 +17,73 @@ from microvib.model.friction import Friction
 from microvib.model.motor import Motor
 from microvib.model.part import Part, Six
 from microvib.model.reducer import Reducer
-from microvib.model.rigid import Direction, Inertia, Position, beside, inertia_misfit, tensor
+from microvib.model.rigid import (
+    Direction,
+    Inertia,
+    Position,
+    inertia_error,
+    perpendicular_unit_vector,
+    tensor,
+)
 from microvib.model.tracking import Tracking
 from microvib.units import Quantity
 
-SQUARE = 1e-3
-"""Cosine of the angle between the drive axis and ``reference`` up to which they count as perpendicular; the rest is taken out."""
+PERPENDICULAR_TOLERANCE = 1e-3
+"""Cosine of the angle between the drive axis and ``reference`` up to which they count as
+perpendicular; the rest is taken out.
+"""
 ROUNDING = 1e-6
 """Part of the own damping of a hub's modes that is rounding."""
-SAME_PLACE = 1e-3
+SAME_POINT_DISTANCE = 1e-3
 """Distance [m] within which a point with known shapes is the interface point."""
 INTERFACE, CENTER = "interface", "center"
 """Names of points that every hub has: the interface point, and its centre of mass."""
-SECOND = "second_interface"
+SECOND_INTERFACE = "second_interface"
 """Name of the interface point of a second wing."""
 SECOND_DRIVE = "wing_2"
 """What the drive of a second wing is called, in names of lines and of files."""
-DRIVE = ("motor", "driver", "reducer", "friction", "array")
+DRIVE_GROUPS = ("motor", "driver", "reducer", "friction", "array")
 """Groups of a scenario that are a drive and its array."""
-HELD: dict[str, Any] = {"drive": "held", "stagger": 0.0, "clock_ratio": 1.0, "tracking": None}
+HELD_WING_SETTINGS: dict[str, Any] = {
+    "drive": "held",
+    "stagger": 0.0,
+    "clock_ratio": 1.0,
+    "tracking": None,
+}
 """What makes a second wing one that holds."""
 
 
 class HubPoint(Part):
     """A named point of the hub."""
 
-    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9_.-]+$", description="name of the point")
+    name: str = Field(
+        min_length=1, max_length=60, pattern=r"^[A-Za-z0-9_.-]+$", description="name of the point"
+    )
     position: Position = Field(description="position from the hub's centre of mass, hub axes")
 
 
 def _control(given: Any) -> Any:
     """None for ``none``; ValueError for other words."""
     if isinstance(given, str | bool) and given != "none":
-        raise ValueError("write none, or bandwidth and damping, such as {bandwidth: 0.02 Hz, damping: 0.7}")
-    return None if given == "none" else given
+        raise ValueError(
+            "write none, or bandwidth and damping, such as {bandwidth: 0.02 Hz, damping: 0.7}"
+        )
+    if given == "none":
+        return None
+    return given
 
 
 class HubMode(Part):
     """One flexible free-free mode of the hub alone, mass-normalised."""
 
-    frequency: Annotated[float, Quantity("Hz", "natural frequency of the free hub", "Omega/2pi", gt=0)]
+    frequency: Annotated[
+        float, Quantity("Hz", "natural frequency of the free hub", "Omega/2pi", gt=0)
+    ]
     damping: Annotated[
-        float, Quantity("", "modal damping ratio", "xi", ge=0, le=0.99, display="percent", usual=(1e-4, 0.15))
+        float,
+        Quantity(
+            "", "modal damping ratio", "xi", ge=0, le=0.99, display="percent", usual=(1e-4, 0.15)
+        ),
     ]
     shapes: tuple[Six, ...] = Field(
         max_length=10_000,
@@ -72,25 +99,30 @@ class HubMode(Part):
 class Hub(Part):
     """The craft without its array: a rigid body, and its flexible free-free modes at named points."""
 
-    mass: Annotated[float, Quantity("kg", "mass of the hub, without the array", gt=0, usual=(1.0, 1e6))]
+    mass: Annotated[
+        float, Quantity("kg", "mass of the hub, without the array", gt=0, usual=(1.0, 1e6))
+    ]
     inertia: Inertia = Field(
         description="inertia about the hub's centre of mass, hub axes: xx yy zz xy xz yz, tensor elements"
     )
     points: tuple[HubPoint, ...] = Field(default=(), max_length=10_000, description="named points")
-    modes: tuple[HubMode, ...] = Field(default=(), max_length=2000, description="flexible modes; none make it rigid")
+    modes: tuple[HubMode, ...] = Field(
+        default=(), max_length=2000, description="flexible modes; none make it rigid"
+    )
 
     def _misfits(self) -> Iterator[str]:
-        misfit = inertia_misfit(tensor(self.inertia))
+        misfit = inertia_error(tensor(self.inertia))
         if misfit:
             yield f"inertia: {misfit}"
         names = [point.name for point in self.points]
         if len(set(names)) != len(names):
             twice = next(name for name in names if names.count(name) > 1)
-            yield f"points: '{twice}' is there twice; each point needs a name of its own"
+            yield f"points: '{twice}' is defined twice; each point needs a unique name"
         for k, mode in enumerate(self.modes):
             if len(mode.shapes) != len(self.points):
                 yield (
-                    f"modes.{k}.shapes: has {len(mode.shapes)} points and hub.points {len(self.points)}; six components for"
+                    f"modes.{k}.shapes: has {len(mode.shapes)} points and hub.points"
+                    f" {len(self.points)}; six components for"
                     " each point are expected"
                 )
             if len(mode.coupling) not in (0, k):
@@ -100,7 +132,10 @@ class Hub(Part):
             size = np.sqrt(np.maximum(np.diag(self.damping), 1e-300))
             least = float(np.linalg.eigvalsh(self.damping / np.outer(size, size)).min())
             if not least > -ROUNDING:
-                yield f"modes: damping and coupling would feed the hub (eigenvalue {least:.3g} of the own damping, 0 at least)"
+                yield (
+                    "modes: the damping matrix is not positive semi-definite and would add energy"
+                    f" (eigenvalue {least:.3g} of the own damping, 0 at least)"
+                )
 
     @property
     def damping(self) -> np.ndarray:
@@ -115,7 +150,9 @@ class Hub(Part):
 class Interface(Part):
     """Where the drive sits on the hub, and how the array is turned at angle 0."""
 
-    position: Position = Field(description="interface point from the hub's centre of mass, hub axes")
+    position: Position = Field(
+        description="interface point from the hub's centre of mass, hub axes"
+    )
     drive_axis: Direction = Field(description="direction of array.drive_axis in hub axes")
     reference: Direction = Field(
         description="direction, at angle 0, of the array axis that follows the drive axis cyclically (x for z)"
@@ -125,9 +162,10 @@ class Interface(Part):
         for name, given in (("drive_axis", self.drive_axis), ("reference", self.reference)):
             if not _is_direction(given):
                 yield f"{name}: {list(given)} is not a direction; three components, not all 0, are expected"
-        if abs(_unit(self.drive_axis) @ _unit(self.reference)) > SQUARE:
+        if abs(_unit(self.drive_axis) @ _unit(self.reference)) > PERPENDICULAR_TOLERANCE:
             yield (
-                f"reference: {list(self.reference)} is not perpendicular to drive_axis {list(self.drive_axis)}; the array"
+                f"reference: {list(self.reference)} is not perpendicular to drive_axis"
+                f" {list(self.drive_axis)}; the array"
                 " axis that follows the drive axis lies across it"
             )
 
@@ -137,7 +175,9 @@ class Interface(Part):
         return _unit(self.drive_axis)
 
     def turn(self, drive_axis: str, angle: float) -> np.ndarray:
-        """Axes of the array at an ``angle`` [rad], as columns in hub axes, (3, 3): hub components = turn @ array components."""
+        """Axes of the array at an ``angle`` [rad], as columns in hub axes, (3, 3): hub components =
+        turn @ array components.
+        """
         a, first = self.axis, _unit(self.reference)
         first = _unit(first - (first @ a) * a)
         first = math.cos(angle) * first + math.sin(angle) * np.cross(a, first)
@@ -154,7 +194,8 @@ class SecondWing(Part):
     """
 
     drive: Literal["held", "driven"] = Field(
-        default="held", description="held: its motor stands still under current; driven: it steps, too"
+        default="held",
+        description="held: its motor stands still under current; driven: it steps, too",
     )
     interface: Interface
     array_angle: (
@@ -162,7 +203,8 @@ class SecondWing(Part):
             float,
             Quantity(
                 "rad",
-                "angle of its array from its mounting's zero, about its own drive axis; without it that of the first, in the"
+                "angle of its array from its mounting's zero, about its own drive axis; without it"
+                " that of the first, in the"
                 " same sense about hub axes",
                 "psi_2",
                 display="deg",
@@ -171,10 +213,17 @@ class SecondWing(Part):
         | None
     ) = None
     stagger: Annotated[
-        float, Quantity("", "microsteps by which the steps of a driven one come later than the first's", ge=0, le=1e5)
+        float,
+        Quantity(
+            "",
+            "microsteps by which the steps of a driven one come later than the first's",
+            ge=0,
+            le=1e5,
+        ),
     ] = 0.0
     clock_ratio: Annotated[
-        float, Quantity("", "step clock of a driven one over the first's", gt=0, le=10, usual=(0.8, 1.25))
+        float,
+        Quantity("", "step clock of a driven one over the first's", gt=0, le=10, usual=(0.8, 1.25)),
     ] = 1.0
     tracking: Tracking | None = Field(
         default=None,
@@ -189,9 +238,13 @@ class SecondWing(Part):
 
 
 class AttitudeControl(Part):
-    """A torque -I (w^2 angle + 2 z w rate) on the hub's rigid rotation, I the hub's own inertia about its centre of mass."""
+    """A torque -I (w^2 angle + 2 z w rate) on the hub's rigid rotation, I the hub's own inertia
+    about its centre of mass.
+    """
 
-    bandwidth: Annotated[float, Quantity("Hz", "bandwidth with the hub alone, w/2pi", gt=0, usual=(1e-5, 10.0))]
+    bandwidth: Annotated[
+        float, Quantity("Hz", "bandwidth with the hub alone, w/2pi", gt=0, usual=(1e-5, 10.0))
+    ]
     damping: Annotated[float, Quantity("", "damping ratio with the hub alone", "z", gt=0, le=5)]
 
 
@@ -200,7 +253,9 @@ class Sensitivity(Part):
 
     axis: Literal["x", "y"] = Field(description="axis of the line of sight")
     point: str = Field(description="a name of hub.points, interface, or center")
-    by: Six = Field(description="change by displacements [rad/m] and rotations [rad/rad] of the point, hub axes")
+    by: Six = Field(
+        description="change by displacements [rad/m] and rotations [rad/rad] of the point, hub axes"
+    )
 
 
 Seconds = Annotated[float, Quantity("s", "length of a window", gt=0, display="ms")]
@@ -210,12 +265,16 @@ class LineOfSight(Part):
     """How the line of sight follows the hub, and the windows in which it is judged."""
 
     boresight: Direction | None = Field(
-        default=None, description="direction in which a rigid payload looks, hub axes; its rotations count"
+        default=None,
+        description="direction in which a rigid payload looks, hub axes; its rotations count",
     )
     point: str = Field(
-        default=CENTER, description="where the rotations of boresight are: a name of hub.points, or center"
+        default=CENTER,
+        description="where the rotations of boresight are: a name of hub.points, or center",
     )
-    rows: tuple[Sensitivity, ...] | None = Field(default=None, max_length=10_000, description="sensitivities to points")
+    rows: tuple[Sensitivity, ...] | None = Field(
+        default=None, max_length=10_000, description="sensitivities to points"
+    )
     windows: tuple[Seconds, ...] = Field(default=(), max_length=100, description="exposures")
     pixel: Annotated[float, Quantity("rad", "angle of a pixel", gt=0, display="urad")] | None = None
 
@@ -225,9 +284,9 @@ class LineOfSight(Part):
         if self.boresight is not None and not _is_direction(self.boresight):
             yield f"boresight: {list(self.boresight)} is not a direction; three components, not all 0, are expected"
         if self.rows == ():
-            yield "rows: an empty list says nothing of the line of sight; give at least one row"
+            yield "rows: an empty list defines no line of sight; give at least one row"
         if len(set(self.windows)) != len(self.windows):
-            yield "windows: one is there twice"
+            yield "windows: an exposure is listed twice"
 
     def wanted(self) -> Iterator[tuple[str, str]]:
         """Key and name of each point whose motion is asked for."""
@@ -238,17 +297,19 @@ class LineOfSight(Part):
 
     def renamed(self, names: dict[str, str]) -> LineOfSight:
         """The same with points called by other ``names``."""
-        rows = self.rows and tuple(x.model_copy(update={"point": names.get(x.point, x.point)}) for x in self.rows)
+        rows = self.rows and tuple(
+            x.model_copy(update={"point": names.get(x.point, x.point)}) for x in self.rows
+        )
         return self.model_copy(update={"point": names.get(self.point, self.point), "rows": rows})
 
     def axes(self) -> np.ndarray:
         """For a boresight, the unit vectors about which los_x and los_y turn, in hub axes, (2, 3).
 
-        The first is hub x made perpendicular to the boresight (hub y where x is near it), the second boresight cross first: hub x
-        and y for a boresight along z.
+        The first is hub x made perpendicular to the boresight (hub y where x is near it), the
+        second boresight cross first: hub x and y for a boresight along z.
         """
         b = _unit(self.boresight or (0.0, 0.0, 1.0))
-        first = beside(b)
+        first = perpendicular_unit_vector(b)
         return np.array([first, np.cross(b, first)])
 
 
@@ -258,64 +319,110 @@ class Spacecraft(Part):
     hub: Hub
     array_angle: Annotated[
         float,
-        Quantity("rad", "angle of the array from the mounting's zero, about the drive axis", "psi", display="deg"),
+        Quantity(
+            "rad",
+            "angle of the array from the mounting's zero, about the drive axis",
+            "psi",
+            display="deg",
+        ),
     ] = 0.0
     interface: Interface
     attitude_control: Annotated[
         AttitudeControl | None,
         BeforeValidator(_control, json_schema_input_type=AttitudeControl | Literal["none"] | None),
     ] = Field(
-        default=None, description="none leaves the craft free; lines far below the array's first mode mean nothing then"
+        default=None,
+        description="none leaves the craft free; lines far below the array's first mode mean nothing then",
     )
     line_of_sight: LineOfSight | None = None
-    second_wing: SecondWing | None = Field(default=None, description="a second array with its drive")
+    second_wing: SecondWing | None = Field(
+        default=None, description="a second array with its drive"
+    )
 
     def _misfits(self) -> Iterator[str]:
-        second = {} if self.second_wing is None else {"second_wing.": self.second_wing.interface}
+        if self.second_wing is None:
+            second = {}
+        else:
+            second = {"second_wing.": self.second_wing.interface}
         for key, place in {"": self.interface, **second}.items():
             if self.hub.modes and self.point_at(place) is None:
                 at = ", ".join(f"{x:g}" for x in place.position)
                 yield (
-                    f"{key}interface.position: no point of the hub's modes lies at [{at}] m (within {1e3 * SAME_PLACE:g} mm);"
+                    f"{key}interface.position: no point of the hub's modes lies at [{at}] m (within"
+                    f" {1e3 * SAME_POINT_DISTANCE:g} mm);"
                     " shapes at the interface point are needed"
                 )
-        if self.second_wing is not None and abs(self.second_sense) <= SQUARE:
+        if self.second_wing is not None and abs(self.second_sense) <= PERPENDICULAR_TOLERANCE:
             yield (
-                "second_wing.interface.drive_axis: is perpendicular to interface.drive_axis, and two wings that turn with the sun"
+                "second_wing.interface.drive_axis: is perpendicular to interface.drive_axis, and"
+                " two wings that turn with the sun"
                 " have axes along each other, or nearly so"
             )
         for key, name in () if self.line_of_sight is None else self.line_of_sight.wanted():
             if name not in self.points:
-                why = " (the centre of mass of a flexible hub has no shapes)" if name == CENTER else ""
+                if name == CENTER:
+                    why = " (the centre of mass of a flexible hub has no shapes)"
+                else:
+                    why = ""
                 yield f"line_of_sight.{key}: '{name}' is not a point of the hub{why}; there are {', '.join(self.points)}"
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Names of the points whose motion is known; of a flexible hub the centre of mass is none of them."""
-        second, center = (() if self.second_wing is None else (SECOND,)), (() if self.hub.modes else (CENTER,))
+        """Names of the points whose motion is known; of a flexible hub the centre of mass is none
+        of them.
+        """
+        second, center = (
+            (() if self.second_wing is None else (SECOND_INTERFACE,)),
+            (() if self.hub.modes else (CENTER,)),
+        )
         return (INTERFACE, *second, *center, *(point.name for point in self.hub.points))
 
     @property
     def second_sense(self) -> float:
-        """Cosine between both drive axes: which way the second shaft turns where the first turns positively."""
-        return 0.0 if self.second_wing is None else float(self.interface.axis @ self.second_wing.interface.axis)
+        """Cosine between both drive axes: which way the second shaft turns where the first turns
+        positively.
+        """
+        if self.second_wing is None:
+            return 0.0
+        return float(self.interface.axis @ self.second_wing.interface.axis)
 
     def from_second(self, first: dict[str, Part]) -> Spacecraft:
-        """The same with both wings exchanged: the ``first``, told by its groups, is the second and holds."""
+        """The same with both wings exchanged: the ``first``, told by its groups, is the second and
+        holds.
+        """
         wing = self.second_wing
         if wing is None:
             raise ValueError("this craft has no second wing")
-        held = wing.model_copy(update={**first, **HELD, "interface": self.interface, "array_angle": self.array_angle})
-        los = self.line_of_sight and self.line_of_sight.renamed(
-            {a: b for a, b in ((INTERFACE, SECOND), (SECOND, INTERFACE)) if a not in {p.name for p in self.hub.points}}
+        held = wing.model_copy(
+            update={
+                **first,
+                **HELD_WING_SETTINGS,
+                "interface": self.interface,
+                "array_angle": self.array_angle,
+            }
         )
-        exchanged = {"interface": wing.interface, "array_angle": wing.array_angle, "second_wing": held}
+        los = self.line_of_sight and self.line_of_sight.renamed(
+            {
+                a: b
+                for a, b in ((INTERFACE, SECOND_INTERFACE), (SECOND_INTERFACE, INTERFACE))
+                if a not in {p.name for p in self.hub.points}
+            }
+        )
+        exchanged = {
+            "interface": wing.interface,
+            "array_angle": wing.array_angle,
+            "second_wing": held,
+        }
         return self.model_copy(update={**exchanged, "line_of_sight": los})
 
     def point_at(self, interface: Interface) -> int | None:
         """Index of the point of ``hub.points`` that is an interface, or None where none is there."""
         here = np.array(interface.position)
-        near = (k for k, p in enumerate(self.hub.points) if np.linalg.norm(np.array(p.position) - here) <= SAME_PLACE)
+        near = (
+            k
+            for k, p in enumerate(self.hub.points)
+            if np.linalg.norm(np.array(p.position) - here) <= SAME_POINT_DISTANCE
+        )
         return next(near, None)
 
 

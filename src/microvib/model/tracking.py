@@ -19,10 +19,23 @@ class Leg(Part):
     """One leg of a profile: reach ``rate`` over ``ramp``, then hold it for ``hold``."""
 
     rate: Annotated[
-        float, Quantity("rad/s", "commanded rate of the array; negative turns back", display="deg/s", usual=_RATES)
+        float,
+        Quantity(
+            "rad/s",
+            "commanded rate of the array; negative turns back",
+            display="deg/s",
+            usual=_RATES,
+        ),
     ]
-    ramp: Annotated[float, Quantity("s", "time to reach the rate linearly; 0 is a jump", ge=0)] = 0.0
-    hold: Annotated[float, Quantity("s", "time at the rate; without it the leg lasts to the end", ge=0)] | None = None
+    ramp: Annotated[float, Quantity("s", "time to reach the rate linearly; 0 is a jump", ge=0)] = (
+        0.0
+    )
+    hold: (
+        Annotated[
+            float, Quantity("s", "time at the rate; without it the leg lasts to the end", ge=0)
+        ]
+        | None
+    ) = None
 
 
 class Tracking(Part):
@@ -30,20 +43,29 @@ class Tracking(Part):
 
     rate: (
         Annotated[
-            float, Quantity("rad/s", "constant commanded rate of the array", "omega", display="deg/s", usual=_RATES)
+            float,
+            Quantity(
+                "rad/s",
+                "constant commanded rate of the array",
+                "omega",
+                display="deg/s",
+                usual=_RATES,
+            ),
         ]
         | None
     ) = None
-    profile: tuple[Leg, ...] | None = Field(default=None, max_length=1000, description="legs of the motion, from rest")
-    clock_ratio: Annotated[float, Quantity("", "step clock over its nominal rate", gt=0, le=10, usual=(0.8, 1.25))] = (
-        1.0
+    profile: tuple[Leg, ...] | None = Field(
+        default=None, max_length=1000, description="legs of the motion, from rest"
     )
+    clock_ratio: Annotated[
+        float, Quantity("", "step clock over its nominal rate", gt=0, le=10, usual=(0.8, 1.25))
+    ] = 1.0
 
     def _misfits(self) -> Iterator[str]:
         if (self.rate is None) == (self.profile is None):
             yield "give either rate, a constant rate of the array in deg/s, or profile, a list of legs"
         if self.profile == ():
-            yield "profile: an empty list commands nothing; give at least one leg with a rate"
+            yield "profile: an empty list commands no motion; give at least one leg with a rate"
         for k, leg in enumerate((self.profile or ())[:-1]):
             if leg.hold is None:
                 yield f"profile.{k}.hold: only the last leg may leave hold out; give a time in s"
@@ -51,13 +73,19 @@ class Tracking(Part):
     @property
     def reversed(self) -> Tracking:
         """The same motion the other way round."""
-        legs = self.profile and tuple(leg.model_copy(update={"rate": -leg.rate}) for leg in self.profile)
-        return self.model_copy(update={"rate": None if self.rate is None else -self.rate, "profile": legs})
+        legs = self.profile and tuple(
+            leg.model_copy(update={"rate": -leg.rate}) for leg in self.profile
+        )
+        return self.model_copy(
+            update={"rate": None if self.rate is None else -self.rate, "profile": legs}
+        )
 
     def breakpoints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Piecewise linear rate: times [s] and rates [rad/s] of the array, (m,) each; a jump repeats its time.
+        """Piecewise linear rate: times [s] and rates [rad/s] of the array, (m,) each; a jump
+        repeats its time.
 
-        The last rate lasts for ever. Rates carry the clock ratio; the legs are timed by the computer that commands them.
+        The last rate lasts for ever. Rates carry the clock ratio; the legs are timed by the
+        computer that commands them.
         """
         if self.profile is None:
             return np.array([0.0]), np.array([float(self.rate or 0.0) * self.clock_ratio])
@@ -79,4 +107,6 @@ class Tracking(Part):
         before = int(np.searchsorted(times, start + 1e-12 * (1 + start), side="right")) - 1
         after = int(np.searchsorted(times, stop - 1e-12 * (1 + stop), side="left"))
         inside = rates[before : after + 1]
-        return float(inside[0]) if np.all(inside == inside[0]) else None
+        if np.all(inside == inside[0]):
+            return float(inside[0])
+        return None

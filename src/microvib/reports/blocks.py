@@ -1,4 +1,6 @@
-"""What the reports of all studies share: figures as text, pictures as blocks, the way to reproduce, the line at the foot."""
+"""What the reports of all studies share: figures as text, pictures as blocks, the way to reproduce,
+the line at the foot.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 
-def study(
+def study_report(
     kind: str,
     title: str,
     subtitle: str,
@@ -33,34 +35,46 @@ def study(
     versions: Mapping[str, str] | None = None,
     again: Sequence[Block] = (),
 ) -> Document:
-    """The report of a study; how to reproduce it is added as its last section, and a line at the foot.
+    """The report of a study; how to reproduce it is added as its last section, and a line at the
+    foot.
 
-    ``scenario`` is what all of it rests on; ``parts`` are further descriptions, by what they are. ``versions`` are those that made
-    it, without them today's; ``again`` says how else to reproduce it.
+    ``scenario`` is what all of it rests on; ``parts`` are further descriptions, by what they are.
+    ``versions`` are those that made it, without them today's; ``again`` says how else to reproduce
+    it.
     """
     versions = versions or package_versions()
-    hashes = {} if scenario is None else {"scenario": scenario_hash(scenario)}
-    foot = f"microvib {versions['microvib']}" + "".join(f" · scenario SHA-256 {text[:16]}…" for text in hashes.values())
-    hashes |= {name: sha256(dump_part(part).encode()).hexdigest() for name, part in (parts or {}).items()}
+    if scenario is None:
+        hashes = {}
+    else:
+        hashes = {"scenario": scenario_hash(scenario)}
+    foot = f"microvib {versions['microvib']}" + "".join(
+        f" · scenario SHA-256 {text[:16]}…" for text in hashes.values()
+    )
+    hashes |= {
+        name: sha256(dump_part(part).encode()).hexdigest() for name, part in (parts or {}).items()
+    }
     made = pairs([*versions.items(), *((f"{name} SHA-256", text) for name, text in hashes.items())])
     last = Section("Versions, and how to reproduce", (*again, made))
     return Document(kind, title, subtitle, tuple(facts), tuple(first_page), (*sections, last), foot)
 
 
-def drawn(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -> Figure:
+def figure_block(drawing: Drawing, alt: str, caption: str = "", turned: bool = False) -> Figure:
     """A figure of Matplotlib as a block."""
     return Figure(sheets.svg(drawing), alt, caption, turned)
 
 
-def overlaid(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
-    """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems side by side."""
+def overlay_block(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
+    """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems
+    side by side.
+    """
     drawing, axes = sheets.plain_sheet(3.5, 1, 2)
     axes[0, 0].get_gridspec().set_width_ratios((1.0, 1.6))
     drawing.subplots_adjust()  # moves the axes
     figures.draw_overlay(axes[0, 0], sides, 5.0)
     figures.draw_stems(axes[0, 1], sides, 200.0)
     caption = (
-        f"{what}. Amplitude spectra of T_d, one-sided, 0-to-peak, Hann window. Left, the low end. Right, the peaks to 200 Hz,"
+        f"{what}. Amplitude spectra of T_d, one-sided, 0-to-peak, Hann window. Left, the low end."
+        " Right, the peaks to 200 Hz,"
         " those of one frequency drawn side by side."
     )
-    return drawn(drawing, f"Spectra: {what}", caption)
+    return figure_block(drawing, f"Spectra: {what}", caption)

@@ -8,9 +8,20 @@ from collections.abc import Sequence
 from statistics import median
 
 from microvib.model.expected import is_sideband, is_unlisted
-from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Block, Contents, Document, Fact, Mark, Section, Table, Text, pairs, table
-from microvib.reports.numbers import brief, count, format_number, milli, percent
+from microvib.reports.blocks import overlay_block, study_report
+from microvib.reports.document import (
+    Block,
+    Contents,
+    Document,
+    Fact,
+    Mark,
+    Section,
+    Table,
+    Text,
+    pairs,
+    table,
+)
+from microvib.reports.numbers import brief_number, count_text, format_number, milli, percent
 from microvib.reports.typography import file_name
 from microvib.studies.compare import (
     AGREES,
@@ -29,24 +40,49 @@ from microvib.text_tables import text_table
 
 _MAX_FIRST_PAGE = 10
 """Lines on the first page."""
-_NAMED = 4
+_MAX_NAMES = 4
 """Lines that a sentence names."""
 
 
 def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
-    """Tables 5 and 6 for any pair, as text: the form that does not depend on bins with a verdict, and the nearest bins."""
-    shown = worth_a_row(rows)
+    """Tables 5 and 6 for any pair, as text: the form that does not depend on bins with a verdict,
+    and the nearest bins.
+    """
+    shown = significant_rows(rows)
     lines = [
         text
         for mark, s in (("A", a), ("B", b))
         for text in (f"{mark}: {s.name} ({s.kind})", *(f"  {n}" for n in s.notes))
     ]
-    head = ("line", "A Hz", "B Hz", "A N m", "B N m", "B/A %", "verdict", "A bin N m", "B bin N m", "bin B/A %")
+    head = (
+        "line",
+        "A Hz",
+        "B Hz",
+        "A N m",
+        "B N m",
+        "B/A %",
+        "verdict",
+        "A bin N m",
+        "B bin N m",
+        "bin B/A %",
+    )
     listed: list[tuple[str, ...]] = []
     for r in shown:
-        hz = (brief(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8) for x in (r.a, r.b))
-        found = brief(r.a.amplitude), brief(r.b.amplitude), percent(r.error), r.verdict
-        bins = brief(r.a.bin_amplitude), brief(r.b.bin_amplitude), percent(r.bin_error)
+        hz = (
+            brief_number(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8)
+            for x in (r.a, r.b)
+        )
+        found = (
+            brief_number(r.a.amplitude),
+            brief_number(r.b.amplitude),
+            percent(r.error),
+            r.verdict,
+        )
+        bins = (
+            brief_number(r.a.bin_amplitude),
+            brief_number(r.b.bin_amplitude),
+            percent(r.bin_error),
+        )
         listed.append((r.line, *hz, *found, *bins))
     lines += [
         clock_sentence(a, b),
@@ -56,15 +92,21 @@ def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
     return "\n".join([*lines, "", *misread(a, b, rows), verdict_sentence(shown)])
 
 
-def worth_a_row(rows: Sequence[Row]) -> list[Row]:
-    """Lines of at least a thousandth of the largest on either side; sidebands and unexpected lines a fiftieth."""
+def significant_rows(rows: Sequence[Row]) -> list[Row]:
+    """Lines of at least a thousandth of the largest on either side; sidebands and unexpected lines
+    a fiftieth.
+    """
 
     def size(row: Row) -> float:
-        values = [x.amplitude if math.isfinite(x.amplitude) else x.bin_amplitude for x in (row.a, row.b)]
+        values = [
+            x.amplitude if math.isfinite(x.amplitude) else x.bin_amplitude for x in (row.a, row.b)
+        ]
         return max((v for v in values if math.isfinite(v)), default=0.0)
 
     def least(row: Row) -> float:
-        return 0.02 if (is_sideband(row.line) or is_unlisted(row.line)) else 1e-3
+        if is_sideband(row.line) or is_unlisted(row.line):
+            return 0.02
+        return 1e-3
 
     top = max((size(row) for row in rows), default=0.0)
     return [row for row in rows if size(row) >= least(row) * top]
@@ -72,13 +114,20 @@ def worth_a_row(rows: Sequence[Row]) -> list[Row]:
 
 def verdict_sentence(rows: Sequence[Row]) -> str:
     """How many lines agree within the uncertainties, which do not, and what that is worth."""
-    of = {v: [r for r in rows if r.verdict == v] for v in (AGREES, DIFFERS, HIDDEN, ONLY_A, ONLY_B, UNJUDGED)}
-    agree, differ = (f"{verb}{'s' if len(of[v]) == 1 else ''}" for verb, v in (("agree", AGREES), ("differ", DIFFERS)))
+    of = {
+        v: [r for r in rows if r.verdict == v]
+        for v in (AGREES, DIFFERS, HIDDEN, ONLY_A, ONLY_B, UNJUDGED)
+    }
+    agree, differ = (
+        f"{verb}{'s' if len(of[v]) == 1 else ''}"
+        for verb, v in (("agree", AGREES), ("differ", DIFFERS))
+    )
     judged = len(of[AGREES]) + len(of[DIFFERS])
-    rest = "No line is judged: one side has no known uncertainty, or hides them."
+    rest = "No line is judged: on one side the uncertainty is unknown or the lines are below the noise floor."
     if judged:
         rest = (
-            f"{len(of[AGREES])} of {count(judged, 'line')} {agree} within {COVERAGE:g} standard uncertainties of the"
+            f"{len(of[AGREES])} of {count_text(judged, 'line')} {agree} within {COVERAGE:g}"
+            " standard uncertainties of the"
             f" difference{_names(of[AGREES])}; {len(of[DIFFERS])} {differ}{_names(of[DIFFERS])}."
         )
     for v, text in (
@@ -88,16 +137,24 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
         (UNJUDGED, "without uncertainties"),
     ):
         if of[v] and (judged or v != UNJUDGED):
-            rest += f" {count(len(of[v]), 'line')} {text}{_names(of[v])}."
+            rest += f" {count_text(len(of[v]), 'line')} {text}{_names(of[v])}."
     return rest
 
 
 def _names(rows: Sequence[Row]) -> str:
     """The largest of some lines by name, in parentheses."""
-    by_size = sorted(rows, key=lambda r: -max(x for x in (r.a.amplitude, r.b.amplitude, 0.0) if not math.isnan(x)))
-    names = [r.line for r in by_size[:_NAMED]]
-    more = f" and {len(rows) - len(names)} more" if len(rows) > len(names) else ""
-    return f" ({', '.join(names)}{more})" if names else ""
+    by_size = sorted(
+        rows,
+        key=lambda r: -max(x for x in (r.a.amplitude, r.b.amplitude, 0.0) if not math.isnan(x)),
+    )
+    names = [r.line for r in by_size[:_MAX_NAMES]]
+    if len(rows) > len(names):
+        more = f" and {len(rows) - len(names)} more"
+    else:
+        more = ""
+    if names:
+        return f" ({', '.join(names)}{more})"
+    return ""
 
 
 def clock_sentence(a: Side, b: Side) -> str:
@@ -105,7 +162,9 @@ def clock_sentence(a: Side, b: Side) -> str:
     known = [(mark, s) for mark, s in (("A", a), ("B", b)) if s.clock_ratio is not None]
     if not known:
         return "Step clock: not known on either side."
-    text = "Step clock over nominal: " + ", ".join(f"{mark} {s.clock_ratio:.7f}" for mark, s in known)
+    text = "Step clock over nominal: " + ", ".join(
+        f"{mark} {s.clock_ratio:.7f}" for mark, s in known
+    )
     if len(known) < 2:
         return f"{text}; not known on the other side."
     simulated = [mark for mark, s in known if s.kind == "simulation"]
@@ -122,35 +181,61 @@ def comparison_folder(a: Side, b: Side, rows: Sequence[Row]) -> Contents:
 
 
 def comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> Document:
-    """The report of a comparison: verdict line by line wherever the bins fall, spectra, the paper's nearest bins."""
-    shown = worth_a_row(rows)
+    """The report of a comparison: verdict line by line wherever the bins fall, spectra, the paper's
+    nearest bins.
+    """
+    shown = significant_rows(rows)
     told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
-    main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[:_MAX_FIRST_PAGE]
+    main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[
+        :_MAX_FIRST_PAGE
+    ]
     binned = [r for r in shown if math.isfinite(r.bin_error) and (r in main or not main)]
     sides = {"A": a, "B": b}
     called = {mark: f"{file_name(s.name)} ({s.kind})" for mark, s in sides.items()}
     notes = [(f"{mark}, prepared", note) for mark, s in sides.items() for note in s.notes]
     first_page: list[Block] = [pairs((*called.items(), *notes, ("Clock", clock_sentence(a, b))))]
-    first_page += [Text(" ".join([*misread(a, b, rows), verdict_sentence(told or shown), _WORTH]))]
-    first_page += [_line_table([r for r in told if r in main])] if main else []
-    torques = [(f"{k}: {file_name(s.name)}", s.torque, s.sample_rate) for k, s in sides.items() if s.torque is not None]
-    first_page += [overlaid(torques, "Both sides")] if torques else []
-    sections = [Section("All lines", (_line_table(told),), new_page=True)] if len(main) < len(told) else []
-    sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_blocks(binned))] if binned else []
-    return study(
+    first_page += [
+        Text(" ".join([*misread(a, b, rows), verdict_sentence(told or shown), _UNCERTAINTY_NOTE]))
+    ]
+    if main:
+        first_page += [_line_table([r for r in told if r in main])]
+    else:
+        first_page += []
+    torques = [
+        (f"{k}: {file_name(s.name)}", s.torque, s.sample_rate)
+        for k, s in sides.items()
+        if s.torque is not None
+    ]
+    if torques:
+        first_page += [overlay_block(torques, "Both sides")]
+    else:
+        first_page += []
+    if len(main) < len(told):
+        sections = [Section("All lines", (_line_table(told),), new_page=True)]
+    else:
+        sections = []
+    if binned:
+        sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_blocks(binned))]
+    else:
+        sections += []
+    return study_report(
         "Comparison report",
         "Comparison of disturbance lines",
         f"B against A: {called['B']} against {called['A']}.",
         facts=_facts(told, shown),
         first_page=first_page,
         sections=sections,
-        parts={f"{mark}, scenario": s.scenario for mark, s in sides.items() if s.scenario is not None},
+        parts={
+            f"{mark}, scenario": s.scenario for mark, s in sides.items() if s.scenario is not None
+        },
     )
 
 
-_WORTH = (
-    f"Of equal lines one in twenty differs by more than {COVERAGE:g} standard uncertainties by chance. The uncertainties"
-    " are those of the records, from the floor about each line: they include neither the calibration of a test nor the parameters"
+_UNCERTAINTY_NOTE = (
+    f"Of equal lines one in twenty differs by more than {COVERAGE:g} standard uncertainties by"
+    " chance. The uncertainties"
+    " are those of the records, from the floor about each line: they include neither the"
+    " calibration of a test nor the parameters"
     " of a model."
 )
 
@@ -160,13 +245,30 @@ def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
     judged = verdicts[AGREES] + verdicts[DIFFERS]
     facts = [Fact("not judged", "one side has no known uncertainty")]
     if judged:
-        facts = [Fact(f"{verdicts[AGREES]} of {judged}", f"lines agree within {COVERAGE:g} standard uncertainties")]
-    errors = [(r, r.error, r.a.amplitude) for r in told if math.isfinite(r.error) and r.verdict != HIDDEN]
-    errors = errors or [(r, r.bin_error, r.a.bin_amplitude) for r in shown if math.isfinite(r.bin_error)]
+        facts = [
+            Fact(
+                f"{verdicts[AGREES]} of {judged}",
+                f"lines agree within {COVERAGE:g} standard uncertainties",
+            )
+        ]
+    errors = [
+        (r, r.error, r.a.amplitude) for r in told if math.isfinite(r.error) and r.verdict != HIDDEN
+    ]
+    errors = errors or [
+        (r, r.bin_error, r.a.bin_amplitude) for r in shown if math.isfinite(r.bin_error)
+    ]
     if errors:
-        facts.append(Fact(f"{100 * median(abs(e) for _, e, _ in errors):.3g} %", "median difference of amplitudes"))
+        facts.append(
+            Fact(
+                f"{100 * median(abs(e) for _, e, _ in errors):.3g} %",
+                "median difference of amplitudes",
+            )
+        )
     largest = sorted(errors, key=lambda item: -item[2])[:2]
-    return [*facts, *(Fact(f"{percent(e)} %", f"{r.line}, amplitude of B over A") for r, e, _ in largest)]
+    return [
+        *facts,
+        *(Fact(f"{percent(e)} %", f"{r.line}, amplitude of B over A") for r, e, _ in largest),
+    ]
 
 
 def _line_table(rows: Sequence[Row]) -> Table:
@@ -178,20 +280,28 @@ def _line_table(rows: Sequence[Row]) -> Table:
         for r in rows
     ]  # fmt: skip
     caption = (
-        "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over uncertainty: the difference over its"
-        " standard uncertainty. Hidden: does not stand out of the floor of one side. Names with _of_b are lines that only B has."
+        "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over"
+        " uncertainty: the difference over its"
+        " standard uncertainty. Hidden: does not stand out of the floor of one side. Names with"
+        " _of_b are lines that only B has."
     )
     looks: dict[str, Mark] = {AGREES: "pass", DIFFERS: "off"}
     return table(header, cells, caption, {k: looks.get(r.verdict, "") for k, r in enumerate(rows)})
 
 
 def _spread(value: float) -> str:
-    return "" if not value > 0.0 else "< 0.001" if value < 1e-6 else brief(1e3 * value, 2)
+    if not value > 0.0:
+        return ""
+    if value < 1e-6:
+        return "< 0.001"
+    return brief_number(1e3 * value, 2)
 
 
 def _times(value: float) -> str:
     """A multiple of an uncertainty; beyond a hundred its digits say nothing."""
-    return "> 100" if value > 100.0 else format_number(value, 2)
+    if value > 100.0:
+        return "> 100"
+    return format_number(value, 2)
 
 
 def _bin_blocks(rows: Sequence[Row]) -> tuple[Text | Table, ...]:

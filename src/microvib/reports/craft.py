@@ -1,4 +1,6 @@
-"""The craft in pictures and tables: hub, arrays at their angles, boresight; loads on the hub; line of sight and what costs it."""
+"""The craft in pictures and tables: hub, arrays at their angles, boresight; loads on the hub; line
+of sight and what costs it.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.analysis.pointing import HubLines
-from microvib.analysis.start import or_steady
+from microvib.analysis.start import steady_start_advice
 from microvib.model.array import Array
-from microvib.model.coupling import MEANINGLESS
-from microvib.model.rigid import COMPONENTS, about_center, tensor
+from microvib.model.coupling import MIN_FREQUENCY_WITHOUT_CONTROL
+from microvib.model.rigid import COMPONENTS, inertia_about_center, tensor
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import CENTER, SECOND, Interface, SecondWing, Spacecraft
-from microvib.reports.blocks import drawn
+from microvib.model.spacecraft import CENTER, SECOND_INTERFACE, Interface, SecondWing, Spacecraft
+from microvib.reports.blocks import figure_block
 from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
 from microvib.reports.moving import box_corners
-from microvib.reports.numbers import count, format_number, plain, window_text
+from microvib.reports.numbers import count_text, format_number, plain_number, window_text
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
-from microvib.signals.pointing import METRICS, cumulative_rms, radial
+from microvib.signals.pointing import METRICS, cumulative_rms, radial_rms
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
 from microvib.solve.channels import LOADS, SECOND_LOADS
 from microvib.solve.motion import Motion
@@ -30,20 +32,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Drawing
 
-_MOST = 12
+_MAX_LOAD_LINES = 12
 """Lines in the table of loads."""
-_RANKS = 5
-_LEAST_BINS = 4.0
+_MAX_CONTRIBUTORS = 5
+_MIN_BINS = 4.0
 """Bins below which an angle says nothing: it is an acceleration over the square of a frequency."""
 _VIEW = np.array([[-0.64, 0.77, 0.0], [-0.29, -0.24, 0.93]])
 """Hub axes as they are drawn: to the right, and up; the eye looks at their cross product."""
-RINGS = 0.01
+MIN_TRANSIENT_PART = 0.01
 """Part of a mean square from which it is told that it rings after the start."""
 
 
 def craft_sections(motion: Motion, hub: HubLines) -> tuple[Section, ...]:
     """What a run's report says of the craft."""
-    found = [Section("The spacecraft", (*_craft(motion.scenario),), new_page=True), _loads(motion, hub)]
+    found = [
+        Section("The spacecraft", (*_craft(motion.scenario),), new_page=True),
+        _loads(motion, hub),
+    ]
     return (*found, *([_line_of_sight(motion, hub)] if hub.los is not None else []))
 
 
@@ -52,30 +57,59 @@ def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
     if hub is None or hub.los is None or not hub.windows:
         return ()
     window = max(hub.windows)
-    rms = float(radial(hub.sums("rpe", window).sum(axis=0)))
+    rms = float(radial_rms(hub.sums("rpe", window).sum(axis=0)))
     die = np.array([name in hub.rings for name in hub.names], dtype=bool)
-    part = float(hub.mean_squares("rpe", window)[die].sum()) / rms**2 if rms else 0.0
-    rings = f", {plain(100 * part, 2)} % of its square ringing after the start" if part > RINGS else ""
-    return (Fact(f"{_micro(rms)} µrad", f"line of sight, RPE in {window_text(window)}{rings}"),)
+    if rms:
+        part = float(hub.mean_squares("rpe", window)[die].sum()) / rms**2
+    else:
+        part = 0.0
+    if part > MIN_TRANSIENT_PART:
+        rings = f", {plain_number(100 * part, 2)} % of its square ringing after the start"
+    else:
+        rings = ""
+    return (
+        Fact(f"{_microradians(rms)} µrad", f"line of sight, RPE in {window_text(window)}{rings}"),
+    )
 
 
 def craft_words(craft: Spacecraft) -> str:
     """Hub, angle of the array and attitude control in a line."""
     control, modes = craft.attitude_control, len(craft.hub.modes)
-    held = "no attitude control" if control is None else f"attitude control of {control.bandwidth:g} Hz"
-    kind = f"with {count(modes, 'flexible mode')}" if modes else "rigid"
-    wing = "" if craft.second_wing is None else f"; second wing {_second_words(craft.second_wing)}"
+    if control is None:
+        held = "no attitude control"
+    else:
+        held = f"attitude control of {control.bandwidth:g} Hz"
+    if modes:
+        kind = f"with {count_text(modes, 'flexible mode')}"
+    else:
+        kind = "rigid"
+    if craft.second_wing is None:
+        wing = ""
+    else:
+        wing = f"; second wing {_second_words(craft.second_wing)}"
     return f"hub of {craft.hub.mass:.5g} kg, {kind}; array at {math.degrees(craft.array_angle):.4g}°{wing}; {held}"
 
 
 def _second_words(wing: SecondWing) -> str:
     """What the second wing's drive does."""
-    angle = "with the first" if wing.array_angle is None else f"at {math.degrees(wing.array_angle):.4g}°"
+    if wing.array_angle is None:
+        angle = "with the first"
+    else:
+        angle = f"at {math.degrees(wing.array_angle):.4g}°"
     if wing.drive == "held":
         return f"{angle}, held by its drive"
-    late = f", {wing.stagger:g} microsteps after the first" if wing.stagger else ""
-    clock = f", its clock {wing.clock_ratio:g} times the first's" if wing.clock_ratio != 1.0 else ""
-    rate = ", with a motion of its own" if wing.tracking else ""
+    if wing.stagger:
+        late = f", {wing.stagger:g} microsteps after the first"
+    else:
+        late = ""
+    if wing.clock_ratio != 1.0:
+        clock = f", its clock {wing.clock_ratio:g} times the first's"
+    else:
+        clock = ""
+    if wing.tracking:
+        rate = ", with a motion of its own"
+    else:
+        rate = ""
     return f"{angle}, driven{late}{clock}{rate}"
 
 
@@ -85,7 +119,9 @@ def _craft(scenario: Scenario) -> tuple[Block, ...]:
     assert locked is not None
     position = ", ".join(f"{x:.4g}" for x in craft.interface.position)
     moments = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(tensor(craft.hub.inertia)))
-    frequencies = ", ".join(f"{f:.4g}" for f in locked.frequency[:8]) + (", …" if locked.frequency.size > 8 else "")
+    frequencies = ", ".join(f"{f:.4g}" for f in locked.frequency[:8]) + (
+        ", …" if locked.frequency.size > 8 else ""
+    )
     rows = {
         "Craft": craft_words(craft),
         "Principal moments": f"{moments} kg m², about the hub's centre of mass",
@@ -93,14 +129,20 @@ def _craft(scenario: Scenario) -> tuple[Block, ...]:
         **({} if craft.second_wing is None else {"Second wing": _second(scenario)}),
         "Modes with locked hinges": f"{frequencies} Hz",
     }
-    arrays = "the array" if craft.second_wing is None else "the first array"
+    if craft.second_wing is None:
+        arrays = "the array"
+    else:
+        arrays = "the first array"
     caption = (
-        f"Hub and array as boxes of their mass and inertia, hub axes; dotted, {arrays} at angle 0, dashed, the drive"
+        f"Hub and array as boxes of their mass and inertia, hub axes; dotted, {arrays} at angle 0,"
+        " dashed, the drive"
         " axis."
     )
     if craft.second_wing is not None:
         caption = caption.replace("Hub and array", "Hub and arrays").replace("axis.", "axes.")
-    return pairs(list(rows.items())), drawn(draw_craft(scenario), "Hub, array and line of sight", caption)
+    return pairs(list(rows.items())), figure_block(
+        draw_craft(scenario), "Hub, array and line of sight", caption
+    )
 
 
 def _second(scenario: Scenario) -> str:
@@ -112,9 +154,14 @@ def _second(scenario: Scenario) -> str:
     assert other.spacecraft is not None
     position = ", ".join(f"{x:.4g}" for x in craft.second_wing.interface.position)
     words = _second_words(craft.second_wing)
-    words = words.replace("with the first", f"with the first ({math.degrees(other.spacecraft.array_angle):.4g}°)", 1)
+    words = words.replace(
+        "with the first", f"with the first ({math.degrees(other.spacecraft.array_angle):.4g}°)", 1
+    )
     moves = craft.second_wing.drive == "driven" and other.rate is not None
-    rate = f"; its shaft turns at {math.degrees(other.rate or 0.0):.6g} deg/s" if moves else ""
+    if moves:
+        rate = f"; its shaft turns at {math.degrees(other.rate or 0.0):.6g} deg/s"
+    else:
+        rate = ""
     return f"at [{position}] m, {words}{rate}"
 
 
@@ -135,7 +182,13 @@ def draw_craft(scenario: Scenario) -> Drawing:
     size = float(np.ptp(np.vstack([hub, *bodies]), axis=0).max())
     toward = np.cross(*_VIEW)
     if craft.array_angle % math.tau:
-        _edges(ax, _array(scenario.array, craft.interface, 0.0), color=GREY, linewidth=0.6, linestyle=":")
+        _edges(
+            ax,
+            _array(scenario.array, craft.interface, 0.0),
+            color=GREY,
+            linewidth=0.6,
+            linestyle=":",
+        )
     for _, interface, _ in wings:
         root, axis = np.array(interface.position), interface.axis
         _line(
@@ -154,7 +207,10 @@ def draw_craft(scenario: Scenario) -> Drawing:
         _line(ax, root, middle, color=BLUE, linewidth=2.0)
         ax.plot(*(_VIEW @ root), "o", color=ORANGE, markersize=5, zorder=8)
         white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.7}
-        name = "ψ" if len(wings) == 1 else f"ψ{'₁₂'[k - 1]}"
+        if len(wings) == 1:
+            name = "ψ"
+        else:
+            name = f"ψ{'₁₂'[k - 1]}"
         turned = f"{math.degrees(angle):.4g}".replace("-", "−")
         ax.annotate(f"{name} = {turned}°", _VIEW @ middle, fontsize=9, zorder=9, bbox=white)
     _names(ax, craft, size)
@@ -168,7 +224,7 @@ def _array(array: Array, interface: Interface, angle: float) -> np.ndarray:
     body = array.rigid_body
     assert body is not None
     center = np.array(body.center_of_mass)
-    about = about_center(body.mass, center, tensor(body.inertia))
+    about = inertia_about_center(body.mass, center, tensor(body.inertia))
     return np.asarray(
         np.array(interface.position)
         + (center + box_corners(body.mass, about)) @ interface.turn(array.drive_axis, angle).T
@@ -183,7 +239,7 @@ def _names(ax: Axes, craft: Spacecraft, size: float) -> None:
     if los is not None and los.boresight is not None:
         places = {p.name: p.position for p in craft.hub.points} | {CENTER: (0.0, 0.0, 0.0)}
         if craft.second_wing is not None:
-            places.setdefault(SECOND, craft.second_wing.interface.position)
+            places.setdefault(SECOND_INTERFACE, craft.second_wing.interface.position)
         start = np.array(places.get(los.point, craft.interface.position))
         along = np.array(los.boresight) / np.abs(los.boresight).max()
         _arrow(ax, start, start + 0.4 * size * along / np.linalg.norm(along), RED, "line of sight")
@@ -197,7 +253,9 @@ def _faces(ax: Axes, corners: np.ndarray, toward: np.ndarray, face: str, edge: s
             bits = [b for b in range(8) if (b >> (2 - k)) & 1 == side]
             ring = corners[[bits[0], bits[1], bits[3], bits[2]]]
             if (ring.mean(axis=0) - middle) @ toward > 0.0:
-                ax.fill(*(_VIEW @ ring.T), facecolor=face, edgecolor=edge, linewidth=0.9, alpha=0.85)
+                ax.fill(
+                    *(_VIEW @ ring.T), facecolor=face, edgecolor=edge, linewidth=0.9, alpha=0.85
+                )
 
 
 def _edges(ax: Axes, corners: np.ndarray, **style: Any) -> None:
@@ -215,142 +273,238 @@ def _arrow(ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, name: str) -> No
     style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", _VIEW @ b, _VIEW @ a, arrowprops=style, zorder=8)
     ax.plot(*np.column_stack([_VIEW @ a, _VIEW @ b]), linewidth=0)  # so that the axes reach to it
-    ax.annotate(name, _VIEW @ b, (3, 3), textcoords="offset points", color=colour, fontsize=8.5, zorder=9)
+    ax.annotate(
+        name, _VIEW @ b, (3, 3), textcoords="offset points", color=colour, fontsize=8.5, zorder=9
+    )
 
 
 def _loads(motion: Motion, hub: HubLines) -> Section:
     text = "Loads on the hub at the interface point, hub axes; about the drive axis this is T_d."
     if hub.second is None:
-        return Section("Loads on the hub", (Text(text), *_loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")))
+        return Section(
+            "Loads on the hub",
+            (Text(text), *_loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")),
+        )
     text = (
-        "Loads on the hub at both interface points, hub axes. About its drive axis the first's is T_d"
+        "Loads on the hub at both interface points, hub axes. About its drive axis the first's is"
+        " T_d"
         f"{'' if motion.beside is None else ', and what its wing puts on the hub while the other one steps'}."
     )
     second = _loads_at(motion, hub, hub.second, tuple(SECOND_LOADS), "loads_wing_2.csv")
     first = _loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")
-    return Section("Loads on the hub", (Text(text), *first, Text("At the second wing's interface:"), *second))
+    return Section(
+        "Loads on the hub", (Text(text), *first, Text("At the second wing's interface:"), *second)
+    )
 
 
-def _loads_at(motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str, ...], file: str) -> tuple[Block, ...]:
+def _loads_at(
+    motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str, ...], file: str
+) -> tuple[Block, ...]:
     """Lines and spectra of six loads."""
     sizes = np.nan_to_num(np.abs(loads))
     share = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
-    kept = sorted(np.argsort(-share, kind="stable")[:_MOST], key=lambda k: hub.frequency[k])
-    header = ["line", "frequency [Hz]", *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in COMPONENTS)]
+    kept = sorted(
+        np.argsort(-share, kind="stable")[:_MAX_LOAD_LINES], key=lambda k: hub.frequency[k]
+    )
+    header = [
+        "line",
+        "frequency [Hz]",
+        *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in COMPONENTS),
+    ]
     rows = [
-        [hub.names[k], format_number(hub.frequency[k], 5), *(format_number(1e3 * v, 4) for v in np.abs(loads[k]))]
+        [
+            hub.names[k],
+            format_number(hub.frequency[k], 5),
+            *(format_number(1e3 * v, 4) for v in np.abs(loads[k])),
+        ]
         for k in kept
     ]
     left = len(hub.names) - len(kept)
     ringing = [name for name in hub.rings if name in (hub.names[k] for k in kept)]
     caption = "Amplitudes 0-to-peak"
-    caption += f", of {', '.join(ringing)}, which ring after the start, the mean over the record." if ringing else "."
-    caption += f" {count(left, 'line')} more and all phases in `{file}`." if left else ""
+    if ringing:
+        caption += (
+            f", of {', '.join(ringing)}, which ring after the start, the mean over the record."
+        )
+    else:
+        caption += "."
+    if left:
+        caption += f" {count_text(left, 'line')} more and all phases in `{file}`."
+    else:
+        caption += ""
     drawing, axes = plain_sheet(2.7, 1, 2)
     for ax, some, unit in ((axes[0, 0], names[:3], "mN"), (axes[0, 1], names[3:], "mN m")):
-        spectra = {name: amplitude_spectrum(motion[name], motion.sample_rate, "hann") for name in some}
-        curves = {name.removesuffix("_2"): (s.frequency, 1e3 * s.amplitude) for name, s in spectra.items()}
+        spectra = {
+            name: amplitude_spectrum(motion[name], motion.sample_rate, "hann") for name in some
+        }
+        curves = {
+            name.removesuffix("_2"): (s.frequency, 1e3 * s.amplitude) for name, s in spectra.items()
+        }
         _curves(ax, curves, f"amplitude, 0-to-peak [{unit}]", 1e-5)
-    picture = drawn(drawing, "Spectra of forces and moments", "Amplitude spectra, one-sided, Hann window.")
+    picture = figure_block(
+        drawing, "Spectra of forces and moments", "Amplitude spectra, one-sided, Hann window."
+    )
     return table(header, rows, caption), picture
 
 
-def _curves(ax: Axes, curves: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, depth: float) -> None:
-    """Curves over frequency, to 200 Hz, on two logarithmic axes, down to a part ``depth`` of the largest value."""
+def _curves(
+    ax: Axes, curves: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, depth: float
+) -> None:
+    """Curves over frequency, to 200 Hz, on two logarithmic axes, down to a part ``depth`` of the
+    largest value.
+    """
     top = 0.0
-    for (name, (f, y)), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-."), strict=False):
+    for (name, (f, y)), colour, dashes in zip(
+        curves.items(), COLOURS, ("-", "--", "-."), strict=False
+    ):
         keep = (f > 0.0) & (f <= 200.0)
         top = max(top, float(np.nanmax(y[keep], initial=0.0)))
-        ax.plot(f[keep], np.maximum(y[keep], 1e-300), color=colour, linestyle=dashes, linewidth=1.0, label=name)
+        ax.plot(
+            f[keep],
+            np.maximum(y[keep], 1e-300),
+            color=colour,
+            linestyle=dashes,
+            linewidth=1.0,
+            label=name,
+        )
     ax.set(
-        xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=label, ylim=(depth * (top or 1.0), 4 * (top or 1.0))
+        xscale="log",
+        yscale="log",
+        xlabel="frequency [Hz]",
+        ylabel=label,
+        ylim=(depth * (top or 1.0), 4 * (top or 1.0)),
     )
     ax.legend(loc="upper left", fontsize=7)
 
 
 def _line_of_sight(motion: Motion, hub: HubLines) -> Section:
     within = hub.summary()["within"]
-    summed = count(len(hub.names), "line") + (" and torque noise" if hub.density else "")
+    summed = count_text(len(hub.names), "line") + (" and torque noise" if hub.density else "")
     text = (
         f"Sums of {summed} as mean squares; the line of sight stays within"
-        f" {_micro(within['los_x_rad'])} µrad about x and {_micro(within['los_y_rad'])} µrad about y for"
-        f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes is taken out."
+        f" {_microradians(within['los_x_rad'])} µrad about x and"
+        f" {_microradians(within['los_y_rad'])} µrad about y for"
+        f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes"
+        " is taken out."
     )
-    return Section("Line of sight", (Text(text), *(_windows(hub) if hub.windows else ()), _angles(motion)))
+    return Section(
+        "Line of sight", (Text(text), *(_windows(hub) if hub.windows else ()), _angles(motion))
+    )
 
 
-def _micro(angle: float) -> str:
+def _microradians(angle: float) -> str:
     return format_number(1e6 * angle, 3)
 
 
 def _windows(hub: HubLines) -> list[Block]:
-    """Radial rms in each window and metric, in pixels, too; which lines cost most; what is left of contrast."""
+    """Radial rms in each window and metric, in pixels, too; which lines cost most; what is left of
+    contrast.
+    """
     names = [window_text(w) for w in hub.windows]
     sums = {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
     rms = [
-        [metric.upper() if len(metric) < 4 else metric, *(_micro(sums[w, metric]) for w in hub.windows)]
+        [
+            metric.upper() if len(metric) < 4 else metric,
+            *(_microradians(sums[w, metric]) for w in hub.windows),
+        ]
         for metric in METRICS
     ]
     noise = [
-        [f"of it torque noise, {metric.upper()}", *(_micro(float(radial(hub.noise(metric, w)))) for w in hub.windows)]
+        [f"of which torque noise, {metric.upper()}", *(_microradians(float(radial_rms(hub.noise(metric, w)))) for w in hub.windows)]
         for metric in ("ape", "rpe") if hub.density is not None
     ]  # fmt: skip
-    what = "all lines and torque noise (through the linearised drive)" if noise else "all lines"
+    if noise:
+        what = "all lines and torque noise (through the linearised drive)"
+    else:
+        what = "all lines"
     caption = f"Radial rms of {what}, by length of the window."
-    found: list[Block] = [table(["metric", *(f"{name} [µrad]" for name in names)], [*rms, *noise], caption)]
-    los = None if hub.scenario.spacecraft is None else hub.scenario.spacecraft.line_of_sight
+    found: list[Block] = [
+        table(["metric", *(f"{name} [µrad]" for name in names)], [*rms, *noise], caption)
+    ]
+    if hub.scenario.spacecraft is None:
+        los = None
+    else:
+        los = hub.scenario.spacecraft.line_of_sight
     if los is not None and los.pixel is not None:
         pixels = [[row[0], *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
                   for row, m in zip(rms, METRICS, strict=True)]  # fmt: skip
         for axis in "xy":
             left = (row["mtf_at_nyquist"] for row in hub.image() if row["axis"] == axis)
             pixels.append([f"contrast (MTF), turns about {axis}", *(f"{one:.4f}" for one in left)])
-        caption = f"The same in pixels of {_micro(los.pixel)} µrad; contrast at half a cycle per pixel (below 0 it is reversed)."
+        caption = (
+            f"The same in pixels of {_microradians(los.pixel)} µrad; contrast at half a cycle per"
+            " pixel (below 0 it is reversed)."
+        )
         found.append(table(["metric", *(f"{name} [1]" for name in names)], pixels, caption))
-    ranks = [[x for x in hub.ranking("rpe", w)[:_RANKS] if x[1] > 0.0] for w in hub.windows]
+    ranks = [
+        [x for x in hub.ranking("rpe", w)[:_MAX_CONTRIBUTORS] if x[1] > 0.0] for w in hub.windows
+    ]
     rows = [
-        [str(k + 1), *(f"{_named(hub, rank[k][0])}, {_micro(rank[k][1])}" if k < len(rank) else "" for rank in ranks)]
-        for k in range(_RANKS)
+        [
+            str(k + 1),
+            *(
+                f"{_named(hub, rank[k][0])}, {_microradians(rank[k][1])}" if k < len(rank) else ""
+                for rank in ranks
+            ),
+        ]
+        for k in range(_MAX_CONTRIBUTORS)
     ]
     found.append(
         table(
             ["", *names],
             rows,
-            "Lines that cost most in each window: RPE, radial rms in µrad. What rings after the start counts with its mean over the"
-            f" record (a longer record.settle{or_steady(hub.scenario)} leaves it out).",
+            "Largest contributors in each window: RPE, radial rms in µrad. The start-up transient"
+            " counts with its mean over the"
+            f" record (a longer record.settle{steady_start_advice(hub.scenario)} leaves it out).",
         )
     )
     return found
 
 
 def _named(hub: HubLines, line: str) -> str:
-    return f"{line} (rings)" if line in hub.rings else line
+    if line in hub.rings:
+        return f"{line} (rings)"
+    return line
 
 
 def _angles(motion: Motion) -> Figure:
-    """Densities of both angles, and what they add up to from either end; out of accelerations, which no drift leaks into."""
+    """Densities of both angles, and what they add up to from either end; out of accelerations,
+    which no drift leaks into.
+    """
     rate, (drawing, axes) = motion.sample_rate, plain_sheet(2.9, 1, 2)
     resolution = Si(rate / motion.time.size)  # of the whole record: what rings slowly counts most
     spacecraft = motion.scenario.spacecraft
     free = spacecraft is not None and spacecraft.attitude_control is None
-    lowest = MEANINGLESS if free else 0.0
+    if free:
+        lowest = MIN_FREQUENCY_WITHOUT_CONTROL
+    else:
+        lowest = 0.0
     densities, total = {}, np.zeros(1)
     f = np.zeros(0)
     for name in ("los_x", "los_y"):
-        found = power_spectral_density(motion[name.replace("los_", "los_a")], rate, resolution, "hann")
-        keep = found.frequency >= max(_LEAST_BINS * resolution, lowest)
+        found = power_spectral_density(
+            motion[name.replace("los_", "los_a")], rate, resolution, "hann"
+        )
+        keep = found.frequency >= max(_MIN_BINS * resolution, lowest)
         f = found.frequency[keep]
         density = found.density[keep] / (2.0 * np.pi * f) ** 4
         densities[name] = (f, 1e12 * density)
         total = total + density
     rms = [1e6 * cumulative_rms(f, total, falling=falling) for falling in (False, True)]
     _curves(axes[0, 0], densities, "density [µrad²/Hz]", 1e-12)
-    for y, label, dashes in zip(rms, ("from low to high", "from high to low"), ("-", "--"), strict=True):
-        axes[0, 1].semilogx(f, y, color=BLUE if dashes == "-" else RED, linestyle=dashes, linewidth=1.3, label=label)
-    axes[0, 1].set(xlabel="frequency [Hz]", ylabel="cumulative rms, radial [µrad]", ylim=(0.0, None))
+    for y, label, dashes in zip(
+        rms, ("from low to high", "from high to low"), ("-", "--"), strict=True
+    ):
+        axes[0, 1].semilogx(
+            f, y, color=BLUE if dashes == "-" else RED, linestyle=dashes, linewidth=1.3, label=label
+        )
+    axes[0, 1].set(
+        xlabel="frequency [Hz]", ylabel="cumulative rms, radial [µrad]", ylim=(0.0, None)
+    )
     axes[0, 1].legend(loc="center right", fontsize=7)
     caption = (
         "Left, power spectral density of both angles (Hann window, bins of"
-        f" {float(resolution):.3g} Hz, from {f[0]:.3g} Hz on). Right, rms of both together, added up from either end."
+        f" {float(resolution):.3g} Hz, from {f[0]:.3g} Hz on). Right, rms of both together, added"
+        " up from either end."
     )
-    return drawn(drawing, "Line of sight over frequency", caption)
+    return figure_block(drawing, "Line of sight over frequency", caption)

@@ -1,4 +1,6 @@
-"""Power spectral densities of what a hub feels and does, and what they add up to from either end, as a table."""
+"""Power spectral densities of what a hub feels and does, and what they add up to from either end,
+as a table.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,19 @@ _AXES = ("x", "y", "z")
 
 
 def densities_csv(motion: Motion) -> str:
-    """Densities (Hann, bins 8 / record) and cumulative rms, upwards and downwards, by frequency [Hz]."""
+    """Densities (Hann, bins 8 / record) and cumulative rms, upwards and downwards, by frequency
+    [Hz].
+    """
     columns: dict[str, np.ndarray] = {}
     for name, unit, samples in _channels(motion):
         found = power_spectral_density(samples, motion.sample_rate)
         f, density = found.frequency, found.density
-        if unit == "rad":  # from accelerations, which no drift leaks into; the first bins would be drift over f^4
-            density = np.where(f >= 3.0 * f[1], density, 0.0) / (2.0 * np.pi * np.maximum(f, f[1])) ** 4
+        if (
+            unit == "rad"
+        ):  # from accelerations, which no drift leaks into; the first bins would be drift over f^4
+            density = (
+                np.where(f >= 3.0 * f[1], density, 0.0) / (2.0 * np.pi * np.maximum(f, f[1])) ** 4
+            )
         columns |= {
             "frequency_hz": f,
             f"{name}_psd_{unit}2_hz": density,
@@ -35,7 +43,9 @@ def densities_csv(motion: Motion) -> str:
 
 
 def _channels(motion: Motion) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Name, unit and samples (n,): loads at the interface, the line of sight's accelerations, accelerations of points."""
+    """Name, unit and samples (n,): loads at the interface, the line of sight's accelerations,
+    accelerations of points.
+    """
     spacecraft = motion.scenario.spacecraft
     assert spacecraft is not None
     for name in COMPONENTS:
@@ -45,4 +55,6 @@ def _channels(motion: Motion) -> Iterator[tuple[str, str, np.ndarray]]:
     for point in spacecraft.points[:POINTS]:
         moved = motion.hub(point, accelerations=True)
         yield from ((f"{point}_a{axis}", "m_s2", moved[:, k]) for k, axis in enumerate(_AXES))
-        yield from ((f"{point}_alpha_{axis}", "rad_s2", moved[:, 3 + k]) for k, axis in enumerate(_AXES))
+        yield from (
+            (f"{point}_alpha_{axis}", "rad_s2", moved[:, 3 + k]) for k, axis in enumerate(_AXES)
+        )

@@ -1,4 +1,6 @@
-"""A report as data: one frozen tree of blocks. Studies build it, ``rendering`` draws it as HTML and as PDF."""
+"""A report as data: one frozen tree of blocks. Studies build it, ``rendering`` draws it as HTML and
+as PDF.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,16 @@ from microvib.reports.title_block import TitleBlock
 
 Status = Literal["", "pass", "fail"]
 Mark = Literal["", "strong", "group", "pass", "fail", "off"]
-"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly) ``off`` mean."""
+"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly)
+``off`` mean.
+"""
 
 
 @dataclass(frozen=True)
 class Form:
-    """What the user asked of a report: also as PDF, the command as it was typed, and what the title block says."""
+    """What the user asked of a report: also as PDF, the command as it was typed, and what the title
+    block says.
+    """
 
     pdf: bool = False
     command: str = ""
@@ -24,7 +30,9 @@ class Form:
 
 @dataclass(frozen=True)
 class Fact:
-    """A leading figure: its value with unit, what it is, and whether it passes or fails, if anything was asked of it."""
+    """A leading figure: its value with unit, what it is, and whether it passes or fails, if
+    anything was asked of it.
+    """
 
     value: str
     label: str
@@ -86,13 +94,13 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Live:
+class AnimatedMarkup:
     """Markup of our own that moves: for HTML only, print leaves it out."""
 
     html: str
 
 
-Block = Text | Code | Table | Figure | Live
+Block = Text | Code | Table | Figure | AnimatedMarkup
 
 
 @dataclass(frozen=True)
@@ -106,7 +114,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A whole report. ``first_page`` follows facts and title block there; ``made`` is the line at the foot of every page."""
+    """A whole report. ``first_page`` follows facts and title block there; ``made`` is the line at
+    the foot of every page.
+    """
 
     kind: str
     title: str
@@ -118,7 +128,9 @@ class Document:
     title_block: TitleBlock = field(default_factory=TitleBlock)
 
     def in_form(self, form: Form) -> Document:
-        """The report of a study as it was asked for: with its title block, and before the versions the command that made it."""
+        """The report of a study as it was asked for: with its title block, and before the versions
+        the command that made it.
+        """
         *others, last = self.sections
         command = (Text("Made by:"), Code(form.command)) if form.command else ()
         last = replace(last, blocks=(*last.blocks[:-1], *command, last.blocks[-1]))
@@ -126,15 +138,21 @@ class Document:
 
 
 Contents = tuple[dict[str, Any], Document]
-"""What the folder of a study holds: its files by name, as ``write_folder`` takes them, and its report."""
+"""What the folder of a study holds: its files by name, as ``write_folder`` takes them, and its
+report.
+"""
 
 
 def table(
-    header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", marks: Mapping[int, Mark] | None = None
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    caption: str = "",
+    marks: Mapping[int, Mark] | None = None,
 ) -> Table:
     """A table from texts; ``marks`` says which rows stand out, by their number.
 
-    ``amplitude [mN m]`` heads a column of figures, ``factor [1]`` one without unit, and a head between backticks one of keys.
+    ``amplitude [mN m]`` heads a column of figures, ``factor [1]`` one without unit, and a head
+    between backticks one of keys.
     """
     marks = marks or {}
     made = tuple(Row(tuple(cells), marks.get(k, "")) for k, cells in enumerate(rows))

@@ -1,4 +1,6 @@
-"""How Matplotlib is imported: a command draws into files alone, and leaves out what only its users in Python need."""
+"""How Matplotlib is imported: a command draws into files alone, and leaves out what only its users
+in Python need.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,12 @@ from types import ModuleType
 _AXES_3D = "mpl_toolkits.mplot3d"
 
 
-def import_for_files_alone() -> None:
-    """Import Matplotlib later without axes in space and without the documentation that it writes for each of its classes.
+def import_matplotlib_lean() -> None:
+    """Import Matplotlib later without axes in space and without the documentation that it writes
+    for each of its classes.
 
-    These take a third of its import's time. It counts for the whole process, and is therefore for a command in a process of its
-    own. Nothing happens where Matplotlib is there already.
+    These take a third of its import's time. It counts for the whole process, and is therefore for a
+    command in a process of its own. Nothing happens where Matplotlib is there already.
     """
     if "matplotlib" not in sys.modules and _AXES_3D not in sys.modules:
         none = ModuleType(_AXES_3D)
@@ -28,5 +31,7 @@ def import_artists() -> None:
     from matplotlib import artist
 
     artist.kwdoc = lambda artist: ""
-    if hasattr(artist.Artist, "_update_set_signature_and_docstring"):  # of ``set`` of each class, for help alone
+    if hasattr(
+        artist.Artist, "_update_set_signature_and_docstring"
+    ):  # of ``set`` of each class, for help alone
         artist.Artist._update_set_signature_and_docstring = classmethod(lambda cls: None)

@@ -1,4 +1,6 @@
-"""Figures: time history, spectrum with named lines and limit, zoom on the array mode, torques through one full step."""
+"""Figures: time history, spectrum with named lines and limit, zoom on the array mode, torques
+through one full step.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,9 @@ from microvib.reports.sheets import (
     one_axes,
     plain_sheet,
 )
-from microvib.signals.line_table import FAINT, Line, LineTable
+from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable
 from microvib.signals.screen import extremes
-from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum, named
+from microvib.signals.spectrum import Density, Spectrum, Waterfall, amplitude_spectrum, window_name
 from microvib.solve.motion import Motion
 
 if TYPE_CHECKING:
@@ -35,28 +37,34 @@ Spectral = Spectrum | Density | Waterfall
 """What is drawn over frequency."""
 _POINTS = 2000
 """Groups of samples that a time history is drawn of, at least where there are more."""
-_MICROSTEPS = 4.0
+_SHOWN_MICROSTEPS = 4.0
 """At the start of a record that are drawn."""
 
 
 def draw_overview(motion: Motion, table: LineTable) -> Figure:
-    """Overview of a run: history and a stretch of it, spectrum with named lines, zoom on the array mode."""
+    """Overview of a run: history and a stretch of it, spectrum with named lines, zoom on the array
+    mode.
+    """
     figure, axes = new_figure(12.0, 7.2, 2, 2)
     draw_history(axes[0, 0], motion)
-    draw_stretch(axes[0, 1], motion)
+    draw_microsteps(axes[0, 1], motion)
     draw_spectrum(axes[1, 0], motion, table)
     draw_array_zoom(axes[1, 1], motion, table)
     figure.suptitle(motion.scenario.title or "microvib run")
     return figure
 
 
-def reach(lines: Iterable[Line]) -> float:
+def spectrum_upper_end(lines: Iterable[Line]) -> float:
     """Upper end [Hz] of a spectrum that shows all the lines, at least 200 Hz."""
     return max([200.0, *(1.08 * x.frequency_hz for x in lines)])
 
 
-def draw_first_page(motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None) -> Figure:
-    """The picture of a report's first page: spectrum with named lines and limit, and the time history below it."""
+def draw_first_page(
+    motion: Motion, table: LineTable, highest: float, judged: Judgement | None = None
+) -> Figure:
+    """The picture of a report's first page: spectrum with named lines and limit, and the time
+    history below it.
+    """
     figure, axes = plain_sheet(5.5, 2, 1)
     spectrum_ax, history_ax = axes[:, 0]
     spectrum_ax.get_gridspec().set_height_ratios((1.7, 1.0))
@@ -67,19 +75,25 @@ def draw_first_page(motion: Motion, table: LineTable, highest: float, judged: Ju
 
 
 def draw_history(ax: Axes, motion: Motion) -> None:
-    """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are merged."""
+    """Disturbance torque over the record (as Figure 9b, drive axis), peaks kept when points are
+    merged.
+    """
     size = max(motion.time.size // _POINTS, 1)
     low, high = extremes(1e3 * motion["T_d"], size)
     ax.fill_between(motion.time[::size], low, high, color=BLUE, linewidth=0.4, edgecolor=BLUE)
-    ax.set(xlabel="time [s]", ylabel="disturbance torque [mN m]", title="Time history about the drive axis")
+    ax.set(
+        xlabel="time [s]",
+        ylabel="disturbance torque [mN m]",
+        title="Time history about the drive axis",
+    )
     ax.margins(x=0)
 
 
-def draw_stretch(ax: Axes, motion: Motion) -> None:
+def draw_microsteps(ax: Axes, motion: Motion) -> None:
     """A few microsteps at the start of the record, with the time that the shaft sticks shaded."""
-    t = _beginning(motion)
+    t = _first_microsteps_time(motion)
     ax.plot(t, 1e3 * motion["T_d"][: t.size], color=BLUE, linewidth=1.4)
-    title = f"Disturbance torque through {_MICROSTEPS:g} microsteps"
+    title = f"Disturbance torque through {_SHOWN_MICROSTEPS:g} microsteps"
     ax.set(xlabel="time in the record [ms]", ylabel="torque [mN m]", title=title)
     ax.margins(x=0)
     _headroom(ax, 0.2)
@@ -87,10 +101,12 @@ def draw_stretch(ax: Axes, motion: Motion) -> None:
         ax.legend(loc="upper right", fontsize=8)
 
 
-def _beginning(motion: Motion) -> np.ndarray:
+def _first_microsteps_time(motion: Motion) -> np.ndarray:
     """Times of the first microsteps from the start of the record on [ms]."""
     f_d = motion.scenario.driving_frequency
-    n = int(np.clip((_MICROSTEPS / f_d if f_d else 0.1) * motion.sample_rate, 8, motion.time.size))
+    n = int(
+        np.clip((_SHOWN_MICROSTEPS / f_d if f_d else 0.1) * motion.sample_rate, 8, motion.time.size)
+    )
     return (motion.time[:n] - motion.time[0]) * 1e3
 
 
@@ -98,23 +114,33 @@ def _shade_stuck(ax: Axes, motion: Motion, t: np.ndarray) -> bool:
     """Shade the time that the shaft sticks; whether it does."""
     where = motion["stuck_output"][: t.size] > 0.5
     if np.any(where):
-        grey = ax.fill_between(t, 0, 1, where=where, transform=ax.get_xaxis_transform(), color="#bbbbbb", alpha=0.45)
+        grey = ax.fill_between(
+            t, 0, 1, where=where, transform=ax.get_xaxis_transform(), color="#bbbbbb", alpha=0.45
+        )
         grey.set(linewidth=0, label="shaft sticks")
     return bool(np.any(where))
 
 
 def draw_spectrum(
-    ax: Axes, motion: Motion, table: LineTable, highest: float = 200.0, judged: Judgement | None = None
+    ax: Axes,
+    motion: Motion,
+    table: LineTable,
+    highest: float = 200.0,
+    judged: Judgement | None = None,
 ) -> None:
-    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as Figure 10), and the limit."""
-    first = () if judged is None else _deciding(judged)
+    """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as
+    Figure 10), and the limit.
+    """
+    first = () if judged is None else _governing_lines(judged)
     draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table, first)
     if judged is not None:
         _draw_limit(ax, judged, highest)
 
 
-def _deciding(judged: Judgement) -> tuple[str, ...]:
-    """Names of the lines that decide a verdict, the worst first: those above the limit, or the one nearest to it."""
+def _governing_lines(judged: Judgement) -> tuple[str, ...]:
+    """Names of the lines that decide a verdict, the worst first: those above the limit, or the one
+    nearest to it.
+    """
     above = tuple(m.line.line for m in judged.margins if m.fails)
     return above or (() if judged.worst is None else (judged.worst.line.line,))
 
@@ -126,20 +152,34 @@ def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
     height = 1e3 * limit.torque
     ax.set_ylim(min(low, 0.5 * height), max(high, 4.0 * height))
     span = [limit.low, min(limit.high, highest)]
-    ax.plot(span, [height] * 2, color="black", linewidth=1.4, linestyle="--", label=f"limit {height:.4g} mN m")
+    ax.plot(
+        span,
+        [height] * 2,
+        color="black",
+        linewidth=1.4,
+        linestyle="--",
+        label=f"limit {height:.4g} mN m",
+    )
     label = "above the limit" if above else None
     _dots(ax, above, "s", markersize=7, fillstyle="none", markeredgewidth=1.4, label=label)
     ax.legend(loc="upper right", fontsize=7.5, ncols=2)
 
 
 def draw_amplitudes(
-    ax: Axes, s: Spectrum, unit: str, highest: float, table: LineTable | None = None, first: Sequence[str] = ()
+    ax: Axes,
+    s: Spectrum,
+    unit: str,
+    highest: float,
+    table: LineTable | None = None,
+    first: Sequence[str] = (),
 ) -> None:
-    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``, lines of ``table`` named, some
-    of them ``first``."""
+    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``,
+    lines of ``table`` named, some of them ``first``."""
     highest = min(highest, s.sample_rate / 2)
     keep = (s.frequency <= highest) & (s.frequency > 0)
-    ax.semilogy(s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8)
+    ax.semilogy(
+        s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8
+    )
     shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
     heights = [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())]
     top = max([a for a in heights if a > 0] or [1.0])
@@ -147,18 +187,22 @@ def draw_amplitudes(
     ax.set_ylim(min([top * 1e-4, *(0.5 * a for a in deciding)]), top * 12)
     ax.set_xlim(0, highest)
     _name_lines(ax, shown, first)
-    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude, 0-to-peak [m{unit}]", title=f"Spectrum ({_made_by(s)})")
+    ax.set(
+        xlabel="frequency [Hz]",
+        ylabel=f"amplitude, 0-to-peak [m{unit}]",
+        title=f"Spectrum ({_made_by(s)})",
+    )
 
 
 def _made_by(s: Spectrum) -> str:
-    return f"{named(s.window)}, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
+    return f"{window_name(s.window)}, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
 
 
 def _name_lines(ax: Axes, shown: Sequence[Line], first: Sequence[str] = ()) -> None:
-    """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each other: lines that come ``first`` in
-    bold, then modes, then the strongest."""
+    """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each
+    other: lines that come ``first`` in bold, then modes, then the strongest."""
     bottom = ax.get_ylim()[0]
-    visible = [x for x in shown if 1e3 * x.amplitude_n_m > bottom and x.status != FAINT]
+    visible = [x for x in shown if 1e3 * x.amplitude_n_m > bottom and x.status != BELOW_FLOOR]
     _dots(ax, visible, markersize=4, zorder=5)
     top = max((x.amplitude_n_m for x in visible), default=0.0)
     rank = {name: k for k, name in enumerate(first)}
@@ -170,21 +214,39 @@ def _name_lines(ax: Axes, shown: Sequence[Line], first: Sequence[str] = ()) -> N
 
 
 def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> None:
-    ax.plot([x.frequency_hz for x in lines], [1e3 * x.amplitude_n_m for x in lines], marker, color=RED, **style)
+    ax.plot(
+        [x.frequency_hz for x in lines],
+        [1e3 * x.amplitude_n_m for x in lines],
+        marker,
+        color=RED,
+        **style,
+    )
 
 
 def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
-    """Spectrum about the array's first modes; clamped and coupled frequency of the strongest marked."""
+    """Spectrum about the array's first modes; clamped and coupled frequency of the strongest
+    marked.
+    """
     modes = [line for line in table if line.is_mode and np.isfinite(line.amplitude_n_m)]
     top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
     s = spectrum(motion, window="rectangular")
     keep = (s.frequency <= top) & (s.frequency > 0)
-    ax.plot(s.frequency[keep], s.amplitude[keep] * 1e3, color=BLUE, linewidth=1.0, marker=".", markersize=3)
+    ax.plot(
+        s.frequency[keep],
+        s.amplitude[keep] * 1e3,
+        color=BLUE,
+        linewidth=1.0,
+        marker=".",
+        markersize=3,
+    )
     marked = sorted((x for x in modes if x.expected_hz <= top), key=lambda x: -x.amplitude_n_m)[:2]
     for line in marked:
         _mark_mode(ax, motion, line)
-    _name_points(ax, [x for x in table if x.frequency_hz <= top and x.status != FAINT])
-    title = f"Array mode ({_made_by(s)})" if modes else f"Low frequencies ({_made_by(s)})"
+    _name_points(ax, [x for x in table if x.frequency_hz <= top and x.status != BELOW_FLOOR])
+    if modes:
+        title = f"Array mode ({_made_by(s)})"
+    else:
+        title = f"Low frequencies ({_made_by(s)})"
     ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]", title=title)
     ax.set_xlim(0, top)
     _headroom(ax, 0.2 + 0.15 * len(marked))
@@ -195,11 +257,19 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
 
 def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
     """Where a mode is with the shaft held, and where through the drive."""
-    clamped = next((m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None)
+    clamped = next(
+        (m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None
+    )
     styles = ((clamped, "clamped", GREY, ":"), (line.expected_hz, "through the drive", RED, "--"))
     for f, what, colour, dashes in styles:
         if f is not None:
-            ax.axvline(f, color=colour, linestyle=dashes, linewidth=1.2, label=f"{line.line}, {what} {f:.4g} Hz")
+            ax.axvline(
+                f,
+                color=colour,
+                linestyle=dashes,
+                linewidth=1.2,
+                label=f"{line.line}, {what} {f:.4g} Hz",
+            )
 
 
 def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
@@ -213,33 +283,59 @@ def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
 
 
 def draw_torques(output: Axes, rotor: Axes, motion: Motion) -> None:
-    """Torques through a few microsteps: which goes where at the output, less their means, and at the rotor."""
+    """Torques through a few microsteps: which goes where at the output, less their means, and at
+    the rotor.
+    """
     names = {"T_d": "on the spacecraft", "T_g": "gear", "T_f": "friction", "T_l": "array"}
-    _draw_curves(output, motion, {label: motion[name] - motion[name].mean() for name, label in names.items()})
+    _draw_curves(
+        output, motion, {label: motion[name] - motion[name].mean() for name, label in names.items()}
+    )
     output.set(ylabel="torque less its mean [mN m]", title="At the output")
     gear = motion["T_g"] / motion.scenario.reducer.h
-    _draw_curves(rotor, motion, {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear})
+    _draw_curves(
+        rotor,
+        motion,
+        {"motor": motion["T_e"], "friction": motion["T_f_m"], "gear over ratio": gear},
+    )
     rotor.set(ylabel="torque [mN m]", title="At the rotor")
 
 
 def draw_friction_loop(loops: Axes, run: Axes, motion: Motion) -> None:
-    """Friction of the output over its angle: slowly to and fro over a shaft that slides at last; through some microsteps."""
-    friction, t = motion.scenario.friction, _beginning(motion)
+    """Friction of the output over its angle: slowly to and fro over a shaft that slides at last;
+    through some microsteps.
+    """
+    friction, t = motion.scenario.friction, _first_microsteps_time(motion)
     memory, limit = friction.memory, friction.breakaway_torque
     slides = memory[-1][1] * limit / memory[-1][0]
-    angle, measured = np.array(friction.presliding.loop if friction.presliding else ()).reshape(-1, 2).T
-    within = 0.5 * float(np.ptp(angle)) if angle.size else 0.5 * slides
+    angle, measured = (
+        np.array(friction.presliding.loop if friction.presliding else ()).reshape(-1, 2).T
+    )
+    if angle.size:
+        within = 0.5 * float(np.ptp(angle))
+    else:
+        within = 0.5 * slides
     for amplitude, dashes in ((1.2 * slides, ":"), (within, "--"), (0.2 * within, "-")):
         turns = amplitude * np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0])
         path = np.interp(np.linspace(0.0, 5.0, 1000), np.arange(6), turns)
         torque = 1e3 * quasi_static_torque(memory, limit, path)
         loops.plot(
-            1e6 * path, torque, color=GREY, linestyle=dashes, linewidth=1.2, label=f"±{1e6 * amplitude:.3g} µrad"
+            1e6 * path,
+            torque,
+            color=GREY,
+            linestyle=dashes,
+            linewidth=1.2,
+            label=f"±{1e6 * amplitude:.3g} µrad",
         )
     if angle.size:
         centred = angle - 0.5 * (angle.min() + angle.max())
         loops.plot(
-            1e6 * centred, 1e3 * measured, color=RED, marker=".", markersize=3, linestyle="none", label="measured"
+            1e6 * centred,
+            1e3 * measured,
+            color=RED,
+            marker=".",
+            markersize=3,
+            linestyle="none",
+            label="measured",
         )
     _headroom(loops, 0.6)
     loops.legend(loc="upper left", fontsize=7)
@@ -251,8 +347,10 @@ def draw_friction_loop(loops: Axes, run: Axes, motion: Motion) -> None:
 
 def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray]) -> None:
     """Curves over the first microsteps, told apart by colour and by dashes."""
-    t = _beginning(motion)
-    for (label, x), colour, dashes in zip(curves.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
+    t = _first_microsteps_time(motion)
+    for (label, x), colour, dashes in zip(
+        curves.items(), COLOURS, ("-", "--", "-.", ":"), strict=False
+    ):
         ax.plot(t, 1e3 * x[: t.size], color=colour, linestyle=dashes, linewidth=1.3, label=label)
     _shade_stuck(ax, motion, t)
     ax.set(xlabel="time in the record [ms]")
@@ -264,11 +362,18 @@ def _draw_curves(ax: Axes, motion: Motion, curves: Mapping[str, np.ndarray]) -> 
 def _headroom(ax: Axes, share: float = 0.25) -> None:
     """Room above the curves for a legend or labels."""
     low, high = ax.get_ylim()
-    ax.set_ylim(low, high * (high / low) ** share if ax.get_yscale() == "log" else high + share * (high - low))
+    ax.set_ylim(
+        low,
+        high * (high / low) ** share if ax.get_yscale() == "log" else high + share * (high - low),
+    )
 
 
-def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float = 200.0) -> None:
-    """Amplitude spectra of several torques over each other (as Figures 11, 12, 16); the first is drawn widest."""
+def draw_overlay(
+    ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float = 200.0
+) -> None:
+    """Amplitude spectra of several torques over each other (as Figures 11, 12, 16); the first is
+    drawn widest.
+    """
     widths, top = np.linspace(2.6, 0.9, max(len(sides), 2)), 0.0
     for (name, torque, rate), colour, width in zip(sides, COLOURS, widths, strict=False):
         s = amplitude_spectrum(torque, rate, "hann")
@@ -276,10 +381,10 @@ def draw_overlay(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highe
         f, a = s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-9)
         top = max(top, 1e3 * float(s.amplitude[keep].max()))
         ax.plot(f, a, color=colour, linewidth=width, label=legend_name(name))
-    _compared(ax, highest, 1e-5 * top, top)
+    _style_overlay(ax, highest, 1e-5 * top, top)
 
 
-def _compared(ax: Axes, highest: float, bottom: float, top: float) -> None:
+def _style_overlay(ax: Axes, highest: float, bottom: float, top: float) -> None:
     ax.set(
         yscale="log",
         xlabel="frequency [Hz]",
@@ -291,31 +396,50 @@ def _compared(ax: Axes, highest: float, bottom: float, top: float) -> None:
     ax.legend(loc="upper right", fontsize=6.5)
 
 
-_STEM_DEPTH = 1e-3
+_MIN_PEAK_RATIO = 1e-3
 """Peaks below this part of the largest are not drawn."""
 
 
 def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest: float) -> None:
-    """Peaks of several torques' amplitude spectra to ``highest`` [Hz], those of one frequency side by side."""
+    """Peaks of several torques' amplitude spectra to ``highest`` [Hz], those of one frequency side
+    by side.
+    """
     from matplotlib.transforms import ScaledTranslation
 
     spectra = [amplitude_spectrum(torque, rate, "hann") for _, torque, rate in sides]
-    top = max(1e3 * float(s.amplitude[(s.frequency > 0) & (s.frequency <= highest)].max()) for s in spectra)
-    bottom = _STEM_DEPTH * top
+    top = max(
+        1e3 * float(s.amplitude[(s.frequency > 0) & (s.frequency <= highest)].max())
+        for s in spectra
+    )
+    bottom = _MIN_PEAK_RATIO * top
     for k, ((name, _, _), s, colour) in enumerate(zip(sides, spectra, COLOURS, strict=False)):
         f, a = s.frequency, 1e3 * s.amplitude
-        peaks = 1 + np.flatnonzero((a[1:-1] > a[:-2]) & (a[1:-1] >= a[2:]) & (a[1:-1] > bottom) & (f[1:-1] <= highest))
-        aside = ScaledTranslation(1.7 / 72.0 * (k - 0.5 * (len(sides) - 1)), 0.0, ax.figure.dpi_scale_trans)
+        peaks = 1 + np.flatnonzero(
+            (a[1:-1] > a[:-2]) & (a[1:-1] >= a[2:]) & (a[1:-1] > bottom) & (f[1:-1] <= highest)
+        )
+        aside = ScaledTranslation(
+            1.7 / 72.0 * (k - 0.5 * (len(sides) - 1)), 0.0, ax.figure.dpi_scale_trans
+        )
         where = ax.transData + aside
         ax.vlines(f[peaks], bottom, a[peaks], color=colour, linewidth=1.0, transform=where)
         ax.plot(
-            f[peaks], a[peaks], "osD^v"[k % 5], color=colour, markersize=2.6, transform=where, label=legend_name(name)
+            f[peaks],
+            a[peaks],
+            "osD^v"[k % 5],
+            color=colour,
+            markersize=2.6,
+            transform=where,
+            label=legend_name(name),
         )
-    _compared(ax, highest, bottom, top)
+    _style_overlay(ax, highest, bottom, top)
 
 
-def draw_spectral(made: Spectral, unit: str, highest: float, height: float, table: LineTable | None = None) -> Figure:
-    """A sheet of a report with a spectrum, whose lines ``table`` names, a density or a waterfall to ``highest`` [Hz]."""
+def draw_spectral(
+    made: Spectral, unit: str, highest: float, height: float, table: LineTable | None = None
+) -> Figure:
+    """A sheet of a report with a spectrum, whose lines ``table`` names, a density or a waterfall to
+    ``highest`` [Hz].
+    """
     figure, ax = one_axes(height)
     if isinstance(made, Spectrum):
         draw_amplitudes(ax, made, unit, highest, table)
@@ -330,10 +454,25 @@ def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
     """Power spectral density, and on a second axis the cumulative RMS."""
     keep = (density.frequency > 0) & (density.frequency <= highest)
     f = density.frequency[keep]
-    ax.semilogy(f, 1e6 * np.maximum(density.density[keep], 1e-24), color=BLUE, linewidth=0.9, label="density")
-    ax.set(xlabel="frequency [Hz]", ylabel=f"power spectral density [(m{unit})²/Hz]", xlim=(0, highest))
+    ax.semilogy(
+        f,
+        1e6 * np.maximum(density.density[keep], 1e-24),
+        color=BLUE,
+        linewidth=0.9,
+        label="density",
+    )
+    ax.set(
+        xlabel="frequency [Hz]", ylabel=f"power spectral density [(m{unit})²/Hz]", xlim=(0, highest)
+    )
     right = ax.twinx()
-    right.plot(f, 1e3 * density.cumulative_rms[keep], color=RED, linewidth=1.6, linestyle="--", label="cumulative RMS")
+    right.plot(
+        f,
+        1e3 * density.cumulative_rms[keep],
+        color=RED,
+        linewidth=1.6,
+        linestyle="--",
+        label="cumulative RMS",
+    )
     right.set_ylabel(f"cumulative RMS from 0 Hz [m{unit}]")
     right.set_ylim(bottom=0)
     right.spines["top"].set_visible(False)
@@ -343,14 +482,18 @@ def draw_density(ax: Axes, density: Density, unit: str, highest: float) -> None:
 
 
 def draw_waterfall(ax: Axes, w: Waterfall, unit: str, highest: float) -> None:
-    """Amplitude in thousandths of ``unit`` over time and frequency, colour in decades below the largest."""
+    """Amplitude in thousandths of ``unit`` over time and frequency, colour in decades below the
+    largest.
+    """
     from matplotlib.colors import LogNorm
 
     keep = (w.frequency > 0) & (w.frequency <= highest)
     amplitude = 1e3 * w.amplitude[:, keep]
     top = float(np.max(amplitude))
     f, norm, values = w.frequency[keep], LogNorm(1e-4 * top, top), np.maximum(amplitude, 1e-4 * top)
-    mesh = ax.pcolormesh(f, w.time, values, norm=norm, cmap="viridis", shading="nearest", rasterized=True)
+    mesh = ax.pcolormesh(
+        f, w.time, values, norm=norm, cmap="viridis", shading="nearest", rasterized=True
+    )
     ax.figure.colorbar(mesh, ax=ax, label=f"amplitude, 0-to-peak [m{unit}]")
     ax.set(xlabel="frequency [Hz]", ylabel="time in the record [s]")
     ax.grid(False)
@@ -365,17 +508,29 @@ def draw_pairs(ax: Axes, names: Sequence[str], groups: Mapping[str, Sequence[flo
     x = np.arange(len(names))
     for k, (label, values) in enumerate(groups.items()):
         aside, colour = (k - 0.5 * (len(groups) - 1)) * 0.16, COLOURS[k % len(COLOURS)]
-        ax.semilogy(x + aside, 1e3 * np.asarray(values), "osD^v"[k % 5], color=colour, markersize=5, label=label)
+        ax.semilogy(
+            x + aside,
+            1e3 * np.asarray(values),
+            "osD^v"[k % 5],
+            color=colour,
+            markersize=5,
+            label=label,
+        )
     steep = len(names) > _LEVEL_NAMES
     ax.set_xticks(
-        x, names, rotation=60 if steep else 20, ha="right", rotation_mode="anchor", fontsize=7 if steep else None
+        x,
+        names,
+        rotation=60 if steep else 20,
+        ha="right",
+        rotation_mode="anchor",
+        fontsize=7 if steep else None,
     )
     ax.set_ylabel("amplitude, 0-to-peak [mN m]")
     _headroom(ax)
     ax.legend(loc="upper right", fontsize=7.5, ncols=len(groups))
 
 
-def draw_rest(
+def draw_residual_floor(
     ax: Axes, frequency: np.ndarray, curves: Mapping[str, np.ndarray], lines: Sequence[float],
     dots: Mapping[str, Sequence[float]],
 ) -> None:  # fmt: skip
@@ -383,7 +538,11 @@ def draw_rest(
     for (label, values), colour, width in zip(curves.items(), COLOURS, (0.8, 1.6), strict=False):
         ax.plot(frequency, 1e3 * values, color=colour, linewidth=width, label=label)
     for (label, amplitudes), colour, marker in zip(dots.items(), COLOURS[2:], "ox", strict=False):
-        ax.plot(lines, 1e3 * np.asarray(amplitudes), marker, color=colour, markersize=4, label=label)
-    ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
+        ax.plot(
+            lines, 1e3 * np.asarray(amplitudes), marker, color=colour, markersize=4, label=label
+        )
+    ax.set(
+        xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]"
+    )
     _headroom(ax)
     ax.legend(loc="upper right", fontsize=6.5, ncols=2)

@@ -1,4 +1,6 @@
-"""Fonts for characters that the fonts of the package lack, such as Chinese or Japanese: those of the system, if it has any."""
+"""Fonts for characters that the fonts of the package lack, such as Chinese or Japanese: those of
+the system, if it has any.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,15 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-_NONE = 0x0300
+_FIRST_UNCERTAIN_CODE_POINT = 0x0300
 """Below, the fonts of the package have everything."""
 
 
 @dataclass(frozen=True)
 class Fallback:
-    """Fonts to look in after those of the package, by family and folder, and the characters that none of them has."""
+    """Fonts to look in after those of the package, by family and folder, and the characters that
+    none of them has.
+    """
 
     families: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
@@ -25,9 +29,13 @@ class Fallback:
         if not self.unknown:
             return ""
         codes = ", ".join(f"U+{ord(c):04X}" for c in sorted(self.unknown)[:6])
-        more = f" and {len(self.unknown) - 6} more" if len(self.unknown) > 6 else ""
+        if len(self.unknown) > 6:
+            more = f" and {len(self.unknown) - 6} more"
+        else:
+            more = ""
         return (
-            f"No font of the machine that set this document has the characters {codes}{more}: they are missing or print as boxes"
+            f"No font of the machine that set this document has the characters {codes}{more}: they"
+            " are missing or print as boxes"
             " here, and are whole in report.html."
         )
 
@@ -41,9 +49,18 @@ def package_fonts() -> Path:
 
 def fallback_for(texts: Iterable[str]) -> Fallback:
     """Fonts of the system for the characters of ``texts`` that those of the package lack."""
-    rare = {c for text in texts for c in text if ord(c) >= _NONE and c.isprintable()}
-    missing = frozenset(c for c in rare if ord(c) not in _characters(str(package_fonts() / "DejaVuSans.ttf")))
-    return _found(missing) if missing else Fallback()
+    rare = {
+        c
+        for text in texts
+        for c in text
+        if ord(c) >= _FIRST_UNCERTAIN_CODE_POINT and c.isprintable()
+    }
+    missing = frozenset(
+        c for c in rare if ord(c) not in _characters(str(package_fonts() / "DejaVuSans.ttf"))
+    )
+    if missing:
+        return _found(missing)
+    return Fallback()
 
 
 @cache
@@ -52,7 +69,10 @@ def _found(missing: frozenset[str]) -> Fallback:
     from matplotlib import font_manager
     from matplotlib.ft2font import FT2Font
 
-    has = {path: missing & set(map(chr, _characters(path))) for path in sorted(font_manager.findSystemFonts())}
+    has = {
+        path: missing & set(map(chr, _characters(path)))
+        for path in sorted(font_manager.findSystemFonts())
+    }
     families: list[str] = []
     folders: list[str] = []
     while missing and has:

@@ -13,16 +13,32 @@ from microvib.io.modal_sources import ModalSource, StructureDesign
 from microvib.io.modal_table import modes_csv
 from microvib.io.tables import read_table
 from microvib.model.rigid import COMPONENTS
-from microvib.reports.blocks import drawn, study
-from microvib.reports.document import Block, Contents, Document, Fact, Live, Section, Text, table
-from microvib.reports.moving import AZIMUTH, ELEVATION, MOST_NODES, faces_and_lines, markup, of_elements
-from microvib.reports.numbers import count, signed
+from microvib.reports.blocks import figure_block, study_report
+from microvib.reports.document import (
+    AnimatedMarkup,
+    Block,
+    Contents,
+    Document,
+    Fact,
+    Section,
+    Text,
+    table,
+)
+from microvib.reports.moving import (
+    AZIMUTH,
+    ELEVATION,
+    MAX_NODES,
+    faces_and_lines,
+    markup,
+    shape_of_mesh,
+)
+from microvib.reports.numbers import count_text, signed
 from microvib.reports.parameters import parameter_table
 from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
 from microvib.structures.fem.structure import Structure
 from microvib.structures.modal import ModalModel
-from microvib.structures.modal_checks import ENOUGH
+from microvib.structures.modal_checks import MIN_EFFECTIVE_MASS_FRACTION
 from microvib.structures.simulator_design import SimulatorDesign
 from microvib.text_tables import text_table
 
@@ -36,7 +52,9 @@ _MAX_DRAWN = 12
 
 
 def mode_kinds(source: ModalSource) -> tuple[str, ...]:
-    """Kind of each mode: from its shape where that is known, else the direction in which it takes part most."""
+    """Kind of each mode: from its shape where that is known, else the direction in which it takes
+    part most.
+    """
     if source.modes is not None and source.design is not None:
         from microvib.structures.fem.described import kinds
 
@@ -46,16 +64,17 @@ def mode_kinds(source: ModalSource) -> tuple[str, ...]:
     return tuple(COMPONENTS[k] for k in np.argmax(fraction, axis=0))
 
 
-def enough_sentence(model: ModalModel) -> str:
+def effective_mass_sentence(model: ModalModel) -> str:
     """The 90 % rule, and what it leaves out."""
     cumulative = np.cumsum(model.fraction[model.axis])
-    reached = np.flatnonzero(cumulative >= ENOUGH)
+    reached = np.flatnonzero(cumulative >= MIN_EFFECTIVE_MASS_FRACTION)
     what = f"90 % of the inertia about {model.drive_axis}"
     first = f"{what} is not reached with {model.frequency.size} modes ({100 * cumulative[-1]:.1f} %): ask for more."
     if reached.size:
-        first = f"{what} is reached with {count(int(reached[0]) + 1, 'mode')}."
+        first = f"{what} is reached with {count_text(int(reached[0]) + 1, 'mode')}."
     return (
-        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and determines the lines above"
+        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and"
+        " determines the lines above"
         f" {model.frequency[-1]:.3g} Hz."
     )
 
@@ -63,9 +82,16 @@ def enough_sentence(model: ModalModel) -> str:
 def table_text(source: ModalSource) -> str:
     """Table 1 as text."""
     m = source.model
-    whole = f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²"
-    whole += f", mass {m.mass[0, 0]:.5g} kg" if m.spatial else ""
-    return "\n".join([text_table(*table_1(source)), "", whole, enough_sentence(m), *m.notes])
+    whole = (
+        f"inertia about {m.drive_axis} J = {m.inertia:.5g} kg m², residual J_h = {m.J_h:.4g} kg m²"
+    )
+    if m.spatial:
+        whole += f", mass {m.mass[0, 0]:.5g} kg"
+    else:
+        whole += ""
+    return "\n".join(
+        [text_table(*table_1(source)), "", whole, effective_mass_sentence(m), *m.notes]
+    )
 
 
 def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
@@ -74,7 +100,10 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]",
               "paper [Hz]", "diff. [%]", "paper fraction [1]"]  # fmt: skip
     cumulative = np.cumsum(m.fraction[m.axis])
-    effective, fraction = _without_noise(m.effective[m.axis], m.inertia), _without_noise(m.fraction[m.axis], 1.0)
+    effective, fraction = (
+        _zero_rounding(m.effective[m.axis], m.inertia),
+        _zero_rounding(m.fraction[m.axis], 1.0),
+    )
     rows = [
         [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}", f"{fraction[k]:.3g}",
          f"{cumulative[k]:.4f}", *paper[k]]
@@ -83,7 +112,7 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     return header[: len(rows[0])], rows
 
 
-def _without_noise(values: np.ndarray, whole: float) -> np.ndarray:
+def _zero_rounding(values: np.ndarray, whole: float) -> np.ndarray:
     """Zero where there is nothing but rounding of the ``whole``."""
     return np.where(np.abs(values) > 1e-12 * whole, values, 0.0)
 
@@ -96,14 +125,22 @@ _PAPER = {
 
 
 def _beside_the_paper(name: str, frequencies: np.ndarray) -> list[list[str]]:
-    """The paper's frequencies, the differences from them, and where its table has them the effective fractions."""
+    """The paper's frequencies, the differences from them, and where its table has them the
+    effective fractions.
+    """
     if name not in _PAPER:
         return [[] for _ in frequencies]
     file, column = _PAPER[name]
     cells = []
     for row, f in zip(read_table(file), frequencies, strict=False):
         paper, fraction = float(row[column]), row.get("effective_fraction")
-        cells.append([f"{paper:g}", f"{100 * (f / paper - 1):+.1f}", *([f"{float(fraction):.3g}"] if fraction else [])])
+        cells.append(
+            [
+                f"{paper:g}",
+                f"{100 * (f / paper - 1):+.1f}",
+                *([f"{float(fraction):.3g}"] if fraction else []),
+            ]
+        )
     return [*cells, *[[""] * len(cells[0])] * (len(frequencies) - len(cells))]
 
 
@@ -118,8 +155,11 @@ def modes_folder(source: ModalSource) -> Contents:
 def modes_report(source: ModalSource) -> Document:
     """The report on the modes of one source."""
     model, design = source.model, source.design
-    first_page: list[Block] = [table(*table_1(source)), Text(enough_sentence(model))]
-    first_page += [Text(f"To be checked: {' '.join(model.notes)}")] if model.notes else []
+    first_page: list[Block] = [table(*table_1(source)), Text(effective_mass_sentence(model))]
+    if model.notes:
+        first_page += [Text(f"To be checked: {' '.join(model.notes)}")]
+    else:
+        first_page += []
     sections: list[Section] = []
     if source.modes is not None and design is not None:
         shapes, moving = _shapes(design, source.modes)
@@ -131,10 +171,11 @@ def modes_report(source: ModalSource) -> Document:
         origin = (Text(design.source),) if design.source else ()
         sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
     name = file_name(source.name)
-    return study(
+    return study_report(
         "Modes report",
         f"Modes of {model.title or name}",
-        f"{name}: {model.frequency.size} modes with the interface clamped, drive axis {model.drive_axis} (as Table 1).",
+        f"{name}: {model.frequency.size} modes with the interface clamped, drive axis"
+        f" {model.drive_axis} (as Table 1).",
         facts=_facts(model),
         first_page=first_page,
         sections=sections,
@@ -143,11 +184,17 @@ def modes_report(source: ModalSource) -> Document:
 
 
 def _facts(model: ModalModel) -> list[Fact]:
-    dominant, held = int(np.argmax(model.effective[model.axis])), float(model.fraction[model.axis].sum())
-    of = f"of the inertia about {model.drive_axis} in {count(model.frequency.size, 'mode')}; common practice requires 90 %"
+    dominant, held = (
+        int(np.argmax(model.effective[model.axis])),
+        float(model.fraction[model.axis].sum()),
+    )
+    of = f"of the inertia about {model.drive_axis} in {count_text(model.frequency.size, 'mode')}; common practice requires 90 %"
     return [
-        Fact(f"{100 * held:.1f} %", of, "pass" if held >= ENOUGH else "fail"),
-        Fact(f"{model.frequency[dominant]:.4g} Hz", f"mode {dominant + 1}, the strongest about {model.drive_axis}"),
+        Fact(f"{100 * held:.1f} %", of, "pass" if held >= MIN_EFFECTIVE_MASS_FRACTION else "fail"),
+        Fact(
+            f"{model.frequency[dominant]:.4g} Hz",
+            f"mode {dominant + 1}, the strongest about {model.drive_axis}",
+        ),
         Fact(f"{model.inertia:.4g} kg m²", f"inertia about {model.drive_axis}"),
         Fact(f"{model.J_h:.4g} kg m²", "residual J_h, rigid on the shaft"),
     ]
@@ -155,31 +202,44 @@ def _facts(model: ModalModel) -> list[Fact]:
 
 def _shapes(design: StructureDesign, modes: Modes) -> tuple[Block, list[Section]]:
     """Shapes of the first modes as a picture and, of a structure that is not too large, in motion."""
-    from microvib.structures.fem.described import kinds, meanings
+    from microvib.structures.fem.described import kinds, mode_kind_labels
 
     found = kinds(design, modes)
-    legend = "; ".join(f"{key} {meaning}" for key, meaning in meanings(design).items() if key in found)
-    caption = f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
-    picture = drawn(draw_shapes(modes, found, _MAX_DRAWN), "Mode shapes", caption)
-    if len(modes.structure.xyz) > MOST_NODES:
+    legend = "; ".join(
+        f"{key} {meaning}" for key, meaning in mode_kind_labels(design).items() if key in found
+    )
+    caption = (
+        f"Mode shapes: displacements exaggerated, colour by size; grey at rest. Kinds: {legend}."
+    )
+    picture = figure_block(draw_shapes(modes, found, _MAX_DRAWN), "Mode shapes", caption)
+    if len(modes.structure.xyz) > MAX_NODES:
         return picture, []
-    return picture, [Section("In motion", (Live(animation(modes, found, _MAX_DRAWN)),))]
+    return picture, [Section("In motion", (AnimatedMarkup(animation(modes, found, _MAX_DRAWN)),))]
 
 
 def _convergence(design: StructureDesign, modes: Modes) -> Section:
-    from microvib.structures.fem.described import kinds, solved
+    from microvib.structures.fem.described import kinds, solve_design
 
-    coarse = solved(design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size)
+    coarse = solve_design(
+        design.model_copy(update={"mesh": 2.0 * design.mesh}), modes.frequency.size
+    )
     fine, other = (_by_kind(found.frequency, kinds(design, found)) for found in (modes, coarse))
     rows = []
     for k, (key, f) in enumerate(fine.items(), 1):
         g = other.get(key, math.nan)
         rows.append(
-            [str(k), key[0], f"{f:.5g}", *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""])]
+            [
+                str(k),
+                key[0],
+                f"{f:.5g}",
+                *([f"{g:.5g}", signed(100 * (g / f - 1))] if key in other else ["", ""]),
+            ]
         )
     text = (
-        f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m ({coarse.structure.dof} instead of"
-        f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a difference that is not"
+        f"The same with elements of {2 * design.mesh:g} m instead of {design.mesh:g} m"
+        f" ({coarse.structure.dof} instead of"
+        f" {modes.structure.dof} degrees of freedom). The error goes with the square of the size; a"
+        " difference that is not"
         " small calls for a finer mesh."
     )
     header = ["mode", "kind", "f [Hz]", "coarser [Hz]", "difference [%]"]
@@ -188,13 +248,16 @@ def _convergence(design: StructureDesign, modes: Modes) -> Section:
 
 def _without_rope(design: StructureDesign, modes: Modes) -> list[Section]:
     """Frequencies of a simulator without its rope."""
-    from microvib.structures.fem.described import solved
+    from microvib.structures.fem.described import solve_design
 
     if not isinstance(design, SimulatorDesign) or design.rope is None:
         return []
-    without = solved(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
+    without = solve_design(design.model_copy(update={"rope": None}), modes.frequency.size).frequency
     pairs = zip(modes.frequency, without, strict=True)
-    rows = [[str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"] for k, (f, g) in enumerate(pairs, 1)]
+    rows = [
+        [str(k), f"{f:.5g}", f"{g:.5g}", f"{100 * (g / f - 1):+.3f}"]
+        for k, (f, g) in enumerate(pairs, 1)
+    ]
     text = "The same without the suspension rope, whose mass is in neither."
     header = ["mode", "with [Hz]", "without [Hz]", "difference [%]"]
     return [Section("Suspension rope", (Text(text), table(header, rows)))]
@@ -209,17 +272,20 @@ def _by_kind(frequency: np.ndarray, kinds: Sequence[str]) -> dict[tuple[str, int
 
 
 def _second_order(modes: Modes, model: ModalModel) -> Section:
-    from microvib.structures.fem.coupling import size
+    from microvib.structures.fem.coupling import coupling_size
 
     rows = []
     for name, rate in RATES.items():
-        s = size(modes, math.radians(rate), model.damping, model.axis - 3)
+        s = coupling_size(modes, math.radians(rate), model.damping, model.axis - 3)
         terms = s.coriolis, s.centrifugal, s.frequency, s.torque
         rows.append([f"{name}, {rate:g} deg/s", *(f"{v:.2g}" for v in terms)])
     text = (
-        "What Eq. 15 has and Eq. 16 drops, computed from the elements for a steady rate: Coriolis coupling over inertia forces,"
-        " centrifugal over elastic force, and what both change in the natural frequencies and in the torque that an acceleration of"
-        " the shaft takes, at worst from 0.01 to 200 Hz. Stiffening by the steady tension, of the size of the centrifugal"
+        "What Eq. 15 has and Eq. 16 drops, computed from the elements for a steady rate: Coriolis"
+        " coupling over inertia forces,"
+        " centrifugal over elastic force, and what both change in the natural frequencies and in"
+        " the torque that an acceleration of"
+        " the shaft takes, at worst from 0.01 to 200 Hz. Stiffening by the steady tension, of the"
+        " size of the centrifugal"
         " column, is in neither equation."
     )
     header = ["rate", "Coriolis [1]", "centrifugal [1]", "frequencies [1]", "torque [1]"]
@@ -227,25 +293,32 @@ def _second_order(modes: Modes, model: ModalModel) -> Section:
 
 
 def _spatial(model: ModalModel) -> list[Section]:
-    both = np.stack([100 * model.fraction, 100 * np.cumsum(model.fraction, axis=1)], axis=-1)  # (6, modes, 2)
+    both = np.stack(
+        [100 * model.fraction, 100 * np.cumsum(model.fraction, axis=1)], axis=-1
+    )  # (6, modes, 2)
     rows = [
         [str(k + 1), f"{f:.4g}", *(f"{part:.2f} / {whole:.2f}" for part, whole in both[:, k])]
         for k, f in enumerate(model.frequency)
     ]
-    mass = _without_noise(model.mass, float(np.abs(model.mass).max()))
+    mass = _zero_rounding(model.mass, float(np.abs(model.mass).max()))
     rigid = [[name, *(f"{v:.5g}" for v in row)] for name, row in zip(COMPONENTS, mass, strict=True)]
     text = "Fraction of the rigid body's mass (forces) and inertia (torques) at the interface, and cumulative after the slash."
     effective = table(["mode", "f [Hz]", *(f"{d} [%]" for d in COMPONENTS)], rows)
     inertia = table(["row", *(f"{d} [1]" for d in COMPONENTS)], rigid)
     return [
         Section("Effective mass in six directions", (Text(text), effective)),
-        Section("Rigid body at the interface", (Text("Mass matrix about the interface point, in kg and m."), inertia)),
+        Section(
+            "Rigid body at the interface",
+            (Text("Mass matrix about the interface point, in kg and m."), inertia),
+        ),
     ]
 
 
 def animation(modes: Modes, kinds: Sequence[str], count: int) -> str:
-    """Shapes that move, as markup: modes chosen from a list, turned with the mouse, played and paused."""
-    moving = of_elements(modes)
+    """Shapes that move, as markup: modes chosen from a list, turned with the mouse, played and
+    paused.
+    """
+    moving = shape_of_mesh(modes)
     first = replace(moving, shapes=moving.shapes[:, :, :count])
     return markup(first.data(), _names(modes, kinds, min(count, len(kinds))))
 
@@ -254,7 +327,7 @@ def draw_shapes(modes: Modes, kinds: Sequence[str], count: int) -> Figure:
     """The mesh, and the first ``count`` modes with it at rest behind them."""
     count = min(count, len(kinds))
     figure, axes = sheet(1.3 * (count // 3 + 1), count // 3 + 1, 3)
-    shapes, xyz = of_elements(modes).scaled, modes.structure.xyz
+    shapes, xyz = shape_of_mesh(modes).scaled, modes.structure.xyz
     drawn = [None, *np.moveaxis(shapes[:, :, :count], 2, 0)]
     titles = [f"mesh, {modes.structure.dof} degrees of freedom", *_names(modes, kinds, count)]
     for ax, shape, title in zip(axes.flat, drawn, titles, strict=False):
@@ -285,7 +358,9 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
     faces, lines = faces_and_lines(structure)
     rest, _ = project(xyz)
     ground, edge = ("#dbe7f0", GREY) if shape is None else ("none", "#bbbbbb")
-    shells = PolyCollection(rest[faces], facecolors=ground, edgecolors=edge, linewidths=0.3, rasterized=True)
+    shells = PolyCollection(
+        rest[faces], facecolors=ground, edgecolors=edge, linewidths=0.3, rasterized=True
+    )
     ax.add_collection(shells)
     ax.add_collection(LineCollection(list(rest[lines]), colors=edge, linewidths=1.0))
     if shape is None:
@@ -295,6 +370,8 @@ def _draw(ax: Any, structure: Structure, xyz: np.ndarray, shape: np.ndarray | No
     front = faces[np.argsort(depth[faces].mean(axis=1))]
     colours = {"array": size[front].mean(axis=1), "cmap": "viridis", "edgecolors": "#ffffff60"}
     coloured = PolyCollection(points[front], linewidths=0.2, rasterized=True, **colours)
-    coloured.set_clim(0.0, size.max())  # of the whole structure, of which shells may be the part that hardly moves
+    coloured.set_clim(
+        0.0, size.max()
+    )  # of the whole structure, of which shells may be the part that hardly moves
     ax.add_collection(coloured)
     ax.add_collection(LineCollection(list(points[lines]), colors="#333333", linewidths=1.4))

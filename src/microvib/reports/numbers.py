@@ -6,9 +6,11 @@ import math
 from collections.abc import Iterable
 
 
-def brief(value: float, digits: int = 4) -> str:
+def brief_number(value: float, digits: int = 4) -> str:
     """A figure with at most so many digits; empty if there is none."""
-    return f"{value:.{digits}g}" if math.isfinite(value) else ""
+    if math.isfinite(value):
+        return f"{value:.{digits}g}"
+    return ""
 
 
 def format_number(value: float, digits: int = 4, scale: float = 1.0) -> str:
@@ -23,7 +25,7 @@ def milli(value: float, digits: int = 4) -> str:
 
 def brief_milli(value: float) -> str:
     """A torque [N m] in mN m with at most four digits; empty if there is none."""
-    return brief(1e3 * value)
+    return brief_number(1e3 * value)
 
 
 def angle_text(value: float, digits: int = 4) -> str:
@@ -31,7 +33,7 @@ def angle_text(value: float, digits: int = 4) -> str:
     if not math.isfinite(value):
         return ""
     unit, size = angle_unit([value])
-    return f"{brief(value / size, digits)} {unit}"
+    return f"{brief_number(value / size, digits)} {unit}"
 
 
 def angle_unit(values: Iterable[float]) -> tuple[str, float]:
@@ -43,22 +45,28 @@ def angle_unit(values: Iterable[float]) -> tuple[str, float]:
 
 def window_text(length: float) -> str:
     """The length of a window [s], in ms below a second."""
-    return f"{1e3 * length:g} ms" if length < 1.0 else f"{length:g} s"
+    if length < 1.0:
+        return f"{1e3 * length:g} ms"
+    return f"{length:g} s"
 
 
 def torque(value: float) -> str:
     """A torque [N m] with its unit: in mN m below one; empty if there is none."""
     if not math.isfinite(value):
         return ""
-    return f"{format_number(value)} N m" if abs(value) >= 1.0 else f"{milli(value)} mN m"
+    if abs(value) >= 1.0:
+        return f"{format_number(value)} N m"
+    return f"{milli(value)} mN m"
 
 
-def given(value: float) -> str:
+def torque_as_given(value: float) -> str:
     """A torque [N m] that somebody chose, with its unit, in as many digits as were given."""
-    return f"{value:.6g} N m" if abs(value) >= 1.0 else f"{1e3 * value:.6g} mN m"
+    if abs(value) >= 1.0:
+        return f"{value:.6g} N m"
+    return f"{1e3 * value:.6g} mN m"
 
 
-def plain(value: float, digits: int = 4) -> str:
+def plain_number(value: float, digits: int = 4) -> str:
     """A figure with at most so many digits and, up to a million, without an exponent."""
     return f"{float(f'{value:.{digits}g}'):g}"
 
@@ -71,21 +79,29 @@ def signed(value: float, decimals: int = 2) -> str:
 def with_error(value: float, error: float) -> str:
     """A value with its standard error: two digits of the error, and as many decimals of the value."""
     if not (math.isfinite(error) and error > 0.0):
-        return brief(value)
+        return brief_number(value)
     decimals = max(0, 1 - math.floor(math.log10(error)))
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"
 
 
 def percent(value: float) -> str:
-    """A relative difference in per cent, to a tenth of one, or below ten a hundredth; empty if there is none."""
-    return f"{100 * value:+.{1 if abs(value) >= 0.1 else 2}f}" if math.isfinite(value) else ""
+    """A relative difference in per cent, to a tenth of one, or below ten a hundredth; empty if
+    there is none.
+    """
+    if math.isfinite(value):
+        return f"{100 * value:+.{1 if abs(value) >= 0.1 else 2}f}"
+    return ""
 
 
-def count(n: int, what: str) -> str:
+def count_text(n: int, what: str) -> str:
     """A number of things in words."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+    if n == 1:
+        return f"{n} {what}"
+    return f"{n} {what}s"
 
 
-def short(text: str, most: int) -> str:
+def truncate(text: str, most: int) -> str:
     """The text, cut where it is too long for its place."""
-    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+    if len(text) <= most:
+        return text
+    return text[: most - 1].rstrip() + "…"

@@ -15,7 +15,7 @@ from microvib.analysis.start import wind_up
 from microvib.model.expected import angle_errors
 from microvib.model.linear import coupled_modes
 from microvib.model.orders import drive_orders
-from microvib.model.part import Part, entries
+from microvib.model.part import Part, flatten_parameters
 from microvib.model.scenario import Scenario
 from microvib.reports.document import Block, Row, Table, Text, pairs, table
 from microvib.text_tables import text_table
@@ -30,9 +30,11 @@ _STATUS = (
     ("data sheet", r".*\bdata ?sheet\b"),
     ("paper", r".*(\bAppl\. Sci\.|\bdoi\b|\bTable \d)"),
 )
-"""Words by which a source tells the status of its values; a source without such words, or none at all, makes them given."""
+"""Words by which a source tells the status of its values; a source without such words, or none at
+all, makes them given.
+"""
 STATUSES = (*(name for name, _ in _STATUS), "given")
-_PLAIN = ("default", "set by the user")
+_UNEXPLAINED_STATUSES = ("default", "set by the user")
 _NOT_IDEAL = ("driver.imperfections.", "driver.microstep_ramp", "driver.delay")
 
 
@@ -46,41 +48,66 @@ class Provenance:
 
 
 def provenance(source: str) -> Provenance:
-    """Status, detail (a value with its standard error, a reason) and reference in the text of a source."""
-    status = next((name for name, words in _STATUS if re.match(words, source, re.IGNORECASE)), "given")
-    if status in _PLAIN:
+    """Status, detail (a value with its standard error, a reason) and reference in the text of a
+    source.
+    """
+    status = next(
+        (name for name, words in _STATUS if re.match(words, source, re.IGNORECASE)), "given"
+    )
+    if status in _UNEXPLAINED_STATUSES:
         return Provenance(status)
     if status == "identified":
         reference, _, detail = source.rpartition(": ")
         printed = detail.replace("^2", "²").replace("*", " ").replace(" percent", " %")
-        return Provenance(status, printed, reference) if reference else Provenance(status, "", source)
+        if reference:
+            return Provenance(status, printed, reference)
+        return Provenance(status, "", source)
     if status in ("assumed", "computed") and source.lower().startswith(status):
-        return Provenance(status, source.partition(":")[2].strip() or source.removeprefix(status).strip(" ;,"))
+        return Provenance(
+            status, source.partition(":")[2].strip() or source.removeprefix(status).strip(" ;,")
+        )
     return Provenance(status, "", source)
 
 
-def _told(part: Part) -> Iterator[tuple[str, str, str]]:
-    """Key, value as text and meaning of every parameter of a part that has a value; of what an ideal driver lacks, nothing."""
-    for key, value, quantity in part.entries() if isinstance(part, Scenario) else entries("", part, None):
+def _parameter_rows(part: Part) -> Iterator[tuple[str, str, str]]:
+    """Key, value as text and meaning of every parameter of a part that has a value; of what an
+    ideal driver lacks, nothing.
+    """
+    for key, value, quantity in (
+        part.entries() if isinstance(part, Scenario) else flatten_parameters("", part, None)
+    ):
         key = key.lstrip(".")
         if value is not None and value != () and not (key.startswith(_NOT_IDEAL) and value == 0.0):
-            yield key, _shown(value, quantity), quantity.meaning if quantity else _description(part, key)
+            yield (
+                key,
+                _shown(value, quantity),
+                quantity.meaning if quantity else _description(part, key),
+            )
 
 
 def parameter_blocks(scenario: Scenario) -> tuple[Block, ...]:
     """Every parameter with status and basis, and the list of references."""
     rows: list[Row] = []
     references: dict[str, int] = {}
-    for group, told in groupby(_told(scenario), lambda entry: entry[0].partition(".")[0]):
+    for group, told in groupby(_parameter_rows(scenario), lambda entry: entry[0].partition(".")[0]):
         rows.append(Row((group,), "group"))
         for key, shown, meaning in told:
             found = provenance(scenario.source_of(key))
-            number = references.setdefault(found.reference, len(references) + 1) if found.reference else 0
-            basis = f"{found.detail} [{number}]".strip() if number else found.detail
+            if found.reference:
+                number = references.setdefault(found.reference, len(references) + 1)
+            else:
+                number = 0
+            if number:
+                basis = f"{found.detail} [{number}]".strip()
+            else:
+                basis = found.detail
             rows.append(Row((key.partition(".")[2], shown, found.status, basis, meaning)))
     columns = table(("`key`", "value [1]", "status", "basis", "meaning"), ()).columns
     listed = pairs((f"[{number}]", text) for text, number in references.items())
-    return (Table(columns, tuple(rows)), *((Text("References of the column `basis`:"), listed) if references else ()))
+    return (
+        Table(columns, tuple(rows)),
+        *((Text("References of the column `basis`:"), listed) if references else ()),
+    )
 
 
 def _shown(value: Any, quantity: Quantity | None) -> str:
@@ -94,32 +121,51 @@ def _shown(value: Any, quantity: Quantity | None) -> str:
 
 def status_sentence(scenario: Scenario) -> str:
     """How many parameters are of which status."""
-    found = [provenance(scenario.source_of(key)).status for key, *_ in _told(scenario)]
+    found = [provenance(scenario.source_of(key)).status for key, *_ in _parameter_rows(scenario)]
     counts = [f"{found.count(status)} {status}" for status in STATUSES if status in found]
     return f"{len(found)} parameters: {', '.join(counts)}."
 
 
 def parameter_table(part: Part) -> Table:
     """Key, value and meaning of every parameter of a part."""
-    rows = (row for row in _told(part) if row[0] not in ("title", "source"))
+    rows = (row for row in _parameter_rows(part) if row[0] not in ("title", "source"))
     return table(("`parameter`", "value [1]", "meaning"), rows)
 
 
 def _description(part: Any, key: str) -> str:
     *path, last = key.split(".")
     for name in path:
-        part = part[int(name)] if name.isdigit() else getattr(part, name)
-    field = type(part).model_fields.get(last) if isinstance(part, Part) else None
-    return (field.description or "") if field else ""
+        if name.isdigit():
+            part = part[int(name)]
+        else:
+            part = getattr(part, name)
+    if isinstance(part, Part):
+        field = type(part).model_fields.get(last)
+    else:
+        field = None
+    if field:
+        return field.description or ""
+    return ""
 
 
 def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
-    """Values that follow from a scenario and that an engineer wants to see before running it: name, value, how."""
+    """Values that follow from a scenario and that an engineer wants to see before running it: name,
+    value, how.
+    """
     driver, array, f_d = scenario.driver, scenario.array, scenario.driving_frequency
-    step, spring = math.degrees(driver.full_step(scenario.motor)), scenario.motor.electromagnetic_stiffness
-    half = "" if scenario.motor.phases == 2 else f"{scenario.motor.phases}/2 "
+    step, spring = (
+        math.degrees(driver.full_step(scenario.motor)),
+        scenario.motor.electromagnetic_stiffness,
+    )
+    if scenario.motor.phases == 2:
+        half = ""
+    else:
+        half = f"{scenario.motor.phases}/2 "
     breakaway = scenario.friction.breakaway_torque
-    rate = (f"{f_d:.6g} Hz", "Eq. 26") if f_d else ("none", "the rate is zero or changes in the record")
+    if f_d:
+        rate = (f"{f_d:.6g} Hz", "Eq. 26")
+    else:
+        rate = ("none", "the rate is zero or changes in the record")
     values = [
         ("full step at the rotor", f"{step:.6g} deg", "Eq. 25"),
         ("microstep at the rotor", f"{step / driver.microsteps:.6g} deg", "Eq. 25"),
@@ -130,21 +176,34 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
             f"{spring * scenario.reducer.ratio**2:.6g} N m/rad",
             f"h² {half}z K_m I",
         ),
-        ("breakaway torque of the output", f"{breakaway:.6g} N m", "slip ring included, Eq. 6 and 7"),
-        *_wound_up(scenario),
-        ("rigidly attached inertia J_h", f"{array.J_h:.6g} kg m²", f"of J {array.inertia:.6g} kg m²"),
+        (
+            "breakaway torque of the output",
+            f"{breakaway:.6g} N m",
+            "slip ring included, Eq. 6 and 7",
+        ),
+        *_wind_up_rows(scenario),
+        (
+            "rigidly attached inertia J_h",
+            f"{array.J_h:.6g} kg m²",
+            f"of J {array.inertia:.6g} kg m²",
+        ),
         *_second_wing(scenario),
     ]
     return values + _driver_orders(scenario)
 
 
-def _wound_up(scenario: Scenario) -> list[tuple[str, str, str]]:
+def _wind_up_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
     """How far the drive is wound up before the output turns; nothing where no friction holds it."""
     angle, name = wind_up(scenario), "wind-up before the output turns"
     if math.isinf(angle):
         return [(name, "none is enough", "the motor is weaker than the friction")]
-    after = f"after {angle / abs(scenario.rate):.3g} s" if scenario.rate else "on gear and electromagnetic spring"
-    return [(name, f"{math.degrees(angle):.3g} deg", after)] if angle > 0.0 else []
+    if scenario.rate:
+        after = f"after {angle / abs(scenario.rate):.3g} s"
+    else:
+        after = "on gear and electromagnetic spring"
+    if angle > 0.0:
+        return [(name, f"{math.degrees(angle):.3g} deg", after)]
+    return []
 
 
 def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:
@@ -161,19 +220,30 @@ def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:
     ]
     f_d, wing = other.driving_frequency, scenario.spacecraft and scenario.spacecraft.second_wing
     if scenario.driven_wing is None:
-        rows.append(("second wing, its drive", "held", "springs and dampers of its linearised drive"))
+        rows.append(
+            ("second wing, its drive", "held", "springs and dampers of its linearised drive")
+        )
     else:
         if other.rate is not None:
             rows.append(
-                ("second wing, rate of its shaft", f"{math.degrees(other.rate):.6g} deg/s", "about its drive axis")
+                (
+                    "second wing, rate of its shaft",
+                    f"{math.degrees(other.rate):.6g} deg/s",
+                    "about its drive axis",
+                )
             )
-        steps = f"{wing.stagger:g} microsteps after the first's" if wing and wing.stagger else "steps with the first's"
+        if wing and wing.stagger:
+            steps = f"{wing.stagger:g} microsteps after the first's"
+        else:
+            steps = "steps with the first's"
         rows.append(("second wing, driving frequency", f"{f_d:.6g} Hz" if f_d else "none", steps))
-    return [*rows, *_who_moves(scenario, other)]
+    return [*rows, *_energy_shares(scenario, other)]
 
 
-def _who_moves(scenario: Scenario, other: Scenario) -> Iterator[tuple[str, str, str]]:
-    """Of each mode with the first shaft locked, in which array, in the second drive or in the hub its elastic energy is."""
+def _energy_shares(scenario: Scenario, other: Scenario) -> Iterator[tuple[str, str, str]]:
+    """Of each mode with the first shaft locked, in which array, in the second drive or in the hub
+    its elastic energy is.
+    """
     craft = scenario.craft
     assert craft is not None
     assert craft.second is not None
@@ -188,7 +258,9 @@ def _who_moves(scenario: Scenario, other: Scenario) -> Iterator[tuple[str, str, 
     }
     parts["hub and its control"] = craft.squares - sum(parts.values())
     for k, f in enumerate(craft.frequency[:SHOWN_MODES]):
-        shares = sorted(((float(x[k] / craft.squares[k]), name) for name, x in parts.items()), reverse=True)
+        shares = sorted(
+            ((float(x[k] / craft.squares[k]), name) for name, x in parts.items()), reverse=True
+        )
         told = ", ".join(f"{name} {100.0 * share:.0f} %" for share, name in shares if share > 0.1)
         yield f"mode at {f:.4g} Hz, first shaft locked", told, "parts of its elastic energy"
 
@@ -200,14 +272,24 @@ SHOWN_ERRORS = 8
 
 
 def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
-    """Orders of the electrical period at which errors of the driver make lines, with their angle errors and causes."""
+    """Orders of the electrical period at which errors of the driver make lines, with their angle
+    errors and causes.
+    """
     driver, motor, f_d = scenario.driver, scenario.motor, scenario.driving_frequency
-    found = sorted(angle_errors(driver, motor.phases), key=lambda error: -error.amplitude)[:SHOWN_ERRORS]
+    found = sorted(angle_errors(driver, motor.phases), key=lambda error: -error.amplitude)[
+        :SHOWN_ERRORS
+    ]
     rows = []
     for error in sorted(found, key=lambda error: error.order):
         steps, rest = divmod(error.order, motor.full_steps)
-        name = f"full_step_{steps}" if rest == 0 else f"electrical_{error.order}"
-        at = f" at {error.order * f_d / (driver.beats * driver.microsteps):.6g} Hz" if f_d else ""
+        if rest == 0:
+            name = f"full_step_{steps}"
+        else:
+            name = f"electrical_{error.order}"
+        if f_d:
+            at = f" at {error.order * f_d / (driver.beats * driver.microsteps):.6g} Hz"
+        else:
+            at = ""
         rows.append(
             (
                 f"angle error of the references, {name}{at}",
@@ -219,15 +301,25 @@ def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
 
 
 def order_lines(scenario: Scenario, indent: int = 0) -> list[str]:
-    """Orders of the drive as a table of text: name, cycles per turn of the output, frequency, what it is and which mode is near.
+    """Orders of the drive as a table of text: name, cycles per turn of the output, frequency, what
+    it is and which mode is near.
 
     The lines leave room for an ``indent`` of so many columns.
     """
-    rate = "rate changes" if scenario.rate is None else f"Hz at {math.degrees(scenario.rate):.6g} deg/s"
+    if scenario.rate is None:
+        rate = "rate changes"
+    else:
+        rate = f"Hz at {math.degrees(scenario.rate):.6g} deg/s"
     rows = []
     for order in drive_orders(scenario):
-        near = f" <- near {', '.join(order.near)}" if order.near else ""
-        at = "-" if math.isnan(order.frequency) else f"{order.frequency:.7g}"
+        if order.near:
+            near = f" <- near {', '.join(order.near)}"
+        else:
+            near = ""
+        if math.isnan(order.frequency):
+            at = "-"
+        else:
+            at = f"{order.frequency:.7g}"
         rows.append((order.name, f"{order.per_turn:.9g}", at, f"{order.words}{near}"))
     header = ("name", "per output turn", rate, "what it is")
     return text_table(header, rows, left=1, last_left=True, indent=indent).splitlines()
@@ -237,6 +329,12 @@ def derived(scenario: Scenario) -> list[str]:
     """Derived values and natural frequencies as sentences."""
     texts = [f"{name} {value} ({how})" for name, value, how in derived_values(scenario)]
     for m in coupled_modes(scenario)[:12]:
-        clamped = "" if m.fixed_frequency is None else f", clamped {m.fixed_frequency:.6g} Hz"
-        texts.append(f"{m.name}: {m.frequency:.6g} Hz through the drive{clamped}, damping ratio {m.damping:.4g}")
+        if m.fixed_frequency is None:
+            clamped = ""
+        else:
+            clamped = f", clamped {m.fixed_frequency:.6g} Hz"
+        texts.append(
+            f"{m.name}: {m.frequency:.6g} Hz through the drive{clamped}, damping ratio"
+            f" {m.damping:.4g}"
+        )
     return texts

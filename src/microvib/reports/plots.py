@@ -17,21 +17,26 @@ from microvib.solve.motion import Motion
 from microvib.studies.compare import Comparison
 from microvib.studies.identify.fit import Fit
 from microvib.studies.rates import RatePlan
-from microvib.units import Given, pretty, quantity
+from microvib.units import GivenQuantity, pretty, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Plotted = Motion | Spectrum | Density | Waterfall | RatePlan | Comparison | Fit | Mapping[str, Sampled]
+Plotted = (
+    Motion | Spectrum | Density | Waterfall | RatePlan | Comparison | Fit | Mapping[str, Sampled]
+)
 
 
-def plot(what: Plotted, table: LineTable | None = None, *, highest: Given = "200 Hz") -> Figure:
-    """A figure of a motion (history, microsteps, spectrum with named lines, array mode), of a spectrum, a density or a waterfall,
-    of a rate plan (Campbell diagram), of a comparison (both spectra), of a fit (test, before, after), or of several sources with
-    samples over each other, by name.
+def plot(
+    what: Plotted, table: LineTable | None = None, *, highest: GivenQuantity = "200 Hz"
+) -> Figure:
+    """A figure of a motion (history, microsteps, spectrum with named lines, array mode), of a
+    spectrum, a density or a waterfall, of a rate plan (Campbell diagram), of a comparison (both
+    spectra), of a fit (test, before, after), or of several sources with samples over each other, by
+    name.
 
-    ``table`` has the lines that are named, ``highest`` ends the axis of spectra. It belongs to no global state of matplotlib:
-    a notebook shows it, ``savefig`` writes it.
+    ``table`` has the lines that are named, ``highest`` ends the axis of spectra. It belongs to no
+    global state of matplotlib: a notebook shows it, ``savefig`` writes it.
     """
     top = quantity("highest", highest, "Hz", positive=True)
     figure = _drawn(what, table, top)
@@ -53,8 +58,12 @@ def _drawn(what: Plotted, table: LineTable | None, highest: float) -> Figure:
             sides = [side for side in (what.a, what.b) if side.torque is not None]
             return _overlay([(side.name, side.torque, side.sample_rate) for side in sides], highest)
         case Mapping():
-            return _overlay([(name, *samples_of(source)[:2]) for name, source in what.items()], highest)
-    allowed = "a motion, spectrum, density, waterfall, rate plan, comparison or fit, or sources by name"
+            return _overlay(
+                [(name, *samples_of(source)[:2]) for name, source in what.items()], highest
+            )
+    allowed = (
+        "a motion, spectrum, density, waterfall, rate plan, comparison or fit, or sources by name"
+    )
     expect(what, (Spectrum, Density, Waterfall), allowed)
     return figures.draw_spectral(what, pretty(what.unit), highest, 3.2, table)
 

@@ -50,7 +50,9 @@ def html(document: Document) -> str:
 
 
 def _policy() -> str:
-    """What a browser may do for the file, whose texts are other people's: show it, and run the one script that is ours."""
+    """What a browser may do for the file, whose texts are other people's: show it, and run the one
+    script that is ours.
+    """
     script = re.search(r'<script type="module">(.*?)</script>', markup({}, ()), re.DOTALL)
     assert script is not None
     ours = base64.b64encode(sha256(script[1].encode()).digest()).decode()
@@ -59,8 +61,13 @@ def _policy() -> str:
 
 
 def _is_wide(found: Table) -> bool:
-    """Whether a table asks for more than half of a screen: its figures and names do not wrap, its texts do."""
-    cells = [[row.cells[k] for row in found.rows if row.mark != "group"] for k in range(len(found.columns))]
+    """Whether a table asks for more than half of a screen: its figures and names do not wrap, its
+    texts do.
+    """
+    cells = [
+        [row.cells[k] for row in found.rows if row.mark != "group"]
+        for k in range(len(found.columns))
+    ]
     longest = [max(map(len, texts), default=0) for texts in cells]
     wraps = [column.kind == "text" for column in found.columns]
     return sum(min(n, 20) + 3 if w else n + 3 for n, w in zip(longest, wraps, strict=True)) > 72
@@ -73,7 +80,9 @@ def pdf(document: Document) -> bytes:
     # Texts reach the template as data, so that nothing in them is taken for markup.
     content = _data(document)
     fallback = fallback_for(_texts(content))
-    data = json.dumps({**content, "fonts": fallback.families, "notice": fallback.sentence}, ensure_ascii=False)
+    data = json.dumps(
+        {**content, "fonts": fallback.families, "notice": fallback.sentence}, ensure_ascii=False
+    )
     made = typst.compile(  # type: ignore[misc]  # its stub ties the kind of the fonts' paths to that of the input
         _template("report.typ").encode(),
         font_paths=[str(package_fonts()), *fallback.folders],
@@ -107,7 +116,12 @@ def _texts(data: Any) -> Iterator[str]:
     if isinstance(data, str):
         yield data
     elif isinstance(data, dict):
-        yield from (text for key, value in data.items() if key not in ("svg", "html") for text in _texts(value))
+        yield from (
+            text
+            for key, value in data.items()
+            if key not in ("svg", "html")
+            for text in _texts(value)
+        )
     elif isinstance(data, (list, tuple)):
         yield from (text for value in data for text in _texts(value))
 
@@ -128,7 +142,9 @@ def _symbols(text: str) -> Any:
 def _inline(text: str) -> Any:
     """The same, and what stands between backticks as code."""
     parts = text.split("`")
-    return Markup("").join(Markup(f"<code>{escape(x)}</code>") if k % 2 else _symbols(x) for k, x in enumerate(parts))
+    return Markup("").join(
+        Markup(f"<code>{escape(x)}</code>") if k % 2 else _symbols(x) for k, x in enumerate(parts)
+    )
 
 
 def _key(text: str) -> Any:

@@ -13,29 +13,46 @@ _HEAD = ("value", "d ln/d ln", "mN m over its range", "range")
 
 
 def ranking_text(found: Ranking, scenario: Scenario) -> str:
-    """Line by line the effects of the scenario's uncertain values; what failed, and what was not looked at."""
+    """Line by line the effects of the scenario's uncertain values; what failed, and what was not
+    looked at.
+    """
     rows: list[str] = []
     for line in found:
-        rows += ["", f"{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m: {line.verdict}"]
+        rows += [
+            "",
+            f"{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m:"
+            f" {line.verdict}",
+        ]
         effects = [_row(effect, scenario) for effect in line.effects]
         told = text_table(_HEAD, effects, left=1, last_left=True, indent=2)
         rows += [f"  {row}".rstrip() for row in told.splitlines()]
         rows += [note for effect in line.effects for note in _notes(effect, scenario)]
     for case in found.failed:
-        rows += ["", f"No run with {case.key} {scenario.shown(case.key, case.value)}: {case.reason}"]
-    rows += ["", "Not ranked:"] if found.left_out else []
+        rows += [
+            "",
+            f"No run with {case.key} {scenario.shown(case.key, case.value)}: {case.reason}",
+        ]
+    if found.left_out:
+        rows += ["", "Not ranked:"]
+    else:
+        rows += []
     return "\n".join([*rows, *(f"  {key}: {why}" for key, why in found.left_out.items())])
 
 
 def _row(effect: Effect, scenario: Scenario) -> tuple[str, ...]:
     low, high = (scenario.shown(effect.key, end) for end in effect.range)
     moved = " to ".join(f"{1e3 * x:.4g}" for x in effect.amplitudes)
-    slope = "none *" if _jumps(effect) else f"{effect.sensitivity:.3g}"
+    if _jumps(effect):
+        slope = "none *"
+    else:
+        slope = f"{effect.sensitivity:.3g}"
     return effect.key, slope, moved, f"{low} to {high}"
 
 
 def _jumps(effect: Effect) -> bool:
-    """Whether the line jumps or bends at the value itself, which leaves it without a sensitivity there."""
+    """Whether the line jumps or bends at the value itself, which leaves it without a sensitivity
+    there.
+    """
     return math.isnan(effect.sensitivity) and not math.isnan(effect.slopes[0])
 
 

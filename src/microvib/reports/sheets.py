@@ -13,7 +13,7 @@ import numpy as np
 
 from microvib.io.writing import Writer
 from microvib.reports.drawing import import_artists
-from microvib.reports.typography import raised
+from microvib.reports.typography import superscript
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.text import Text
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
-BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#CC79A7",
+    "#666666",
+)
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, "#56B4E9", GREY)
 
 PAGE = 7.0
@@ -31,9 +38,15 @@ _LEFT, _RIGHT, _BOTTOM, _TOP, _ACROSS, _DOWN = 0.62, 0.1, 0.43, 0.27, 0.66, 0.74
 
 
 def new_figure(
-    width: float, height: float, rows: int = 1, columns: int = 1, layout: Literal["constrained"] | None = "constrained"
+    width: float,
+    height: float,
+    rows: int = 1,
+    columns: int = 1,
+    layout: Literal["constrained"] | None = "constrained",
 ) -> tuple[Figure, Any]:
-    """Figure and axes in the project's style, without a global plotting state; without a ``layout`` its margins are to be set."""
+    """Figure and axes in the project's style, without a global plotting state; without a ``layout``
+    its margins are to be set.
+    """
     import_artists()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -52,10 +65,12 @@ def _plain_figure() -> type[Figure]:
     from matplotlib.figure import Figure
 
     class PlainFigure(Figure):
-        """A figure whose words are as they are written: names are other people's, and a dollar in them begins no formula."""
+        """A figure whose words are as they are written: names are other people's, and a dollar in
+        them begins no formula.
+        """
 
         def draw(self, renderer: Any) -> None:
-            for text in _written(self):
+            for text in _word_texts(self):
                 text.set_parse_math(False)
             _with_fallback(self)
             super().draw(renderer)
@@ -64,8 +79,12 @@ def _plain_figure() -> type[Figure]:
 
 
 def legend_name(name: str) -> str:
-    """What Matplotlib shows in a legend as ``name``: it leaves out names that begin with an underscore."""
-    return f"\u200b{name}" if name.startswith("_") else name
+    """What Matplotlib shows in a legend as ``name``: it leaves out names that begin with an
+    underscore.
+    """
+    if name.startswith("_"):
+        return f"\u200b{name}"
+    return name
 
 
 def sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
@@ -89,18 +108,27 @@ def panels(count: int, height: float = 2.0, columns: int = 3) -> tuple[Figure, l
 
 
 def plain_sheet(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
-    """A sheet for axes with short tick labels: its margins are fixed, where finding them takes a third of a drawing's time."""
+    """A sheet for axes with short tick labels: its margins are fixed, where finding them takes a
+    third of a drawing's time.
+    """
     figure, axes = new_figure(PAGE, height, rows, columns, layout=None)
     wide = (PAGE - _LEFT - _RIGHT - (columns - 1) * _ACROSS) / columns
     high = (height - _BOTTOM - _TOP - (rows - 1) * _DOWN) / rows
     figure.subplots_adjust(
-        _LEFT / PAGE, _BOTTOM / height, 1.0 - _RIGHT / PAGE, 1.0 - _TOP / height, _ACROSS / wide, _DOWN / high
+        _LEFT / PAGE,
+        _BOTTOM / height,
+        1.0 - _RIGHT / PAGE,
+        1.0 - _TOP / height,
+        _ACROSS / wide,
+        _DOWN / high,
     )
     return figure, axes
 
 
 def svg(figure: Figure) -> str:
-    """A figure of a report as SVG, the same text each time; letters are outlines, so that no font is needed."""
+    """A figure of a report as SVG, the same text each time; letters are outlines, so that no font
+    is needed.
+    """
     import matplotlib
 
     for ax in figure.axes:
@@ -112,31 +140,41 @@ def svg(figure: Figure) -> str:
             action="ignore", category=UserWarning
         ),  # of characters without a font: the report tells it
     ):
-        figure.savefig(stream, format="svg", dpi=200, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    figure.set_layout_engine("none")  # its axes have their places, which take a third of a drawing's time to find
+        figure.savefig(
+            stream,
+            format="svg",
+            dpi=200,
+            metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")),
+        )
+    figure.set_layout_engine(
+        "none"
+    )  # its axes have their places, which take a third of a drawing's time to find
     return stream.getvalue()
 
 
 _NAME: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "zorder": 4,
          "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.85}}  # fmt: skip
-_TURNED = 35.0
+_NAME_ANGLE = 35.0
 """Angle of names at points [deg]."""
 _LETTER, _ROW_HEIGHT = 0.6, 1.25
 """Width of a letter and height of a row, over the size of the type."""
 
 
 def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> list[str]:
-    """Name points (x, y, text, bold), the important ones first; a name that would lie on an earlier one is left out.
+    """Name points (x, y, text, bold), the important ones first; a name that would lie on an earlier
+    one is left out.
 
     The axes must have their limits. Returns the texts that found room.
     """
-    angle = np.radians(-_TURNED)
+    angle = np.radians(-_NAME_ANGLE)
     along = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     taken: list[np.ndarray] = []
     said = []
     for x, y, text, bold in names:
         rows = text.split("\n")
-        size = _NAME["fontsize"] * np.array([_LETTER * max(map(len, rows)), _ROW_HEIGHT * len(rows)])
+        size = _NAME["fontsize"] * np.array(
+            [_LETTER * max(map(len, rows)), _ROW_HEIGHT * len(rows)]
+        )
         low = along @ ax.transData.transform((x, y)) * 72.0 / ax.figure.dpi
         box = np.array([low, low + size])
         if any(np.all(box[0] < other[1]) and np.all(other[0] < box[1]) for other in taken):
@@ -144,7 +182,7 @@ def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> li
         taken.append(box)
         said.append(text)
         weight = "bold" if bold else "normal"
-        ax.annotate(text, (x, y), xytext=(4, 4), rotation=_TURNED, fontweight=weight, **_NAME)
+        ax.annotate(text, (x, y), xytext=(4, 4), rotation=_NAME_ANGLE, fontweight=weight, **_NAME)
     return said
 
 
@@ -154,7 +192,9 @@ def png(figure: Figure) -> Writer:
 
 
 def set_texts(ax: Axes) -> None:
-    """Sizes for print. A title keeps to its place, and powers of ten need no formulas: finding either takes as long as drawing."""
+    """Sizes for print. A title keeps to its place, and powers of ten need no formulas: finding
+    either takes as long as drawing.
+    """
     from matplotlib.ticker import LogFormatterSciNotation
 
     ax.tick_params(labelsize=7.5, which="both")
@@ -175,24 +215,32 @@ def _powers_of_ten() -> type:
         """Matplotlib's labels of a logarithmic axis in plain characters."""
 
         def __call__(self, x: float, pos: int | None = None) -> str:
-            power = re.fullmatch(r"\$\\mathdefault\{(.*?10)\^\{(.*)\}\}\$", text := super().__call__(x, pos))
-            return text if power is None else power[1].replace(r"\times", "×") + raised(power[2])
+            power = re.fullmatch(
+                r"\$\\mathdefault\{(.*?10)\^\{(.*)\}\}\$", text := super().__call__(x, pos)
+            )
+            if power is None:
+                return text
+            return power[1].replace(r"\times", "×") + superscript(power[2])
 
     return PowersOfTen
 
 
 def _with_fallback(figure: Figure) -> None:
-    """Give texts with characters that the package's font lacks the fonts of the system that have them."""
+    """Give texts with characters that the package's font lacks the fonts of the system that have
+    them.
+    """
     from microvib.reports.fonts import fallback_for
 
-    for text in _written(figure):
+    for text in _word_texts(figure):
         families = fallback_for([text.get_text()]).families
         if families:
             text.set_fontfamily([*text.get_fontfamily(), *families])
 
 
-def _written(figure: Figure) -> Iterable[Text]:
-    """Texts of a figure that are words; figures at ticks need no other font, and asking for them takes long."""
+def _word_texts(figure: Figure) -> Iterable[Text]:
+    """Texts of a figure that are words; figures at ticks need no other font, and asking for them
+    takes long.
+    """
     from matplotlib.ticker import FixedFormatter
 
     yield from figure.texts

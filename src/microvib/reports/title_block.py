@@ -18,7 +18,9 @@ _MAX_ROLES = 6
 
 
 def today() -> str:
-    """Today's date in UTC as in ISO 8601; SOURCE_DATE_EPOCH [s since 1970] sets another, so that a report repeats byte for byte."""
+    """Today's date in UTC as in ISO 8601; SOURCE_DATE_EPOCH [s since 1970] sets another, so that a
+    report repeats byte for byte.
+    """
     text = os.environ.get("SOURCE_DATE_EPOCH", "").strip()
     if not text:
         return datetime.datetime.now(datetime.UTC).date().isoformat()
@@ -26,7 +28,8 @@ def today() -> str:
         return datetime.datetime.fromtimestamp(int(text), datetime.UTC).date().isoformat()
     except (ValueError, OverflowError, OSError):
         raise MicrovibError(
-            f"SOURCE_DATE_EPOCH: '{text[:40]}' is not allowed; whole seconds since 1970 are expected"
+            f"SOURCE_DATE_EPOCH: '{text[:40]}' is not allowed; whole seconds since 1970 are"
+            " expected"
         ) from None
 
 
@@ -44,9 +47,16 @@ class TitleBlock:
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
-        """Titles and texts of the block's fields; empty ones are kept to be filled in, but for the organisation."""
+        """Titles and texts of the block's fields; empty ones are kept to be filled in, but for the
+        organisation.
+        """
         own = (("Organisation", self.organisation),) if self.organisation else ()
-        rest = (("Document no.", self.number), ("Issue", self.issue), ("Date", self.date), ("Author", self.author))
+        rest = (
+            ("Document no.", self.number),
+            ("Issue", self.issue),
+            ("Date", self.date),
+            ("Author", self.author),
+        )
         return own + rest
 
 
@@ -62,13 +72,20 @@ def read_title_block(path: Path) -> TitleBlock:
     if data is None:
         return TitleBlock()
     if not isinstance(data, dict):
-        raise MicrovibError(f"{path}: is not report data; lines such as 'author: A. Engineer' are expected")
+        raise MicrovibError(
+            f"{path}: is not report data; lines such as 'author: A. Engineer' are expected"
+        )
     unknown = [key for key in data if key not in KEYS]
     if unknown:
         allowed = ", ".join(KEYS)
-        raise MicrovibError(f"{path}: '{_shown(unknown[0])}' is not a key of report data; allowed are {allowed}")
+        raise MicrovibError(
+            f"{path}: '{_shown(unknown[0])}' is not a key of report data; allowed are {allowed}"
+        )
     texts = {key: _text(path, key, value) for key, value in data.items() if key != "signatures"}
-    signatures = _signatures(path, data["signatures"]) if "signatures" in data else TitleBlock.signatures
+    if "signatures" in data:
+        signatures = _signatures(path, data["signatures"])
+    else:
+        signatures = TitleBlock.signatures
     return TitleBlock(**texts, signatures=signatures)
 
 
@@ -83,16 +100,26 @@ def _text(path: Path, key: str, value: Any) -> str:
 
 def _signatures(path: Path, value: Any) -> tuple[tuple[str, str], ...]:
     names = isinstance(value, list) and all(isinstance(role, str) for role in value)
-    roles = value if isinstance(value, Mapping) else dict.fromkeys(value) if names else {}
+    if isinstance(value, Mapping):
+        roles = value
+    elif names:
+        roles = dict.fromkeys(value)
+    else:
+        roles = {}
     if not 1 <= len(roles) <= _MAX_ROLES:
         raise MicrovibError(
-            f"{path}: signatures: '{_shown(value)}' is not allowed; 1 to {_MAX_ROLES} roles with names are, such as"
+            f"{path}: signatures: '{_shown(value)}' is not allowed; 1 to {_MAX_ROLES} roles with"
+            " names are, such as"
             " {prepared: A. Engineer, approved: B. Head}"
         )
     at = "signatures"
-    return tuple((_text(path, at, role), _text(path, f"{at}.{role}", name)) for role, name in roles.items())
+    return tuple(
+        (_text(path, at, role), _text(path, f"{at}.{role}", name)) for role, name in roles.items()
+    )
 
 
 def _shown(value: Any) -> str:
     text = str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    if len(text) <= 60:
+        return text
+    return text[:57] + "..."

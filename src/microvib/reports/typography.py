@@ -1,4 +1,6 @@
-"""Characters as print sets them: minus signs, powers of ten, and no folder of the machine that made a report."""
+"""Characters as print sets them: minus signs, powers of ten, and no folder of the machine that made
+a report.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,17 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from microvib.reports.document import Block, Code, Column, Document, Figure, Live, Row, Table, Text
+from microvib.reports.document import (
+    AnimatedMarkup,
+    Block,
+    Code,
+    Column,
+    Document,
+    Figure,
+    Row,
+    Table,
+    Text,
+)
 
 _MINUS = re.compile(r"(?<![\w.)\]/-])-(?=\.?\d)|(?<= )-(?= )")
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)\b")
@@ -17,51 +29,71 @@ _UNIT = re.compile(
 )
 """Spaces before and within units, where no line is broken."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_FOLDERS = re.compile(r"(?<![^\s\"'(=,:;])(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/\s\"'()]+[\\/])+(?=[^\\/\s])")
+_FOLDERS = re.compile(
+    r"(?<![^\s\"'(=,:;])(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/\s\"'()]+[\\/])+(?=[^\\/\s])"
+)
 _ENDING = re.compile(r"\.[A-Za-z]\w{0,5}[.,:;]*$")
-_FOLDERS_OF_WORD = re.compile(r"^((?:--?)?[\w.-]+=)?(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/]+[\\/])*(?=[^\\/])")
+_FOLDERS_OF_ARGUMENT = re.compile(
+    r"^((?:--?)?[\w.-]+=)?(?:~|\.\.|[A-Za-z]:)?[\\/](?:[^\\/]+[\\/])*(?=[^\\/])"
+)
 
 
 def typeset(document: Document) -> Document:
     """The document with the characters of print; code keeps its own."""
     return replace(
         document,
-        title=in_print(document.title),
-        subtitle=in_print(document.subtitle),
-        facts=tuple(replace(f, value=in_print(f.value), label=in_print(f.label)) for f in document.facts),
+        title=typeset_text(document.title),
+        subtitle=typeset_text(document.subtitle),
+        facts=tuple(
+            replace(f, value=typeset_text(f.value), label=typeset_text(f.label))
+            for f in document.facts
+        ),
         first_page=_blocks(document.first_page),
-        sections=tuple(replace(s, title=in_print(s.title), blocks=_blocks(s.blocks)) for s in document.sections),
+        sections=tuple(
+            replace(s, title=typeset_text(s.title), blocks=_blocks(s.blocks))
+            for s in document.sections
+        ),
     )
 
 
-def in_print(text: str) -> str:
-    """Text in which figures have real minus signs and powers of ten, and files no folders; code keeps its characters."""
+def typeset_text(text: str) -> str:
+    """Text in which figures have real minus signs and powers of ten, and files no folders; code
+    keeps its characters.
+    """
     parts = without_folders(text).split("`")
     return "`".join(part if k % 2 else _figures(part) for k, part in enumerate(parts))
 
 
 def _figures(text: str) -> str:
-    text = _POWER.sub(_power, _MINUS.sub("\u2212", text)).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")
+    text = (
+        _POWER.sub(_power, _MINUS.sub("\u2212", text)).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")
+    )
     return _UNIT.sub("\u00a0", text)
 
 
 def _power(found: re.Match[str]) -> str:
-    exponent = raised((found[2] + found[3]).lstrip("+"))
-    return f"10{exponent}" if found[1] == "1" else f"{found[1]}\u00a0×\u00a010{exponent}"
+    exponent = superscript((found[2] + found[3]).lstrip("+"))
+    if found[1] == "1":
+        return f"10{exponent}"
+    return f"{found[1]}\u00a0×\u00a010{exponent}"
 
 
-def raised(exponent: str) -> str:
+def superscript(exponent: str) -> str:
     """An exponent's figures as characters of their own, which need no markup."""
     return exponent.translate(_RAISED)
 
 
 def without_folders(text: str) -> str:
-    """Text in which absolute paths are names of files. A slash that leads nowhere, as in *phases /A/B*, is a text's own."""
+    """Text in which absolute paths are names of files. A slash that leads nowhere, as in *phases
+    /A/B*, is a text's own.
+    """
     return _FOLDERS.sub(lambda found: "" if _is_path(found) else found[0], text)
 
 
 def _is_path(found: re.Match[str]) -> bool:
-    """Whether what begins with a slash is a path: its file has an ending, or its first folder is on this machine."""
+    """Whether what begins with a slash is a path: its file has an ending, or its first folder is on
+    this machine.
+    """
     if not found[0].startswith(("/", "\\")):
         return True  # of a home, a drive, or the folder above
     file = re.match(r"[^\\/\s\"'()]+", found.string[found.end() :])
@@ -81,16 +113,18 @@ def command_without_folders(command: str) -> str:
         words = shlex.split(command)
     except ValueError:
         return without_folders(command)
-    return shlex.join(_FOLDERS_OF_WORD.sub(lambda found: found[1] or "", word) for word in words)
+    return shlex.join(
+        _FOLDERS_OF_ARGUMENT.sub(lambda found: found[1] or "", word) for word in words
+    )
 
 
 def _blocks(blocks: Sequence[Block]) -> tuple[Block, ...]:
     made: dict[type, Callable[..., Block]] = {
-        Text: lambda b: replace(b, text=in_print(b.text)),
+        Text: lambda b: replace(b, text=typeset_text(b.text)),
         Code: lambda b: replace(b, text=command_without_folders(b.text)),
-        Figure: lambda b: replace(b, alt=in_print(b.alt), caption=in_print(b.caption)),
+        Figure: lambda b: replace(b, alt=typeset_text(b.alt), caption=typeset_text(b.caption)),
         Table: _table,
-        Live: lambda b: b,
+        AnimatedMarkup: lambda b: b,
     }
     return tuple(made[type(block)](block) for block in blocks)
 
@@ -99,14 +133,25 @@ def _table(found: Table) -> Table:
     """A table without the columns that say nothing in any row."""
     whole = [r for r in found.rows if r.mark != "group"]
     kept = [k for k in range(len(found.columns)) if not whole or any(r.cells[k] for r in whole)]
-    columns = tuple(replace(found.columns[k], title=in_print(found.columns[k].title)) for k in kept)
+    columns = tuple(
+        replace(found.columns[k], title=typeset_text(found.columns[k].title)) for k in kept
+    )
 
     def cell(text: str, column: Column) -> str:
-        return without_folders(text) if column.kind == "code" else in_print(text)
+        if column.kind == "code":
+            return without_folders(text)
+        return typeset_text(text)
 
     def row(r: Row) -> Row:
         if r.mark == "group":
-            return replace(r, cells=tuple(map(in_print, r.cells)))
-        return replace(r, cells=tuple(cell(r.cells[k], c) for k, c in zip(kept, columns, strict=True)))
+            return replace(r, cells=tuple(map(typeset_text, r.cells)))
+        return replace(
+            r, cells=tuple(cell(r.cells[k], c) for k, c in zip(kept, columns, strict=True))
+        )
 
-    return replace(found, columns=columns, rows=tuple(map(row, found.rows)), caption=in_print(found.caption))
+    return replace(
+        found,
+        columns=columns,
+        rows=tuple(map(row, found.rows)),
+        caption=typeset_text(found.caption),
+    )

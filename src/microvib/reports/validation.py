@@ -4,37 +4,79 @@ from __future__ import annotations
 
 import math
 
-from microvib.reports.blocks import overlaid, study
-from microvib.reports.document import Contents, Document, Fact, Mark, Row, Section, Table, Text, table
-from microvib.reports.numbers import brief
+from microvib.reports.blocks import overlay_block, study_report
+from microvib.reports.document import (
+    Contents,
+    Document,
+    Fact,
+    Mark,
+    Row,
+    Section,
+    Table,
+    Text,
+    table,
+)
+from microvib.reports.numbers import brief_number
 from microvib.studies.validate import Check, SimulatedState, checks_csv
 from microvib.text_tables import text_table
 
-_LEAD = (
-    "Calibrated rows were fitted to the test's lines of state 1 and are not evidence. Assumed rows say what predictions rest on,"
-    " and from which range it was drawn. Predicted rows were not fitted to anything; they are given for the central assumptions,"
-    " with the part of the draws, and of single records, in which they hold, and with what the catalog's states give without these"
+_INTRODUCTION = (
+    "Calibrated rows were fitted to the test's lines of state 1 and are not evidence. Assumed rows"
+    " say what predictions rest on,"
+    " and from which range it was drawn. Predicted rows were not fitted to anything; they are given"
+    " for the central assumptions,"
+    " with the part of the draws, and of single records, in which they hold, and with what the"
+    " catalog's states give without these"
     " assumptions. Computed rows are arithmetic or numerics."
 )
 
 
 def validation_text(checks: list[Check]) -> str:
     """All checks as a table, and how many hold."""
-    header = ("item", "paper", "test", "ours", "error %", "holds", "spread", "single", "without", "status", "bar")
+    header = (
+        "item",
+        "paper",
+        "test",
+        "ours",
+        "error %",
+        "holds",
+        "spread",
+        "single",
+        "without",
+        "status",
+        "bar",
+    )
     rows = [
-        (c.item, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 5), brief(c.error_percent, 3), _holds(c),
-         _part(c.over_spread), _part(c.single_records), brief(c.without, 4), c.status, c.bar)
+        (
+            c.item,
+            brief_number(c.paper, 6),
+            brief_number(c.test, 6),
+            brief_number(c.ours, 5),
+            brief_number(c.error_percent, 3),
+            _holds(c),
+            _part(c.over_spread),
+            _part(c.single_records),
+            brief_number(c.without, 4),
+            c.status,
+            c.bar,
+        )
         for c in checks
-    ]  # fmt: skip
+    ]
     return "\n".join([text_table(header, rows, left=1, last_left=True), "", summary(checks)])
 
 
 def _holds(c: Check) -> str:
-    return "" if c.holds is None else "yes" if c.holds else "NO"
+    if c.holds is None:
+        return ""
+    if c.holds:
+        return "yes"
+    return "NO"
 
 
 def _part(value: float) -> str:
-    return "" if math.isnan(value) else f"{100.0 * value:.0f} %"
+    if math.isnan(value):
+        return ""
+    return f"{100.0 * value:.0f} %"
 
 
 def summary(checks: list[Check]) -> str:
@@ -49,7 +91,10 @@ def summary(checks: list[Check]) -> str:
 def _by_status(checks: list[Check]) -> dict[str, list[Check]]:
     """Checks that hold or do not, by their status."""
     judged = [c for c in checks if c.holds is not None]
-    return {status: [c for c in judged if c.status == status] for status in dict.fromkeys(c.status for c in judged)}
+    return {
+        status: [c for c in judged if c.status == status]
+        for status in dict.fromkeys(c.status for c in judged)
+    }
 
 
 def validation_folder(checks: list[Check], states: dict[int, SimulatedState]) -> Contents:
@@ -65,18 +110,22 @@ _COMPARISONS = (
 
 def validation_report(checks: list[Check], states: dict[int, SimulatedState]) -> Document:
     """The report of the validation: every claim with its verdict, and the spectra of the states."""
-    torques = {k: (f"state {k}", state.motion["T_d"], state.motion.sample_rate) for k, state in states.items()}
-    first, second = (overlaid([torques[k] for k in of], title) for title, of in _COMPARISONS)
+    torques = {
+        k: (f"state {k}", state.motion["T_d"], state.motion.sample_rate)
+        for k, state in states.items()
+    }
+    first, second = (overlay_block([torques[k] for k in of], title) for title, of in _COMPARISONS)
     facts = [
         Fact(f"{sum(c.holds is True for c in of)} of {len(of)}", f"{status} rows hold")
         for status, of in _by_status(checks).items()
     ]
-    return study(
+    return study_report(
         "Validation report",
         "Validation against the paper",
-        "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the catalog's scenarios give.",
+        "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the"
+        " catalog's scenarios give.",
         facts=facts,
-        first_page=(Text(_LEAD), *_failing(checks), first),
+        first_page=(Text(_INTRODUCTION), *_failing(checks), first),
         sections=(
             Section("All claims", (_claims(checks),), new_page=True),
             Section("States of other inertia", (second,)),
@@ -101,14 +150,30 @@ def _claims(checks: list[Check]) -> Table:
 
 def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
     fails = [[*_cells(c)[:9], c.status] for c in checks if c.holds is False]
-    return (Text("What does not hold:"), table([*_HEADER[:9], "status"], fails)) if fails else ()
+    if fails:
+        return (Text("What does not hold:"), table([*_HEADER[:9], "status"], fails))
+    return ()
 
 
 def _mark(c: Check) -> Mark:
-    return "" if c.holds is None else "pass" if c.holds else "fail"
+    if c.holds is None:
+        return ""
+    if c.holds:
+        return "pass"
+    return "fail"
 
 
 def _cells(c: Check) -> tuple[str, ...]:
-    return (c.item, c.source, brief(c.paper, 6), brief(c.test, 6), brief(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
-            brief(c.error_percent, 3), c.bar, _part(c.over_spread), _part(c.single_records), brief(c.without, 4),
-            _holds(c))  # fmt: skip
+    return (
+        c.item,
+        c.source,
+        brief_number(c.paper, 6),
+        brief_number(c.test, 6),
+        brief_number(c.ours, 6 if abs(c.ours) >= 1.0 else 4),
+        brief_number(c.error_percent, 3),
+        c.bar,
+        _part(c.over_spread),
+        _part(c.single_records),
+        brief_number(c.without, 4),
+        _holds(c),
+    )

@@ -1,1 +1,3 @@
-"""What a sampled torque says: spectra and lines. Knows samples and expected lines, neither solver nor files."""
+"""What a sampled torque says: spectra and lines. Knows samples and expected lines, neither solver
+nor files.
+"""

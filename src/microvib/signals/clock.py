@@ -8,76 +8,103 @@ from collections.abc import Sequence
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
-from microvib.signals.line_table import DETECTION
-from microvib.signals.tones import HannSpectrum, steady
+from microvib.signals.line_table import DETECTION_RATIO
+from microvib.signals.tones import HannSpectrum, steady_tones
 
 MAX_CLOCK_LINES = 12  # number of the strongest lines from which the clock ratio is estimated
 _PEAKS = 6  # peaks tried in each band
-_AGREE = 0.15
-"""Distance [bins] of a noise-free line from where the others put it above which it is taken for another line."""
+_AGREEMENT_DISTANCE = 0.15
+"""Distance [bins] of a noise-free line from where the others put it above which it is taken for
+another line.
+"""
 
-FAR_OFF = (0.2, 5.0)
+WIDE_RATIO_RANGE = (0.2, 5.0)
 """Least and largest ratio at which a clock is looked for that is not where it is expected."""
-_TRIED = 24
+_MAX_PEAKS_TRIED = 24
 """Highest peaks of a record that are tried as lines of such a clock."""
-_DECIDED = 1.3
-"""Times of the score of the clock where it is expected, from which another one is taken for the record's."""
-_FEWEST = 3
+_MIN_SCORE_RATIO = 1.3
+"""Times of the score of the clock where it is expected, from which another one is taken for the
+record's.
+"""
+_MIN_COMB_LINES = 3
 """Lines of such a clock, other than driving lines, without which its comb may be any machine's."""
 MAINS = (50.0, 60.0)
 
 
 def near_mains(frequency: float, duration: float) -> bool:
-    """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a record [s]."""
+    """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a
+    record [s].
+    """
     return any(abs(frequency - m * mains) * duration < 5.0 for mains in MAINS for m in range(1, 7))
 
 
-def clock_far_off(
+def search_wide_clock_ratio(
     expected: Sequence[ExpectedLine], found: float | None, highest: float, spectrum: HannSpectrum
 ) -> float | None:
-    """Clock ratio, within ``FAR_OFF``, at which far more of the ``expected`` lines stand out than at the one ``found``.
+    """Clock ratio, within ``WIDE_RATIO_RANGE``, at which far more of the ``expected`` lines stand
+    out than at the one ``found``.
 
-    Every high peak up to ``highest`` [Hz] is tried as one of the first lines of each family, and scored by the whole comb, the
-    mains' lines left out. None where no ratio is better, or where only driving lines stand out, as a comb of any machine's does.
+    Every high peak up to ``highest`` [Hz] is tried as one of the first lines of each family, and
+    scored by the whole comb, the mains' lines left out. None where no ratio is better, or where
+    only driving lines stand out, as a comb of any machine's does.
     """
     clock = [line for line in expected if line.of_clock]
-    first = [line for line in clock if line.name in ("drive_1", "drive_2", "drive_3", "full_step_1", "electrical_1")]
+    first = [
+        line
+        for line in clock
+        if line.name in ("drive_1", "drive_2", "drive_3", "full_step_1", "electrical_1")
+    ]
     modes = [line for line in expected if line.is_mode]
-    peaks = [f for f, height in spectrum.peaks(3.0 / spectrum.duration, highest, _TRIED)
-             if height > DETECTION * spectrum.floor(f)
+    peaks = [f for f, height in spectrum.peaks(3.0 / spectrum.duration, highest, _MAX_PEAKS_TRIED)
+             if height > DETECTION_RATIO * spectrum.floor(f)
              and not any(mode.low <= f <= mode.high for mode in modes)]  # fmt: skip
-    known = 0.0 if found is None or not first else sum(_scores(clock, found, first[0], spectrum).values())
-    best, ratio = _DECIDED * known, None
+    if found is None or not first:
+        known = 0.0
+    else:
+        known = sum(_scores(clock, found, first[0], spectrum).values())
+    best, ratio = _MIN_SCORE_RATIO * known, None
     for line in first:
         for f in peaks:
-            if FAR_OFF[0] < f / line.frequency < FAR_OFF[1]:
+            if WIDE_RATIO_RANGE[0] < f / line.frequency < WIDE_RATIO_RANGE[1]:
                 each = _scores(clock, f / line.frequency, line, spectrum)
-                others = sum(score > 0.0 for name, score in each.items() if not name.removeprefix("drive_").isdigit())
-                if others >= _FEWEST and sum(each.values()) > best:
+                others = sum(
+                    score > 0.0
+                    for name, score in each.items()
+                    if not name.removeprefix("drive_").isdigit()
+                )
+                if others >= _MIN_COMB_LINES and sum(each.values()) > best:
                     best, ratio = sum(each.values()), f / line.frequency
     return ratio
 
 
 def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
-    """Clock ratio that best explains all lines of the clock together; None if none of them stands out.
+    """Clock ratio that best explains all lines of the clock together; None if none of them stands
+    out.
 
-    Every peak in the bands of the first driving lines is tried; the one whose ratio makes most lines stand out gives the start.
-    Lines that the others contradict are left out, since another line is in their place. Gauss-Newton on the joint fit follows,
-    in which each line has the weight that its amplitude and frequency give it.
+    Every peak in the bands of the first driving lines is tried; the one whose ratio makes most
+    lines stand out gives the start. Lines that the others contradict are left out, since another
+    line is in their place. Gauss-Newton on the joint fit follows, in which each line has the weight
+    that its amplitude and frequency give it.
     """
     start = _first_ratio(clock, spectrum)
     if start is None:
         return None
-    lines, ratio = agreeing(clock, start, spectrum)
+    lines, ratio = consistent_lines(clock, start, spectrum)
     if not lines:
         return start
     bin_ratio = 1.0 / (max(line.frequency for line in lines) * spectrum.duration)
-    near = spectrum.near(steady(lines, ratio).frequency)
-    r = spectrum.residual(steady(lines, ratio), near)
+    near = spectrum.near(steady_tones(lines, ratio).frequency)
+    r = spectrum.residual(steady_tones(lines, ratio), near)
     for _ in range(12):
-        slope = (spectrum.residual(steady(lines, ratio + 1e-4 * bin_ratio), near) - r) / (1e-4 * bin_ratio)
-        move = float(np.clip(-(slope @ r) / max(float(slope @ slope), 1e-300), -0.2 * bin_ratio, 0.2 * bin_ratio))
-        r_new = spectrum.residual(steady(lines, ratio + move), near)
+        slope = (spectrum.residual(steady_tones(lines, ratio + 1e-4 * bin_ratio), near) - r) / (
+            1e-4 * bin_ratio
+        )
+        move = float(
+            np.clip(
+                -(slope @ r) / max(float(slope @ slope), 1e-300), -0.2 * bin_ratio, 0.2 * bin_ratio
+            )
+        )
+        r_new = spectrum.residual(steady_tones(lines, ratio + move), near)
         if r_new @ r_new > r @ r:
             break
         ratio, r = ratio + move, r_new
@@ -87,7 +114,9 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
 
 
 def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
-    """Ratio by that peak in the bands of the first driving lines which makes most lines of the clock stand out."""
+    """Ratio by that peak in the bands of the first driving lines which makes most lines of the
+    clock stand out.
+    """
     candidates = [line for line in clock if line.kind == "drive"][:3] or [
         line for line in clock if line.kind == "full step" and line.high > line.low
     ]
@@ -95,39 +124,58 @@ def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float
     tried = []
     for line in candidates:
         for frequency, height in spectrum.peaks(line.low, line.high, _PEAKS):
-            stands = height > DETECTION * max(spectrum.floor(frequency), 1e-300)
+            stands = height > DETECTION_RATIO * max(spectrum.floor(frequency), 1e-300)
             if stands and line.low - slack <= frequency <= line.high + slack:
                 ratio = frequency / line.frequency
-                tried.append((_evidence(clock, ratio, line, spectrum), frequency * height, ratio))
-    return max(tried)[2] if tried else None
+                tried.append((_comb_score(clock, ratio, line, spectrum), frequency * height, ratio))
+    if tried:
+        return max(tried)[2]
+    return None
 
 
-def _evidence(clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, spectrum: HannSpectrum) -> float:
-    """How well ``ratio`` explains the clock, as a line ``told`` it: the sum of what its lines score."""
+def _comb_score(
+    clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, spectrum: HannSpectrum
+) -> float:
+    """How well ``ratio`` explains the clock, as a line ``told`` it: the sum of what its lines
+    score.
+    """
     return round(sum(_scores(clock, ratio, told, spectrum, mains=True).values()), 6)
 
 
 def _scores(
-    clock: Sequence[ExpectedLine], ratio: float, told: ExpectedLine, spectrum: HannSpectrum, mains: bool = False
+    clock: Sequence[ExpectedLine],
+    ratio: float,
+    told: ExpectedLine,
+    spectrum: HannSpectrum,
+    mains: bool = False,
 ) -> dict[str, float]:
-    """Of each line the logarithm of height over detection limit at a ``ratio``; 0 where ``mains`` may stand, unless they count."""
+    """Of each line the logarithm of height over detection limit at a ``ratio``; 0 where ``mains``
+    may stand, unless they count.
+    """
     found = {}
     for line in clock:
         at = line.frequency * ratio
-        unsure = min(0.15 * line.frequency / told.frequency, 1.5)  # a peak gives its place to about a tenth of a bin
+        unsure = min(
+            0.15 * line.frequency / told.frequency, 1.5
+        )  # a peak gives its place to about a tenth of a bin
         height, floor = spectrum.height(at, unsure), max(spectrum.floor(at), 1e-300)
         counts = mains or not near_mains(at, spectrum.duration)
-        found[line.name] = math.log(max(height / (DETECTION * floor), 1.0)) if counts else 0.0
+        if counts:
+            found[line.name] = math.log(max(height / (DETECTION_RATIO * floor), 1.0))
+        else:
+            found[line.name] = 0.0
     return found
 
 
-def agreeing(clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum) -> tuple[list[ExpectedLine], float]:
+def consistent_lines(
+    clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum
+) -> tuple[list[ExpectedLine], float]:
     """The strongest lines that stand out and agree on the ratio, and the ratio from their peaks."""
     lines, offset, unsure, height = [], [], [], []
     for line in clock:
         at, size = spectrum.peak(line.frequency * start, line.frequency * start)
         floor = spectrum.floor(line.frequency * start)
-        if size > DETECTION * max(floor, 1e-300):
+        if size > DETECTION_RATIO * max(floor, 1e-300):
             lines.append(line)
             offset.append(at - line.frequency * start)
             unsure.append(floor / size)
@@ -135,10 +183,11 @@ def agreeing(clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum
     if not lines:
         return [], start
     f, d = np.array([line.frequency for line in lines]), np.array(offset)
-    # median weighted by frequency, which is how sharply a line gives the ratio: a few false lines cannot pull it
+    # median weighted by frequency, which is how sharply a line gives the ratio: a few false lines
+    # cannot pull it
     order = np.argsort(d / f)
     weight = np.cumsum(f[order])
     shift = float((d / f)[order][np.searchsorted(weight, 0.5 * weight[-1])])
-    agree = np.abs(d - shift * f) * spectrum.duration < _AGREE + np.array(unsure)
+    agree = np.abs(d - shift * f) * spectrum.duration < _AGREEMENT_DISTANCE + np.array(unsure)
     strongest = sorted(np.flatnonzero(agree).tolist(), key=lambda i: -height[i])[:MAX_CLOCK_LINES]
     return [lines[i] for i in strongest], start + shift

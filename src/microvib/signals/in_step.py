@@ -1,7 +1,8 @@
 """Lines that keep their phases to each other: whole multiples of one frequency.
 
-Of lines that are stepped by one clock, but not at whole multiples of one frequency, phases drift: 10 Hz and 20.00001 Hz go through
-all phases to each other in a day, and an observation may fall where all crest together.
+Of lines that are stepped by one clock, but not at whole multiples of one frequency, phases drift:
+10 Hz and 20.00001 Hz go through all phases to each other in a day, and an observation may fall
+where all crest together.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 SLOW = 0.01
-"""Frequency [Hz] above which that is of which lines in step are multiples: what they do together repeats within 100 s, and an
-observation sees all of it."""
+"""Frequency [Hz] above which that is of which lines in step are multiples: what they do together
+repeats within 100 s, and an observation sees all of it."""
 LOCKED = 1e-8
-"""Part by which a frequency may miss a whole multiple: tables have nine digits. At 10 Hz a phase then drifts for months."""
+"""Part by which a frequency may miss a whole multiple: tables have nine digits. At 10 Hz a phase
+then drifts for months.
+"""
 
 
 def bases(frequency: np.ndarray, size: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -45,7 +48,9 @@ def bases(frequency: np.ndarray, size: np.ndarray) -> list[tuple[np.ndarray, flo
 
 
 def _divided(base: float, frequency: float) -> float | None:
-    """The largest frequency [Hz] of which both are whole multiples; None where it is too low, or there is none."""
+    """The largest frequency [Hz] of which both are whole multiples; None where it is too low, or
+    there is none.
+    """
     if not (base > 0.0 and frequency > 0.0):
         return None
     ratio = frequency / base
@@ -63,9 +68,11 @@ def _divided(base: float, frequency: float) -> float | None:
 
 
 def in_step(frequency: np.ndarray, clock: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Numbers (k,) that lines share which keep their phases to each other; -1 for those of no clock.
+    """Numbers (k,) that lines share which keep their phases to each other; -1 for those of no
+    clock.
 
-    Lines have frequencies (k,) [Hz], sizes (k,) and a ``clock`` (k,), by number, below 0 where there is none.
+    Lines have frequencies (k,) [Hz], sizes (k,) and a ``clock`` (k,), by number, below 0 where
+    there is none.
     """
     found = np.full(len(clock), -1)
     number = 0

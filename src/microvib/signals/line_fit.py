@@ -18,162 +18,248 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
-from microvib.signals.clock import agreeing, estimate_clock_ratio
-from microvib.signals.line_search import FALLS, search
-from microvib.signals.line_table import DETECTION, FAINT, Figures, Line, LineTable, Rest, Uncertainty
-from microvib.signals.orders import Orders
+from microvib.signals.clock import consistent_lines, estimate_clock_ratio
+from microvib.signals.line_search import MIN_DECAY_E_FOLDINGS, search
+from microvib.signals.line_table import (
+    BELOW_FLOOR,
+    DETECTION_RATIO,
+    Line,
+    LineEstimates,
+    LineTable,
+    ResidualPeaks,
+    Uncertainty,
+)
+from microvib.signals.orders import ClockOrders
 from microvib.signals.spectrum import tone_amplitude
 from microvib.signals.tones import (
-    NEAR,
+    INTERACTION_DISTANCE,
     HannSpectrum,
-    Joint,
+    JointFit,
     Tones,
     amplitudes_in,
+    known_decaying_tones,
     mean_of_decay,
-    moved,
-    ringing,
-    steady,
+    refine_clock_and_tones,
+    steady_tones,
 )
-from microvib.signals.uncertainties import disturbed, uncertainties, uncertainties_alone
+from microvib.signals.uncertainties import (
+    isolated_uncertainties,
+    poorly_fitted_tones,
+    uncertainties,
+)
 
-NOT_APART = "not separable from"
+NOT_SEPARABLE = "not separable from"
 SEPARATION = 2.5  # distance [bins] from which two lines can be told apart
-MAX_MODES = 300  # array modes that are fitted in one record: the work grows with the third power of their number
+# array modes that are fitted in one record: the work grows with the third power of their number
+MAX_MODES = 300
 _RANK = {"array mode": 1, "electrical": 2}
 _ROUNDS = 3
-_STILL = 0.01  # movement [bins] of the highest line in a round below which the clock counts as found
-_WORSE = 2.0
-"""Standard uncertainty next to a larger line, over that without it, above which that line is given as the reason."""
+_CLOCK_CONVERGENCE = (
+    0.01  # movement [bins] of the highest line in a round below which the clock counts as found
+)
+_CROWDING_RATIO = 2.0
+"""Standard uncertainty next to a larger line, over that without it, above which that line is given
+as the reason.
+"""
 _SCALLOP = 1.18  # amplitude of a tone over its highest bin, at most
-AN_OTHER = "an unlisted line"
-NO_ORDER = "no simple order of the driving frequency"
-UNSURE = 0.2  # standard uncertainty over amplitude above which a line cannot be told from its neighbour
+UNLISTED_LINE = "an unlisted line"
+NO_ORDER = "not a low-order multiple of the driving frequency"
+MAX_RELATIVE_UNCERTAINTY = (
+    0.2  # standard uncertainty over amplitude above which a line cannot be told from its neighbour
+)
 
 
-def estimate_lines(x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]) -> LineTable:
-    """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate`` [Hz], and find further ones.
+def estimate_lines(
+    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]
+) -> LineTable:
+    """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate``
+    [Hz], and find further ones.
 
-    If none are expected, all that stand out are found, without names. If the bands of the clock's lines have a width, the clock is
-    searched within them; otherwise it is known, as in a simulation.
+    If none are expected, all that stand out are found, without names. If the bands of the clock's
+    lines have a width, the clock is searched within them; otherwise it is known, as in a
+    simulation.
     """
-    joint, refused, ratio = _fitted(x, sample_rate, expected)
+    joint, refused, ratio = _fit_all_lines(x, sample_rate, expected)
     searched = _is_searched(expected)
     spread, ratio_spread = uncertainties(joint, ratio if searched else None)
-    ratio_spread = ratio_spread if searched or ratio is None else 0.0
-    refused |= _not_apart(joint, spread)
-    joint, others = _named(joint, spread, Orders.of(expected, ratio))
-    lines = (*_shared(expected, refused), *others)
-    rows = _figures(lines, joint, refused).rows(_placed(spread, lines, joint.tones))
-    return LineTable(rows, ratio, ratio_spread, joint.spectrum.samples, sample_rate, rest=_left(joint.rest))
+    if searched or ratio is None:
+        ratio_spread = ratio_spread
+    else:
+        ratio_spread = 0.0
+    refused |= _inseparable_lines(joint, spread)
+    joint, others = _name_unlisted_lines(joint, spread, ClockOrders.of(expected, ratio))
+    lines = (*_note_inseparable_modes(expected, refused), *others)
+    rows = _figures(lines, joint, refused).rows(_uncertainties_by_line(spread, lines, joint.tones))
+    return LineTable(
+        rows,
+        ratio,
+        ratio_spread,
+        joint.spectrum.samples,
+        sample_rate,
+        rest=_residual_peaks(joint.rest),
+    )
 
 
-def _left(rest: HannSpectrum) -> Rest:
-    """What stands between the lowest frequency that is told from the mean and the highest that is looked at."""
+def _residual_peaks(rest: HannSpectrum) -> ResidualPeaks:
+    """What stands between the lowest frequency that is told from the mean and the highest that is
+    looked at.
+    """
     first = int(SEPARATION) + 1
     bins = np.arange(first, min(int(PASSBAND * rest.samples), rest.values.size))
-    peaks = Rest.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
+    peaks = ResidualPeaks.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
     slow = _SCALLOP * float(np.max(rest.magnitude[1:first], initial=0.0))
     return replace(peaks, floor=rest.floors(peaks.frequency), slow=slow)
 
 
 def lines_at_known_clock(
-    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], beside: LineTable | None = None
+    x: np.ndarray,
+    sample_rate: float,
+    expected: Sequence[ExpectedLine],
+    beside: LineTable | None = None,
 ) -> LineTable:
-    """Lines of a simulated torque ``x`` (n,) [N m], whose clock is exactly the expected one, without uncertainties.
+    """Lines of a simulated torque ``x`` (n,) [N m], whose clock is exactly the expected one,
+    without uncertainties.
 
-    Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time. What rings in another channel of the
-    same motion, whose lines ``beside`` has, does so here with the same frequency and decay.
+    Amplitudes, phases and decays are those of ``estimate_lines``, at a fraction of its time. What
+    rings in another channel of the same motion, whose lines ``beside`` has, does so here with the
+    same frequency and decay.
     """
     rings = () if beside is None else tuple(x for x in beside if x.is_mode and x.seen)
     figures = figures_at_known_clock(x, sample_rate, expected, rings)
     none = 0.0 * figures.amplitude
-    return LineTable(figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate)
+    return LineTable(
+        figures.rows(Uncertainty(none, none, none, none)), 1.0, 0.0, np.size(x), sample_rate
+    )
 
 
-def crowded(table: LineTable) -> LineTable:
-    """Of a table the modes that are so near a line of the clock that another channel can tell them only if it knows them."""
+def modes_near_clock_lines(table: LineTable) -> LineTable:
+    """Of a table the modes that are so near a line of the clock that another channel can tell them
+    only if it knows them.
+    """
     clock = [x.expected_hz for x in table if x.of_clock]
     modes = (x for x in table if x.is_mode)
-    near = (x for x in modes if any(abs(x.expected_hz - f) * table.duration < SEPARATION for f in clock))
+    near = (
+        x for x in modes if any(abs(x.expected_hz - f) * table.duration < SEPARATION for f in clock)
+    )
     return replace(table, lines=tuple(near))
 
 
-def tones_beside(
-    xs: Sequence[np.ndarray], sample_rate: float, expected: Sequence[ExpectedLine], beside: LineTable
+def tones_in_channels(
+    xs: Sequence[np.ndarray],
+    sample_rate: float,
+    expected: Sequence[ExpectedLine],
+    beside: LineTable,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lines of a simulated motion in several channels ``xs`` at once, a tenth of the time of one after another.
+    """Lines of a simulated motion in several channels ``xs`` at once, a tenth of the time of one
+    after another.
 
-    Complex amplitudes (lines, channels), frequencies [Hz] and decays [1/s], (lines,). Modes ring as in ``beside``, lines of another
-    channel of the same motion; those that it does not show are nan.
+    Complex amplitudes (lines, channels), frequencies [Hz] and decays [1/s], (lines,). Modes ring as
+    in ``beside``, lines of another channel of the same motion; those that it does not show are nan.
     """
     spectra = [HannSpectrum.of(x - x.mean(), sample_rate) for x in xs]
     rings = {x.line: x for x in beside if x.is_mode and x.seen}
-    wanted, _ = _sort_out(expected, spectra[0].duration, rings)
-    clock = steady([line for line in wanted if not line.is_mode])
-    tones = clock.and_those(ringing([(line, rings[line.name]) for line in wanted if line.name in rings]))
+    wanted, _ = _resolvable_lines(expected, spectra[0].duration, rings)
+    clock = steady_tones([line for line in wanted if not line.is_mode])
+    tones = clock.and_those(
+        known_decaying_tones([(line, rings[line.name]) for line in wanted if line.name in rings])
+    )
     mean = mean_of_decay(tones.decay * spectra[0].duration)[0]
-    found = np.append(amplitudes_in(spectra, tones) * mean[:, None], np.full((1, len(xs)), np.nan), axis=0)
+    found = np.append(
+        amplitudes_in(spectra, tones) * mean[:, None], np.full((1, len(xs)), np.nan), axis=0
+    )
     order = _order(expected, tones)
-    return found[order], _at(tones.frequency, order), _at(tones.decay, order)
+    return (
+        found[order],
+        _values_by_line(tones.frequency, order),
+        _values_by_line(tones.decay, order),
+    )
 
 
 def figures_at_known_clock(
     x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine], rings: Sequence[Line] = ()
-) -> Figures:
+) -> LineEstimates:
     """The figures of ``lines_at_known_clock`` as arrays, for many records."""
-    known = [replace(line, low=line.frequency, high=line.frequency) if not line.is_mode else line for line in expected]
-    joint, refused, _ = _fitted(x, sample_rate, known, rings, everywhere=False)
+    known = [
+        replace(line, low=line.frequency, high=line.frequency) if not line.is_mode else line
+        for line in expected
+    ]
+    joint, refused, _ = _fit_all_lines(x, sample_rate, known, rings, everywhere=False)
     return _figures(expected, joint, refused)
 
 
-def _fitted(
+def _fit_all_lines(
     x: np.ndarray,
     sample_rate: float,
     expected: Sequence[ExpectedLine],
     rings: Sequence[Line] = (),
     everywhere: bool = True,
-) -> tuple[Joint, dict[str, str], float | None]:
-    """The one recipe: the clock, known or searched; what else stands in the record; all that is near each other together.
+) -> tuple[JointFit, dict[str, str], float | None]:
+    """The one recipe: the clock, known or searched; what else stands in the record; all that is
+    near each other together.
 
-    ``rings`` are modes that are known to ring, and how. The fit, the names of lines without figures of their own with the reason,
-    and the clock ratio.
+    ``rings`` are modes that are known to ring, and how. The fit, the names of lines without figures
+    of their own with the reason, and the clock ratio.
     """
     x = np.asarray(x, dtype=float)
     spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
     named = {line.line: line for line in rings}
-    wanted, refused = _sort_out(expected, spectrum.duration, named)
+    wanted, refused = _resolvable_lines(expected, spectrum.duration, named)
     clock = [line for line in wanted if not line.is_mode]
-    known = ringing([(line, named[line.name]) for line in wanted if line.name in named])
+    known = known_decaying_tones(
+        [(line, named[line.name]) for line in wanted if line.name in named]
+    )
     modes = [line for line in wanted if line.is_mode and line.name not in named]
-    modes, left_out = _largest(modes, spectrum)
+    modes, left_out = _strongest_modes(modes, spectrum)
     refused |= left_out
     searched = _is_searched(expected)
-    # The clock is found in rounds: with the unlisted lines and modes that the search at one ratio has found taken out, those of the
-    # clock tell a better ratio, at which the search may find others. A known clock needs one round.
-    ratio = (estimate_clock_ratio(clock, spectrum) if searched else 1.0) if clock else None
+    # The clock is found in rounds: with the unlisted lines and modes that the search at one ratio
+    # has found taken out, those of the clock tell a better ratio, at which the search may find
+    # others. A known clock needs one round.
+    if clock:
+        if searched:
+            ratio = estimate_clock_ratio(clock, spectrum)
+        else:
+            ratio = 1.0
+    else:
+        ratio = None
     for _ in range(_ROUNDS):
-        orders = Orders.of(expected, ratio)
+        orders = ClockOrders.of(expected, ratio)
         joint, hidden = search(
-            Joint.of(spectrum, steady(clock, ratio or 1.0).and_those(known)), modes, orders, everywhere=everywhere
+            JointFit.of(spectrum, steady_tones(clock, ratio or 1.0).and_those(known)),
+            modes,
+            orders,
+            everywhere=everywhere,
         )
         tones = joint.tones
         if not searched or ratio is None:
             break
         before = ratio
-        tones, ratio = moved(tones, spectrum, before, _telling(joint, clock, before))
-        if abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration < _STILL:
+        tones, ratio = refine_clock_and_tones(
+            tones, spectrum, before, _lines_fixing_clock(joint, clock, before)
+        )
+        if (
+            abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration
+            < _CLOCK_CONVERGENCE
+        ):
             break
-    tones, refused = _as_modes(tones, expected, refused, orders, spectrum.duration)
-    return Joint.of(spectrum, tones), refused | hidden, ratio
+    tones, refused = _reassign_unlisted_to_modes(
+        tones, expected, refused, orders, spectrum.duration
+    )
+    return JointFit.of(spectrum, tones), refused | hidden, ratio
 
 
-def _as_modes(
-    tones: Tones, expected: Sequence[ExpectedLine], refused: dict[str, str], orders: Orders | None, duration: float
+def _reassign_unlisted_to_modes(
+    tones: Tones,
+    expected: Sequence[ExpectedLine],
+    refused: dict[str, str],
+    orders: ClockOrders | None,
+    duration: float,
 ) -> tuple[Tones, dict[str, str]]:
-    """Unlisted tones where modes are expected that were held to be too near another line, as these modes.
+    """Unlisted tones where modes are expected that were held to be too near another line, as these
+    modes.
 
-    Of modes that are too near each other the one that is looked for may have taken another's peak: tones are given out anew, in the
-    order of the modes and to those that they are nearest to.
+    Of modes that are too near each other the one that is looked for may have taken another's peak:
+    tones are given out anew, in the order of the modes and to those that they are nearest to.
     """
     lines, left, listed = list(tones.lines), dict(refused), {line.name for line in expected}
     unlisted = [
@@ -181,13 +267,17 @@ def _as_modes(
         if line.kind == "other" and line.name not in listed
         and not (orders and orders.name(float(tones.frequency[i]), 0.02 / duration))
     ]  # fmt: skip
-    for group in _near_each_other(expected, duration):
+    for group in _unresolved_mode_groups(expected, duration):
         names = [mode.name for mode in group]
         there = [i for i, line in enumerate(lines) if line.name in names]
         there += [
-            i for i in unlisted if any(abs(mode.frequency - tones.frequency[i]) * duration < 0.5 for mode in group)
+            i
+            for i in unlisted
+            if any(abs(mode.frequency - tones.frequency[i]) * duration < 0.5 for mode in group)
         ]
-        if not any(left.get(name, "").startswith(NOT_APART) for name in names) or not 0 < len(there) <= len(group):
+        if not any(left.get(name, "").startswith(NOT_SEPARABLE) for name in names) or not 0 < len(
+            there
+        ) <= len(group):
             continue
         there.sort(key=lambda i: float(tones.frequency[i]))
         chosen = _nearest(tones.frequency[there], group)
@@ -195,21 +285,33 @@ def _as_modes(
             lines[i] = mode
             left.pop(mode.name, None)
         for mode in group:
-            if mode not in chosen and (mode.name not in left or left[mode.name].partition(";")[0].split()[-1] in names):
-                left[mode.name] = _too_near(mode, min(chosen, key=lambda x: abs(x.frequency - mode.frequency)))
+            if mode not in chosen and (
+                mode.name not in left or left[mode.name].partition(";")[0].split()[-1] in names
+            ):
+                left[mode.name] = _too_near(
+                    mode, min(chosen, key=lambda x: abs(x.frequency - mode.frequency))
+                )
     return replace(tones, lines=tuple(lines)), left
 
 
 def _nearest(frequency: np.ndarray, modes: Sequence[ExpectedLine]) -> list[ExpectedLine]:
-    """As many of the ``modes``, in their order, as there are tones at each ``frequency``: those that all are nearest to."""
+    """As many of the ``modes``, in their order, as there are tones at each ``frequency``: those
+    that all are nearest to.
+    """
     from scipy.optimize import linear_sum_assignment  # slow to import, and seldom needed
 
-    _, chosen = linear_sum_assignment(np.abs(frequency[:, None] - [mode.frequency for mode in modes]))
+    _, chosen = linear_sum_assignment(
+        np.abs(frequency[:, None] - [mode.frequency for mode in modes])
+    )
     return [modes[k] for k in sorted(chosen.tolist())]
 
 
-def _near_each_other(expected: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
-    """Array modes in the order of their frequencies, those together of which one is too near the next to be told from it."""
+def _unresolved_mode_groups(
+    expected: Sequence[ExpectedLine], duration: float
+) -> list[list[ExpectedLine]]:
+    """Array modes in the order of their frequencies, those together of which one is too near the
+    next to be told from it.
+    """
     groups: list[list[ExpectedLine]] = []
     for mode in sorted((x for x in expected if x.is_mode), key=lambda x: x.frequency):
         if not groups or (mode.frequency - groups[-1][-1].frequency) * duration >= SEPARATION:
@@ -218,23 +320,33 @@ def _near_each_other(expected: Sequence[ExpectedLine], duration: float) -> list[
     return groups
 
 
-def _shared(expected: Sequence[ExpectedLine], refused: dict[str, str]) -> Iterator[ExpectedLine]:
-    """The lines; of a mode the origin says which others are not separable from it, since its peak may be theirs."""
+def _note_inseparable_modes(
+    expected: Sequence[ExpectedLine], refused: dict[str, str]
+) -> Iterator[ExpectedLine]:
+    """The lines; of a mode the origin says which others are not separable from it, since its peak
+    may be theirs.
+    """
     modes = {line.name for line in expected if line.is_mode}
     hidden = {
-        name: why.removeprefix(f"{NOT_APART} ").partition(";")[0] for name, why in refused.items() if name in modes
+        name: why.removeprefix(f"{NOT_SEPARABLE} ").partition(";")[0]
+        for name, why in refused.items()
+        if name in modes
     }
     for line in expected:
         others = [name for name, other in hidden.items() if other == line.name]
         if line.name in modes and others:
-            line = replace(line, origin=f"{line.origin}; {' or '.join(others)} as well: not separable")
+            line = replace(
+                line, origin=f"{line.origin}; {' or '.join(others)} as well: not separable"
+            )
         yield line
 
 
-def _telling(joint: Joint, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
+def _lines_fixing_clock(joint: JointFit, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
     """Which tones tell the clock ratio once what is not of the clock is taken out, (m,)."""
     free = joint.tones.free
-    lines, _ = agreeing(clock, ratio, joint.spectrum.without(joint.tones.only(free), joint.amplitudes[free]))
+    lines, _ = consistent_lines(
+        clock, ratio, joint.spectrum.without(joint.tones.only(free), joint.amplitudes[free])
+    )
     names = {line.name for line in lines}
     return np.array([line.name in names for line in joint.tones.lines], dtype=bool)
 
@@ -244,10 +356,12 @@ def _is_searched(expected: Sequence[ExpectedLine]) -> bool:
 
 
 def with_background(table: LineTable, background: np.ndarray) -> LineTable:
-    """Lines with what the table reads at their frequencies while nothing runs, ``background`` (m,) at the same sample rate.
+    """Lines with what the table reads at their frequencies while nothing runs, ``background`` (m,)
+    at the same sample rate.
 
-    The phase between the two is unknown, so nothing is subtracted: half of the background's square goes into the variance of the
-    line's amplitude, and a line that does not exceed the background is named so.
+    The phase between the two is unknown, so nothing is subtracted: half of the background's square
+    goes into the variance of the line's amplitude, and a line that does not exceed the background
+    is named so.
     """
     rows = []
     for line in table:
@@ -256,60 +370,100 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
             continue
         there = tone_amplitude(background, table.sample_rate, line.frequency_hz)
         spread = float(np.hypot(line.amplitude_uncertainty_n_m, there / np.sqrt(2.0)))
-        status = "in the background" if line.amplitude_n_m < 2.0 * there else line.status
-        rows.append(replace(line, background_n_m=there, amplitude_uncertainty_n_m=spread, status=status))
+        if line.amplitude_n_m < 2.0 * there:
+            status = "in the background"
+        else:
+            status = line.status
+        rows.append(
+            replace(line, background_n_m=there, amplitude_uncertainty_n_m=spread, status=status)
+        )
     return replace(table, lines=tuple(rows))
 
 
-def _not_apart(joint: Joint, spread: Uncertainty) -> dict[str, str]:
-    """Names of the lines that stand out and yet have no figure of their own, with the reason: what is beside them hides it."""
+def _inseparable_lines(joint: JointFit, spread: Uncertainty) -> dict[str, str]:
+    """Names of the lines that stand out and yet have no figure of their own, with the reason: what
+    is beside them hides it.
+    """
     tones, sizes, duration = joint.tones, joint.sizes, joint.spectrum.duration
-    unsure = spread.amplitude > UNSURE * sizes
-    unsure &= sizes > DETECTION * joint.rest.floors(tones.frequency)
-    more = disturbed(joint)
+    unsure = spread.amplitude > MAX_RELATIVE_UNCERTAINTY * sizes
+    unsure &= sizes > DETECTION_RATIO * joint.rest.floors(tones.frequency)
+    more = poorly_fitted_tones(joint)
     why: dict[str, str] = {}
     doubtful = [i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"]
-    alone = uncertainties_alone(joint, doubtful).amplitude
+    alone = isolated_uncertainties(joint, doubtful).amplitude
     for i, by_itself in zip(doubtful, alone.tolist(), strict=True):
         apart = np.abs(tones.frequency - tones.frequency[i]) * duration
-        near = [j for j in np.argsort(apart, kind="stable").tolist() if j != i and apart[j] < NEAR]
+        near = [
+            j
+            for j in np.argsort(apart, kind="stable").tolist()
+            if j != i and apart[j] < INTERACTION_DISTANCE
+        ]
         larger = next((tones.lines[j] for j in near if sizes[j] > sizes[i]), None)
-        if larger is not None and spread.amplitude[i] > _WORSE * by_itself:
-            why[tones.lines[i].name] = f"not separable from {AN_OTHER if larger.kind == 'other' else larger.name}"
+        if larger is not None and spread.amplitude[i] > _CROWDING_RATIO * by_itself:
+            why[tones.lines[i].name] = (
+                f"not separable from {UNLISTED_LINE if larger.kind == 'other' else larger.name}"
+            )
         elif more[i] and tones.clock[i]:
-            why[tones.lines[i].name] = f"not separable from {AN_OTHER} within a bin, or not steady"
+            why[tones.lines[i].name] = (
+                f"not separable from {UNLISTED_LINE} less than one bin away, or amplitude not"
+                " constant"
+            )
         else:
-            why[tones.lines[i].name] = FAINT
+            why[tones.lines[i].name] = BELOW_FLOOR
     return why
 
 
-def _named(joint: Joint, spread: Uncertainty, orders: Orders | None) -> tuple[Joint, list[ExpectedLine]]:
-    """The fit with names of unlisted lines and their place among the clock's orders, and these lines, the strongest first."""
+def _name_unlisted_lines(
+    joint: JointFit, spread: Uncertainty, orders: ClockOrders | None
+) -> tuple[JointFit, list[ExpectedLine]]:
+    """The fit with names of unlisted lines and their place among the clock's orders, and these
+    lines, the strongest first.
+    """
     tones, duration = joint.tones, joint.spectrum.duration
     lines = list(tones.lines)
-    mine = [i for i in np.argsort(-joint.sizes, kind="stable").tolist() if tones.lines[i].kind == "other"]
+    mine = [
+        i
+        for i in np.argsort(-joint.sizes, kind="stable").tolist()
+        if tones.lines[i].kind == "other"
+    ]
     for number, i in enumerate(mine, 1):
-        frequency, within = float(tones.frequency[i]), max(3.0 * float(spread.frequency[i]), 0.02 / duration)
-        origin = (orders.name(frequency, within) or NO_ORDER) if orders else ""
+        frequency, within = (
+            float(tones.frequency[i]),
+            max(3.0 * float(spread.frequency[i]), 0.02 / duration),
+        )
+        if orders:
+            origin = orders.name(frequency, within) or NO_ORDER
+        else:
+            origin = ""
         lines[i] = replace(lines[i], name=f"other_{number}", origin=origin)
     return replace(joint, tones=replace(tones, lines=tuple(lines))), [lines[i] for i in mine]
 
 
-def _sort_out(
+def _resolvable_lines(
     expected: Sequence[ExpectedLine], duration: float, known: Collection[str] = ()
 ) -> tuple[list[ExpectedLine], dict[str, str]]:
-    """Lines that the record can resolve, or that are ``known`` by their names, and the names of the others with the reason.
+    """Lines that the record can resolve, or that are ``known`` by their names, and the names of the
+    others with the reason.
 
-    Lines of the clock go before array modes, since they last, while a mode rings down; but those of the electrical period
-    go last, for equal phases make none.
+    Lines of the clock go before array modes, since they last, while a mode rings down; but those of
+    the electrical period go last, for equal phases make none.
     """
     wanted: list[ExpectedLine] = []
     refused: dict[str, str] = {}
     for line in sorted(expected, key=lambda line: _RANK.get(line.kind, 0)):
         if line.frequency * duration < SEPARATION:
-            refused[line.name] = f"not resolved: needs a record of {SEPARATION / line.frequency:.3g} s"
+            refused[line.name] = (
+                f"not resolved: requires a record of at least {SEPARATION / line.frequency:.3g} s"
+            )
             continue
-        near = next((other for other in wanted if abs(other.frequency - line.frequency) * duration < SEPARATION), None)
+        near = next(
+            (
+                other
+                for other in wanted
+                if abs(other.frequency - line.frequency) * duration < SEPARATION
+            ),
+            None,
+        )
         if near is not None and line.name not in known:
             refused[line.name] = _too_near(line, near)
         else:
@@ -320,17 +474,26 @@ def _sort_out(
 def _too_near(line: ExpectedLine, near: ExpectedLine) -> str:
     """Why a line has no figures of its own, and what would help."""
     needed = SEPARATION / max(abs(near.frequency - line.frequency), 1e-12)
-    length = f"; a record of {needed:.3g} s could separate them" if needed < 1e6 else ""
-    return f"{NOT_APART} {near.name}{length}"
+    if needed < 1e6:
+        length = f"; a record of {needed:.3g} s would separate them"
+    else:
+        length = ""
+    return f"{NOT_SEPARABLE} {near.name}{length}"
 
 
-def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[list[ExpectedLine], dict[str, str]]:
-    """The array modes that are fitted, MAX_MODES at most, those in whose bands most stands; and the others with the reason."""
+def _strongest_modes(
+    modes: Sequence[ExpectedLine], spectrum: HannSpectrum
+) -> tuple[list[ExpectedLine], dict[str, str]]:
+    """The array modes that are fitted, MAX_MODES at most, those in whose bands most stands; and the
+    others with the reason.
+    """
     if len(modes) <= MAX_MODES:
         return list(modes), {}
     first = [max(int(line.low * spectrum.duration), 0) for line in modes]
     last = [int(line.high * spectrum.duration) + 2 for line in modes]
-    stands = [float(spectrum.magnitude[a:b].max(initial=0.0)) for a, b in zip(first, last, strict=True)]
+    stands = [
+        float(spectrum.magnitude[a:b].max(initial=0.0)) for a, b in zip(first, last, strict=True)
+    ]
     kept = set(np.argsort(stands)[-MAX_MODES:].tolist())
     why = f"not looked for: of {len(modes)} array modes, the {MAX_MODES} largest are"
     return [line for k, line in enumerate(modes) if k in kept], {
@@ -338,54 +501,71 @@ def _largest(modes: Sequence[ExpectedLine], spectrum: HannSpectrum) -> tuple[lis
     }
 
 
-def _figures(expected: Sequence[ExpectedLine], joint: Joint, refused: dict[str, str]) -> Figures:
-    """Figures of the tones and of the lines that are ``refused`` for a reason, which are nan but for the nearest bin."""
+def _figures(
+    expected: Sequence[ExpectedLine], joint: JointFit, refused: dict[str, str]
+) -> LineEstimates:
+    """Figures of the tones and of the lines that are ``refused`` for a reason, which are nan but
+    for the nearest bin.
+    """
     tones, rest, duration = joint.tones, joint.rest, joint.spectrum.duration
     fold = tones.decay * duration
     size, floor = joint.sizes, rest.floors(tones.frequency)
     status = _statuses(tones, size, floor, fold)
     order = _order(expected, tones)
-    hidden = [refused.get(line.name, FAINT) != FAINT for line in expected]
+    hidden = [refused.get(line.name, BELOW_FLOOR) != BELOW_FLOOR for line in expected]
     order = np.where(np.array(hidden, dtype=bool), len(tones), order)
-    frequency = _at(tones.frequency, order)
+    frequency = _values_by_line(tones.frequency, order)
     wanted = np.array([line.frequency for line in expected], dtype=float)
-    bins = np.minimum(np.rint(np.where(np.isnan(frequency), wanted, frequency) * duration), rest.values.size - 1)
-    return Figures(
+    bins = np.minimum(
+        np.rint(np.where(np.isnan(frequency), wanted, frequency) * duration), rest.values.size - 1
+    )
+    return LineEstimates(
         expected=tuple(expected),
         status=tuple(refused.get(line.name) or status[line.name] for line in expected),
         frequency=frequency,
-        amplitude=_at(size, order),
-        phase=_at(np.angle(joint.amplitudes), order),
-        decay=_at(tones.decay, order),
-        floor=_at(floor, order),
-        # The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low (picket fence), so that
-        # it depends on where the bins happen to fall.
+        amplitude=_values_by_line(size, order),
+        phase=_values_by_line(np.angle(joint.amplitudes), order),
+        decay=_values_by_line(tones.decay, order),
+        floor=_values_by_line(floor, order),
+        # The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 %
+        # low (picket fence), so that it depends on where the bins happen to fall.
         bin_frequency=bins / duration,
         bin_amplitude=np.abs(rest.unwindowed[bins.astype(int)]),
     )
 
 
-def _statuses(tones: Tones, size: np.ndarray, floor: np.ndarray, fold: np.ndarray) -> dict[str, str]:
-    """Status of each tone of amplitude ``size`` that falls by ``fold`` e-foldings, by the name of its line."""
-    faint, falls = size <= DETECTION * floor, tones.falls & (np.abs(fold) > FALLS)
+def _statuses(
+    tones: Tones, size: np.ndarray, floor: np.ndarray, fold: np.ndarray
+) -> dict[str, str]:
+    """Status of each tone of amplitude ``size`` that falls by ``fold`` e-foldings, by the name of
+    its line.
+    """
+    faint, falls = (
+        size <= DETECTION_RATIO * floor,
+        tones.falls & (np.abs(fold) > MIN_DECAY_E_FOLDINGS),
+    )
     status = np.select([faint, tones.limited, falls & (fold > 0.0), falls], [0, 1, 2, 3], 4)
-    words = (FAINT, "at a limit of its fit", "decaying", "growing", "ok")
+    words = (BELOW_FLOOR, "at a limit of its fit", "decaying", "growing", "ok")
     return {line.name: words[k] for line, k in zip(tones.lines, status.tolist(), strict=True)}
 
 
 def _order(expected: Sequence[ExpectedLine], tones: Tones) -> np.ndarray:
-    """Place of each expected line among the tones, (lines,); one after the last where it is none of them."""
+    """Place of each expected line among the tones, (lines,); one after the last where it is none of
+    them.
+    """
     place = {line.name: k for k, line in enumerate(tones.lines)}
     return np.array([place.get(line.name, len(tones)) for line in expected], dtype=int)
 
 
-def _at(values: np.ndarray, order: np.ndarray) -> np.ndarray:
+def _values_by_line(values: np.ndarray, order: np.ndarray) -> np.ndarray:
     """Values of tones (m,) as those of lines (lines,)."""
     return np.append(values, np.nan)[order]
 
 
-def _placed(spread: Uncertainty, expected: Sequence[ExpectedLine], tones: Tones) -> Uncertainty:
+def _uncertainties_by_line(
+    spread: Uncertainty, expected: Sequence[ExpectedLine], tones: Tones
+) -> Uncertainty:
     """Uncertainties of tones as those of lines."""
     order = _order(expected, tones)
     each = (spread.amplitude, spread.phase, spread.frequency, spread.decay)
-    return Uncertainty(*(_at(values, order) for values in each))
+    return Uncertainty(*(_values_by_line(values, order) for values in each))

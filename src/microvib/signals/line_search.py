@@ -1,7 +1,8 @@
-"""Search for what a record contains besides the lines of its clock: ringing array modes and unexpected lines.
+"""Search for what a record contains besides the lines of its clock: ringing array modes and
+unexpected lines.
 
-The strongest peak of the residual is taken first, fitted jointly with everything near it, and the search goes on with the new
-residual, until no peak stands out of the noise floor.
+The strongest peak of the residual is taken first, fitted jointly with everything near it, and the
+search goes on with the new residual, until no peak stands out of the noise floor.
 """
 
 from __future__ import annotations
@@ -13,40 +14,60 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
-from microvib.signals.line_table import DETECTION, Uncertainty
-from microvib.signals.orders import Orders
+from microvib.signals.line_table import DETECTION_RATIO, Uncertainty
+from microvib.signals.orders import ClockOrders
 from microvib.signals.tone_kernel import REACH
-from microvib.signals.tones import NEAR, Joint, falling, steady
-from microvib.signals.uncertainties import uncertainties_alone
+from microvib.signals.tones import INTERACTION_DISTANCE, JointFit, decaying_tones, steady_tones
+from microvib.signals.uncertainties import isolated_uncertainties
 
 MAX_OTHERS = 12
-LEAST = 0.01  # fraction of the largest line above which an unexpected one is fitted
-FALLS = 0.1  # e-foldings over the record above which a tone counts as decaying
+MIN_RELATIVE_AMPLITUDE = (
+    0.01  # fraction of the largest line above which an unexpected one is fitted
+)
+MIN_DECAY_E_FOLDINGS = 0.1  # e-foldings over the record above which a tone counts as decaying
 _ATTEMPTS = 60
-_TOGETHER = 8  # array modes that are fitted at once
-_ALIKE = 0.7
-"""Distance from another tone [bins] below which a further one is not a line, but a change of that tone in the record."""
+_MAX_GROUP_SIZE = 8  # array modes that are fitted at once
+_SAME_TONE_DISTANCE = 0.7
+"""Distance from another tone [bins] below which a further one is not a line, but a change of that
+tone in the record.
+"""
 _MISFIT = 0.3
-"""Fraction of a decaying tone that may be misfit: with friction, a mode does not ring down exactly exponentially."""
+"""Fraction of a decaying tone that may be misfit: with friction, a mode does not ring down exactly
+exponentially.
+"""
 
-_FALLS_ALIKE = 0.1
-"""Part by which the decay of a sideband of a mode may be off that mode's: friction that both feel depends on their size."""
+_SIDEBAND_DECAY_TOLERANCE = 0.1
+"""Part by which the decay of a sideband of a mode may be off that mode's: friction that both feel
+depends on their size.
+"""
 
 
 def search(
-    joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, *, everywhere: bool = True
-) -> tuple[Joint, dict[str, str]]:
-    """Find ``modes`` and unexpected lines in the residual of ``joint``, the fit of the clock's lines; the strongest first.
+    joint: JointFit,
+    modes: Sequence[ExpectedLine],
+    orders: ClockOrders | None,
+    *,
+    everywhere: bool = True,
+) -> tuple[JointFit, dict[str, str]]:
+    """Find ``modes`` and unexpected lines in the residual of ``joint``, the fit of the clock's
+    lines; the strongest first.
 
-    If there are expected lines, unexpected ones are only sought with ``orders``, which tell them from lines of the clock. Without
-    ``everywhere`` they are only sought near other lines. The joint fit of everything found, and by their names the reasons why some
-    modes have no figures of their own.
+    If there are expected lines, unexpected ones are only sought with ``orders``, which tell them
+    from lines of the clock. Without ``everywhere`` they are only sought near other lines. The joint
+    fit of everything found, and by their names the reasons why some modes have no figures of their
+    own.
     """
     return _Search(joint, modes, orders, everywhere).found()
 
 
 class _Search:
-    def __init__(self, joint: Joint, modes: Sequence[ExpectedLine], orders: Orders | None, everywhere: bool) -> None:
+    def __init__(
+        self,
+        joint: JointFit,
+        modes: Sequence[ExpectedLine],
+        orders: ClockOrders | None,
+        everywhere: bool,
+    ) -> None:
         self.joint, self.orders = joint, orders
         self.unexpected = orders is not None or not (modes or len(joint.tones))
         self.duration = joint.spectrum.duration
@@ -57,13 +78,16 @@ class _Search:
         self.barred = np.zeros(size, dtype=bool)
         self.barred[:3] = True
         if not everywhere:
-            centres = np.concatenate([joint.tones.frequency, [m.frequency for m in modes]]) * self.duration
+            centres = (
+                np.concatenate([joint.tones.frequency, [m.frequency for m in modes]])
+                * self.duration
+            )
             near = np.zeros(size, dtype=bool)
             for centre in np.rint(centres).astype(int).tolist():
                 near[max(centre - REACH, 0) : centre + REACH + 1] = True
             self.barred |= ~near
 
-    def found(self) -> tuple[Joint, dict[str, str]]:
+    def found(self) -> tuple[JointFit, dict[str, str]]:
         for _ in range(_ATTEMPTS):
             k = self._highest()
             if k is None:
@@ -83,22 +107,26 @@ class _Search:
         magnitude = np.where(self.barred, 0.0, self.joint.rest.magnitude[: self.barred.size])
         while magnitude.size:
             k = int(np.argmax(magnitude))
-            if magnitude[k] < max(LEAST * top, 1e-12):
+            if magnitude[k] < max(MIN_RELATIVE_AMPLITUDE * top, 1e-12):
                 return None
-            if magnitude[k] > DETECTION * self.joint.rest.floor(k / self.duration):
+            if magnitude[k] > DETECTION_RATIO * self.joint.rest.floor(k / self.duration):
                 return k
             self.barred[max(k - 4, 0) : k + 5] = True
             magnitude[max(k - 4, 0) : k + 5] = 0.0
         return None
 
     def _fit_modes(self, group: list[ExpectedLine]) -> None:
-        """Fit the modes of a group together, dropping the weakest until all stand out; unseen ones stay where expected."""
+        """Fit the modes of a group together, dropping the weakest until all stand out; unseen ones
+        stay where expected.
+        """
         self.groups.remove(group)
         before, rest = self.joint, self.joint.rest
         peaks = [rest.peak(line.low, line.high) for line in group]
         floors = [rest.floor(line.frequency) for line in group]
         seen = [
-            line for line, (_, a), floor in zip(group, peaks, floors, strict=True) if a > DETECTION * floor and a > 0.0
+            line
+            for line, (_, a), floor in zip(group, peaks, floors, strict=True)
+            if a > DETECTION_RATIO * floor and a > 0.0
         ]
         wanted = list(group) if seen else []
         while wanted:
@@ -107,31 +135,38 @@ class _Search:
             mine = np.array([line.name in names for line in fit.tones.lines])
             size, floor = fit.sizes[mine], fit.rest.floors(fit.tones.frequency[mine])
             weakest = int(np.argmin(size / np.maximum(floor, 1e-300)))
-            if size[weakest] > DETECTION * floor[weakest]:
+            if size[weakest] > DETECTION_RATIO * floor[weakest]:
                 self.joint = fit
                 break
-            gone = [line.name for line, own in zip(fit.tones.lines, mine, strict=True) if own][weakest]
+            gone = [line.name for line, own in zip(fit.tones.lines, mine, strict=True) if own][
+                weakest
+            ]
             wanted = [line for line in wanted if line.name != gone]
         unseen = [line for line in group if line not in wanted]
         if unseen:
-            self.joint = self.joint.with_tones(steady(unseen))
+            self.joint = self.joint.with_tones(steady_tones(unseen))
         self._rename(wanted)
 
-    def _best_start(self, before: Joint, lines: list[ExpectedLine]) -> Joint:
-        """The joint fit of modes from their peaks, or from where they are expected, whichever leaves less."""
+    def _best_start(self, before: JointFit, lines: list[ExpectedLine]) -> JointFit:
+        """The joint fit of modes from their peaks, or from where they are expected, whichever
+        leaves less.
+        """
         peaks = np.array([before.rest.peak(line.low, line.high)[0] for line in lines])
         expected = np.array([line.frequency for line in lines])
-        starts = [peaks] if len(lines) == 1 else [expected]
+        if len(lines) == 1:
+            starts = [peaks]
+        else:
+            starts = [expected]
         if len(lines) > 1 and np.min(np.diff(np.sort(peaks)), initial=np.inf) * self.duration > 1.0:
             starts.append(peaks)
         decay = np.full(len(lines), 0.3 / self.duration)
-        fits = [before.with_tones(falling(lines, start, decay)) for start in starts]
+        fits = [before.with_tones(decaying_tones(lines, start, decay)) for start in starts]
         near = before.spectrum.near(expected)
         return min(fits, key=lambda fit: float(np.sum(np.abs(fit.rest.values[near]) ** 2)))
 
     def _rename(self, modes: list[ExpectedLine]) -> None:
-        """Array modes need evidence: decay, or a frequency off every simple order of the clock; and neither as a sideband of a
-        larger mode has. Others become unexpected lines."""
+        """Array modes need evidence: decay, or a frequency off every simple order of the clock; and
+        neither as a sideband of a larger mode has. Others become unexpected lines."""
         for line in modes:
             if self.orders is None:
                 continue
@@ -145,30 +180,48 @@ class _Search:
             elif name := self._beside(i, within, spread):
                 lines = list(self.joint.tones.lines)
                 lines[i] = self._other(frequency)
-                self.joint = replace(self.joint, tones=replace(self.joint.tones, lines=tuple(lines)))
+                self.joint = replace(
+                    self.joint, tones=replace(self.joint.tones, lines=tuple(lines))
+                )
             else:
                 continue
             self.refused[line.name] = f"not separable from {name}"
 
     def _beside(self, i: int, within: float, spread: Uncertainty) -> str | None:
-        """The clock's order about which tone ``i`` is a sideband that a larger mode may make: that far away, and falling alike."""
+        """The clock's order about which tone ``i`` is a sideband that a larger mode may make: that
+        far away, and falling alike.
+        """
         tones, sizes, modes = self.joint.tones, self.joint.sizes, {}
         for j, line in enumerate(tones.lines):
             if line.is_mode and sizes[j] > sizes[i] and self.orders:
                 own = self._spread(self.joint, j)
-                doubt = 3.0 * float(np.hypot(spread.decay[0], own.decay[0])) + _FALLS_ALIKE * abs(tones.decay[j])
+                doubt = 3.0 * float(
+                    np.hypot(spread.decay[0], own.decay[0])
+                ) + _SIDEBAND_DECAY_TOLERANCE * abs(tones.decay[j])
                 if abs(tones.decay[i] - tones.decay[j]) <= doubt:
-                    modes[line.name] = float(tones.frequency[j]), float(np.hypot(within, 3.0 * own.frequency[0]))
-        return self.orders.with_mode(float(tones.frequency[i]), modes) if self.orders else None
+                    modes[line.name] = (
+                        float(tones.frequency[j]),
+                        float(np.hypot(within, 3.0 * own.frequency[0])),
+                    )
+        if self.orders:
+            return self.orders.with_mode(float(tones.frequency[i]), modes)
+        return None
 
     def _fit_other(self, k: int) -> bool:
-        """Fit an unexpected line at bin ``k``, on the nearest order of the clock or anywhere; False if none fits."""
+        """Fit an unexpected line at bin ``k``, on the nearest order of the clock or anywhere; False
+        if none fits.
+        """
         if not self.unexpected or self.others >= MAX_OTHERS:
             return False
         at, height = self.joint.rest.peak(k / self.duration, k / self.duration, margin=0.0)
-        order = self.orders.whole(at, 0.3 / self.duration) if self.orders else None
-        if order is not None and not np.any(np.abs(self.joint.tones.frequency - order) * self.duration < 0.01):
-            fit = self.joint.with_tones(steady([self._other(order)]))
+        if self.orders:
+            order = self.orders.whole(at, 0.3 / self.duration)
+        else:
+            order = None
+        if order is not None and not np.any(
+            np.abs(self.joint.tones.frequency - order) * self.duration < 0.01
+        ):
+            fit = self.joint.with_tones(steady_tones([self._other(order)]))
             if self._explains(fit, k, height):
                 self.joint, self.others = fit, self.others + 1
                 return True
@@ -178,55 +231,73 @@ class _Search:
         self.joint, self.others = found, self.others + 1
         return True
 
-    def _steady_or_not(self, at: float, k: int, height: float) -> Joint | None:
-        """The fit with an unexpected tone near a frequency: a steady one if that explains the peak, otherwise a decaying one."""
-        one = falling([self._other(at)], np.array([at]), np.zeros(1))
+    def _steady_or_not(self, at: float, k: int, height: float) -> JointFit | None:
+        """The fit with an unexpected tone near a frequency: a steady one if that explains the peak,
+        otherwise a decaying one.
+        """
+        one = decaying_tones([self._other(at)], np.array([at]), np.zeros(1))
         held = self.joint.with_tones(replace(one, falls=np.zeros(1, dtype=bool)))
-        if self._explains(held, k, 0.1 * height) and not held.tones.limited[-1] and not self._is_change(held):
+        if (
+            self._explains(held, k, 0.1 * height)
+            and not held.tones.limited[-1]
+            and not self._is_change(held)
+        ):
             return held
         fit = self.joint.with_tones(replace(one, decay=np.array([0.3 / self.duration])))
         if fit.tones.limited[-1] or not self._explains(fit, k, height) or self._is_change(fit):
             return None
         fold = abs(fit.tones.decay[-1]) * self.duration
-        falls = fold > FALLS and fold > 3.0 * self._spread(fit, -1).decay[0] * self.duration
-        return fit if falls else held
+        falls = (
+            fold > MIN_DECAY_E_FOLDINGS
+            and fold > 3.0 * self._spread(fit, -1).decay[0] * self.duration
+        )
+        if falls:
+            return fit
+        return held
 
-    def _explains(self, fit: Joint, k: int, height: float) -> bool:
+    def _explains(self, fit: JointFit, k: int, height: float) -> bool:
         return float(np.max(np.abs(fit.rest.values[max(k - 1, 0) : k + 2]))) < 0.5 * height
 
-    def _is_change(self, fit: Joint) -> bool:
-        """Whether the last tone only compensates for another that changes, or does not decay exponentially."""
+    def _is_change(self, fit: JointFit) -> bool:
+        """Whether the last tone only compensates for another that changes, or does not decay
+        exponentially.
+        """
         tones, sizes = fit.tones, fit.sizes
         apart = np.abs(tones.frequency - tones.frequency[-1]) * self.duration
         apart[-1] = np.inf
         misfit = (apart < REACH) & tones.falls & (sizes[-1] < _MISFIT * sizes)
-        return bool(np.any(apart < _ALIKE) or np.any(misfit))
+        return bool(np.any(apart < _SAME_TONE_DISTANCE) or np.any(misfit))
 
     def _put(self, i: int, line: ExpectedLine) -> None:
         """Assign tone ``i`` to another line, and fit it again as a steady one."""
         tones = self.joint.tones
         keep = np.arange(len(tones)) != i
         local = self.joint.rest.without(tones.only(~keep), -self.joint.amplitudes[~keep])
-        without = Joint(self.joint.spectrum, tones.only(keep), self.joint.amplitudes[keep], local)
-        free = falling([line], tones.frequency[~keep], np.zeros(1))
+        without = JointFit(
+            self.joint.spectrum, tones.only(keep), self.joint.amplitudes[keep], local
+        )
+        free = decaying_tones([line], tones.frequency[~keep], np.zeros(1))
         self.joint = without.with_tones(replace(free, falls=np.zeros(1, dtype=bool)))
 
     def _other(self, frequency: float) -> ExpectedLine:
         bin_ = 1.0 / self.duration
-        return ExpectedLine(f"other at {frequency!r}", "other", frequency, frequency - bin_, frequency + bin_, "")
+        return ExpectedLine(
+            f"other at {frequency!r}", "other", frequency, frequency - bin_, frequency + bin_, ""
+        )
 
-    def _spread(self, fit: Joint, i: int) -> Uncertainty:
-        return uncertainties_alone(fit, [i])
+    def _spread(self, fit: JointFit, i: int) -> Uncertainty:
+        return isolated_uncertainties(fit, [i])
 
     def _holds(self, line: ExpectedLine, k: int) -> bool:
         return line.low * self.duration - 1.5 <= k <= line.high * self.duration + 1.5
 
 
 def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[ExpectedLine]]:
-    """Groups of modes whose bands are near each other, at most ``_TOGETHER``, since the work grows with the third power.
+    """Groups of modes whose bands are near each other, at most ``_MAX_GROUP_SIZE``, since the work
+    grows with the third power.
 
-    A longer row is split where its modes are farthest apart. A part is still fitted together with nearby modes of the others
-    that were found before.
+    A longer row is split where its modes are farthest apart. A part is still fitted together with
+    nearby modes of the others that were found before.
     """
     groups: list[list[ExpectedLine]] = []
     reach = -np.inf
@@ -234,15 +305,15 @@ def _groups(modes: Sequence[ExpectedLine], duration: float) -> list[list[Expecte
         if line.low * duration > reach:
             groups.append([])
         groups[-1].append(line)
-        reach = max(reach, max(line.high, line.frequency) * duration + NEAR)
-    return [part for group in groups for part in _parted(group)]
+        reach = max(reach, max(line.high, line.frequency) * duration + INTERACTION_DISTANCE)
+    return [part for group in groups for part in _split_group(group)]
 
 
-def _parted(row: list[ExpectedLine]) -> list[list[ExpectedLine]]:
-    """A row of modes, split into parts of at most ``_TOGETHER``."""
-    if len(row) <= _TOGETHER:
+def _split_group(row: list[ExpectedLine]) -> list[list[ExpectedLine]]:
+    """A row of modes, split into parts of at most ``_MAX_GROUP_SIZE``."""
+    if len(row) <= _MAX_GROUP_SIZE:
         return [row]
-    least = _TOGETHER // 2  # so that no part is a mere end of the row
+    least = _MAX_GROUP_SIZE // 2  # so that no part is a mere end of the row
     gaps = np.diff([line.frequency for line in row])[least - 1 : len(row) - least]
     cut = least + int(np.argmax(gaps))
-    return [*_parted(row[:cut]), *_parted(row[cut:])]
+    return [*_split_group(row[:cut]), *_split_group(row[cut:])]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from microvib.errors import LineError, did_you_mean, shown
-from microvib.model.expected import ExpectedLine, OfKind
+from microvib.errors import LineError, did_you_mean, quoted_value
+from microvib.model.expected import ExpectedLine, LineKindProperties
 from microvib.text_tables import text_table
 from microvib.units import pretty
 
@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
     from microvib.signals.unaccounted import Excess
 
-DETECTION = 6.0  # a line is seen when it stands this many times above the floor about it
-FAINT = "below the floor"  # status of a line that was looked for and not found
-DRIVEN = "driven by noise"  # status of a line that is another one with every draw of the noise
-_SEEN = ("ok", "decaying", "growing", DRIVEN)
+DETECTION_RATIO = 6.0  # a line is seen when it stands this many times above the floor about it
+BELOW_FLOOR = "below the floor"  # status of a line that was looked for and not found
+NOISE_DRIVEN = (
+    "driven by noise"  # status of a line that is another one with every draw of the noise
+)
+_DETECTED_STATUSES = ("ok", "decaying", "growing", NOISE_DRIVEN)
 """Statuses of lines that stand out and have figures of their own."""
 
 _IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
@@ -38,18 +40,22 @@ _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
 
 def _figure(value: float, form: str) -> str:
     """A figure of a table that is printed; empty where there is none."""
-    return "" if math.isnan(value) else format(value, form)
+    if math.isnan(value):
+        return ""
+    return format(value, form)
 
 
-def _same(one: Line | LineTable, other: Line | LineTable) -> bool:
-    """Whether two have the same figures, those that are not known (NaN) among them: a dataclass calls these different, or, before
-    Python 3.13, different where they are not one object."""
-    pairs = ((getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.compare)
+def _equal_with_nan(one: Line | LineTable, other: Line | LineTable) -> bool:
+    """Whether two have the same figures, those that are not known (NaN) among them: a dataclass
+    calls these different, or, before Python 3.13, different where they are not one object."""
+    pairs = (
+        (getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.compare
+    )
     return all(a == b or (a != a and b != b) for a, b in pairs)
 
 
 @dataclass(frozen=True)
-class Line(OfKind):
+class Line(LineKindProperties):
     """One line of a torque; amplitudes in N m, 0-to-peak."""
 
     line: str
@@ -77,7 +83,9 @@ class Line(OfKind):
     background_n_m: float = float("nan")
     """Amplitude of the background recording at this frequency; nan without one."""
     noise_mean_n_m: float = float("nan")
-    """Amplitude that noise alone gives the line, by the linearised drive: its mean over draws; nan without noise there."""
+    """Amplitude that noise alone gives the line, by the linearised drive: its mean over draws; nan
+    without noise there.
+    """
     noise_deviation_n_m: float = float("nan")
     """Its standard deviation."""
     noise_p95_n_m: float = float("nan")
@@ -86,15 +94,19 @@ class Line(OfKind):
     @property
     def seen(self) -> bool:
         """Whether it stands out and has figures of its own."""
-        return self.status in _SEEN
+        return self.status in _DETECTED_STATUSES
 
     @property
     def place_hz(self) -> float:
         """Where it is: its frequency, or where that was not found the expected one."""
-        return self.frequency_hz if math.isfinite(self.frequency_hz) else self.expected_hz
+        if math.isfinite(self.frequency_hz):
+            return self.frequency_hz
+        return self.expected_hz
 
     def __eq__(self, other: object) -> bool:
-        return _same(self, other) if isinstance(other, Line) else NotImplemented
+        if isinstance(other, Line):
+            return _equal_with_nan(self, other)
+        return NotImplemented
 
     def __hash__(self) -> int:
         return hash((self.line, self.kind))
@@ -102,18 +114,24 @@ class Line(OfKind):
     @property
     def hidden_n_m(self) -> float:
         """What it may have where its floor hides it; 0 where it does not."""
-        return DETECTION * self.floor_n_m if self.status == FAINT else 0.0
+        if self.status == BELOW_FLOOR:
+            return DETECTION_RATIO * self.floor_n_m
+        return 0.0
 
     @property
     def noise_doubt_n_m(self) -> float:
-        """Standard deviation of the amplitude over draws: of an envelope that noise alone makes; where the line has another cause,
-        of the noise's part in phase, which is larger."""
-        return self.noise_deviation_n_m * (1.0 if self.status in (DRIVEN, FAINT) else _IN_PHASE)
+        """Standard deviation of the amplitude over draws: of an envelope that noise alone makes;
+        where the line has another cause, of the noise's part in phase, which is larger."""
+        return self.noise_deviation_n_m * (
+            1.0 if self.status in (NOISE_DRIVEN, BELOW_FLOOR) else _IN_PHASE
+        )
 
     def starting(self, duration: float) -> float:
         """Amplitude [N m] at the first sample of a record of ``duration`` [s]."""
         fold = self.decay_per_s * duration
-        return self.amplitude_n_m * fold / -float(np.expm1(-fold)) if abs(fold) > 1e-9 else self.amplitude_n_m
+        if abs(fold) > 1e-9:
+            return self.amplitude_n_m * fold / -float(np.expm1(-fold))
+        return self.amplitude_n_m
 
 
 TWELFTH_OCTAVE = 2.0 ** (1.0 / 12.0) - 1.0
@@ -121,33 +139,41 @@ TWELFTH_OCTAVE = 2.0 ** (1.0 / 12.0) - 1.0
 
 
 @dataclass(frozen=True)
-class Rest:
-    """What no line of a table accounts for: the highest peak that is left in each twelfth of an octave, (m,) each."""
+class ResidualPeaks:
+    """What no line of a table accounts for: the highest peak that is left in each twelfth of an
+    octave, (m,) each.
+    """
 
     frequency: np.ndarray
     """[Hz]."""
     amplitude: np.ndarray
     """[N m], 0-to-peak."""
     floor: np.ndarray | None = None
-    """Floor there [N m], without lines: the median of bins 4 to 20 away; None of exact lines, which have none."""
+    """Floor there [N m], without lines: the median of bins 4 to 20 away; None of exact lines, which
+    have none.
+    """
     slow: float = 0.0
-    """Highest peak [N m] below all of them, at frequencies that the record is too short to tell from its mean and from each other;
-    0 of exact lines, which have none."""
+    """Highest peak [N m] below all of them, at frequencies that the record is too short to tell
+    from its mean and from each other; 0 of exact lines, which have none."""
 
     @classmethod
-    def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> Rest:
+    def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> ResidualPeaks:
         """The highest of peaks, or of bins, at each ``frequency`` (n,) above 0."""
         band = _twelfth_octave(frequency)
         order = np.argsort(band, kind="stable")
         parts = np.split(order, 1 + np.flatnonzero(np.diff(band[order])))
-        first = np.array([part[np.argmax(amplitude[part])] for part in parts if part.size], dtype=int)
+        first = np.array(
+            [part[np.argmax(amplitude[part])] for part in parts if part.size], dtype=int
+        )
         return cls(frequency[first], amplitude[first])
 
     def within(self, low: float, high: float) -> tuple[float, float]:
-        """Frequency [Hz] and amplitude [N m] of the highest peak between two frequencies [Hz]; 0 where nothing is left.
+        """Frequency [Hz] and amplitude [N m] of the highest peak between two frequencies [Hz]; 0
+        where nothing is left.
 
-        Where an end of the band cuts a twelfth of an octave, only the highest peak of the whole of it is known. A peak inside
-        the band may be as high as that one, which then counts although it may lie just outside.
+        Where an end of the band cuts a twelfth of an octave, only the highest peak of the whole of
+        it is known. A peak inside the band may be as high as that one, which then counts although
+        it may lie just outside.
         """
         if high < low:
             return low, 0.0
@@ -161,7 +187,9 @@ class Rest:
 
 
 def _twelfth_octave(frequency: np.ndarray) -> np.ndarray:
-    """Number of the twelfth of an octave in which each frequency [Hz] lies, as a float: infinite at 0 and at infinity."""
+    """Number of the twelfth of an octave in which each frequency [Hz] lies, as a float: infinite at
+    0 and at infinity.
+    """
     with np.errstate(divide="ignore"):
         return np.floor(12.0 * np.log2(frequency))
 
@@ -199,10 +227,12 @@ class LineTable:
     samples: int
     sample_rate: float
     unit: str = "N*m"
-    """Of all amplitudes, in place of N m where the lines are those of another channel than a torque."""
+    """Of all amplitudes, in place of N m where the lines are those of another channel than a
+    torque.
+    """
     harmonics: int = field(default=8, compare=False)
     """Members of each family of lines that were looked for."""
-    rest: Rest | None = field(default=None, compare=False)
+    rest: ResidualPeaks | None = field(default=None, compare=False)
     """What is left; None where that was not looked at."""
     excess: tuple[Excess, ...] = field(default=(), compare=False)
     """What a recording holds beyond its lines and its floor, band by band."""
@@ -211,10 +241,14 @@ class LineTable:
     broken: tuple[str, ...] = field(default=(), compare=False)
     """Invariants of the motion that do not hold, by name: no limit is judged by these lines."""
     seeds: tuple[SeedLine, ...] = field(default=(), compare=False)
-    """The lines over many draws of the noise, of which this table is the first; empty where none were run."""
+    """The lines over many draws of the noise, of which this table is the first; empty where none
+    were run.
+    """
 
     def __eq__(self, other: object) -> bool:
-        return _same(self, other) if isinstance(other, LineTable) else NotImplemented
+        if isinstance(other, LineTable):
+            return _equal_with_nan(self, other)
+        return NotImplemented
 
     def __hash__(self) -> int:
         return hash(self.lines)
@@ -227,7 +261,9 @@ class LineTable:
     @cached_property
     def largest(self) -> float:
         """Amplitude of the largest line that has one [N m]; 0 without any."""
-        return max((x.amplitude_n_m for x in self.lines if math.isfinite(x.amplitude_n_m)), default=0.0)
+        return max(
+            (x.amplitude_n_m for x in self.lines if math.isfinite(x.amplitude_n_m)), default=0.0
+        )
 
     def __iter__(self) -> Iterator[Line]:
         return iter(self.lines)
@@ -241,7 +277,8 @@ class LineTable:
                 return line
         names = self._ipython_key_completions_()
         raise LineError(
-            f"no line {shown(name)} in this table; {did_you_mean(str(name), names)}there are {', '.join(names) or 'none'}"
+            f"no line {quoted_value(name)} in this table; {did_you_mean(str(name), names)}there are"
+            f" {', '.join(names) or 'none'}"
         )
 
     def __str__(self) -> str:
@@ -282,23 +319,36 @@ class LineTable:
             for key in ("clock_ratio", "clock_ratio_uncertainty")
             if (value := getattr(self, key)) is not None
         }
-        return xr.Dataset(data, {"line": names}, {**found, "samples": self.samples, "sample_rate": self.sample_rate})
+        return xr.Dataset(
+            data,
+            {"line": names},
+            {**found, "samples": self.samples, "sample_rate": self.sample_rate},
+        )
 
     def to_dataframe(self) -> pd.DataFrame:
         """All figures, a row a line."""
         return self.to_xarray().to_dataframe()
 
     def _unit_of(self, column: str) -> str:
-        return next((self.unit if unit == "N*m" else unit for end, unit in _UNITS.items() if column.endswith(end)), "")
+        return next(
+            (
+                self.unit if unit == "N*m" else unit
+                for end, unit in _UNITS.items()
+                if column.endswith(end)
+            ),
+            "",
+        )
 
     def notable(self) -> tuple[Line, ...]:
-        """Lines worth a row in a report: without those below the floor, those below a thousandth of the largest, and
-        sidebands below a hundredth."""
-        top = max((x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0)
+        """Lines worth a row in a report: without those below the floor, those below a thousandth of
+        the largest, and sidebands below a hundredth."""
+        top = max(
+            (x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0
+        )
 
         def is_notable(x: Line) -> bool:
             least = 0.01 if x.kind == "sideband" else 1e-3
-            return x.status != FAINT and not x.amplitude_n_m < least * top
+            return x.status != BELOW_FLOOR and not x.amplitude_n_m < least * top
 
         return tuple(x for x in self.lines if is_notable(x))
 
@@ -309,7 +359,9 @@ class LineTable:
     def _text(self, shown: Sequence[Line], where: str) -> str:
         header, *rows = self._cells(shown)
         table = text_table(header, rows, left=1, last_left=True)
-        return "\n".join(filter(None, [table, self._left_out(shown, where), self._over_seeds(shown)]))
+        return "\n".join(
+            filter(None, [table, self._left_out(shown, where), self._over_seeds(shown)])
+        )
 
     def _over_seeds(self, shown: Sequence[Line]) -> str:
         """Mean, deviation and 95 % quantile over the draws of the noise."""
@@ -317,12 +369,22 @@ class LineTable:
         rows = []
         for x in self.seeds:
             if x.line in names:
-                high = "?" if np.isnan(x.p95_high_n_m) else f"{x.p95_high_n_m:.4e}"
+                if np.isnan(x.p95_high_n_m):
+                    high = "?"
+                else:
+                    high = f"{x.p95_high_n_m:.4e}"
                 figures = (f"{figure:.4e}" for figure in (x.mean_n_m, x.deviation_n_m, x.p95_n_m))
                 rows.append((x.line, str(x.draws), *figures, f"{x.p95_low_n_m:.4e} to {high}"))
         if not rows:
             return ""
-        header = ("line", "draws", "mean", "deviation", "95 %", f"95 % lies within ({pretty(self.unit)})")
+        header = (
+            "line",
+            "draws",
+            "mean",
+            "deviation",
+            "95 %",
+            f"95 % lies within ({pretty(self.unit)})",
+        )
         return f"\n{text_table(header, rows, left=1, last_left=True)}"
 
     def _cells(self, shown: Sequence[Line]) -> Iterator[Sequence[str]]:
@@ -331,12 +393,18 @@ class LineTable:
         yield "line", "expected Hz", "Hz", unit, "bin Hz", f"bin {unit}", "status"
         for x in shown:
             hertz = _figure(x.expected_hz, ".5f"), _figure(x.frequency_hz, ".5f")
-            figures = _figure(x.amplitude_n_m, ".4e"), f"{x.bin_frequency_hz:.4f}", _figure(x.bin_amplitude_n_m, ".4e")
+            figures = (
+                _figure(x.amplitude_n_m, ".4e"),
+                f"{x.bin_frequency_hz:.4f}",
+                _figure(x.bin_amplitude_n_m, ".4e"),
+            )
             yield x.line, *hertz, *figures, x.status
 
     def _left_out(self, shown: Sequence[Line], where: str) -> str:
         left = len(self.lines) - len(shown)
-        return f"and {left} small ones {where}" if left else ""
+        if left:
+            return f"and {left} small ones {where}"
+        return ""
 
 
 @dataclass(frozen=True)
@@ -350,8 +418,10 @@ class Uncertainty:
 
 
 @dataclass(frozen=True)
-class Figures:
-    """Figures of expected lines as arrays, (lines,) each, in the units of a ``Line``; nan where a line is not estimated."""
+class LineEstimates:
+    """Figures of expected lines as arrays, (lines,) each, in the units of a ``Line``; nan where a
+    line is not estimated.
+    """
 
     expected: tuple[ExpectedLine, ...]
     status: tuple[str, ...]

@@ -14,9 +14,9 @@ _LARGEST = 8  # denominator of the fractions that names are made of
 
 
 @dataclass(frozen=True)
-class Orders:
-    """The step clock that a record shows: frequencies [Hz] of microsteps and of full steps (detent periods), None where there are
-    none, and what the latter are called."""
+class ClockOrders:
+    """The step clock that a record shows: frequencies [Hz] of microsteps and of full steps (detent
+    periods), None where there are none, and what the latter are called."""
 
     drive: float
     full_step: float | None
@@ -25,18 +25,35 @@ class Orders:
     """Full steps per electrical period."""
 
     @classmethod
-    def of(cls, expected: Sequence[ExpectedLine], ratio: float | None) -> Orders | None:
+    def of(cls, expected: Sequence[ExpectedLine], ratio: float | None) -> ClockOrders | None:
         """Those of the ``expected`` lines at a clock ratio; None without a clock."""
-        found = {line.name: line for line in expected if line.name in ("drive_1", "full_step_1", "electrical_1")}
+        found = {
+            line.name: line
+            for line in expected
+            if line.name in ("drive_1", "full_step_1", "electrical_1")
+        }
         if "drive_1" not in found or ratio is None:
             return None
         full = found.get("full_step_1")
-        word = full.origin.partition(",")[0] if full else "full step"
-        steps = round(full.frequency / found["electrical_1"].frequency) if full and "electrical_1" in found else 4
-        return cls(found["drive_1"].frequency * ratio, full.frequency * ratio if full else None, word, steps)
+        if full:
+            word = full.origin.partition(",")[0]
+        else:
+            word = "full step"
+        if full and "electrical_1" in found:
+            steps = round(full.frequency / found["electrical_1"].frequency)
+        else:
+            steps = 4
+        return cls(
+            found["drive_1"].frequency * ratio,
+            full.frequency * ratio if full else None,
+            word,
+            steps,
+        )
 
     def whole(self, frequency: float, within: float) -> float | None:
-        """The frequency [Hz] of the whole order of microsteps or full steps that is ``within`` so many Hz of this one."""
+        """The frequency [Hz] of the whole order of microsteps or full steps that is ``within`` so
+        many Hz of this one.
+        """
         for base in (self.drive, self.full_step):
             k = round(frequency / base) if base else 0
             if base and k > 0 and base > 4.0 * within and abs(frequency - k * base) <= within:
@@ -44,8 +61,8 @@ class Orders:
         return None
 
     def name(self, frequency: float, within: float) -> str | None:
-        """The simplest order that lies ``within`` so many Hz of a frequency; None if there is none, or where one lay as near any
-        frequency by chance."""
+        """The simplest order that lies ``within`` so many Hz of a frequency; None if there is none,
+        or where one lay as near any frequency by chance."""
         hits: list[tuple[int, int, str]] = []
         for rank, (base, words) in enumerate(self._families()):
             for q in range(1, _LARGEST + 1):
@@ -54,23 +71,37 @@ class Orders:
                     chance = 2.0 * within * sum(_coprime(i) for i in range(1, q + 1)) / base
                     if chance < _CHANCE:
                         hits.append((q, rank, words(p, q)))
-        return min(hits)[2] if hits else None
+        if hits:
+            return min(hits)[2]
+        return None
 
     def with_mode(self, frequency: float, modes: Mapping[str, tuple[float, float]]) -> str | None:
-        """The order of the clock and the mode whose sum or difference a frequency is; None if there is none, or where one lay as
-        near any frequency by chance. ``modes``: by name their frequencies [Hz], and within what a sum must agree."""
-        base = self.full_step / self.steps if self.full_step else self.drive
+        """The order of the clock and the mode whose sum or difference a frequency is; None if there
+        is none, or where one lay as near any frequency by chance. ``modes``: by name their
+        frequencies [Hz], and within what a sum must agree."""
+        if self.full_step:
+            base = self.full_step / self.steps
+        else:
+            base = self.drive
         for mode, (own, within) in modes.items():
             for word, shifted in (("plus", frequency - own), ("less", frequency + own)):
                 order = round(shifted / base) * base
-                if order > 0.0 and abs(shifted - order) <= within and 4.0 * within * len(modes) < _CHANCE * base:
+                if (
+                    order > 0.0
+                    and abs(shifted - order) <= within
+                    and 4.0 * within * len(modes) < _CHANCE * base
+                ):
                     return f"{self.name(order, 1e-6 * base)} {word} {mode}"
         return None
 
     def _families(self) -> Iterable[tuple[float, Callable[[int, int], str]]]:
         yield (
             self.drive,
-            lambda p, q: f"{p}/{q} of the driving frequency" if q > 1 else f"order {p} of the driving frequency",
+            lambda p, q: (
+                f"{p}/{q} of the driving frequency"
+                if q > 1
+                else f"order {p} of the driving frequency"
+            ),
         )
         if self.full_step:
             yield self.full_step, self._of_full_step

@@ -1,7 +1,8 @@
-"""Pointing errors over windows of time: exact weights on lines and densities, amplitudes at which they exceed, blur (MTF).
+"""Pointing errors over windows of time: exact weights on lines and densities, amplitudes at which
+they exceed, blur (MTF).
 
-A window of T sees a motion of frequency f with the weights that follow from averaging over all phases; with u = pi f T and the
-spherical Bessel functions j_n they are
+A window of T sees a motion of frequency f with the weights that follow from averaging over all
+phases; with u = pi f T and the spherical Bessel functions j_n they are
 
     ape        1                             the motion itself
     mpe        j_0(u)^2                      its mean over the window (displacement)
@@ -11,7 +12,8 @@ spherical Bessel functions j_n they are
     stability  2 (1 - cos 2 pi f T_s)        change from one instant to another T_s later
     pde        2 (1 - cos 2 pi f T_s) j_0^2  change of the mean from one window to another that begins T_s later
 
-on the mean square, A^2/2 of a line or a one-sided density over frequency. Names are those of ECSS-E-ST-60-10C. Angles are in rad.
+on the mean square, A^2/2 of a line or a one-sided density over frequency. Names are those of
+ECSS-E-ST-60-10C. Angles are in rad.
 """
 
 from __future__ import annotations
@@ -29,9 +31,14 @@ from microvib.signals.in_step import bases
 Metric = Literal["ape", "mpe", "rpe", "smear", "jitter", "stability", "pde"]
 METRICS: tuple[Metric, ...] = get_args(Metric)
 
-_TERMS = 14  # terms of the sum over (2 n + 1) j_n(u)^2, which is 1; at u < 1 the next is below 1e-40
-_PER_PERIOD = 16.0  # pieces in which a density is integrated, for each period that a weight goes through
-_FAST = 1e4  # periods within a window from which on a weight is its mean over a period, within 1e-9 of 1
+_TERMS = (
+    14  # terms of the sum over (2 n + 1) j_n(u)^2, which is 1; at u < 1 the next is below 1e-40
+)
+_PER_PERIOD = (
+    16.0  # pieces in which a density is integrated, for each period that a weight goes through
+)
+# periods within a window from which on a weight is its mean over a period, within 1e-9 of 1
+_FAST = 1e4
 _MEAN: dict[Metric, float] = {
     "ape": 1.0,
     "rpe": 1.0,
@@ -53,18 +60,23 @@ _INSTANTS = (
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
 _AT_ONCE = 4_000_000  # instants times lines that are summed at a time
 _HALVINGS = 60  # of the interval in which a level lies
-MIDDLES, EVERYWHERE = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
+MIDPOINT_INSTANTS, UNIFORM_INSTANTS = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
 """Instants in half a window."""
 
 
-def weight(metric: Metric, frequency: np.ndarray | float, window: float, apart: float | None = None) -> np.ndarray:
-    """Weight of ``metric`` on the mean square at ``frequency`` [Hz], any shape, for a ``window`` T [s].
+def metric_weight(
+    metric: Metric, frequency: np.ndarray | float, window: float, apart: float | None = None
+) -> np.ndarray:
+    """Weight of ``metric`` on the mean square at ``frequency`` [Hz], any shape, for a ``window`` T
+    [s].
 
-    ``apart`` is T_s [s] of stability and pde, from the start of one window to that of the next; without it they are adjacent, T.
+    ``apart`` is T_s [s] of stability and pde, from the start of one window to that of the next;
+    without it they are adjacent, T.
     """
     if not window > 0.0 or not math.isfinite(window) or (apart is not None and not apart > 0.0):
         raise MicrovibError(
-            f"window: {window:g} s (apart: {apart}) is not allowed; times greater than 0 s are expected"
+            f"window: {window:g} s (apart: {apart}) is not allowed; times greater than 0 s are"
+            " expected"
         )
     f = np.asarray(frequency, dtype=float)
     u = np.pi * np.abs(f) * window
@@ -78,7 +90,9 @@ def weight(metric: Metric, frequency: np.ndarray | float, window: float, apart: 
     if metric in ("rpe", "jitter"):
         return _beyond(1 if metric == "rpe" else 2, u, mean)
     change = 4.0 * np.sin(np.pi * f * (window if apart is None else apart)) ** 2
-    return change if metric == "stability" else change * mean
+    if metric == "stability":
+        return change
+    return change * mean
 
 
 def _spherical(order: int, u: np.ndarray) -> np.ndarray:
@@ -88,8 +102,13 @@ def _spherical(order: int, u: np.ndarray) -> np.ndarray:
 
 
 def _beyond(first: int, u: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """1 less the first ``first`` terms of the sum of (2 n + 1) j_n(u)^2; the others where u is small and the difference is lost."""
-    left = 1.0 - mean if first == 1 else 1.0 - mean - 3.0 * _spherical(1, u) ** 2
+    """1 less the first ``first`` terms of the sum of (2 n + 1) j_n(u)^2; the others where u is
+    small and the difference is lost.
+    """
+    if first == 1:
+        left = 1.0 - mean
+    else:
+        left = 1.0 - mean - 3.0 * _spherical(1, u) ** 2
     small = u < 1.0
     if np.any(small):
         terms = sum((2 * n + 1) * _spherical(n, u[small]) ** 2 for n in range(first, _TERMS))
@@ -105,24 +124,37 @@ def mean_square_of_lines(
     window: float,
     apart: float | None = None,
 ) -> np.ndarray:
-    """Mean square [rad^2] of each line of ``amplitude`` 0-to-peak (k, ...) at ``frequency`` (k,) [Hz] in a ``window`` [s]."""
+    """Mean square [rad^2] of each line of ``amplitude`` 0-to-peak (k, ...) at ``frequency`` (k,)
+    [Hz] in a ``window`` [s].
+    """
     amplitude = np.asarray(amplitude, dtype=float)
-    w = weight(metric, frequency, window, apart)
+    w = metric_weight(metric, frequency, window, apart)
     return np.asarray(w.reshape(w.shape + (1,) * (amplitude.ndim - w.ndim)) * 0.5 * amplitude**2)
 
 
 def mean_square_of_density(
-    metric: Metric, frequency: np.ndarray, density: np.ndarray, window: float, apart: float | None = None
+    metric: Metric,
+    frequency: np.ndarray,
+    density: np.ndarray,
+    window: float,
+    apart: float | None = None,
 ) -> float:
-    """Mean square [rad^2] of a one-sided ``density`` (n,) [rad^2/Hz], linear between the frequencies (n,) [Hz], ascending.
+    """Mean square [rad^2] of a one-sided ``density`` (n,) [rad^2/Hz], linear between the
+    frequencies (n,) [Hz], ascending.
 
-    Nothing is assumed outside them. The weight is integrated as finely as it varies. Raises MicrovibError.
+    Nothing is assumed outside them. The weight is integrated as finely as it varies. Raises
+    MicrovibError.
     """
     f, S = np.asarray(frequency, dtype=float), np.asarray(density, dtype=float)
     if f.ndim != 1 or f.shape != S.shape or f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0:
-        raise MicrovibError("density: frequencies that ascend from 0 Hz or more are expected, and a density for each")
+        raise MicrovibError(
+            "density: frequencies that ascend from 0 Hz or more are expected, and a density for"
+            " each"
+        )
     if np.any(S < 0.0) or not np.all(np.isfinite(S)):
-        raise MicrovibError("density: a value is negative or not finite; rad^2/Hz of 0 or more are expected")
+        raise MicrovibError(
+            "density: a value is negative or not finite; rad^2/Hz of 0 or more are expected"
+        )
     if metric in ("stability", "pde") and apart is not None and f[-1] * apart > 1.000001 * _FAST:
         # Instants far apart: beyond so many periods they have nothing to do with each other.
         here = max(min(_FAST / apart, f[-1]), f[0])
@@ -144,7 +176,8 @@ def mean_square_of_density(
     pieces = np.maximum(np.ceil(np.diff(f) * longest * _PER_PERIOD), 1.0)
     if pieces.sum() > _MOST_PIECES:
         raise MicrovibError(
-            f"window: {longest:g} s with a density up to {f[-1]:g} Hz takes {pieces.sum():.2g} pieces; at most"
+            f"window: {longest:g} s with a density up to {f[-1]:g} Hz takes {pieces.sum():.2g}"
+            " pieces; at most"
             f" {_MOST_PIECES:.0e} are allowed; cut the density above, or shorten the window"
         )
     count = pieces.astype(int)
@@ -153,23 +186,31 @@ def mean_square_of_density(
     total = beyond
     for part in np.array_split(np.arange(interval.size), max(interval.size // 200_000, 1)):
         k = interval[part]
-        done = (part - (np.cumsum(count) - count)[k]) / count[k]  # part of the interval before the piece
+        done = (part - (np.cumsum(count) - count)[k]) / count[
+            k
+        ]  # part of the interval before the piece
         u = done[:, None] + 0.5 * (1.0 + nodes) / count[k, None]
         at = f[k, None] + u * np.diff(f)[k, None]
         value = S[k, None] + u * np.diff(S)[k, None]
         width = (np.diff(f) / count)[k]
-        total += float(width @ ((value * weight(metric, at, window, apart)) @ (0.5 * shares)))
+        total += float(
+            width @ ((value * metric_weight(metric, at, window, apart)) @ (0.5 * shares))
+        )
     return total
 
 
-def cumulative_rms(frequency: np.ndarray, density: np.ndarray, *, falling: bool = False) -> np.ndarray:
-    """Root of the integral of a one-sided ``density`` (n,) from the lowest frequency up to each, or down from the highest, (n,)."""
+def cumulative_rms(
+    frequency: np.ndarray, density: np.ndarray, *, falling: bool = False
+) -> np.ndarray:
+    """Root of the integral of a one-sided ``density`` (n,) from the lowest frequency up to each, or
+    down from the highest, (n,).
+    """
     f, S = np.asarray(frequency, dtype=float), np.asarray(density, dtype=float)
     steps = np.concatenate([[0.0], np.cumsum(0.5 * (S[1:] + S[:-1]) * np.diff(f))])
     return np.asarray(np.sqrt(np.maximum(steps[-1] - steps if falling else steps, 0.0)))
 
 
-def radial(mean_squares: np.ndarray) -> np.ndarray:
+def radial_rms(mean_squares: np.ndarray) -> np.ndarray:
     """Root mean square of the distance from the axis, from mean squares about both axes (..., 2)."""
     return np.asarray(np.sqrt(np.sum(mean_squares, axis=-1)))
 
@@ -179,7 +220,9 @@ def radial(mean_squares: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Distribution:
-    """How the sum of lines and noise is spread over time, in rows: equal shares of the time with amplitudes of their own."""
+    """How the sum of lines and noise is spread over time, in rows: equal shares of the time with
+    amplitudes of their own.
+    """
 
     angle: np.ndarray
     """[rad], ascending from 0, (m,), up to what is hardly ever passed."""
@@ -189,28 +232,36 @@ class Distribution:
     def within(self, confidence: float, beside: np.ndarray | float = 0.0) -> float:
         """Angle [rad] that it stays within for a part ``confidence`` of the time.
 
-        ``beside`` (n,) [rad] is what there is at most besides, of which neither phases nor frequencies are known: the angle then is
-        the one that all together surely stay within; where ``beside`` is negative, the one that they surely pass for the rest of
-        the time, 0 where there is none.
+        ``beside`` (n,) [rad] is what there is at most besides, of which neither phases nor
+        frequencies are known: the angle then is the one that all together surely stay within; where
+        ``beside`` is negative, the one that they surely pass for the rest of the time, 0 where
+        there is none.
         """
         if not 0.0 < confidence < 1.0:
-            raise MicrovibError(f"confidence: {confidence:g} is not allowed; a part between 0 and 1 is expected")
+            raise MicrovibError(
+                f"confidence: {confidence:g} is not allowed; a part between 0 and 1 is expected"
+            )
         other = np.broadcast_to(beside, len(self.inside))
         low, high = 0.0, max(float(self.angle[-1] + other.max()), 0.0)
         if self._part(0.0, other) >= confidence:
             return 0.0
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._part(middle, other) < confidence else (low, middle)
+            if self._part(middle, other) < confidence:
+                low, high = (middle, high)
+            else:
+                low, high = (low, middle)
         return high
 
     def _part(self, angle: float, beside: np.ndarray) -> float:
         """Part of the time within an angle, less what is ``beside`` (n,)."""
         rows = zip(angle - beside, self.inside, strict=True)
-        return float(np.mean([np.interp(x, self.angle, row) if x >= 0.0 else 0.0 for x, row in rows]))
+        return float(
+            np.mean([np.interp(x, self.angle, row) if x >= 0.0 else 0.0 for x, row in rows])
+        )
 
 
-def level(
+def confidence_level_angle(
     amplitudes: Sequence[float] | np.ndarray,
     sigma: float,
     confidence: float = 0.997,
@@ -218,7 +269,8 @@ def level(
     frequency: np.ndarray | None = None,
     clock: np.ndarray | None = None,
 ) -> float:
-    """Angle [rad] that the sum of lines and Gaussian noise stays within for a part ``confidence`` of the time.
+    """Angle [rad] that the sum of lines and Gaussian noise stays within for a part ``confidence``
+    of the time.
 
     Of lines and noise as ``distribution`` takes them.
     """
@@ -234,17 +286,21 @@ def distribution(
 ) -> Distribution:
     """How the sum of lines and Gaussian noise is spread over time.
 
-    ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of the noise. Several rows (n, k)
-    are equal shares of the time with amplitudes of their own. The densities are convolved as products of their characteristic
-    functions, J_0(x A) and exp(-(x sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle.
-    Lines of one ``clock`` (k,), a number of 0 or more, keep their phases to each other where they are harmonics
-    (``in_step.bases``): with their complex amplitudes and their ``frequency`` (k,) [Hz] the density of their sum takes the place
-    of theirs. Those that are none drift, and count as unrelated.
+    ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of
+    the noise. Several rows (n, k) are equal shares of the time with amplitudes of their own. The
+    densities are convolved as products of their characteristic functions, J_0(x A) and exp(-(x
+    sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle. Lines
+    of one ``clock`` (k,), a number of 0 or more, keep their phases to each other where they are
+    harmonics (``in_step.bases``): with their complex amplitudes and their ``frequency`` (k,) [Hz]
+    the density of their sum takes the place of theirs. Those that are none drift, and count as
+    unrelated.
     """
     moved = np.atleast_2d(np.asarray(amplitudes))
     lines = np.abs(moved)
-    f, of = (np.full(lines.shape[1], -1) if x is None else np.asarray(x) for x in (frequency, clock))
-    small = _small(lines, of)
+    f, of = (
+        np.full(lines.shape[1], -1) if x is None else np.asarray(x) for x in (frequency, clock)
+    )
+    small = _lines_counted_as_noise(lines, of)
     sigma = math.hypot(sigma, math.sqrt(0.5 * float(np.mean(np.sum(lines[:, small] ** 2, axis=1)))))
     lines, moved, f, of = lines[:, ~small], moved[:, ~small], f[~small], of[~small]
     reach = 1.02 * (float(lines.sum(axis=1).max(initial=0.0)) + 8.0 * sigma)
@@ -256,7 +312,8 @@ def distribution(
         return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)))
     from scipy.special import j0
 
-    # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi n/L; its integral from -x to x.
+    # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi
+    # n/L; its integral from -x to x.
     n = np.arange(1, _TERMS_OF_LEVEL)
     at = np.pi * n / reach
     each, alone = np.ones((lines.shape[0], at.size)), of < 0
@@ -276,9 +333,9 @@ def distribution(
     return Distribution(reach * x, np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0))
 
 
-def _small(lines: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """Which of the lines (n, k) count as noise of their mean square, (k,): of a ``clock`` (k,) only as many as together, at their
-    crests, are that small, for they may all crest at once."""
+def _lines_counted_as_noise(lines: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Which of the lines (n, k) count as noise of their mean square, (k,): of a ``clock`` (k,) only
+    as many as together, at their crests, are that small, for they may all crest at once."""
     crests = lines.max(axis=0, initial=0.0)
     most = _SMALL * crests.max(initial=0.0)
     small = np.asarray(crests < most)
@@ -290,7 +347,9 @@ def _small(lines: np.ndarray, clock: np.ndarray) -> np.ndarray:
 
 
 def _instants(orders: np.ndarray) -> int:
-    """Number of instants at which no two of the harmonics (k,) are one, and none is still: a prime, so that none skips any."""
+    """Number of instants at which no two of the harmonics (k,) are one, and none is still: a prime,
+    so that none skips any.
+    """
     for instants in _INSTANTS:
         left = orders % instants
         seen = np.minimum(left, instants - left)
@@ -300,7 +359,8 @@ def _instants(orders: np.ndarray) -> int:
 
 
 def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.ndarray:
-    """Even part of the characteristic function of the sum of lines that keep their phases, at pi n/``half``, of each row (m, k).
+    """Even part of the characteristic function of the sum of lines that keep their phases, at pi
+    n/``half``, of each row (m, k).
 
     They are the harmonics ``ratio`` (k,), whole numbers but for rounding, of what they repeat with.
     """
@@ -308,31 +368,38 @@ def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.nd
     instants = _instants(orders)
     parts = np.array_split(np.arange(instants), max(instants * ratio.size // _AT_ONCE, 1))
     sums = np.vstack(
-        [(np.exp(2j * np.pi / instants * (np.outer(part, orders) % instants)) @ rows.T).real for part in parts]
+        [
+            (np.exp(2j * np.pi / instants * (np.outer(part, orders) % instants)) @ rows.T).real
+            for part in parts
+        ]
     )
     cells, found = 2 * _TERMS_OF_LEVEL, []
     for moved in sums.T:
         place = (moved / half + 1.0) * _TERMS_OF_LEVEL
         left = np.floor(place).astype(int)
         share = place - left
-        density = np.bincount(left, 1.0 - share, cells) + np.bincount((left + 1) % cells, share, cells)
+        density = np.bincount(left, 1.0 - share, cells) + np.bincount(
+            (left + 1) % cells, share, cells
+        )
         found.append(np.fft.fft(density)[1:_TERMS_OF_LEVEL].real / instants)
     return np.array(found) * (-1.0) ** np.arange(1, _TERMS_OF_LEVEL)
 
 
-def in_window(
+def windowed_amplitudes(
     metric: Metric,
     frequency: np.ndarray,
     amplitude: np.ndarray,
     window: float,
     apart: float | None = None,
-    instants: np.ndarray = MIDDLES,
+    instants: np.ndarray = MIDPOINT_INSTANTS,
 ) -> np.ndarray:
-    """Complex amplitudes [rad] that lines (k,), 0-to-peak, have in a window, (n, k): rows for ``level`` and ``bound``.
+    """Complex amplitudes [rad] that lines (k,), 0-to-peak, have in a window, (n, k): rows for
+    ``confidence_level_angle`` and ``worst_case_angle``.
 
-    What moves about the mean or the fitted line is not the same throughout a window: rows are ``instants`` in it, from 0 in its
-    middle to 1 at its end, and from -1 for lines that keep their phases, which tell both halves apart. MIDDLES have equal shares
-    of the time, as ``level`` takes them; EVERYWHERE is for ``bound``.
+    What moves about the mean or the fitted line is not the same throughout a window: rows are
+    ``instants`` in it, from 0 in its middle to 1 at its end, and from -1 for lines that keep their
+    phases, which tell both halves apart. MIDDLES have equal shares of the time, as
+    ``confidence_level_angle`` takes them; EVERYWHERE is for ``worst_case_angle``.
     """
     A, f = np.asarray(amplitude), np.asarray(frequency, dtype=float)
     u = np.pi * f * window
@@ -343,20 +410,31 @@ def in_window(
     tau = instants[:, None]
     slope = 3.0j * _spherical(1, u) * tau
     about = {"smear": slope, "rpe": np.exp(1j * u * tau) - np.sinc(u / np.pi)}
-    moved = about[metric] if metric in about else about["rpe"] - slope
+    if metric in about:
+        moved = about[metric]
+    else:
+        moved = about["rpe"] - slope
     return np.asarray(A * moved)
 
 
-def bound(amplitudes: Sequence[float] | np.ndarray, sigma: float, sigmas: float = 3.0) -> float:
-    """Angle [rad] that is passed only by the noise's own excess: all lines at their crests, and ``sigmas`` sigma of noise."""
-    return float(np.sum(np.abs(np.atleast_2d(amplitudes)), axis=1).max(initial=0.0)) + sigmas * sigma
+def worst_case_angle(
+    amplitudes: Sequence[float] | np.ndarray, sigma: float, sigmas: float = 3.0
+) -> float:
+    """Angle [rad] that is passed only by the noise's own excess: all lines at their crests, and
+    ``sigmas`` sigma of noise.
+    """
+    return (
+        float(np.sum(np.abs(np.atleast_2d(amplitudes)), axis=1).max(initial=0.0)) + sigmas * sigma
+    )
 
 
 # ---- Image: modulation transfer ----
 
 
 def transfer_of_line(amplitude: float, nu: np.ndarray | float) -> np.ndarray:
-    """MTF of a sinusoidal motion of ``amplitude`` [rad], fast against the exposure, at ``nu`` [cycles/rad]."""
+    """MTF of a sinusoidal motion of ``amplitude`` [rad], fast against the exposure, at ``nu``
+    [cycles/rad].
+    """
     from scipy.special import j0
 
     return np.asarray(j0(2.0 * np.pi * amplitude * np.asarray(nu, dtype=float)))
@@ -380,10 +458,12 @@ def transfer_in_window(
     nu: np.ndarray | float,
     smear: float = 0.0,
 ) -> np.ndarray:
-    """MTF of lines and noise in an exposure of ``window`` [s]: of each line its jitter as a sinusoid, of all together the smear.
+    """MTF of lines and noise in an exposure of ``window`` [s]: of each line its jitter as a
+    sinusoid, of all together the smear.
 
-    The smear's length is that of a steady motion with the same mean square, sqrt(12 x mean square); the lines' phases count as
-    unrelated. ``sigma`` is the noise's jitter in this window, ``smear`` the rms of its straight-line motion.
+    The smear's length is that of a steady motion with the same mean square, sqrt(12 x mean square);
+    the lines' phases count as unrelated. ``sigma`` is the noise's jitter in this window, ``smear``
+    the rms of its straight-line motion.
     """
     jitter = np.sqrt(2.0 * mean_square_of_lines("jitter", frequency, amplitude, window))
     straight = float(np.sum(mean_square_of_lines("smear", frequency, amplitude, window)))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 
-def outline(f: np.ndarray, y: np.ndarray, points: int, log: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def decimate_spectrum(
+    f: np.ndarray, y: np.ndarray, points: int, log: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """A spectrum in at most ``points`` bins, for a screen.
 
-    Where there are more, the smallest and the largest of each group of neighbours, at their own frequencies: the largest alone
-    would lift the floor. Groups are equally wide on a linear axis of frequency or, with ``log``, on a logarithmic one, where
-    groups of equally many bins would make a plateau of each line at low frequencies.
+    Where there are more, the smallest and the largest of each group of neighbours, at their own
+    frequencies: the largest alone would lift the floor. Groups are equally wide on a linear axis of
+    frequency or, with ``log``, on a logarithmic one, where groups of equally many bins would make a
+    plateau of each line at low frequencies.
     """
     if f.size <= points:
         return f, y
@@ -22,12 +25,18 @@ def outline(f: np.ndarray, y: np.ndarray, points: int, log: bool = False) -> tup
 
 
 def _ends(y: np.ndarray, a: int, b: int) -> list[int]:
-    """Bins of the smallest and the largest from ``a`` to ``b``, in order; of two bins both, also where they are alike."""
-    return [a, a + 1] if b - a == 2 else sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})
+    """Bins of the smallest and the largest from ``a`` to ``b``, in order; of two bins both, also
+    where they are alike.
+    """
+    if b - a == 2:
+        return [a, a + 1]
+    return sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})
 
 
 def _log_starts(f: np.ndarray, groups: int) -> np.ndarray:
-    """First bins of groups that are equally wide on a logarithmic axis; the bin at zero belongs to the first."""
+    """First bins of groups that are equally wide on a logarithmic axis; the bin at zero belongs to
+    the first.
+    """
     edges = np.geomspace(f[f > 0.0][0], f[-1], groups, endpoint=False)
     return np.concatenate([[0], np.searchsorted(f, edges[1:])])
 

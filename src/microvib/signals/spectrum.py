@@ -1,4 +1,6 @@
-"""Spectra, one-sided, each with what it was made by: amplitude, density, cumulative, waterfall, bands."""
+"""Spectra, one-sided, each with what it was made by: amplitude, density, cumulative, waterfall,
+bands.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from microvib.errors import MicrovibError, shown
-from microvib.units import Given, Si, quantity
+from microvib.errors import MicrovibError, quoted_value
+from microvib.units import GivenQuantity, Si, quantity
 
 Window = Literal["rectangular", "hann", "flat-top"]
 
@@ -20,7 +22,7 @@ _COSINES: dict[str, tuple[float, ...]] = {
 }
 
 
-def named(window: Window) -> str:
+def window_name(window: Window) -> str:
     """A window in words."""
     return f"{window.replace('hann', 'Hann')} window"
 
@@ -55,10 +57,17 @@ class _Estimate:
         return str(self)
 
     def _made(self) -> str:
-        overlapping = f", overlap {100 * self.overlap:g} %" if self.overlap else ""
-        averaging = f"{self.averages} averages" if self.averages > 1 else "no averaging"
+        if self.overlap:
+            overlapping = f", overlap {100 * self.overlap:g} %"
+        else:
+            overlapping = ""
+        if self.averages > 1:
+            averaging = f"{self.averages} averages"
+        else:
+            averaging = "no averaging"
         return (
-            f"{named(self.window)}, {self.segment} samples at {self.sample_rate:g} Hz, {1.0 / self.resolution:g} s,"
+            f"{window_name(self.window)}, {self.segment} samples at {self.sample_rate:g} Hz,"
+            f" {1.0 / self.resolution:g} s,"
             f" resolution {self.resolution:g} Hz, {averaging}{overlapping}"
         )
 
@@ -88,15 +97,20 @@ class Density(_Estimate):
 
     @property
     def cumulative_rms(self) -> np.ndarray:
-        """RMS of all that lies up to each bin, (m,): the root of the integral of the density from 0 Hz."""
+        """RMS of all that lies up to each bin, (m,): the root of the integral of the density from 0
+        Hz.
+        """
         return np.sqrt(np.cumsum(self.density) * self.resolution)
 
-    def band_rms(self, low: Given, high: Given) -> float:
-        """RMS between two frequencies; a bin that is cut counts with its part. SpectrumError if low is not below high."""
+    def band_rms(self, low: GivenQuantity, high: GivenQuantity) -> float:
+        """RMS between two frequencies; a bin that is cut counts with its part. SpectrumError if low
+        is not below high.
+        """
         low, high = quantity("low", low, "Hz"), quantity("high", high, "Hz")
         if not 0.0 <= low < high:
             raise SpectrumError(
-                f"band {low:g} to {high:g} Hz: its lower end must be at least 0 Hz and below its upper end"
+                f"band {low:g} to {high:g} Hz: its lower end must be at least 0 Hz and below its"
+                " upper end"
             )
         edges = np.concatenate([[0.0], self.frequency + 0.5 * self.resolution])
         square = np.concatenate([[0.0], np.cumsum(self.density) * self.resolution])
@@ -104,19 +118,30 @@ class Density(_Estimate):
         return float(np.sqrt(above - below))
 
     def third_octaves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centre frequencies [Hz] and RMS of the 1/3-octave bands (base ten, IEC 61260-1) that the resolution can tell apart.
+        """Centre frequencies [Hz] and RMS of the 1/3-octave bands (base ten, IEC 61260-1) that the
+        resolution can tell apart.
 
         A band counts from two bins wide up to half the sample rate.
         """
         first = int(np.ceil(10.0 * np.log10(2.0 * self.resolution / (10**0.05 - 10**-0.05))))
         last = int(np.floor(10.0 * np.log10(0.5 * self.sample_rate / 10**0.05)))
         centre = 10.0 ** (np.arange(first, last + 1) / 10.0)
-        return centre, np.array([self.band_rms(Si(f * 10**-0.05), Si(f * 10**0.05)) for f in centre])
+        return centre, np.array(
+            [self.band_rms(Si(f * 10**-0.05), Si(f * 10**0.05)) for f in centre]
+        )
 
     def less(self, background: Density) -> Density:
-        """The density that is not in ``background``: powers subtracted, at least 0; for a background that is independent."""
-        if background.frequency.shape != self.frequency.shape or background.sample_rate != self.sample_rate:
-            raise SpectrumError("the background's density needs the same sample rate and segment as the recording's")
+        """The density that is not in ``background``: powers subtracted, at least 0; for a
+        background that is independent.
+        """
+        if (
+            background.frequency.shape != self.frequency.shape
+            or background.sample_rate != self.sample_rate
+        ):
+            raise SpectrumError(
+                "the background spectrum must have the same sample rate and segment length as the"
+                " recording"
+            )
         return replace(self, density=np.maximum(self.density - background.density, 0.0))
 
     def __str__(self) -> str:
@@ -139,68 +164,105 @@ class Waterfall(_Estimate):
 def window_values(name: Window, samples: int) -> np.ndarray:
     """Window of ``samples`` points (periodic), (n,), of mean 1 but for rounding."""
     if not isinstance(name, str) or name not in _COSINES:
-        raise SpectrumError(f"window: {shown(name)} is not known; allowed are {', '.join(get_args(Window))}")
+        raise SpectrumError(
+            f"window: {quoted_value(name)} is not known; allowed are {', '.join(get_args(Window))}"
+        )
     phase = 2.0 * np.pi * np.arange(samples) / samples
-    return sum((a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples))
+    return sum(
+        (a * np.cos(k * phase) for k, a in enumerate(_COSINES[name])), start=np.zeros(samples)
+    )
 
 
-def amplitude_spectrum(x: np.ndarray, sample_rate: float, window: Window = "rectangular") -> Spectrum:
+def amplitude_spectrum(
+    x: np.ndarray, sample_rate: float, window: Window = "rectangular"
+) -> Spectrum:
     """Amplitude spectrum of the mean-free signal ``x`` (n,); 2 |X| / sum of the window."""
     w = window_values(window, x.size)
     X = np.fft.rfft((x - x.mean()) * w)
-    return Spectrum(np.arange(X.size) * sample_rate / x.size, window, x.size, sample_rate, 2.0 * np.abs(X) / w.sum())
+    return Spectrum(
+        np.arange(X.size) * sample_rate / x.size,
+        window,
+        x.size,
+        sample_rate,
+        2.0 * np.abs(X) / w.sum(),
+    )
 
 
 def power_spectral_density(
-    x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann"
+    x: np.ndarray,
+    sample_rate: float,
+    resolution: GivenQuantity | None = None,
+    window: Window = "hann",
 ) -> Density:
-    """Power spectral density of ``x`` (n,) by Welch's method: segments that overlap by half, the mean of each taken out.
+    """Power spectral density of ``x`` (n,) by Welch's method: segments that overlap by half, the
+    mean of each taken out.
 
-    ``resolution`` is the distance of the bins; without it an eighth of the record makes a segment. SpectrumError where the
-    record is too short for it.
+    ``resolution`` is the distance of the bins; without it an eighth of the record makes a segment.
+    SpectrumError where the record is too short for it.
     """
     from scipy.signal import welch
 
     segment = _segment(x.size, sample_rate, resolution)
     lap = segment // 2
     frequency, density = welch(
-        x, sample_rate, window_values(window, segment), segment, lap, detrend="constant", scaling="density"
+        x,
+        sample_rate,
+        window_values(window, segment),
+        segment,
+        lap,
+        detrend="constant",
+        scaling="density",
     )
     averages = 1 + (x.size - segment) // (segment - lap)
-    return Density(frequency, window, segment, sample_rate, density, averages=averages, overlap=lap / segment)
+    return Density(
+        frequency, window, segment, sample_rate, density, averages=averages, overlap=lap / segment
+    )
 
 
-def waterfall(x: np.ndarray, sample_rate: float, resolution: Given | None = None, window: Window = "hann") -> Waterfall:
-    """Amplitude spectra of stretches of ``x`` (n,) that overlap by half, each ``1 / resolution`` long and free of its mean."""
+def waterfall(
+    x: np.ndarray,
+    sample_rate: float,
+    resolution: GivenQuantity | None = None,
+    window: Window = "hann",
+) -> Waterfall:
+    """Amplitude spectra of stretches of ``x`` (n,) that overlap by half, each ``1 / resolution``
+    long and free of its mean.
+    """
     segment = _segment(x.size, sample_rate, resolution)
     lap = segment // 2
     starts = np.arange(0, x.size - segment + 1, segment - lap)
     spectra = [amplitude_spectrum(x[k : k + segment], sample_rate, window) for k in starts]
     middle = (starts + 0.5 * segment) / sample_rate
     amplitude = np.array([s.amplitude for s in spectra])
-    return Waterfall(spectra[0].frequency, window, segment, sample_rate, middle, amplitude, overlap=lap / segment)
+    return Waterfall(
+        spectra[0].frequency, window, segment, sample_rate, middle, amplitude, overlap=lap / segment
+    )
 
 
-def _segment(samples: int, sample_rate: float, given: Given | None) -> int:
+def _segment(samples: int, sample_rate: float, given: GivenQuantity | None) -> int:
     if given is None:
         return max(samples // 8, min(samples, 8))
     resolution = quantity("resolution", given, "Hz")
     if not 0.0 < resolution <= sample_rate / 8:
         raise SpectrumError(
-            f"resolution: {resolution:g} Hz is not allowed; it must be greater than 0 and at most {sample_rate / 8:g} Hz"
+            f"resolution: {resolution:g} Hz is not allowed; it must be greater than 0 and at most"
+            f" {sample_rate / 8:g} Hz"
         )
     segment = round(sample_rate / resolution)
     if segment > samples:
         raise SpectrumError(
-            f"resolution: {resolution:g} Hz needs a record of {1 / resolution:.4g} s; it has {samples / sample_rate:.4g} s"
+            f"resolution: {resolution:g} Hz needs a record of {1 / resolution:.4g} s; it has"
+            f" {samples / sample_rate:.4g} s"
         )
     return segment
 
 
-def tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:
-    """Complex amplitudes, shape (...), of ``x`` (..., n) at one frequency [Hz], for tones apart from others.
+def complex_tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:
+    """Complex amplitudes, shape (...), of ``x`` (..., n) at one frequency [Hz], for tones apart
+    from others.
 
-    Hann-windowed, so that it does not matter where the bins fall; phases are those of cosines at the first sample.
+    Hann-windowed, so that it does not matter where the bins fall; phases are those of cosines at
+    the first sample.
     """
     n = x.shape[-1]
     w = window_values("hann", n)
@@ -209,5 +271,5 @@ def tone(x: np.ndarray, sample_rate: float, frequency: float) -> np.ndarray:
 
 
 def tone_amplitude(x: np.ndarray, sample_rate: float, frequency: float) -> float:
-    """Magnitude of ``tone`` of one signal ``x`` (n,)."""
-    return float(abs(tone(x, sample_rate, frequency)))
+    """Magnitude of ``complex_tone`` of one signal ``x`` (n,)."""
+    return float(abs(complex_tone(x, sample_rate, frequency)))

@@ -1,4 +1,6 @@
-"""What fits of tones are made of, compiled: the spectrum of a damped tone under a Hann window, and linear least squares."""
+"""What fits of tones are made of, compiled: the spectrum of a damped tone under a Hann window, and
+linear least squares.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,21 @@ from microvib.compiled import Unit
 
 code = Unit(__name__)
 _DEPENDENT = 1e-12
-"""Squared norm of what is left of a (unit) column after projection on those before it; below, it counts as dependent."""
+"""Squared norm of what is left of a (unit) column after projection on those before it; below, it
+counts as dependent.
+"""
 COMPILE: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 @lru_cache(maxsize=2)
 def half_turns(samples: int) -> np.ndarray:
-    """Sine and cosine of pi j/N, j = 0 ... N - 1, (2, N): kept, for many records of one length come in a row."""
+    """Sine and cosine of pi j/N, j = 0 ... N - 1, (2, N): kept, for many records of one length come
+    in a row.
+    """
     j = np.arange(samples)
-    angle = np.minimum(j, samples - j) * (np.pi / samples)  # small also at the end, so that its sine is exact there
+    angle = np.minimum(j, samples - j) * (
+        np.pi / samples
+    )  # small also at the end, so that its sine is exact there
     table = np.array([np.sin(angle), np.where(2 * j > samples, -np.cos(angle), np.cos(angle))])
     table.flags.writeable = False
     return table
@@ -28,12 +36,14 @@ def half_turns(samples: int) -> np.ndarray:
 
 @code.inner(**COMPILE)
 def half(cycles, decay, k, table, out):
-    """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N), scaled as half a tone, into ``out`` (n,).
+    """Spectrum at the bins ``k`` of exp((2 pi i cycles - decay) n/N), scaled as half a tone, into
+    ``out`` (n,).
 
-    Without a window, bin k of exp(z' n) is a geometric series, expm1(N z)/expm1(z) with z = z' - 2 pi i k/N. The Hann window
-    1/2 - 1/4 exp(2 pi i n/N) - 1/4 exp(-2 pi i n/N) combines three of these, one bin apart. N z differs by whole turns
-    between them, so that the numerator is common to all bins; the real part of z is common too, and what remains for each bin
-    is the sine and cosine of one angle, from a table. expm1 keeps the digits where a tone is nearly on a bin.
+    Without a window, bin k of exp(z' n) is a geometric series, expm1(N z)/expm1(z) with z = z' - 2
+    pi i k/N. The Hann window 1/2 - 1/4 exp(2 pi i n/N) - 1/4 exp(-2 pi i n/N) combines three of
+    these, one bin apart. N z differs by whole turns between them, so that the numerator is common
+    to all bins; the real part of z is common too, and what remains for each bin is the sine and
+    cosine of one angle, from a table. expm1 keeps the digits where a tone is nearly on a bin.
     """
     samples = table.shape[1]
     whole = round(cycles)
@@ -67,7 +77,8 @@ def half(cycles, decay, k, table, out):
             i = end
         for n in range(after - first):
             out[first + n] = complex(
-                (0.5 * x[n + 1] - 0.25 * (x[n] + x[n + 2])) * share, (0.5 * y[n + 1] - 0.25 * (y[n] + y[n + 2])) * share
+                (0.5 * x[n + 1] - 0.25 * (x[n] + x[n + 2])) * share,
+                (0.5 * y[n + 1] - 0.25 * (y[n] + y[n + 2])) * share,
             )
         first = after
 
@@ -83,10 +94,11 @@ def dot(a, b):
 
 @code.inner(**COMPILE)
 def factored(columns):
-    """Scales that make the columns unit vectors, and the Cholesky factor of the scaled normal equations, its diagonal inverted.
+    """Scales that make the columns unit vectors, and the Cholesky factor of the scaled normal
+    equations, its diagonal inverted.
 
-    Normal equations suffice: tones that can be told apart are well conditioned. A column that is zero or depends on those
-    before it has a zero on the diagonal.
+    Normal equations suffice: tones that can be told apart are well conditioned. A column that is
+    zero or depends on those before it has a zero on the diagonal.
     """
     m = columns.shape[0]
     scale, factor = np.empty(m), np.empty((m, m))
@@ -95,7 +107,9 @@ def factored(columns):
         scale[i] = 1.0 / norm if norm > 0.0 else 1.0
     for i in range(m):
         for j in range(i + 1):
-            rest = dot(columns[i], columns[j]) * scale[i] * scale[j] - dot(factor[i, :j], factor[j, :j])
+            rest = dot(columns[i], columns[j]) * scale[i] * scale[j] - dot(
+                factor[i, :j], factor[j, :j]
+            )
             if j < i:
                 factor[i, j] = rest * factor[j, j]
             else:
@@ -127,11 +141,15 @@ def take_out(basis, x):
 
 @code.inner(**COMPILE)
 def solved(columns, scale, factor, right):
-    """Least-squares solution from ``factored``: forward and back substitution; zero for a dependent column."""
+    """Least-squares solution from ``factored``: forward and back substitution; zero for a dependent
+    column.
+    """
     m = columns.shape[0]
     solution = np.empty(m)
     for i in range(m):
-        solution[i] = (dot(columns[i], right) * scale[i] - dot(factor[i, :i], solution[:i])) * factor[i, i]
+        solution[i] = (
+            dot(columns[i], right) * scale[i] - dot(factor[i, :i], solution[:i])
+        ) * factor[i, i]
     for i in range(m - 1, -1, -1):
         solution[i] *= factor[i, i]
         for j in range(i):

@@ -1,19 +1,23 @@
-"""Damped tones under a Hann window, compiled: their spectra in closed form, and least-squares fits to the bins about them.
+"""Damped tones under a Hann window, compiled: their spectra in closed form, and least-squares fits
+to the bins about them.
 
 The model of a record x[n], n = 0 ... N - 1, with m tones is
 
     x[n] = constant + sum over i of Re(a_i exp((2 pi i f_i - d_i) n/N))
 
-with frequencies f_i in cycles per record and decays d_i in e-foldings per record, (m,) each. Its Hann-windowed spectrum is
-linear in the complex amplitudes a_i and the constant, and nonlinear in f_i and d_i alone. So the fit is separable: for given
-f, d the amplitudes follow from linear least squares (``equations``, ``least_squares``), and the search over f, d (``fit``)
-minimises what that leaves. This is variable projection.
+with frequencies f_i in cycles per record and decays d_i in e-foldings per record, (m,) each. Its
+Hann-windowed spectrum is linear in the complex amplitudes a_i and the constant, and nonlinear in
+f_i and d_i alone. So the fit is separable: for given f, d the amplitudes follow from linear least
+squares (``equations``, ``least_squares``), and the search over f, d (``fit``) minimises what that
+leaves. This is variable projection.
 
-Every bin of a fit has the same weight. The bins are those within REACH of a tone: a Hann-windowed tone falls off with the
-cube of the distance, so that others and the noise elsewhere hardly count. Uncertainties come from the residual, with the
-correlation that the window makes between neighbouring bins (``correlated``, ``microvib.signals.tones``).
+Every bin of a fit has the same weight. The bins are those within REACH of a tone: a Hann-windowed
+tone falls off with the cube of the distance, so that others and the noise elsewhere hardly count.
+Uncertainties come from the residual, with the correlation that the window makes between
+neighbouring bins (``correlated``, ``microvib.signals.tones``).
 
-Bins ``k`` (n,) ascend. A spectrum ``values`` is one-sided and scaled so that a steady tone on a bin reads its amplitude.
+Bins ``k`` (n,) ascend. A spectrum ``values`` is one-sided and scaled so that a steady tone on a bin
+reads its amplitude.
 """
 
 from __future__ import annotations
@@ -54,7 +58,9 @@ def tone(cycles: float, decay: float, amplitude: complex, k: Counts, table: Matr
 
 @code.entry(**COMPILE)
 def bins_in(low: Vector, high: Vector, reach: int, size: int) -> Counts:
-    """Bins, out of ``size``, that lie within ``reach`` of any of the bands from ``low`` to ``high``, (m,) each."""
+    """Bins, out of ``size``, that lie within ``reach`` of any of the bands from ``low`` to
+    ``high``, (m,) each.
+    """
     inside, count = np.zeros(size, np.bool_), 0
     for i in range(low.size):
         for k in range(max(round(low[i]) - reach, 0), min(round(high[i]) + reach + 1, size)):
@@ -69,11 +75,15 @@ def bins_in(low: Vector, high: Vector, reach: int, size: int) -> Counts:
 
 
 @code.entry(**COMPILE)
-def equations(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix) -> tuple[Matrix, Vector]:
-    """Real least-squares equations ``sum of x_j columns_j = right`` at the bins ``k``: (2 m + 1, 2 n) and (2 n,).
+def equations(
+    cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix
+) -> tuple[Matrix, Vector]:
+    """Real least-squares equations ``sum of x_j columns_j = right`` at the bins ``k``: (2 m + 1, 2
+    n) and (2 n,).
 
-    The columns are the spectra of each tone's cosine and minus sine, so that x holds the real and imaginary parts of the
-    amplitudes, and of a constant. Along a column the real parts of all bins come first, then the imaginary ones.
+    The columns are the spectra of each tone's cosine and minus sine, so that x holds the real and
+    imaginary parts of the amplitudes, and of a constant. Along a column the real parts of all bins
+    come first, then the imaginary ones.
     """
     m, n = cycles.size, k.size
     columns, right = np.empty((2 * m + 1, 2 * n)), np.empty(2 * n)
@@ -86,7 +96,9 @@ def equations(cycles: Vector, decay: Vector, k: Counts, values: Complexes, table
 
 @code.inner(**COMPILE)
 def spectra(cycles, decay, k, table, columns):
-    """The spectra of each tone's cosine and minus sine at the bins ``k``, into the rows of ``columns`` (2 m at least, 2 n)."""
+    """The spectra of each tone's cosine and minus sine at the bins ``k``, into the rows of
+    ``columns`` (2 m at least, 2 n).
+    """
     n = k.size
     plus, minus = np.empty(n, np.complex128), np.empty(n, np.complex128)
     for i in range(cycles.size):
@@ -100,10 +112,17 @@ def spectra(cycles, decay, k, table, columns):
 
 @code.entry(**COMPILE)
 def linearised(
-    cycles: Vector, decay: Vector, amplitudes: Complexes, free: Counts, falls: Counts, k: Counts, table: Matrix
+    cycles: Vector,
+    decay: Vector,
+    amplitudes: Complexes,
+    free: Counts,
+    falls: Counts,
+    k: Counts,
+    table: Matrix,
 ) -> Matrix:
-    """Columns of ``equations``, and below them what the model changes by at fixed amplitudes: with the frequencies, in cycles, of
-    the tones ``free``, and with the decays, in e-foldings, of the tones ``falls``."""
+    """Columns of ``equations``, and below them what the model changes by at fixed amplitudes: with
+    the frequencies, in cycles, of the tones ``free``, and with the decays, in e-foldings, of the
+    tones ``falls``."""
     m, n = cycles.size, k.size
     columns = np.empty((2 * m + 1 + free.size + falls.size, 2 * n))
     spectra(cycles, decay, k, table, columns)
@@ -132,7 +151,9 @@ def constant(k, table, column):
 
 @code.entry(**COMPILE)
 def least_squares(columns: Matrix, right: Vector) -> Vector:
-    """Least squares by scaled normal equations; a column that is zero or depends on those before it gets zero."""
+    """Least squares by scaled normal equations; a column that is zero or depends on those before it
+    gets zero.
+    """
     scale, factor = factored(columns)
     return solved(columns, scale, factor, right)
 
@@ -150,7 +171,9 @@ def amplitudes(cycles: Vector, decay: Vector, values: Complexes, table: Matrix) 
 
 
 @code.entry(**COMPILE)
-def without(cycles: Vector, decay: Vector, amplitudes: Complexes, values: Complexes, table: Matrix) -> Complexes:
+def without(
+    cycles: Vector, decay: Vector, amplitudes: Complexes, values: Complexes, table: Matrix
+) -> Complexes:
     """The spectrum less the tones, each subtracted from the bins where it is above rounding."""
     rest = values.copy()
     add_tones(cycles, decay, amplitudes, -1.0, table, rest)
@@ -171,7 +194,9 @@ def add_tones(cycles, decay, amplitudes, times, table, values):
 
 @code.inner(**COMPILE)
 def floor(cycles, values):
-    """Noise floor of one tone: median amplitude of the bins 4 to 20 away (insertion sort; there are at most 34)."""
+    """Noise floor of one tone: median amplitude of the bins 4 to 20 away (insertion sort; there are
+    at most 34).
+    """
     centre = round(cycles)
     about = np.empty(2 * (_FLOOR_BINS[1] - _FLOOR_BINS[0] + 1))
     count = 0
@@ -202,7 +227,9 @@ def bin_rms(cycles: Vector, values: Complexes) -> Vector:
     result = np.zeros(cycles.size)
     for i in range(cycles.size):
         total, count = 0.0, 0
-        for k in range(max(round(cycles[i]) - REACH, 1), min(round(cycles[i]) + REACH + 1, values.size)):
+        for k in range(
+            max(round(cycles[i]) - REACH, 1), min(round(cycles[i]) + REACH + 1, values.size)
+        ):
             total += values[k].real ** 2 + values[k].imag ** 2
             count += 1
         result[i] = math.sqrt(total / count) if count else 0.0
@@ -213,7 +240,8 @@ def bin_rms(cycles: Vector, values: Complexes) -> Vector:
 def correlated(columns: Matrix, k: Counts, noise: Vector) -> Matrix:
     """Columns (p, 2 n) at the bins ``k`` times the covariance of noise with RMS ``noise`` (n,).
 
-    White noise under a Hann window has the correlation -2/3 between neighbouring bins, 1/6 between next neighbours.
+    White noise under a Hann window has the correlation -2/3 between neighbouring bins, 1/6 between
+    next neighbours.
     """
     n = k.size
     result = np.empty_like(columns)
@@ -224,16 +252,22 @@ def correlated(columns: Matrix, k: Counts, noise: Vector) -> Matrix:
                 for other in range(max(j - 2, 0), min(j + 3, n)):
                     away = abs(k[other] - k[j])
                     if away == 1 or away == 2:
-                        total += (-2.0 / 3.0 if away == 1 else 1.0 / 6.0) * noise[other] * columns[i, part + other]
+                        total += (
+                            (-2.0 / 3.0 if away == 1 else 1.0 / 6.0)
+                            * noise[other]
+                            * columns[i, part + other]
+                        )
                 result[i, part + j] = noise[j] * total
     return result
 
 
 @code.entry(**COMPILE)
 def peak(low: float, high: float, margin: float, values: Complexes) -> tuple[float, float]:
-    """Frequency and amplitude of the highest peak from ``low`` to ``high``, both widened by ``margin`` bins.
+    """Frequency and amplitude of the highest peak from ``low`` to ``high``, both widened by
+    ``margin`` bins.
 
-    The frequency follows from the ratio of the two highest bins, exactly for a single steady tone far from 0 and Nyquist.
+    The frequency follows from the ratio of the two highest bins, exactly for a single steady tone
+    far from 0 and Nyquist.
     """
     first = max(math.floor(low - margin), 1)
     last = min(math.ceil(high + margin), values.size - 2)

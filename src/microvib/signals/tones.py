@@ -1,10 +1,11 @@
-"""Tones of one record: steady ones that keep their ratios, and decaying ones; fitted together, with their uncertainties.
+"""Tones of one record: steady ones that keep their ratios, and decaying ones; fitted together, with
+their uncertainties.
 
-Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed form that falls off fast. Every
-fit is a least-squares fit to the bins about the tones; ``microvib.signals.tone_kernel`` states the model, and
-``microvib.signals.tone_fit`` fits it; both are called from here alone.
-Tones near each other are never fitted one after another. Amplitudes are eliminated (variable projection), so a fit moves
-frequencies, decays and the clock ratio only.
+Everything happens on one Hann-windowed spectrum, in which a steady or decaying tone has a closed
+form that falls off fast. Every fit is a least-squares fit to the bins about the tones;
+``microvib.signals.tone_kernel`` states the model, and ``microvib.signals.tone_fit`` fits it; both
+are called from here alone. Tones near each other are never fitted one after another. Amplitudes are
+eliminated (variable projection), so a fit moves frequencies, decays and the clock ratio only.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from microvib.signals.spectrum import SpectrumError
 from microvib.signals.tone_algebra import half_turns
 from microvib.signals.tone_kernel import REACH
 
-FEWEST = 8  # fewest samples of a record
-NEAR = 2 * REACH  # bins within which tones are fitted together
-SLOWEST, FASTEST = -8.0, 60.0  # bounds of a decay, in e-foldings over the record
-SLACK = 2.0  # bins by which a frequency may leave its band
+MIN_SAMPLES = 8  # fewest samples of a record
+INTERACTION_DISTANCE = 2 * REACH  # bins within which tones are fitted together
+MIN_E_FOLDINGS, MAX_E_FOLDINGS = -8.0, 60.0  # bounds of a decay, in e-foldings over the record
+BAND_MARGIN = 2.0  # bins by which a frequency may leave its band
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,13 @@ class Tones:
     lines: tuple[ExpectedLine, ...]
     frequency: np.ndarray  # [Hz]
     decay: np.ndarray  # decay rates [1/s]
-    free: np.ndarray  # whether the frequency is fitted separately; the others are known, or known up to the clock ratio
+    # whether the frequency is fitted separately; the others are known, or known up to the clock
+    # ratio
+    free: np.ndarray
     falls: np.ndarray  # whether the decay is fitted
-    limited: np.ndarray  # whether the fit ended at a bound of the frequency band or of the decay rate
+    limited: (
+        np.ndarray
+    )  # whether the fit ended at a bound of the frequency band or of the decay rate
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -50,7 +55,10 @@ class Tones:
 
     def only(self, some: np.ndarray) -> Tones:
         """The tones for which ``some`` (m,) is true, or whose places it holds."""
-        which = np.flatnonzero(some) if some.dtype == bool else some
+        if some.dtype == bool:
+            which = np.flatnonzero(some)
+        else:
+            which = some
         lines = tuple(self.lines[k] for k in which.tolist())
         return Tones(lines, *(getattr(self, name)[some] for name in _ARRAYS))
 
@@ -63,22 +71,28 @@ class Tones:
 _ARRAYS = ("frequency", "decay", "free", "falls", "limited")
 
 
-def steady(lines: Sequence[ExpectedLine], ratio: float = 1.0) -> Tones:
+def steady_tones(lines: Sequence[ExpectedLine], ratio: float = 1.0) -> Tones:
     """Steady tones at the expected frequencies times a clock ratio."""
     frequency = np.array([line.frequency for line in lines], dtype=float) * ratio
     none = np.zeros(len(lines), dtype=bool)
     return Tones(tuple(lines), frequency, np.zeros(len(lines)), none, none, none)
 
 
-def falling(lines: Sequence[ExpectedLine], frequency: np.ndarray, decay: np.ndarray) -> Tones:
-    """Tones whose frequencies and decays are fitted, from ``frequency`` [Hz] and ``decay`` [1/s], (m,) each."""
+def decaying_tones(
+    lines: Sequence[ExpectedLine], frequency: np.ndarray, decay: np.ndarray
+) -> Tones:
+    """Tones whose frequencies and decays are fitted, from ``frequency`` [Hz] and ``decay`` [1/s],
+    (m,) each.
+    """
     every = np.ones(len(lines), dtype=bool)
-    return Tones(tuple(lines), np.asarray(frequency, float), np.asarray(decay, float), every, every, ~every)
+    return Tones(
+        tuple(lines), np.asarray(frequency, float), np.asarray(decay, float), every, every, ~every
+    )
 
 
-def ringing(lines: Sequence[tuple[ExpectedLine, Line]]) -> Tones:
+def known_decaying_tones(lines: Sequence[tuple[ExpectedLine, Line]]) -> Tones:
     """Tones that fall as is known of each."""
-    tones = steady([line for line, _ in lines])
+    tones = steady_tones([line for line, _ in lines])
     frequency = np.array([found.frequency_hz for _, found in lines], dtype=float)
     decay = np.array([found.decay_per_s for _, found in lines], dtype=float)
     return replace(tones, frequency=frequency, decay=decay)
@@ -94,25 +108,32 @@ class HannSpectrum:
     sample_rate: float
 
     def __post_init__(self) -> None:
-        """SpectrumError for values that compiled code must not see: it would compute indices from NaN."""
-        if not 0.0 < self.sample_rate < np.inf or self.samples < FEWEST:
+        """SpectrumError for values that compiled code must not see: it would compute indices from
+        NaN.
+        """
+        if not 0.0 < self.sample_rate < np.inf or self.samples < MIN_SAMPLES:
             raise SpectrumError(
-                f"lines need at least {FEWEST} samples at a finite rate; there are {self.samples} at {self.sample_rate:g} Hz"
+                f"lines need at least {MIN_SAMPLES} samples at a finite rate; there are"
+                f" {self.samples} at {self.sample_rate:g} Hz"
             )
         if not np.all(np.isfinite(self.values)):
             raise SpectrumError("lines need finite samples, small enough for a finite spectrum")
 
     @classmethod
     def of(cls, x: np.ndarray, sample_rate: float) -> HannSpectrum:
-        """Spectrum of the mean-free samples ``x`` (n,), at ``sample_rate`` [Hz]; SpectrumError where they are not finite."""
-        if x.size < FEWEST:
-            raise SpectrumError(f"lines need at least {FEWEST} samples; there are {x.size}")
+        """Spectrum of the mean-free samples ``x`` (n,), at ``sample_rate`` [Hz]; SpectrumError
+        where they are not finite.
+        """
+        if x.size < MIN_SAMPLES:
+            raise SpectrumError(f"lines need at least {MIN_SAMPLES} samples; there are {x.size}")
         plain = np.fft.rfft(x) * (2.0 / x.size)
         mirrored = plain[-2 if x.size % 2 == 0 else -1]
         beside = np.concatenate([plain[1:], [mirrored.conj()]])
         beside[1:] += plain[:-1]
         beside[0] += plain[1].conj()
-        return cls(plain - 0.5 * beside, plain, x.size, sample_rate)  # a Hann window is 1 - cos(2 pi n/N)
+        return cls(
+            plain - 0.5 * beside, plain, x.size, sample_rate
+        )  # a Hann window is 1 - cos(2 pi n/N)
 
     @property
     def duration(self) -> float:
@@ -135,7 +156,9 @@ class HannSpectrum:
         return hann.bins_in(cycles, cycles, REACH, self.values.size)
 
     def equations(self, tones: Tones, k: np.ndarray) -> np.ndarray:
-        """Columns (2 m + 1, 2 n) of the equations at the bins ``k``: cosine and minus sine of each tone, a constant."""
+        """Columns (2 m + 1, 2 n) of the equations at the bins ``k``: cosine and minus sine of each
+        tone, a constant.
+        """
         cycles, decay = self._in_record(tones)
         return hann.equations(cycles, decay, k, self.values, self.table)[0]
 
@@ -146,12 +169,16 @@ class HannSpectrum:
         return tone_fit.residual(*self._in_record(tones), k, basis, right, self.table)
 
     def amplitudes(self, tones: Tones) -> np.ndarray:
-        """Complex amplitudes a of all tones, x = Re(a exp(i w t)), (m,), from one least-squares fit to the bins about them."""
+        """Complex amplitudes a of all tones, x = Re(a exp(i w t)), (m,), from one least-squares fit
+        to the bins about them.
+        """
         return hann.amplitudes(*self._in_record(tones), self.values, self.table)
 
     def without(self, tones: Tones, amplitudes: np.ndarray) -> HannSpectrum:
         """The spectrum less some tones, each subtracted from the bins where it is above rounding."""
-        values = hann.without(*self._in_record(tones), np.asarray(amplitudes, complex), self.values, self.table)
+        values = hann.without(
+            *self._in_record(tones), np.asarray(amplitudes, complex), self.values, self.table
+        )
         return replace(self, values=values)
 
     def floors(self, frequencies: np.ndarray) -> np.ndarray:
@@ -163,13 +190,22 @@ class HannSpectrum:
         return float(self.floors(np.array([frequency]))[0])
 
     def peak(self, low: float, high: float, margin: float = 1.5) -> tuple[float, float]:
-        """Frequency [Hz] and amplitude of the highest peak from ``low`` to ``high``, a few bins of margin allowed."""
-        cycles, amplitude = hann.peak(low * self.duration, high * self.duration, margin, self.values)
+        """Frequency [Hz] and amplitude of the highest peak from ``low`` to ``high``, a few bins of
+        margin allowed.
+        """
+        cycles, amplitude = hann.peak(
+            low * self.duration, high * self.duration, margin, self.values
+        )
         return cycles / self.duration, amplitude
 
     def peaks(self, low: float, high: float, most: int) -> list[tuple[float, float]]:
-        """Frequency [Hz] and amplitude of the ``most`` highest peaks from ``low`` to ``high``, a few bins of margin allowed."""
-        first, last = max(int(low * self.duration - 1.5), 1), int(np.ceil(high * self.duration + 1.5)) + 1
+        """Frequency [Hz] and amplitude of the ``most`` highest peaks from ``low`` to ``high``, a
+        few bins of margin allowed.
+        """
+        first, last = (
+            max(int(low * self.duration - 1.5), 1),
+            int(np.ceil(high * self.duration + 1.5)) + 1,
+        )
         inside = self.magnitude[first - 1 : last + 1]
         tops = 1 + np.flatnonzero((inside[1:-1] >= inside[:-2]) & (inside[1:-1] >= inside[2:]))
         strongest = tops[np.argsort(-inside[tops], kind="stable")][:most]
@@ -177,7 +213,9 @@ class HannSpectrum:
         return [self.peak(f, f, margin=0.0) for f in at.tolist()]
 
     def height(self, frequency: float, within: float) -> float:
-        """Largest amplitude within so many bins of a frequency, at least of the two neighbouring bins."""
+        """Largest amplitude within so many bins of a frequency, at least of the two neighbouring
+        bins.
+        """
         cycles = frequency * self.duration
         first, last = int(np.floor(cycles - within)), int(np.ceil(cycles + within))
         return float(np.max(self.magnitude[max(first, 0) : last + 1], initial=0.0))
@@ -188,7 +226,9 @@ class HannSpectrum:
 
 
 def amplitudes_in(spectra: Sequence[HannSpectrum], tones: Tones) -> np.ndarray:
-    """``amplitudes`` of the same tones in several spectra of one length, (m, spectra), for the price of one."""
+    """``amplitudes`` of the same tones in several spectra of one length, (m, spectra), for the
+    price of one.
+    """
     first = spectra[0]
     k = first.near(tones.frequency)
     columns = first.equations(tones, k)
@@ -211,7 +251,7 @@ def mean_of_decay(fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointFit:
     """Tones in a spectrum, fitted jointly, and the residual spectrum."""
 
     spectrum: HannSpectrum
@@ -220,7 +260,7 @@ class Joint:
     rest: HannSpectrum
 
     @classmethod
-    def of(cls, spectrum: HannSpectrum, tones: Tones) -> Joint:
+    def of(cls, spectrum: HannSpectrum, tones: Tones) -> JointFit:
         """Fit the amplitudes of all ``tones``, with their frequencies and decays as given."""
         amplitudes = spectrum.amplitudes(tones)
         return cls(spectrum, tones, amplitudes, spectrum.without(tones, amplitudes))
@@ -233,41 +273,67 @@ class Joint:
     def near(self, frequency: np.ndarray) -> np.ndarray:
         """Which tones (m,) have to be fitted together with tones at ``frequency`` (k,) [Hz]."""
         apart = np.abs(self.tones.frequency[:, None] - frequency[None, :]) * self.spectrum.duration
-        return (apart < NEAR).any(axis=1)
+        return (apart < INTERACTION_DISTANCE).any(axis=1)
 
-    def with_tones(self, more: Tones) -> Joint:
-        """A new fit with ``more`` tones, together with which the existing ones near them are fitted again."""
+    def with_tones(self, more: Tones) -> JointFit:
+        """A new fit with ``more`` tones, together with which the existing ones near them are fitted
+        again.
+        """
         near = self.near(more.frequency)
         around, apart = self.tones.only(near), self.tones.only(~near)
         before = np.concatenate([self.amplitudes[near], np.zeros(len(more))])
-        some, amplitudes, rest = _refitted(around.and_those(more), before, self.rest)
+        some, amplitudes, rest = _refit_in_residual(around.and_those(more), before, self.rest)
         together = np.concatenate([self.amplitudes[~near], amplitudes])
-        return Joint(self.spectrum, apart.and_those(some), together, rest)
+        return JointFit(self.spectrum, apart.and_those(some), together, rest)
 
 
-def _refitted(tones: Tones, before: np.ndarray, rest: HannSpectrum) -> tuple[Tones, np.ndarray, HannSpectrum]:
-    """Tones fitted in a residual that they were taken out of with the amplitudes ``before``, 0 for new ones; their amplitudes, and
-    what they leave."""
+def _refit_in_residual(
+    tones: Tones, before: np.ndarray, rest: HannSpectrum
+) -> tuple[Tones, np.ndarray, HannSpectrum]:
+    """Tones fitted in a residual that they were taken out of with the amplitudes ``before``, 0 for
+    new ones; their amplitudes, and what they leave."""
     free, falls, duration = np.flatnonzero(tones.free), np.flatnonzero(tones.falls), rest.duration
     low, high = _bounds(tones, free, falls.size, duration)
     there, falling, at, amplitudes, values = tone_fit.refit(
-        tones.frequency * duration, tones.decay * duration, before, free, falls, low, high, rest.values, rest.table
+        tones.frequency * duration,
+        tones.decay * duration,
+        before,
+        free,
+        falls,
+        low,
+        high,
+        rest.values,
+        rest.table,
     )
-    found = _ended(tones, there / duration, falling / duration, at, low, high)
+    found = _with_fit_result(tones, there / duration, falling / duration, at, low, high)
     return found, amplitudes, replace(rest, values=values)
 
 
-def _bounds(tones: Tones, free: np.ndarray, falls: int, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of a fit's parameters: frequencies of the tones ``free``, in cycles, and so many decays, in e-foldings."""
-    bands = [(x.low * duration - SLACK, x.high * duration + SLACK) for x in (tones.lines[i] for i in free)]
+def _bounds(
+    tones: Tones, free: np.ndarray, falls: int, duration: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of a fit's parameters: frequencies of the tones ``free``, in cycles, and so many
+    decays, in e-foldings.
+    """
+    bands = [
+        (x.low * duration - BAND_MARGIN, x.high * duration + BAND_MARGIN)
+        for x in (tones.lines[i] for i in free)
+    ]
     low, high = [max(a, 0.5) for a, _ in bands], [b for _, b in bands]
-    return np.array(low + [SLOWEST] * falls), np.array(high + [FASTEST] * falls)
+    return np.array(low + [MIN_E_FOLDINGS] * falls), np.array(high + [MAX_E_FOLDINGS] * falls)
 
 
-def _ended(
-    tones: Tones, frequency: np.ndarray, decay: np.ndarray, at: np.ndarray, low: np.ndarray, high: np.ndarray
+def _with_fit_result(
+    tones: Tones,
+    frequency: np.ndarray,
+    decay: np.ndarray,
+    at: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
 ) -> Tones:
-    """Tones where a fit ended, and which of its parameters, free frequencies and then decays, ended at a bound."""
+    """Tones where a fit ended, and which of its parameters, free frequencies and then decays, ended
+    at a bound.
+    """
     ended = (at <= low + 1e-9) | (at >= high - 1e-9)
     limited, free = tones.limited.copy(), int(np.count_nonzero(tones.free))
     limited[tones.free] = ended[:free]
@@ -275,19 +341,29 @@ def _ended(
     return replace(tones, frequency=frequency, decay=decay, limited=limited)
 
 
-def moved(tones: Tones, spectrum: HannSpectrum, ratio: float, telling: np.ndarray) -> tuple[Tones, float]:
-    """The tones with the clock ratio, free frequencies and decays that minimise the residual, all moved together.
+def refine_clock_and_tones(
+    tones: Tones, spectrum: HannSpectrum, ratio: float, telling: np.ndarray
+) -> tuple[Tones, float]:
+    """The tones with the clock ratio, free frequencies and decays that minimise the residual, all
+    moved together.
 
-    All tones of the clock share the ratio. Only the bins of free tones and of those marked in ``telling`` (m,) count.
+    All tones of the clock share the ratio. Only the bins of free tones and of those marked in
+    ``telling`` (m,) count.
     """
     free, falls, clock = (np.flatnonzero(which) for which in (tones.free, tones.falls, tones.clock))
     if clock.size == 0:
         return tones, ratio
     duration = spectrum.duration
-    cycles, fold, counting = tones.frequency * duration, tones.decay * duration, telling | tones.free
+    cycles, fold, counting = (
+        tones.frequency * duration,
+        tones.decay * duration,
+        telling | tones.free,
+    )
     k = hann.bins_in(cycles[counting], cycles[counting], REACH, spectrum.values.size)
     bounds = zip(_bounds(tones, free, falls.size, duration), (-np.inf, np.inf), strict=True)
     low, high = (np.append(ends, end) for ends, end in bounds)
-    there, falling, at = tone_fit.fit(cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table)
-    found = _ended(tones, there / duration, falling / duration, at, low, high)
+    there, falling, at = tone_fit.fit(
+        cycles, fold, free, falls, clock, low, high, k, spectrum.values, spectrum.table
+    )
+    found = _with_fit_result(tones, there / duration, falling / duration, at, low, high)
     return found, float(ratio * there[clock[0]] / cycles[clock[0]])

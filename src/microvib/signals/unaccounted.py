@@ -1,9 +1,11 @@
-"""Whether lines and floor account for all that a recording holds, at every time of it: power is conserved, band by band.
+"""Whether lines and floor account for all that a recording holds, at every time of it: power is
+conserved, band by band.
 
-Lines are found in the whole of a record. A record of which a drive runs for a part only, whose rate ripples or whose load comes and
-goes holds more than its lines say: they are smeared, hidden by the floor that they raise, or parted into others beside them. Here
-the mean square of samples is therefore compared, in bands and in pieces of the record, with that of the lines that are counted and
-of the floor; what is more than both is told with its place.
+Lines are found in the whole of a record. A record of which a drive runs for a part only, whose rate
+ripples or whose load comes and goes holds more than its lines say: they are smeared, hidden by the
+floor that they raise, or parted into others beside them. Here the mean square of samples is
+therefore compared, in bands and in pieces of the record, with that of the lines that are counted
+and of the floor; what is more than both is told with its place.
 """
 
 from __future__ import annotations
@@ -22,9 +24,13 @@ from microvib.signals.line_table import Line
 BANDS = 3.0
 """Bands to the octave."""
 LINES_DOUBT = 0.03
-"""Part of their amplitude by which lines may be larger before the rest counts as more; their own uncertainty comes on top."""
+"""Part of their amplitude by which lines may be larger before the rest counts as more; their own
+uncertainty comes on top.
+"""
 _PIECES = 2, 4, 8, 16, 32, 64
-"""Into how many pieces a record is parted, one after another: short ones show what comes and goes, long ones what is weak."""
+"""Into how many pieces a record is parted, one after another: short ones show what comes and goes,
+long ones what is weak.
+"""
 _BINS = 4
 """Bins of a piece that a band must have, so that a Hann window keeps it apart from its neighbours."""
 _FIRST = 3
@@ -40,12 +46,16 @@ _EVEN = 0.7
 _FEW = 8
 """Bins of a band between the lines that tell its floor."""
 _UNSURE = 4.0 * 1.44 * math.sqrt(_WIDE)
-"""Over the root of the number of such bins: part by which the floor may be higher, four deviations of a median of squares."""
+"""Over the root of the number of such bins: part by which the floor may be higher, four deviations
+of a median of squares.
+"""
 
 
 @dataclass(frozen=True)
 class Excess:
-    """What a band of a record holds beyond the counted lines and the floor, in the piece where that is most."""
+    """What a band of a record holds beyond the counted lines and the floor, in the piece where that
+    is most.
+    """
 
     low: float
     high: float
@@ -60,7 +70,9 @@ class Excess:
     stop: float
     """Between which times [s] samples are about as loud as in that piece."""
     times: float
-    """Their RMS there over that in the rest of the record; 1 where the record is equally loud all along."""
+    """Their RMS there over that in the rest of the record; 1 where the record is equally loud all
+    along.
+    """
 
     @property
     def amplitude(self) -> float:
@@ -69,17 +81,25 @@ class Excess:
 
     def told(self, channel: str = "") -> str:
         """A sentence without a stop: what is wrong, and what to do."""
-        at = f"at {self.low:.3g} to {self.high:.3g} Hz" + (f" in channel {channel}" if channel else "")
+        at = f"at {self.low:.3g} to {self.high:.3g} Hz" + (
+            f" in channel {channel}" if channel else ""
+        )
         if self.times > 1.0:
-            times = f"{self.times:.2g} times" if self.times < 100.0 else "over 100 times"
+            if self.times < 100.0:
+                times = f"{self.times:.2g} times"
+            else:
+                times = "over 100 times"
             return (
-                f"the recording is not steady: between {self.start:.3g} and {self.stop:.3g} s its RMS {at} is {times} that in the"
+                f"the recording is not steady: between {self.start:.3g} and {self.stop:.3g} s its"
+                f" RMS {at} is {times} that in the"
                 " rest (trim it to a steady part, start and stop in the preparation file)"
             )
         part = 100.0 * min(self.counted / self.level, 1.0)
         return (
-            f"the lines that count make {part:.2g} % of the recording's RMS {at}: the rest may be of a rate or load that comes and"
-            " goes, of what rings, of lines of higher order (--harmonics N) or of another machine (record at a steady rate, with"
+            f"the lines that count make {part:.2g} % of the recording's RMS {at}: the rest may be"
+            " of a rate or load that comes and"
+            " goes, of what rings, of lines of higher order (--harmonics N) or of another machine"
+            " (record at a steady rate, with"
             " nothing else running)"
         )
 
@@ -87,7 +107,8 @@ class Excess:
 def excesses(
     x: np.ndarray, sample_rate: float, counted: Iterable[Line], others: Iterable[Line] = ()
 ) -> tuple[Excess, ...]:
-    """What the samples ``x`` (n,) at ``sample_rate`` [Hz] hold beyond lines and floor, by bands of a third of an octave, ascending.
+    """What the samples ``x`` (n,) at ``sample_rate`` [Hz] hold beyond lines and floor, by bands of
+    a third of an octave, ascending.
 
     Parameters
     ----------
@@ -109,7 +130,11 @@ def excesses(
     model = _samples_of(counted, n, sample_rate)
     at = [line.place_hz for line in (*counted, *others)]
     floor = _floors(x - model, sample_rate, edges, at)
-    own = (line.amplitude_uncertainty_n_m / line.amplitude_n_m for line in counted if line.amplitude_n_m > 0.0)
+    own = (
+        line.amplitude_uncertainty_n_m / line.amplitude_n_m
+        for line in counted
+        if line.amplitude_n_m > 0.0
+    )
     doubt = LINES_DOUBT + 2.0 * min(max((y for y in own if math.isfinite(y)), default=0.0), 0.1)
     worst: dict[int, Excess] = {}
     for pieces in _PIECES:
@@ -131,13 +156,17 @@ def joined(found: Sequence[Excess]) -> list[list[Excess]]:
 
 
 def _edges(duration: float, highest: float) -> np.ndarray:
-    """Ends of the bands [Hz]: of a third of an octave, the lowest as wide as the longest pieces resolve."""
+    """Ends of the bands [Hz]: of a third of an octave, the lowest as wide as the longest pieces
+    resolve.
+    """
     longest = duration / _PIECES[0]
     first, least = _FIRST / longest, _BINS / longest
     found = [first]
     while found[-1] < highest:
         found.append(max(found[-1] + least, found[-1] * 2.0 ** (1.0 / BANDS)))
-    return np.array(found) if first < highest else np.zeros(0)
+    if first < highest:
+        return np.array(found)
+    return np.zeros(0)
 
 
 def _samples_of(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray:
@@ -150,8 +179,12 @@ def _samples_of(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray
     return found
 
 
-def _floors(rest: np.ndarray, sample_rate: float, edges: np.ndarray, lines: Sequence[float]) -> np.ndarray:
-    """Density of the floor in each band, from the median of the bins that no line is near, and what it may be at most, (2, m)."""
+def _floors(
+    rest: np.ndarray, sample_rate: float, edges: np.ndarray, lines: Sequence[float]
+) -> np.ndarray:
+    """Density of the floor in each band, from the median of the bins that no line is near, and what
+    it may be at most, (2, m).
+    """
     power = _power(rest[None, :], sample_rate)[0]
     duration = rest.size / sample_rate
     clear = np.ones(power.size, dtype=bool)
@@ -165,13 +198,18 @@ def _floors(rest: np.ndarray, sample_rate: float, edges: np.ndarray, lines: Sequ
         if own.size < _FEW:
             own = power[band]
         # The median of the square of noise in a bin is ln 2 of its mean.
-        floor = float(np.median(own)) / math.log(2.0) * duration if own.size else 0.0
+        if own.size:
+            floor = float(np.median(own)) / math.log(2.0) * duration
+        else:
+            floor = 0.0
         found.append((floor, floor * (1.0 + _UNSURE / math.sqrt(max(own.size, 1)))))
     return np.array(found).T
 
 
 def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
-    """Mean squares of bins of Hann-windowed pieces (m, l), (m, l//2 + 1): their sum is that of the samples."""
+    """Mean squares of bins of Hann-windowed pieces (m, l), (m, l//2 + 1): their sum is that of the
+    samples.
+    """
     length = pieces.shape[1]
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
     values = np.fft.rfft(pieces * window, axis=1)
@@ -181,7 +219,9 @@ def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
 def _in_pieces(
     x: np.ndarray, model: np.ndarray, length: int, sample_rate: float, edges: np.ndarray, floor: np.ndarray, doubt: float,
 ) -> Iterator[tuple[int, Excess]]:  # fmt: skip
-    """Numbers of bands that pieces of ``length`` samples resolve and that hold more than lines and floor, and what is more."""
+    """Numbers of bands that pieces of ``length`` samples resolve and that hold more than lines and
+    floor, and what is more.
+    """
     if length < 4 * _BINS:
         return
     duration = length / sample_rate
@@ -210,13 +250,30 @@ def _in_pieces(
         )  # fmt: skip
 
 
-def _loud(power: np.ndarray, i: int, starts: np.ndarray, duration: float) -> tuple[float, float, float]:
-    """Between which times pieces beside piece ``i`` are about as loud, and how many times as loud as the others."""
+def _loud(
+    power: np.ndarray, i: int, starts: np.ndarray, duration: float
+) -> tuple[float, float, float]:
+    """Between which times pieces beside piece ``i`` are about as loud, and how many times as loud
+    as the others.
+    """
     quiet = power < 0.5 * power[i]
-    rest = float(np.median(power[quiet])) if quiet.any() else power[i]
+    if quiet.any():
+        rest = float(np.median(power[quiet]))
+    else:
+        rest = power[i]
     if rest > _EVEN**2 * power[i]:
         return float(starts[0]), float(starts[-1]) + duration, 1.0
     before, after = np.flatnonzero(quiet[:i]), np.flatnonzero(quiet[i:])
-    first = int(before[-1]) + 1 if before.size else 0
-    last = i + int(after[0]) - 1 if after.size else power.size - 1
-    return float(starts[first]), float(starts[last]) + duration, math.sqrt(power[i] / max(rest, 1e-300))
+    if before.size:
+        first = int(before[-1]) + 1
+    else:
+        first = 0
+    if after.size:
+        last = i + int(after[0]) - 1
+    else:
+        last = power.size - 1
+    return (
+        float(starts[first]),
+        float(starts[last]) + duration,
+        math.sqrt(power[i] / max(rest, 1e-300)),
+    )

@@ -1,6 +1,7 @@
 """Channels of a motion: name, unit and meaning, declared here and nowhere else.
 
-The kernel fills a row with them in this order (``kernel.CHANNELS``); its powers come out as energies.
+The kernel fills a row with them in this order (``kernel.CHANNELS``); its powers come out as
+energies.
 """
 
 from __future__ import annotations
@@ -40,7 +41,11 @@ CHANNELS = {
         Channel("T_g", "N*m", "torque through the reducer on the output"),
         Channel("T_l", "N*m", "load torque of the array (Eq. 16)"),
         Channel("T_d", "N*m", "disturbance torque on the spacecraft, momentum form (Eq. 20)"),
-        Channel("T_d_force", "N*m", "disturbance torque on the spacecraft, sum of the torques on the housing"),
+        Channel(
+            "T_d_force",
+            "N*m",
+            "disturbance torque on the spacecraft, sum of the torques on the housing",
+        ),
         Channel("stuck_rotor", "1", "fraction of the time that the rotor sticks"),
         Channel("stuck_output", "1", "fraction of the time that the output shaft sticks"),
         Channel("E_kinetic", "J", "kinetic energy"),
@@ -58,23 +63,36 @@ MODAL = {
 }
 TIME = Channel("time", "s", "time from the start of the command")
 LOADS = {
-    name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft") for name in COMPONENTS
+    name: Channel(name, "N" if name.startswith("F") else "N*m", f"{name} on the spacecraft")
+    for name in COMPONENTS
 }
 """Loads at the interface, of arrays with participation in six components."""
-LOAD_COLUMNS = tuple(f"{name.lower()}_{'n' if load.unit == 'N' else 'n_m'}" for name, load in LOADS.items())
+LOAD_COLUMNS = tuple(
+    f"{name.lower()}_{'n' if load.unit == 'N' else 'n_m'}" for name, load in LOADS.items()
+)
 LOS_COLUMNS = ("los_x_rad", "los_y_rad")
 """What tables call loads and angles of the line of sight."""
 SECOND_LOADS = {
-    f"{name}_2": Channel(f"{name}_2", load.unit, f"{name} on the spacecraft at the second wing's interface")
+    f"{name}_2": Channel(
+        f"{name}_2", load.unit, f"{name} on the spacecraft at the second wing's interface"
+    )
     for name, load in LOADS.items()
 }
 """The same of a second wing."""
 LINE_OF_SIGHT = {
-    "los_x": Channel("los_x", "rad", "first angle of the line of sight, less the mean motion that the command makes"),
+    "los_x": Channel(
+        "los_x",
+        "rad",
+        "first angle of the line of sight, less the mean motion that the command makes",
+    ),
     "los_y": Channel("los_y", "rad", "second angle of the line of sight"),
-    "los_ax": Channel("los_ax", "rad/s^2", "second derivative of the first angle of the line of sight"),
-    "los_ay": Channel("los_ay", "rad/s^2", "second derivative of the second angle of the line of sight"),
+    "los_ax": Channel(
+        "los_ax", "rad/s^2", "second derivative of the first angle of the line of sight"
+    ),
+    "los_ay": Channel(
+        "los_ay", "rad/s^2", "second derivative of the second angle of the line of sight"
+    ),
 }
 """Of a craft with a line of sight."""
-KNOWN = {**CHANNELS, **MODAL, **LOADS, **SECOND_LOADS, **LINE_OF_SIGHT}
+ALL_CHANNELS = {**CHANNELS, **MODAL, **LOADS, **SECOND_LOADS, **LINE_OF_SIGHT}
 """Everything that has a name."""

@@ -1,24 +1,31 @@
-"""One step of a drive: what is linear is propagated exactly, and what is not enters as a polynomial.
+"""One step of a drive: what is linear is propagated exactly, and what is not enters as a
+polynomial.
 
-Between two events a drive is nearly linear, if it is seen from its command: with the currents turned by the commanded electrical
-angle and the angles counted from it, dx/dt = A x + r, with a matrix A that only depends on which bodies stick, and a deficit
-r = f - A x that is left of the equations of motion f (``kernel.drive_derivative``): the sine of the electromagnetic spring beyond
-its slope, detent torque, friction, transmission error, the supply's limit. However large r is, this is no approximation.
+Between two events a drive is nearly linear, if it is seen from its command: with the currents
+turned by the commanded electrical angle and the angles counted from it, dx/dt = A x + r, with a
+matrix A that only depends on which bodies stick, and a deficit r = f - A x that is left of the
+equations of motion f (``kernel.drive_derivative``): the sine of the electromagnetic spring beyond
+its slope, detent torque, friction, transmission error, the supply's limit. However large r is, this
+is no approximation.
 
-A step takes r as the cubic through its values at four nodes (Lobatto's: both ends are nodes). The states there are then
+A step takes r as the cubic through its values at four nodes (Lobatto's: both ends are nodes). The
+states there are then
 
     x(c T) = E(c T) x(0) + sum over nodes j of K_j(c T) r_j,      E(t) = exp(A t),  K_j = integral of E(c T - t) l_j(t / T) dt
 
-with l_j the cubic that is 1 at node j and 0 at the others; E and K come from tables (``tabulate``), for lengths T of the longest
-step over powers of two. r depends on x, so the equation is iterated; that contracts, because A has taken what is stiff. The nodes
-are the four lanes of a vector (``microvib.solve.vector``), so that f is evaluated at all of them at once. The highest Legendre
+with l_j the cubic that is 1 at node j and 0 at the others; E and K come from tables (``tabulate``),
+for lengths T of the longest step over powers of two. r depends on x, so the equation is iterated;
+that contracts, because A has taken what is stiff. The nodes are the four lanes of a vector
+(``microvib.solve.vector``), so that f is evaluated at all of them at once. The highest Legendre
 term of r, peak to peak over what a microstep moves, is the error estimate.
 
-Wherever a step has to end, at a microstep or where a friction sticks or breaks away, its solution is taken there
-(``solution_at``): the propagators of shorter and shorter lengths lead to any instant of it. So an event costs no further step.
+Wherever a step has to end, at a microstep or where a friction sticks or breaks away, its solution
+is taken there (``solution_at``): the propagators of shorter and shorter lengths lead to any instant
+of it. So an event costs no further step.
 
-The modes of the array are no part of A, so that their number costs no more than their sum: they move as free oscillators, driven by
-the cubic through the output's rate at the nodes, and their torque is a part of f.
+The modes of the array are no part of A, so that their number costs no more than their sum: they
+move as free oscillators, driven by the cubic through the output's rate at the nodes, and their
+torque is a part of f.
 """
 
 import math
@@ -109,14 +116,26 @@ class Work(NamedTuple):
 
 
 # torques and momentum of the modes as free oscillators; torques; T_d; momentum; margins; change
-FREE_TORQUE, FREE_MOMENTUM, TORQUE, TORQUE_D, MOMENTUM, MARGIN_M, MARGIN_L, CHANGE, FREE_ON_ROTOR, ON_ROTOR, N_SUMS = (
-    range(11)
-)
+(
+    FREE_TORQUE,
+    FREE_MOMENTUM,
+    TORQUE,
+    TORQUE_D,
+    MOMENTUM,
+    MARGIN_M,
+    MARGIN_L,
+    CHANGE,
+    FREE_ON_ROTOR,
+    ON_ROTOR,
+    N_SUMS,
+) = range(11)
 
 
 @code.inner(**FORCED)
 def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
-    """States at the nodes not seen from the command, the derivative there, and the deficits ``w.r``; of a step of length ``T``."""
+    """States at the nodes not seen from the command, the derivative there, and the deficits
+    ``w.r``; of a step of length ``T``.
+    """
     at, y, f = rows(w.at, 0, N, 1), rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1)
     r, sums, A = rows(w.r, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1), t.A[stick_pattern(x.stick, p)]
     a0, a1, a2, a3, a4, a5, a6, a7 = at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]
@@ -129,7 +148,9 @@ def _evaluate_deficits(T, s, c, modal, on_rotor, x, p, t, w):
         off_A, off_B = reference_offset(dt, x.clock, s, c)
         y[IA], y[IB] = y[IA] + off_A, y[IB] + off_B
     noise = rows(w.noise, 0, 1, 1)[0]
-    drive_derivative(y, modal - noise, on_rotor, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1))
+    drive_derivative(
+        y, modal - noise, on_rotor, references_after(dt, x.clock), x.stick, p, f, rows(w.q, 0, 7, 1)
+    )
     sums[TORQUE], sums[ON_ROTOR] = modal, on_rotor
     f_d, f_q = f[IA] * c + f[IB] * s, f[IB] * c - f[IA] * s
     r[0] = (
@@ -193,7 +214,8 @@ def _noise_at_nodes(T, x, p, w):
 def solve_collocation(level, afresh, s, c, x, p, t, w):
     """Solve the step's equation; the last change of the deficits, over what a microstep moves.
 
-    It begins from the deficits in ``w.r`` or, ``afresh``, from those at the start of the step, taken for all of it.
+    It begins from the deficits in ``w.r`` or, ``afresh``, from those at the start of the step,
+    taken for all of it.
     """
     r, before, sums = rows(w.r, 0, 6, 1), rows(w.before, 0, 6, 1), rows(w.sums, 0, N_SUMS, 1)
     T, block = t.longest * 0.5**level, (stick_pattern(x.stick, p) * t.levels + level) * NODE_ROWS
@@ -219,7 +241,9 @@ def solve_collocation(level, afresh, s, c, x, p, t, w):
             if p.H_m.size > 0:
                 for j in range(4):
                     modal += coupling[S_BOTH + j] * w.at[WM, j]
-                    on_rotor += coupling[S_BOTH + j] * w.at[WL, j] + coupling[S_ROTOR + j] * w.at[WM, j]
+                    on_rotor += (
+                        coupling[S_BOTH + j] * w.at[WL, j] + coupling[S_ROTOR + j] * w.at[WM, j]
+                    )
         for k in range(t.inputs):
             before[k] = r[k]
         # One copy of the equations serves both: it is most of what is compiled.
@@ -233,7 +257,9 @@ def solve_collocation(level, afresh, s, c, x, p, t, w):
             size = math.fabs(r[k] - before[k]) * w.per_size[k]
             largest = where(size > largest, size, largest)
         sums[CHANGE] = largest
-        change = T * max(max(w.sums[CHANGE, 0], w.sums[CHANGE, 1]), max(w.sums[CHANGE, 2], w.sums[CHANGE, 3]))
+        change = T * max(
+            max(w.sums[CHANGE, 0], w.sums[CHANGE, 1]), max(w.sums[CHANGE, 2], w.sums[CHANGE, 3])
+        )
         if not change > CONVERGED * t.accuracy or not change < 0.7 * last:
             break
         last = change
@@ -245,7 +271,10 @@ def solve_collocation(level, afresh, s, c, x, p, t, w):
 def _at_start(x, p, t, w):
     """States at the nodes as at the start of the step; torques of the modes there."""
     at = rows(w.at, 0, N, 1)
-    nothing, rate = _zero_lanes(t), output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p)
+    nothing, rate = (
+        _zero_lanes(t),
+        output_rate(w.x[TM] + x.clock[THETA_E] * p.inv_z, w.x[WM], w.x[WL], p),
+    )
     for i in range(N):
         at[i] = nothing + w.x[i]
     modal, on_rotor = modal_torques(x.y, rate, p)
@@ -254,7 +283,9 @@ def _at_start(x, p, t, w):
 
 @code.inner(**FORCED)
 def _add_products(a, M, m, value):
-    """Eight sums with one product more each; side by side, because each addition waits for the one before."""
+    """Eight sums with one product more each; side by side, because each addition waits for the one
+    before.
+    """
     return (
         a[0] + M[m, 0] * value, a[1] + M[m, 1] * value, a[2] + M[m, 2] * value, a[3] + M[m, 3] * value,
         a[4] + M[m, 4] * value, a[5] + M[m, 5] * value, a[6] + M[m, 6] * value, a[7] + M[m, 7] * value,
@@ -285,9 +316,11 @@ def _states_at_nodes(K, x, p, t, w):
 
 @code.inner(**INLINE)
 def error_estimate(level, t, w, out):
-    """The highest Legendre term of the deficits, peak to peak, over what a microstep moves; weighted, that of rates and currents.
+    """The highest Legendre term of the deficits, peak to peak, over what a microstep moves;
+    weighted, that of rates and currents.
 
-    The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only where the motion itself is.
+    The ends of steps are exact where deficits are cubics; what is sampled inside is a cubic only
+    where the motion itself is.
     """
     error, T = 0.0, t.longest * 0.5**level
     for k in range(t.inputs):
@@ -306,7 +339,8 @@ def error_estimate(level, t, w, out):
 
 @code.inner(**INLINE)
 def _error_growth(rate, stribeck, inv_rate, inertia, alpha):
-    """How much an error of a rate grows while friction falls or rises on the way out of its layer or into it.
+    """How much an error of a rate grows while friction falls or rises on the way out of its layer
+    or into it.
 
     There an error grows as the acceleration does, which changes by the Stribeck excess.
     """
@@ -317,14 +351,19 @@ def _error_growth(rate, stribeck, inv_rate, inertia, alpha):
 
 @code.inner(**INLINE)
 def set_error_weights(x, p, t, w):
-    """Sizes over which errors count: near a stop less, by what an error grows; at most the rate that friction takes to fall."""
+    """Sizes over which errors count: near a stop less, by what an error grows; at most the rate
+    that friction takes to fall.
+    """
     grown_m = grown_l = 1.0
     if x.stick[0] != 0.0:
         J = p.J_m + p.inv_h * p.inv_h * p.J_L if p.rigid else p.J_m
         grown_m = _error_growth(w.at[WM, 3], p.m_stribeck, p.m_inv_rate, J, w.f[WM, 3])
         if p.rigid:
             grown_m = max(
-                grown_m, _error_growth(w.at[WL, 3], p.l_stribeck * math.fabs(p.inv_h), p.l_inv_rate, J, w.f[WM, 3])
+                grown_m,
+                _error_growth(
+                    w.at[WL, 3], p.l_stribeck * math.fabs(p.inv_h), p.l_inv_rate, J, w.f[WM, 3]
+                ),
             )
     if x.stick[1] != 0.0 and not p.rigid:
         grown_l = _error_growth(w.at[WL, 3], p.l_stribeck, p.l_inv_rate, p.J_L, w.f[WL, 3])
@@ -357,7 +396,9 @@ def margins_at_nodes(p, x, w):
 
 @code.inner(**FORCED)
 def fit_momentum(level, p, t, w):
-    """Momentum at the nodes, and the polynomial of degree 7 through it and the torque, into ``w.poly``."""
+    """Momentum at the nodes, and the polynomial of degree 7 through it and the torque, into
+    ``w.poly``.
+    """
     at, sums = rows(w.at, 0, N, 1), rows(w.sums, 0, N_SUMS, 1)
     coupling = rows(t.sums, level * SUM_ROWS, SUM_ROWS, 1)
     total = p.J_m * at[WM] + p.J_L * at[WL] + sums[FREE_MOMENTUM]

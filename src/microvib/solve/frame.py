@@ -1,4 +1,6 @@
-"""A drive as seen from its command: the frame in which it is nearly linear, and the pattern of what sticks in it."""
+"""A drive as seen from its command: the frame in which it is nearly linear, and the pattern of what
+sticks in it.
+"""
 
 from microvib.compiled import Unit
 from microvib.solve.kernel import (
@@ -31,7 +33,9 @@ code = Unit(__name__, "kernel.py")
 
 @code.inner(**INLINE)
 def references_in_command_frame(s, c, x, p):
-    """How the references are off those of an ideal driver, seen from the command, and how fast they ramp."""
+    """How the references are off those of an ideal driver, seen from the command, and how fast they
+    ramp.
+    """
     clock = x.clock
     clock[SEEN_D] = clock[REF_A] * c + clock[REF_B] * s - p.current
     clock[SEEN_Q] = clock[REF_B] * c - clock[REF_A] * s
@@ -48,9 +52,11 @@ def reference_offset(dt, clock, s, c):
 
 @code.inner(**INLINE)
 def to_command_frame(x, p, t, w):
-    """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding drive is 0 there.
+    """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding
+    drive is 0 there.
 
-    Currents are counted from their references, also where these are not ideal or ramp, so that the loop's integral is linear.
+    Currents are counted from their references, also where these are not ideal or ramp, so that the
+    loop's integral is linear.
     """
     s, c = sincos(x.clock[THETA_E])
     y, angle = x.y, x.clock[THETA_E] * p.inv_z
@@ -74,7 +80,9 @@ def add_reference_offset(v, dt, x, p):
 
 @code.inner(**INLINE)
 def from_command_frame(v, y, x, p, t):
-    """The drive's state ``y`` from ``v``, as seen from its command; the angle of what sticks stays what it was, to the last bit."""
+    """The drive's state ``y`` from ``v``, as seen from its command; the angle of what sticks stays
+    what it was, to the last bit.
+    """
     s, c = sincos(x.clock[THETA_E])
     i_d, x_d, angle = v[IA] + t.current, v[XA] + t.windup, x.clock[THETA_E] / p.z
     y[IA], y[IB] = i_d * c - v[IB] * s, v[IB] * c + i_d * s

@@ -1,4 +1,6 @@
-"""One integration in time, block by block: ``Simulation``; from rest, from a given state, and what must have held."""
+"""One integration in time, block by block: ``Simulation``; from rest, from a given state, and what
+must have held.
+"""
 
 from __future__ import annotations
 
@@ -10,57 +12,88 @@ from typing import Any
 
 import numpy as np
 
-from microvib.errors import ChannelError, SimulationError, SynchronismLost, did_you_mean, error_context
+from microvib.errors import (
+    ChannelError,
+    SimulationError,
+    SynchronismLost,
+    did_you_mean,
+    error_context,
+)
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
-from microvib.solve.motion import OF_INTERFACE, Beginning, Invariants, Motion
-from microvib.solve.on_craft import ACCELERATIONS, ANGLES, OF_STATES, of_states
+from microvib.solve.motion import INTERFACE_LOAD_CHANNELS, InitialState, Invariants, Motion
+from microvib.solve.on_craft import (
+    ACCELERATIONS,
+    ANGLES,
+    LINE_OF_SIGHT_ACCELERATIONS,
+    line_of_sight_acceleration_weights,
+)
 from microvib.solve.pack import Packed, pack
-from microvib.solve.sampling import Decimator, sample_intervals, samples_into, top_frequency
+from microvib.solve.sampling import (
+    Decimator,
+    max_driving_frequency,
+    sample_buffer,
+    sample_intervals,
+)
 from microvib.solve.vector import whole_lanes
 
 Progress = Callable[[float, float], None]
 CHUNK_TIME, CHUNK_STEPS = 16.0, 1_000_000
 """Simulated seconds between two reports of progress, and microsteps, at most."""
-METHOD = "exact propagation of what is linear, with located friction events"
-FOLLOWING, SHORT = 16.0, 0.02
-"""Microsteps over which the energies of a run of the torque alone are balanced, and the part of the run that they are at most."""
+METHOD = "exact propagation of the linear part, with event location for friction"
+BALANCE_MICROSTEPS, MAX_BALANCE_FRACTION = 16.0, 0.02
+"""Microsteps over which the energies of a run of the torque alone are balanced, and the part of the
+run that they are at most.
+"""
 SECOND_WING = "spacecraft.second_wing"
 """How sentences on a second wing's run begin."""
 CHUNK_BYTES, CHUNK_ROWS = 4_000_000, 8192
-"""Memory of the rows of one chunk of a record, what stays in a processor's reach; of many modes rather so many rows, if they take
-no more than MOST_BYTES."""
-MOST_BYTES = 8 * CHUNK_BYTES
+"""Memory of the rows of one chunk of a record, what stays in a processor's reach; of many modes
+rather so many rows, if they take no more than MOST_BYTES."""
+MAX_CHUNK_BYTES = 8 * CHUNK_BYTES
 
 
-def from_rest(
+def simulate_from_rest(
     scenario: Scenario,
     *,
     progress: Progress | None = None,
     channels: tuple[str, ...] | None = None,
     balanced: bool = True,
 ) -> Motion:
-    """``simulate`` from rest at t = 0, whatever ``record.start`` says; not ``balanced``, invariants are those of the record."""
-    other = scenario.driven_wing if shows_hub(channels) else None
-    first, second = (progress, None) if other is None else halves(progress)
+    """``simulate`` from rest at t = 0, whatever ``record.start`` says; not ``balanced``, invariants
+    are those of the record.
+    """
+    if keeps_hub_motion(channels):
+        other = scenario.driven_wing
+    else:
+        other = None
+    if other is None:
+        first, second = (progress, None)
+    else:
+        first, second = split_progress(progress)
     run = Simulation(scenario, progress=first, channels=channels, balanced=balanced)
-    motion = recorded(run)
+    motion = record_motion(run)
     if other is None:
         return motion
     with error_context(SECOND_WING):
-        return replace(motion, beside=from_rest(other, progress=second, channels=channels, balanced=balanced))
+        return replace(
+            motion,
+            beside=simulate_from_rest(other, progress=second, channels=channels, balanced=balanced),
+        )
 
 
-def shows_hub(channels: tuple[str, ...] | None) -> bool:
+def keeps_hub_motion(channels: tuple[str, ...] | None) -> bool:
     """Whether the hub's motion follows from the ``channels`` that are kept."""
-    return channels is None or any(set(made) <= set(channels) for made in (ACCELERATIONS, OF_STATES))
+    return channels is None or any(
+        set(made) <= set(channels) for made in (ACCELERATIONS, LINE_OF_SIGHT_ACCELERATIONS)
+    )
 
 
-def recorded(run: Simulation) -> Motion:
+def record_motion(run: Simulation) -> Motion:
     """All of a simulation as a motion."""
     record, blocks = run.scenario.record, list(run)
     joined = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
@@ -68,38 +101,48 @@ def recorded(run: Simulation) -> Motion:
     return Motion(run.scenario, t, joined, run.invariants, run.solver, run.beginning)
 
 
-def halves(progress: Progress | None) -> tuple[Progress | None, Progress | None]:
+def split_progress(progress: Progress | None) -> tuple[Progress | None, Progress | None]:
     """The ``progress`` of two runs one after the other."""
     if progress is None:
         return None, None
-    return (lambda done, total: progress(done, 2.0 * total)), (lambda done, total: progress(total + done, 2.0 * total))
+    return (lambda done, total: progress(done, 2.0 * total)), (
+        lambda done, total: progress(total + done, 2.0 * total)
+    )
 
 
-def again(scenario: Scenario, beginning: Beginning, finer: int, duration: float) -> np.ndarray:
-    """T_d [N m] over the first ``duration`` [s] of a record, from where a run began, with steps ``finer`` times finer.
+def rerun_refined(
+    scenario: Scenario, beginning: InitialState, finer: int, duration: float
+) -> np.ndarray:
+    """T_d [N m] over the first ``duration`` [s] of a record, from where a run began, with steps
+    ``finer`` times finer.
 
     Nothing else is sampled.
 
     Raises SimulationError as ``simulate`` does.
     """
-    changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement, "record.duration": duration})
+    changed = scenario.with_si(
+        {"solver.refinement": finer * scenario.solver.refinement, "record.duration": duration}
+    )
     packed = pack(changed)
     own = packed.state.y, packed.state.stick, packed.state.clock, packed.state.levels
-    for mine, given in zip(own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True):
+    for mine, given in zip(
+        own, np.split(beginning.state, np.cumsum([x.size for x in own[:-1]])), strict=True
+    ):
         mine[:] = given
     run = Simulation(changed, packed=packed, command=beginning.command, torque_only=True)
     return np.concatenate([block["T_d"] for block in run])
 
 
 class Simulation:
-    """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is through.
+    """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is
+    through.
 
     It starts at rest at t = 0, or goes on from the state ``packed`` at its time, under ``command``.
     """
 
     invariants: Invariants
     solver: dict[str, Any]
-    beginning: Beginning
+    beginning: InitialState
     stuck_output: float
     momentum: float
 
@@ -114,57 +157,93 @@ class Simulation:
         torque_only: bool = False,
         balanced: bool = True,
     ) -> None:
-        """With ``torque_only`` nothing but ``T_d`` is sampled, which takes a fraction of the time; then there are no invariants,
-        but ``stuck_output`` and ``momentum`` (see ``microvib.solve.batch.Torque``). Not ``balanced``, nothing is until the record
-        begins, and invariants are those of the record."""
+        """With ``torque_only`` nothing but ``T_d`` is sampled, which takes a fraction of the time;
+        then there are no invariants, but ``stuck_output`` and ``momentum`` (see
+        ``microvib.solve.batch.Torque``). Not ``balanced``, nothing is until the record begins, and
+        invariants are those of the record."""
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
         craft = scenario.craft
         looks = craft is not None and craft.spacecraft.line_of_sight is not None
-        known = (*CHANNELS, *MODAL, *(OF_STATES if looks else ()))
+        known = (*CHANNELS, *MODAL, *(LINE_OF_SIGHT_ACCELERATIONS if looks else ()))
         unknown = [name for name in channels or () if name not in known]
         if isinstance(channels, str):
-            raise ChannelError(f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}")
+            raise ChannelError(
+                "channels: a list of names is expected, such as ('T_d',), not the text"
+                f" {channels!r}"
+            )
         if unknown and unknown[0] in (*COMPONENTS, *LINE_OF_SIGHT):
-            needed = OF_INTERFACE if scenario.craft is None else (*ACCELERATIONS, *ANGLES)
-            raise ChannelError(f"channel '{unknown[0]}' is made of others; keep {', '.join(needed)}")
+            needed = (
+                INTERFACE_LOAD_CHANNELS if scenario.craft is None else (*ACCELERATIONS, *ANGLES)
+            )
+            raise ChannelError(
+                f"channel '{unknown[0]}' is made of others; keep {', '.join(needed)}"
+            )
         if unknown:
             near = did_you_mean(unknown[0], known)
-            raise ChannelError(f"channel '{unknown[0]}' does not exist; {near}there are {', '.join(known)}")
+            raise ChannelError(
+                f"channel '{unknown[0]}' does not exist; {near}available channels:"
+                f" {', '.join(known)}"
+            )
         self._wanted = channels or None
         self.packed = packed or pack(scenario)
-        made = craft is not None and set(channels or ()) & set(OF_STATES)
-        self._of_states = of_states(craft, tuple(CHANNELS)) if craft is not None and made else None
+        made = craft is not None and set(channels or ()) & set(LINE_OF_SIGHT_ACCELERATIONS)
+        self._of_states = (
+            line_of_sight_acceleration_weights(craft, tuple(CHANNELS))
+            if craft is not None and made
+            else None
+        )
         self._torque_only, self._balanced = torque_only, balanced
         self._command, self._known_until = command or Command(scenario), -math.inf
-        self._chunk = min(CHUNK_TIME, CHUNK_STEPS / max(top_frequency(scenario), 1.0))
+        self._chunk = min(CHUNK_TIME, CHUNK_STEPS / max(max_driving_frequency(scenario), 1.0))
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
         record, packed = self.scenario.record, self.packed
         x = packed.state
         t = start = float(x.clock[kernel.NOW])
-        self.beginning = Beginning(np.concatenate([x.y, x.stick, x.clock, x.levels]), self._command)
+        self.beginning = InitialState(
+            np.concatenate([x.y, x.stick, x.clock, x.levels]), self._command
+        )
         intervals = sample_intervals(self.scenario, start)
         self._progress(start, intervals.end)
-        self._factor, width, first, end = intervals.factor, intervals.width, intervals.first, intervals.end
+        self._factor, width, first, end = (
+            intervals.factor,
+            intervals.width,
+            intervals.first,
+            intervals.end,
+        )
         before, momentum_before = packed.snapshot(), packed.momentum
         torque, channels = np.zeros((0, packed.torque_columns)), np.zeros((0, packed.columns))
-        silent = torque if self._torque_only or not self._balanced else channels
+        if self._torque_only or not self._balanced:
+            silent = torque
+        else:
+            silent = channels
         while t < first:
-            t = self._advance(min(t + self._chunk, first), end, samples_into(silent, first, width))
+            t = self._advance(min(t + self._chunk, first), end, sample_buffer(silent, first, width))
         if not self._balanced:
             before, momentum_before, start = packed.snapshot(), packed.momentum, t
             x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
         mix = self._mix()
-        columns = torque.shape[1] if self._torque_only else packed.columns if mix is None else whole_lanes(len(mix))
+        if self._torque_only:
+            columns = torque.shape[1]
+        elif mix is None:
+            columns = packed.columns
+        else:
+            columns = whole_lanes(len(mix))
         decimator = Decimator(self._factor)
         # As long whatever is kept, since a step ends where a chunk does.
-        per_chunk = chunk_rows(columns if self._torque_only else packed.columns, math.ceil(self._chunk / width))
+        per_chunk = chunk_rows(
+            columns if self._torque_only else packed.columns, math.ceil(self._chunk / width)
+        )
         # Where rows are filtered as they are, they are written where the filter takes them.
-        selected = self._torque_only or (self._wanted is not None and mix is None) or columns != whole_lanes(columns)
+        selected = (
+            self._torque_only
+            or (self._wanted is not None and mix is None)
+            or columns != whole_lanes(columns)
+        )
         buffer = np.zeros((per_chunk if selected else 0, columns))
-        samples = samples_into(buffer[:0], first, width, mix)
+        samples = sample_buffer(buffer[:0], first, width, mix)
         done = made = 0
         stuck = largest = 0.0
         lead = round((record.settle - first) / width)
@@ -172,7 +251,10 @@ class Simulation:
         while made < record.samples:
             count, missing = min(per_chunk, intervals.rows - done), 0 if done else intervals.missing
             if count > 0:
-                rows = buffer[:count] if selected else decimator.room(missing + count, columns)[missing:]
+                if selected:
+                    rows = buffer[:count]
+                else:
+                    rows = decimator.room(missing + count, columns)[missing:]
                 samples = samples._replace(rows=rows)
                 samples.cursor[:] = 0, done
                 self._advance(first + (done + count) * width, end, samples)
@@ -184,7 +266,9 @@ class Simulation:
                         max(largest, float(np.max(np.abs(T_d)))),
                     )
                     rows = T_d[:, None]
-                elif self._wanted is not None and mix is None:  # before they are filtered, which takes its time
+                elif (
+                    self._wanted is not None and mix is None
+                ):  # before they are filtered, which takes its time
                     rows = self._picked(rows[:, : packed.channels], self._wanted)
                 room = decimator.room(missing + count, rows.shape[1])
                 if selected:
@@ -199,30 +283,43 @@ class Simulation:
             if block.shape[0]:
                 yield {"T_d": block[:, 0]} if self._torque_only else self._name(block)
         if self._torque_only:
-            lost = abs(packed.momentum - momentum_before + float(packed.state.clock[kernel.IMPULSE]))
+            lost = abs(
+                packed.momentum - momentum_before + float(packed.state.clock[kernel.IMPULSE])
+            )
             self.stuck_output = stuck / (last - lead)
-            self.momentum = lost / (largest * (end - start)) if largest > 0.0 else 0.0
+            if largest > 0.0:
+                self.momentum = lost / (largest * (end - start))
+            else:
+                self.momentum = 0.0
             return
-        self.invariants = balance(packed, before, momentum_before, end - start)
+        self.invariants = compute_invariants(packed, before, momentum_before, end - start)
         self._finish(end - start, clock_time.perf_counter() - begun)
 
     def balance_after(self) -> Invariants | None:
-        """Invariants of the motion that follows for some microsteps, at most SHORT of what was simulated; None where it stops.
+        """Invariants of the motion that follows for some microsteps, at most SHORT of what was
+        simulated; None where it stops.
 
         A run of the torque alone, which has no energies, is so checked at a small part of its cost.
         """
         packed, clock = self.packed, self.packed.state.clock
         start, f_d = float(clock[kernel.NOW]), self.scenario.driving_frequency
-        span = SHORT * start if not f_d else min(SHORT * start, FOLLOWING / f_d)
+        if not f_d:
+            span = MAX_BALANCE_FRACTION * start
+        else:
+            span = min(MAX_BALANCE_FRACTION * start, BALANCE_MICROSTEPS / f_d)
         packed.state.energy[:] = 0.0
         clock[[kernel.IMPULSE, kernel.MISMATCH, kernel.LARGEST]] = 0.0
         before, momentum_before = packed.snapshot(), packed.momentum
         self._progress = lambda done, total: None
         try:
-            self._advance(start + span, start + span, samples_into(np.zeros((0, packed.columns)), start, span))
+            self._advance(
+                start + span,
+                start + span,
+                sample_buffer(np.zeros((0, packed.columns)), start, span),
+            )
         except SimulationError:
             return None
-        return balance(packed, before, momentum_before, span)
+        return compute_invariants(packed, before, momentum_before, span)
 
     def _advance(self, stop: float, end: float, samples: Any) -> float:
         clock = self.packed.state.clock
@@ -235,7 +332,7 @@ class Simulation:
         status = self.packed.advance(stop, samples, times[due], references[due])
         now = float(clock[kernel.NOW])
         if status != kernel.OK:
-            raise stopped(self.scenario, status, now)
+            raise status_error(self.scenario, status, now)
         self._progress(stop, end)
         return stop
 
@@ -243,11 +340,13 @@ class Simulation:
         """Of the kernel's rows (n, channels) the columns that are kept, or what is made of them."""
         block = channels_of(rows, self.packed.drive.H.size)
         if self._of_states is not None:
-            block |= dict(zip(OF_STATES, self._of_states.T @ rows.T, strict=True))
+            block |= dict(zip(LINE_OF_SIGHT_ACCELERATIONS, self._of_states.T @ rows.T, strict=True))
         return np.vstack([block[name].T for name in wanted]).T
 
     def _mix(self) -> np.ndarray | None:
-        """What is wanted as sums of the channels (wanted, channels); None where propagators do not make them (``Packed.mixes``)."""
+        """What is wanted as sums of the channels (wanted, channels); None where propagators do not
+        make them (``Packed.mixes``).
+        """
         packed = self.packed
         if self._wanted is None or set(self._wanted) & set(MODAL):
             return None
@@ -256,8 +355,10 @@ class Simulation:
             if name in CHANNELS:
                 row[list(CHANNELS).index(name)] = 1.0
             elif self._of_states is not None:
-                row[:] = self._of_states[:, OF_STATES.index(name)]
-        return mix if packed.mixes(mix) else None
+                row[:] = self._of_states[:, LINE_OF_SIGHT_ACCELERATIONS.index(name)]
+        if packed.mixes(mix):
+            return mix
+        return None
 
     def _name(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         modes = self.packed.drive.H.size
@@ -280,7 +381,8 @@ class Simulation:
             "sticks": int(count[kernel.STICKS]),
             "breakaways": int(count[kernel.BREAKAWAYS]),
             "sampling": (
-                f"interval means at {self._factor} x the sample rate, then a linear-phase filter, flat within 1e-4 to"
+                f"interval means at {self._factor} x the sample rate, then a linear-phase filter,"
+                " flat within 1e-4 to"
                 f" {PASSBAND} x the sample rate"
             ),
             "simulated_s": simulated,
@@ -292,7 +394,7 @@ class Simulation:
 def chunk_rows(columns: int, longest: int) -> int:
     """Rows of one chunk, at most as many as the ``longest`` has."""
     row = 8 * columns
-    return min(max(CHUNK_BYTES // row, min(CHUNK_ROWS, MOST_BYTES // row), 512), longest)
+    return min(max(CHUNK_BYTES // row, min(CHUNK_ROWS, MAX_CHUNK_BYTES // row), 512), longest)
 
 
 def method_of(scenario: Scenario) -> dict[str, Any]:
@@ -306,15 +408,21 @@ def method_of(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: float) -> Invariants:
-    """What should have held over the last ``span`` [s], since the snapshot ``before`` and its angular momentum [N m s]."""
+def compute_invariants(
+    packed: Packed, before: np.ndarray, momentum_before: float, span: float
+) -> Invariants:
+    """What should have held over the last ``span`` [s], since the snapshot ``before`` and its
+    angular momentum [N m s].
+    """
     state = packed.state
     change = packed.snapshot() - before
     stored = float(np.sum(change[kernel.ENERGIES : kernel.POWERS]))
     energy_in, joule, friction, damping = (float(e) for e in state.energy)
     dissipated = joule + friction + damping
     residual = abs(energy_in - stored - dissipated)
-    passed = max(abs(energy_in - joule) + friction + damping, 1e-9 * energy_in)  # nothing passes a drive that holds
+    passed = max(
+        abs(energy_in - joule) + friction + damping, 1e-9 * energy_in
+    )  # nothing passes a drive that holds
     unbalanced = float(abs(packed.momentum - momentum_before + state.clock[kernel.IMPULSE]))
     torque = float(state.clock[kernel.LARGEST])
     return Invariants(
@@ -328,29 +436,37 @@ def balance(packed: Packed, before: np.ndarray, momentum_before: float, span: fl
     )
 
 
-def stopped(scenario: Scenario, status: int, now: float) -> SimulationError:
+def status_error(scenario: Scenario, status: int, now: float) -> SimulationError:
     """What a status of the kernel at the time ``now`` [s] means to the user."""
     if status == kernel.LOST_SYNCHRONISM:
-        return SynchronismLost(_lost(scenario, now), now)
-    what = "the solution is not finite" if status == kernel.NOT_FINITE else "the step became too small"
+        return SynchronismLost(_synchronism_lost_message(scenario, now), now)
+    if status == kernel.NOT_FINITE:
+        what = "the solution is not finite"
+    else:
+        what = "the step became too small"
     return SimulationError(
-        f"simulation stopped at t = {now:.6g} s: {what}; check the orders of magnitude of the drive's parameters"
+        f"simulation stopped at t = {now:.6g} s: {what}; check the orders of magnitude of the"
+        " drive's parameters"
     )
 
 
-def _lost(scenario: Scenario, now: float) -> str:
+def _synchronism_lost_message(scenario: Scenario, now: float) -> str:
     times, rates = scenario.tracking.breakpoints()
     rate = float(np.interp(now, times, rates))
     f_d = scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * rate)
     return (
-        f"loss of synchronism at t = {now:.4g} s: the rotor is half an electrical turn off its command, at a commanded array"
-        f" rate of {np.degrees(rate):.4g} deg/s ({f_d:.4g} microsteps per second); lower tracking.rate, ramp up to it, or raise"
+        f"loss of synchronism at t = {now:.4g} s: the rotor is half an electrical period away from"
+        " its commanded angle, at a commanded array"
+        f" rate of {np.degrees(rate):.4g} deg/s ({f_d:.4g} microsteps per second); lower"
+        " tracking.rate, ramp up to it, or raise"
         " motor.current"
     )
 
 
 def channels_of(rows: np.ndarray, modes: int) -> dict[str, np.ndarray]:
-    """Rows of the kernel (n, channels) by name; its powers come out as energies, modal channels are (n, modes)."""
+    """Rows of the kernel (n, channels) by name; its powers come out as energies, modal channels are
+    (n, modes).
+    """
     named = {name: rows[:, k] for k, name in enumerate(CHANNELS)}
     named["eta"] = rows[:, kernel.N_CHANNELS : kernel.N_CHANNELS + modes]
     named["eta_rate"] = rows[:, kernel.N_CHANNELS + modes :]

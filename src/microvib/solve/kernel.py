@@ -1,12 +1,15 @@
-"""The drive's equations: motion, friction with exact stick and slip, channels. Every integration takes them from here.
+"""The drive's equations: motion, friction with exact stick and slip, channels. Every integration
+takes them from here.
 
-Between two events (a microstep of the command, a friction that sticks, breaks away or reverses) the motion is smooth, and is
-advanced by ``microvib.solve.propagate``. Events end a step, so that no step crosses one.
+Between two events (a microstep of the command, a friction that sticks, breaks away or reverses) the
+motion is smooth, and is advanced by ``microvib.solve.propagate``. Events end a step, so that no
+step crosses one.
 
-Friction is set-valued: a stuck body has exactly zero velocity, and no smoothed friction law appears anywhere. docs/theory has the
-equations, docs/numerics.md the methods.
+Friction is set-valued: a stuck body has exactly zero velocity, and no smoothed friction law appears
+anywhere. docs/theory has the equations, docs/numerics.md the methods.
 
-The functions take floats, for one state, or lanes, for the four nodes of a step at once (``microvib.solve.vector``).
+The functions take floats, for one state, or lanes, for the four nodes of a step at once
+(``microvib.solve.vector``).
 """
 
 import math
@@ -17,23 +20,28 @@ from microvib.solve.vector import exp, floor, picked, sincos, some, where
 
 code = Unit(__name__, "vector.py", "vector_type.py", types="microvib.solve.vector_type")
 
-# No exceptions inside (a division by zero gives inf, which step control catches); products may be fused; no reference
-# counting, which would take half the time: the loop allocates no arrays, its scratch comes from outside.
+# No exceptions inside (a division by zero gives inf, which step control catches); products may be
+# fused; no reference counting, which would take half the time: the loop allocates no arrays, its
+# scratch comes from outside.
 COMPILE: dict[str, Any] = {
     "nogil": True, "error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"},
 }  # fmt: skip
 INLINE: dict[str, Any] = COMPILE | {"inline": "always"}
-FORCED: dict[str, Any] = COMPILE | {"forceinline": True}  # a call would copy its tuples, a quarter of the time
+FORCED: dict[str, Any] = COMPILE | {
+    "forceinline": True
+}  # a call would copy its tuples, a quarter of the time
 
 # ---- State, channels and parameters ----
 
-# State y: currents, integrals of their errors, rotor (angle, rate), output (angle, rate); then eta and w of each mode. With
-# w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d eta/dt the mass matrix is diagonal. On a craft
-# w = d eta/dt + H omega_l + R omega_m, and what is left is the matrix [[J_m, J_c], [J_c, J_L]] of the two shafts. There damping
-# may couple a mode with the shafts' rates too (``microvib.model.decoupled``).
+# State y: currents, integrals of their errors, rotor (angle, rate), output (angle, rate); then eta
+# and w of each mode. With w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d
+# eta/dt the mass matrix is diagonal. On a craft w = d eta/dt + H omega_l + R omega_m, and what is
+# left is the matrix [[J_m, J_c], [J_c, J_L]] of the two shafts. There damping may couple a mode
+# with the shafts' rates too (``microvib.model.decoupled``).
 IA, IB, XA, XB, TM, WM, TL, WL, MODES = range(9)
 
-# Channels of a sample; the modal coordinates and their rates follow. The last four are powers, integrated over the run.
+# Channels of a sample; the modal coordinates and their rates follow. The last four are powers,
+# integrated over the run.
 CHANNELS = (
     "i_A", "i_B", "u_A", "u_B", "i_ref_A", "i_ref_B",
     "theta_m", "omega_m", "alpha_m", "theta_l", "omega_l", "alpha_l",
@@ -49,7 +57,17 @@ ROUNDED = 1e-12
 """Times that differ by less, over themselves, are the same."""
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
 # entries of State.counters and State.clock
-STEPS, REJECTED, MICROSTEPS, STICKS, ROTOR_STICKS, BREAKAWAYS, EVENT_STEPS, ITERATIONS_MADE, N_COUNTERS = range(9)
+(
+    STEPS,
+    REJECTED,
+    MICROSTEPS,
+    STICKS,
+    ROTOR_STICKS,
+    BREAKAWAYS,
+    EVENT_STEPS,
+    ITERATIONS_MADE,
+    N_COUNTERS,
+) = range(9)
 (
     NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, RATE_A, RATE_B, GOAL_A, GOAL_B, RAMP_END,
     SEEN_D, SEEN_Q, SEEN_RATE_D, SEEN_RATE_Q, N_CLOCK,
@@ -80,7 +98,8 @@ class Drive(NamedTuple):
     C_g: float
     rigid: bool
     shaped: bool  # a Stribeck shape is not 1
-    # friction of rotor and output: sliding level (Coulomb and slip ring), Stribeck excess, 1 / rate, shape, viscous
+    # friction of rotor and output: sliding level (Coulomb and slip ring), Stribeck excess, 1 /
+    # rate, shape, viscous
     m_slide: float
     m_stribeck: float
     m_inv_rate: float
@@ -103,7 +122,8 @@ class Drive(NamedTuple):
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
     gap: float  # half the backlash; its element is the last
-    # friction with memory: how many elements act on rotor, output and gear, and of each its stiffness and its share of the limit
+    # friction with memory: how many elements act on rotor, output and gear, and of each its
+    # stiffness and its share of the limit
     m_elements: int
     l_elements: int
     g_elements: int
@@ -111,9 +131,8 @@ class Drive(NamedTuple):
     elements: Matrix  # (m_elements + l_elements + g_elements, 2), and a row for backlash
     noise: Vector  # torque noise of the output's friction: value and slope at each knot
     noise_rate: float  # knots per second
-    friction_harmonics: (
-        Vector  # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
-    )
+    # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
+    friction_harmonics: Vector
     rough: Vector  # what is random in it: value and slope at each knot of a turn
     rough_rate: float  # knots per radian
     H: Vector  # (s,)
@@ -122,14 +141,19 @@ class Drive(NamedTuple):
     V_m: Vector  # the same in the rotor's
     D: Vector
     Lam: Vector
-    te: Vector  # order, sine and cosine amplitude of the transmission error, for each of its harmonics
+    # order, sine and cosine amplitude of the transmission error, for each of its harmonics
+    te: Vector
 
 
 class State(NamedTuple):
-    """What the integration updates: state, friction modes (-1, 0 stuck, 1), times and references, counters, energies [J]."""
+    """What the integration updates: state, friction modes (-1, 0 stuck, 1), times and references,
+    counters, energies [J].
+    """
 
     y: Vector
-    stick: Vector  # modes of rotor and output; then those of all elements, and the angle at which each that sticks is relaxed
+    # modes of rotor and output; then those of all elements, and the angle at which each that sticks
+    # is relaxed
+    stick: Vector
     clock: Vector
     counters: Counts
     energy: Vector
@@ -139,7 +163,8 @@ class State(NamedTuple):
 class Samples(NamedTuple):
     """Where samples go: interval means, one row each; with a width of 0 none are taken.
 
-    They are of all channels; of sums of channels, ``mix``; or, in two columns, of the torque and the output's stick alone.
+    They are of all channels; of sums of channels, ``mix``; or, in two columns, of the torque and
+    the output's stick alone.
     """
 
     first: float  # start of the first interval
@@ -147,10 +172,11 @@ class Samples(NamedTuple):
     rows: Matrix
     partial: Vector  # integrals over the current interval so far
     cursor: Counts  # rows filled here, rows filled before
-    mix: Matrix  # weights of the channels in each column, (columns, channels); (0, 0) where columns are no sums
-    rates_shown: (
-        float  # weights of the errors of rates and of currents between the ends of a step, where propagators sample
-    )
+    # weights of the channels in each column, (columns, channels); (0, 0) where columns are no sums
+    mix: Matrix
+    # weights of the errors of rates and of currents between the ends of a step, where propagators
+    # sample
+    rates_shown: float
     currents_shown: float
 
 
@@ -159,12 +185,15 @@ class Samples(NamedTuple):
 
 @code.inner(**INLINE)
 def friction_torque(sign, rate, slide, stribeck, inv_rate, shape, viscous, shaped):
-    """Friction torque and its slope by the rate while slipping in the direction ``sign`` (Eq. 5-7); continued past zero rate."""
+    """Friction torque and its slope by the rate while slipping in the direction ``sign`` (Eq. 5-7);
+    continued past zero rate.
+    """
     torque, slope = slide, viscous
     if some(stribeck != 0.0):
         x = sign * rate * inv_rate
         if shaped:
-            # Only steps that overshoot a stop have x <= 0; they are then cut so that they end at the stop.
+            # Only steps that overshoot a stop have x <= 0; they are then cut so that they end at
+            # the stop.
             torque = where(x <= 0.0, torque + stribeck, torque)
             fading = (x > 0.0) & (x < 700.0)
             if some(fading):
@@ -191,7 +220,9 @@ def elements_of(body, p):
 
 @code.inner(**COMPILE)
 def maxwell_slip_torque(body, angle, stick, p):
-    """Torque of the elements of a body that stick, and the share of the limit at which the others slip, with their direction."""
+    """Torque of the elements of a body that stick, and the share of the limit at which the others
+    slip, with their direction.
+    """
     torque, share, count = 0.0 * angle, 0.0, p.elements.shape[0]
     for e in elements_of(body, p):
         if stick[2 + e] == 0.0:
@@ -222,7 +253,9 @@ def gear_torque(twist, slip, stick, p):
         T_g = T_g + gear_hysteresis(twist, stick, p)
     if p.gap > 0.0:
         side = backlash_side(stick, p)
-        T_g = T_g - (0.0 * twist + p.K_g * p.gap * side if side != 0.0 else p.K_g * twist + p.C_g * slip)
+        T_g = T_g - (
+            0.0 * twist + p.K_g * p.gap * side if side != 0.0 else p.K_g * twist + p.C_g * slip
+        )
     return T_g
 
 
@@ -234,7 +267,9 @@ def follower(sign, p):
 
 @code.inner(**COMPILE)
 def sliding_signs(stick, p):
-    """Directions in which rotor and output slide: those of their modes, or of their elements that slip."""
+    """Directions in which rotor and output slide: those of their modes, or of their elements that
+    slip.
+    """
     sign_m, sign_l = stick[0], follower(stick[0], p) if p.rigid else stick[1]
     if p.m_elements > 0:
         sign_m = _direction(0, stick, p)
@@ -254,7 +289,9 @@ def _direction(body, stick, p):
 
 @code.inner(**INLINE)
 def _cubic_at(x, table):
-    """Value and slope by ``x``, in knots, of cubics through values and slopes at knots, round and round."""
+    """Value and slope by ``x``, in knots, of cubics through values and slopes at knots, round and
+    round.
+    """
     count = float(table.size // 2)
     knot = floor(x)
     u, first = x - knot, knot - count * floor(knot / count)
@@ -274,7 +311,8 @@ def varies(p):
 
 @code.inner(**COMPILE)
 def friction_angle_factor(theta_l, p):
-    """What the output's friction is multiplied by at an angle, and its slope: harmonics and roughness of slip ring and bearing.
+    """What the output's friction is multiplied by at an angle, and its slope: harmonics and
+    roughness of slip ring and bearing.
 
     Never negative.
     """
@@ -310,10 +348,11 @@ def friction_factor_in(y, p):
 
 @code.inner(**COMPILE)
 def with_memory(theta_m, omega_m, theta_l, omega_l, e0, friction_factor, stick, p, T_fm, T_f):
-    """Friction of rotor and output with generalised Maxwell-slip elements; it stays where there are none.
+    """Friction of rotor and output with generalised Maxwell-slip elements; it stays where there are
+    none.
 
-    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``, frictions that slide.
-    ``friction_factor`` is the output's friction there over its mean.
+    Elements that stick are springs; those that slip have their shares of ``T_fm`` and ``T_f``,
+    frictions that slide. ``friction_factor`` is the output's friction there over its mean.
     """
     turned = e0 - theta_m * p.inv_h
     if p.m_elements > 0:
@@ -329,12 +368,17 @@ def with_memory(theta_m, omega_m, theta_l, omega_l, e0, friction_factor, stick, 
 
 @code.inner(**INLINE)
 def transmission_error(theta_m, te):
-    """Kinematic error epsilon(theta_m) of the reducer [rad at the output] and its first three derivatives."""
+    """Kinematic error epsilon(theta_m) of the reducer [rad at the output] and its first three
+    derivatives.
+    """
     e0 = e1 = e2 = e3 = 0.0
     for j in range(te.size // 3):
         n = te[3 * j]
         s, c = sincos(n * theta_m)
-        value, quarter = te[3 * j + 1] * s + te[3 * j + 2] * c, te[3 * j + 1] * c - te[3 * j + 2] * s
+        value, quarter = (
+            te[3 * j + 1] * s + te[3 * j + 2] * c,
+            te[3 * j + 1] * c - te[3 * j + 2] * s,
+        )
         e0 += value
         e1 += n * quarter
         e2 -= n * n * value
@@ -344,7 +388,9 @@ def transmission_error(theta_m, te):
 
 @code.inner(**INLINE)
 def winding_rates(i, x, reference, back_emf, p):
-    """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3); anti-windup by back-calculation."""
+    """Voltage, di/dt, dx/dt and whether the supply limits the phase (Eq. 2, 3); anti-windup by
+    back-calculation.
+    """
     demand, dx = p.K_P * (reference - i) + p.K_I * x + p.K_V * reference, reference - i
     di = (demand - p.R * i + back_emf) * p.inv_L_D
     u = demand - p.K_D * di
@@ -375,7 +421,9 @@ def output_rate(theta_m, omega_m, omega_l, p):
 
 @code.inner(**INLINE)
 def _mode(k, y, omega_l, p):
-    """Rate and pull of a mode (Eq. 16, 17), and its torques on output and rotor; the output turns at ``omega_l``."""
+    """Rate and pull of a mode (Eq. 16, 17), and its torques on output and rotor; the output turns
+    at ``omega_l``.
+    """
     rate = y[MODES + 2 * k + 1] - p.H[k] * omega_l
     if p.H_m.size == 0:
         pull = p.D[k] * rate + p.Lam[k] * y[MODES + 2 * k]
@@ -387,7 +435,8 @@ def _mode(k, y, omega_l, p):
 
 @code.inner(**INLINE)
 def derivative(y, references, noise, stick, p, f, q):
-    """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq. 2-7, 16-18).
+    """Right-hand side ``f`` and instantaneous ``q`` = T_e, T_f,m, T_f, T_g, u_A, u_B, alpha_l (Eq.
+    2-7, 16-18).
 
     ``references`` are i_A* and i_B*.
     """
@@ -402,7 +451,9 @@ def derivative(y, references, noise, stick, p, f, q):
 
 @code.inner(**INLINE)
 def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
-    """The same of the drive alone, with the torques of the modes on its output, ``modal``, less torque noise, and on its rotor."""
+    """The same of the drive alone, with the torques of the modes on its output, ``modal``, less
+    torque noise, and on its rotor.
+    """
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
     u_A, f[IA], f[XA], _ = winding_rates(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
@@ -415,20 +466,27 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     sign_m, sign_l = stick[0], follower(stick[0], p) if p.rigid else stick[1]
     if p.elements.shape[0] > 0:
         sign_m, sign_l = sliding_signs(stick, p)
-    T_fm, _ = friction_torque(sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped)
-    T_f, _ = friction_torque(sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+    T_fm, _ = friction_torque(
+        sign_m, omega_m, p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped
+    )
+    T_f, _ = friction_torque(
+        sign_l, omega_l, p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped
+    )
     friction_factor = friction_factor_in(y, p)
     if varies(p):
         T_f = T_f * friction_factor
     if p.elements.shape[0] > 0:
-        T_fm, T_f = with_memory(theta_m, omega_m, y[TL], omega_l, e0, friction_factor, stick, p, T_fm, T_f)
+        T_fm, T_f = with_memory(
+            theta_m, omega_m, y[TL], omega_l, e0, friction_factor, stick, p, T_fm, T_f
+        )
     if p.rigid:
         stuck = stick[0] == 0.0
         bias = G * e2 * p.J_L * omega_m * omega_m
         pull = T_e + on_rotor - T_fm + G * (modal - T_f) - bias - p.J_c * e2 * omega_m * omega_m
         alpha_m = where(stuck, 0.0, pull / (p.J_m + 2.0 * G * p.J_c + G * G * p.J_L))
         if some(stuck):
-            # One degree of freedom, two frictions: the hold is shared in proportion to what each can hold.
+            # One degree of freedom, two frictions: the hold is shared in proportion to what each
+            # can hold.
             limit_m, limit_l = held_m(p), math.fabs(G) * held_l(p) * friction_factor
             held = T_e + on_rotor + G * modal
             if p.m_elements > 0 or p.l_elements > 0:
@@ -471,7 +529,9 @@ def sticks(body, stick, p):
 
 @code.inner(**INLINE)
 def coupled_accelerations(pull_m, pull_l, stick, p):
-    """Accelerations of rotor and output on a craft by the torques that pull at them; what sticks has none."""
+    """Accelerations of rotor and output on a craft by the torques that pull at them; what sticks
+    has none.
+    """
     stuck_m, stuck_l = stick[0] == 0.0, stick[1] == 0.0
     with_rotor = (pull_l - p.J_c * p.inv_J_m * pull_m) * p.inv_J_both
     alpha_l = where(stuck_l, 0.0, where(stuck_m, pull_l * p.inv_J_L, with_rotor))
@@ -480,7 +540,9 @@ def coupled_accelerations(pull_m, pull_l, stick, p):
 
 @code.inner(**INLINE)
 def channels(y, references, noise, stick, p, f, q, out):
-    """All channels at one instant. ``T_d`` from momentum (Eq. 20), ``T_d_force`` from the torques on the housing."""
+    """All channels at one instant. ``T_d`` from momentum (Eq. 20), ``T_d_force`` from the torques
+    on the housing.
+    """
     derivative(y, references, noise, stick, p, f, q)
     T_e, T_fm, T_f, T_g, u_A, u_B, alpha_l = q[0], q[1], q[2] + noise, q[3], q[4], q[5], q[6]
     theta_m, omega_m, alpha_m, theta_l, omega_l = y[TM], y[WM], f[WM], y[TL], y[WL]
@@ -489,7 +551,9 @@ def channels(y, references, noise, stick, p, f, q, out):
     if p.rigid:
         theta_l, omega_l = e0 - theta_m * p.inv_h, G * omega_m
     twist, slip = e0 - theta_m * p.inv_h - theta_l, G * omega_m - omega_l
-    kinetic = 0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l) + p.J_c * omega_m * omega_l
+    kinetic = (
+        0.5 * (p.J_m * omega_m * omega_m + p.J_L * omega_l * omega_l) + p.J_c * omega_m * omega_l
+    )
     _, c = sincos(p.detent * p.z * theta_m)
     side = backlash_side(stick, p)
     bent = twist - p.gap * side if side != 0.0 else 0.0 * twist
@@ -511,11 +575,27 @@ def channels(y, references, noise, stick, p, f, q, out):
             rotor_rate += p.H_m[k] * f[MODES + 2 * k + 1] + p.V_m[k] * rate
         out[N_CHANNELS + k] = eta
         out[N_CHANNELS + p.H.size + k] = rate
-    out[0], out[1], out[2], out[3], out[4], out[5] = y[IA], y[IB], u_A, u_B, references[0], references[1]
-    out[6], out[7], out[8], out[9], out[10], out[11] = theta_m, omega_m, alpha_m, theta_l, omega_l, alpha_l
+    out[0], out[1], out[2], out[3], out[4], out[5] = (
+        y[IA],
+        y[IB],
+        u_A,
+        u_B,
+        references[0],
+        references[1],
+    )
+    out[6], out[7], out[8], out[9], out[10], out[11] = (
+        theta_m,
+        omega_m,
+        alpha_m,
+        theta_l,
+        omega_l,
+        alpha_l,
+    )
     out[12], out[13], out[14], out[15] = T_e, T_fm, T_f, T_g
     out[16] = p.J_h * alpha_l + modal_rate + p.J_c * alpha_m
-    out[17] = -(p.J_L * alpha_l + modal_rate + p.J_m * alpha_m + rotor_rate + p.J_c * (alpha_l + alpha_m))
+    out[17] = -(
+        p.J_L * alpha_l + modal_rate + p.J_m * alpha_m + rotor_rate + p.J_c * (alpha_l + alpha_m)
+    )
     out[18] = -T_e + T_fm + T_f - T_g * (1.0 - G)
     out[19], out[20] = sticks(0, stick, p), sticks(1, stick, p)
     squares = y[IA] * y[IA] + y[IB] * y[IB]
@@ -526,8 +606,9 @@ def channels(y, references, noise, stick, p, f, q, out):
 
 # ---- References of the currents ----
 #
-# A microstep sets a goal for both references. An ideal driver is there at once; one that interpolates ramps to it, and the end
-# of a ramp ends a step as a microstep does, so that references are linear in time within every step.
+# A microstep sets a goal for both references. An ideal driver is there at once; one that
+# interpolates ramps to it, and the end of a ramp ends a step as a microstep does, so that
+# references are linear in time within every step.
 
 
 @code.inner(**INLINE)
@@ -538,12 +619,17 @@ def references_after(dt, clock):
 
 @code.inner(**INLINE)
 def take_microstep(row, x):
-    """Take a microstep: ``row`` has the references and the electrical angle after it, and how long a ramp there lasts."""
+    """Take a microstep: ``row`` has the references and the electrical angle after it, and how long
+    a ramp there lasts.
+    """
     clock, lasts = x.clock, row[3]
     clock[THETA_E] = row[2]
     clock[GOAL_A], clock[GOAL_B] = row[0], row[1]
     if lasts > 0.0:
-        clock[RATE_A], clock[RATE_B] = (row[0] - clock[REF_A]) / lasts, (row[1] - clock[REF_B]) / lasts
+        clock[RATE_A], clock[RATE_B] = (
+            (row[0] - clock[REF_A]) / lasts,
+            (row[1] - clock[REF_B]) / lasts,
+        )
         clock[RAMP_END] = clock[NOW] + lasts
     else:
         clock[REF_A], clock[REF_B], clock[RATE_A], clock[RATE_B] = row[0], row[1], 0.0, 0.0
@@ -573,13 +659,20 @@ def pass_time(end, clock):
     if end < clock[RAMP_END] - ROUNDED * max(end, 1.0):
         clock[REF_A], clock[REF_B] = references_after(dt, clock)
         return False
-    clock[REF_A], clock[REF_B], clock[RATE_A], clock[RATE_B] = clock[GOAL_A], clock[GOAL_B], 0.0, 0.0
+    clock[REF_A], clock[REF_B], clock[RATE_A], clock[RATE_B] = (
+        clock[GOAL_A],
+        clock[GOAL_B],
+        0.0,
+        0.0,
+    )
     return True
 
 
 @code.inner(**COMPILE)
 def noise_at(t, p):
-    """Torque noise on the output at the time ``t``: cubics through values and slopes at knots, round and round."""
+    """Torque noise on the output at the time ``t``: cubics through values and slopes at knots,
+    round and round.
+    """
     count = p.noise.size // 2
     if count == 0:
         return 0.0
@@ -593,15 +686,16 @@ def noise_at(t, p):
 
 # ---- Friction events ----
 #
-# A friction is in one of three modes: slipping forward (1), slipping backward (-1) or stuck (0), ``stick[0]`` for the rotor and
-# ``stick[1]`` for the output. Within a mode the motion is smooth, and a *margin* says how far the mode is from its end:
+# A friction is in one of three modes: slipping forward (1), slipping backward (-1) or stuck (0),
+# ``stick[0]`` for the rotor and ``stick[1]`` for the output. Within a mode the motion is smooth,
+# and a *margin* says how far the mode is from its end:
 #
 #     slipping:  stick x rate                        ends where the body comes to rest
 #     stuck:     breakaway torque - |hold torque|    ends where friction can no longer hold the body
 #
-# Where a margin is negative inside a step or at its end, the step is made to end where it is just spent (by
-# ``microvib.solve.step_events``). There ``decide_friction`` sets the rate to exactly zero and chooses the
-# next mode from the hold torque, and the next step starts in that mode.
+# Where a margin is negative inside a step or at its end, the step is made to end where it is just
+# spent (by ``microvib.solve.step_events``). There ``decide_friction`` sets the rate to exactly zero
+# and chooses the next mode from the hold torque, and the next step starts in that mode.
 
 
 @code.inner(**INLINE)
@@ -617,7 +711,9 @@ def modal_torques(y, omega_l, p):
 
 @code.inner(**INLINE)
 def _holds(y, modal, on_rotor, stick, p):
-    """Torque that friction must supply to keep each body at rest (rotor, output) while the other does as it does, and G."""
+    """Torque that friction must supply to keep each body at rest (rotor, output) while the other
+    does as it does, and G.
+    """
     theta_m = y[TM]
     s, c = sincos(p.z * theta_m)
     T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * detent_sine(theta_m, s, c, p)
@@ -632,12 +728,16 @@ def _holds(y, modal, on_rotor, stick, p):
         T_fm, _ = friction_torque(
             sign_m, y[WM], p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape, p.m_viscous, p.shaped
         )
-        T_f, _ = friction_torque(sign_l, y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped)
+        T_f, _ = friction_torque(
+            sign_l, y[WL], p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape, p.l_viscous, p.shaped
+        )
         friction_factor = friction_factor_in(y, p)
         if varies(p):
             T_f = T_f * friction_factor
         if p.elements.shape[0] > 0:
-            T_fm, T_f = with_memory(theta_m, y[WM], y[TL], y[WL], e0, friction_factor, stick, p, T_fm, T_f)
+            T_fm, T_f = with_memory(
+                theta_m, y[WM], y[TL], y[WL], e0, friction_factor, stick, p, T_fm, T_f
+            )
         alpha_m = where(stick[0] == 0.0, 0.0, (hold_m - T_fm) * p.inv_J_m)
         alpha_l = where(stick[1] == 0.0, 0.0, (hold_l - T_f) * p.inv_J_L)
         hold_m, hold_l = hold_m - p.J_c * alpha_l, hold_l - p.J_c * alpha_m
@@ -650,7 +750,9 @@ def _holds(y, modal, on_rotor, stick, p):
 
 @code.inner(**INLINE)
 def _slope(y, p):
-    """How the output turns with the rotor where the gear does not twist; where both have one degree of freedom, at this angle."""
+    """How the output turns with the rotor where the gear does not twist; where both have one degree
+    of freedom, at this angle.
+    """
     if p.rigid:
         _, e1, _, _ = transmission_error(y[TM], p.te)
         return e1 - p.inv_h
@@ -671,14 +773,17 @@ def held_l(p):
 
 @code.inner(**INLINE)
 def breakaway_torques(p, G, friction_factor):
-    """Breakaway torques of rotor and output; with a rigid reducer both act on the one degree of freedom."""
+    """Breakaway torques of rotor and output; with a rigid reducer both act on the one degree of
+    freedom.
+    """
     limit_m, limit_l = held_m(p), held_l(p) * friction_factor
     return (limit_m + math.fabs(G) * limit_l, 0.0) if p.rigid else (limit_m, limit_l)
 
 
 @code.inner(**FORCED)
 def margins(y, noise, stick, p):
-    """What stays positive as long as the friction modes last: slip speed, or the reserve below the breakaway torque.
+    """What stays positive as long as the friction modes last: slip speed, or the reserve below the
+    breakaway torque.
 
     Rotor and output; always 1 where there is no friction.
     """
@@ -691,11 +796,15 @@ def margins(y, noise, stick, p):
 
 @code.inner(**FORCED)
 def margins_known(y, q, stick, p):
-    """The same, with the instantaneous ``q`` of ``derivative``: the friction of what sticks is the torque that holds it."""
+    """The same, with the instantaneous ``q`` of ``derivative``: the friction of what sticks is the
+    torque that holds it.
+    """
     hold_m, hold_l = q[1], q[2]
     if p.rigid:
         on_rotor = _slope(y, p) * q[2]
-        hold_m = (0.0 if p.m_elements > 0 else q[1]) + (0.0 * on_rotor if p.l_elements > 0 else on_rotor)
+        hold_m = (0.0 if p.m_elements > 0 else q[1]) + (
+            0.0 * on_rotor if p.l_elements > 0 else on_rotor
+        )
     return _margins(y, hold_m, hold_l, stick, p)
 
 
@@ -710,7 +819,9 @@ def _margins(y, hold_m, hold_l, stick, p):
 
 @code.inner(**COMPILE)
 def decide_friction(which, x, p):
-    """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping the way it is pushed."""
+    """The mode that follows at an event of friction ``which``: stuck if it can hold, else slipping
+    the way it is pushed.
+    """
     was_stuck = x.stick[which] == 0.0
     x.y[WM if which == 0 else WL] = 0.0
     if p.rigid and not was_stuck:
@@ -731,7 +842,9 @@ def decide_friction(which, x, p):
 
 @code.entry(**COMPILE)
 def initial_friction(x: State, p: Drive) -> None:
-    """Friction modes at the start: slipping where there is motion or no friction, stuck where friction can hold."""
+    """Friction modes at the start: slipping where there is motion or no friction, stuck where
+    friction can hold.
+    """
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
     limit_m, limit_l = breakaway_torques(p, G, friction_factor_in(x.y, p))
@@ -744,13 +857,16 @@ def initial_friction(x: State, p: Drive) -> None:
     for e in range(p.elements.shape[0]):
         body = body_of(e, p)
         angle, _ = _angle_and_rate(body, x.y, p)
-        x.stick[2 + e] = math.copysign(1.0, angle) if body == BACKLASH and math.fabs(angle) > p.gap else 0.0
+        x.stick[2 + e] = (
+            math.copysign(1.0, angle) if body == BACKLASH and math.fabs(angle) > p.gap else 0.0
+        )
         x.stick[2 + p.elements.shape[0] + e] = angle
 
 
-# Elements of a friction with memory stick or slip as the bodies do above: a stuck one is a spring, which slips where it reaches its
-# share of the limit; all that slip on a body stick where its rate passes zero. Backlash is an element, too: it is in its gap, 0, or
-# one of the flanks touches; its margin is the torque of the gear's spring over the way that is left.
+# Elements of a friction with memory stick or slip as the bodies do above: a stuck one is a spring,
+# which slips where it reaches its share of the limit; all that slip on a body stick where its rate
+# passes zero. Backlash is an element, too: it is in its gap, 0, or one of the flanks touches; its
+# margin is the torque of the gear's spring over the way that is left.
 
 BACKLASH = 3
 
@@ -760,7 +876,9 @@ def body_of(e, p):
     """On what an element acts: 0 rotor, 1 output, 2 gear, 3 the gear's backlash."""
     before_gear = p.m_elements + p.l_elements
     return (
-        (1 if e >= p.m_elements else 0) + (1 if e >= before_gear else 0) + (1 if e >= before_gear + p.g_elements else 0)
+        (1 if e >= p.m_elements else 0)
+        + (1 if e >= before_gear else 0)
+        + (1 if e >= before_gear + p.g_elements else 0)
     )
 
 
@@ -780,7 +898,9 @@ def _angle_and_rate(body, y, p):
 
 @code.inner(**COMPILE)
 def element_margin(e, y, stick, p):
-    """What stays positive as long as the mode of an element lasts: its slip, or what its spring lacks of its limit."""
+    """What stays positive as long as the mode of an element lasts: its slip, or what its spring
+    lacks of its limit.
+    """
     body = body_of(e, p)
     angle, rate = _angle_and_rate(body, y, p)
     if body == BACKLASH:
@@ -804,9 +924,17 @@ def element_margin(e, y, stick, p):
 
 @code.inner(**COMPILE)
 def _stick_elements(body, x, p):
-    """All elements of a body that slip stick, a hair below their limit, so that rounding does not make them slip at once."""
+    """All elements of a body that slip stick, a hair below their limit, so that rounding does not
+    make them slip at once.
+    """
     count, (angle, _) = p.elements.shape[0], _angle_and_rate(body, x.y, p)
-    limit = p.g_limit if body == 2 else p.m_slide + p.m_stribeck if body == 0 else p.l_slide + p.l_stribeck
+    limit = (
+        p.g_limit
+        if body == 2
+        else p.m_slide + p.m_stribeck
+        if body == 0
+        else p.l_slide + p.l_stribeck
+    )
     if body == 1:
         limit *= friction_factor_in(x.y, p)
     for e in elements_of(body, p):
@@ -819,7 +947,9 @@ def _stick_elements(body, x, p):
 
 @code.inner(**COMPILE)
 def decide_element(e, x, p):
-    """The mode after an event of an element: at its limit it slips; where its body comes to rest, all that slip on it stick."""
+    """The mode after an event of an element: at its limit it slips; where its body comes to rest,
+    all that slip on it stick.
+    """
     body = body_of(e, p)
     angle, _ = _angle_and_rate(body, x.y, p)
     if body == BACKLASH:
@@ -851,7 +981,9 @@ def follow(y, p):
 
 @code.inner(**INLINE)
 def health(lag, h, now, stalled):
-    """Status after a step of length ``h`` with the rotor an electrical angle ``lag`` off; count of vanishing steps in a row."""
+    """Status after a step of length ``h`` with the rotor an electrical angle ``lag`` off; count of
+    vanishing steps in a row.
+    """
     stalled = stalled + 1 if h < ROUNDED * max(1.0, now) else 0
     if math.fabs(lag) > math.pi:
         return LOST_SYNCHRONISM, stalled

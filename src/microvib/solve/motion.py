@@ -11,22 +11,32 @@ import numpy as np
 from microvib.errors import ChannelError, expect_channel
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import INTERFACE, SECOND
-from microvib.solve.channels import CHANNELS, KNOWN, LINE_OF_SIGHT, LOADS, SECOND_LOADS, TIME, Channel
+from microvib.model.spacecraft import INTERFACE, SECOND_INTERFACE
+from microvib.solve.channels import (
+    ALL_CHANNELS,
+    CHANNELS,
+    LINE_OF_SIGHT,
+    LOADS,
+    SECOND_LOADS,
+    TIME,
+    Channel,
+)
 from microvib.solve.command import Command
-from microvib.solve.on_craft import channel_on_craft, hub_motion, missing, values_of
+from microvib.solve.on_craft import channel_on_craft, evaluate_outputs, hub_motion, missing_channels
 
-OF_INTERFACE = ("alpha_l", "eta", "eta_rate", "T_d")
+INTERFACE_LOAD_CHANNELS = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
 
 
-BAR = 1e-3
-"""What a balance of momentum or of energy may leave over at most; forms of one torque may differ by ``ROUNDING``."""
+BALANCE_TOLERANCE = 1e-3
+"""What a balance of momentum or of energy may leave over at most; forms of one torque may differ by
+``ROUNDING``.
+"""
 ROUNDING = 1e-9
-JOULE_HEAT = 5e-6
-"""Part of the electrical energy that its balance may leave over besides, however little passes the shaft: supply and Joule heat are
-sums of powers over the steps, each with its own error. Of 600 random drives at most 2.9e-6 where that counts
-(benchmarks/invariants.py)."""
+JOULE_HEAT_TOLERANCE = 5e-6
+"""Part of the electrical energy that its balance may leave over besides, however little passes the
+shaft: supply and Joule heat are sums of powers over the steps, each with its own error. Of 600
+random drives at most 2.9e-6 where that counts (benchmarks/invariants.py)."""
 
 
 @dataclass(frozen=True)
@@ -34,26 +44,36 @@ class Invariants:
     """Balances that hold for any parameters, and how well they did."""
 
     torque_forms: float
-    """Largest difference of the two forms of T_d over the largest T_d (algebra: rounding is expected)."""
+    """Largest difference of the two forms of T_d over the largest T_d (algebra: rounding is
+    expected).
+    """
     momentum: float
-    """Mean torque that the change of momentum leaves over, ``|Delta L + integral of T_d dt| / t``, over the largest T_d."""
+    """Mean torque that the change of momentum leaves over, ``|Delta L + integral of T_d dt| / t``,
+    over the largest T_d.
+    """
     energy: float
     """``|energy in - stored - dissipated|`` over the electrical energy supplied."""
     energy_mechanical: float
-    """The same over the energy that passed the shaft of the motor (without Joule heat, so the stricter figure)."""
+    """The same over the energy that passed the shaft of the motor (without Joule heat, so the
+    stricter figure).
+    """
     energy_in: float
     energy_dissipated: float
     energy_stored: float
 
     @property
     def bars(self) -> dict[str, float]:
-        """What each may be at most; of ``energy_mechanical`` more where hardly any energy passes the shaft, by ``JOULE_HEAT``."""
-        supplied = self.energy_mechanical / self.energy if self.energy > 0.0 else 0.0  # over what passes the shaft
+        """What each may be at most; of ``energy_mechanical`` more where hardly any energy passes
+        the shaft, by ``JOULE_HEAT_TOLERANCE``.
+        """
+        supplied = (
+            self.energy_mechanical / self.energy if self.energy > 0.0 else 0.0
+        )  # over what passes the shaft
         return {
             "torque_forms": ROUNDING,
-            "momentum": BAR,
-            "energy": BAR,
-            "energy_mechanical": BAR + JOULE_HEAT * supplied,
+            "momentum": BALANCE_TOLERANCE,
+            "energy": BALANCE_TOLERANCE,
+            "energy_mechanical": BALANCE_TOLERANCE + JOULE_HEAT_TOLERANCE * supplied,
         }
 
     @property
@@ -63,7 +83,7 @@ class Invariants:
 
 
 @dataclass(frozen=True)
-class Beginning:
+class InitialState:
     """Where a run begins, so that it can be run again."""
 
     state: np.ndarray
@@ -73,9 +93,11 @@ class Beginning:
 
 @dataclass(frozen=True)
 class Motion:
-    """Sampled motion of one scenario: channels by name, each (n,), modal ones (n, s), at ``sample_rate`` [Hz].
+    """Sampled motion of one scenario: channels by name, each (n,), modal ones (n, s), at
+    ``sample_rate`` [Hz].
 
-    Where a second wing is driven, what the hub feels and does is the sum of both drives' runs, and ``channels`` are the first's.
+    Where a second wing is driven, what the hub feels and does is the sum of both drives' runs, and
+    ``channels`` are the first's.
     """
 
     scenario: Scenario
@@ -84,15 +106,17 @@ class Motion:
     channels: dict[str, np.ndarray]
     invariants: Invariants
     solver: dict[str, Any] = field(default_factory=dict)
-    beginning: Beginning | None = None
+    beginning: InitialState | None = None
     """None in a motion that was read from a file."""
     beside: Motion | None = None
     """Run of the second wing's drive, where it is driven."""
 
     def __getitem__(self, name: str) -> np.ndarray:
         own = channel_of(self.channels, name, self.scenario, self.time)
-        there = _FROM_SECOND.get(name)
-        return own if self.beside is None or there is None else own + self.beside[there]
+        there = _SECOND_RUN_CHANNELS.get(name)
+        if self.beside is None or there is None:
+            return own
+        return own + self.beside[there]
 
     @property
     def alone(self) -> Motion:
@@ -104,7 +128,7 @@ class Motion:
         return f"Motion of {self.scenario!r}: {self.time.size} samples at {self.sample_rate:g} Hz, {duration:g} s, of {kept}"
 
     def _ipython_key_completions_(self) -> list[str]:
-        return [*self.channels, *_derived(self.channels, self.scenario)]
+        return [*self.channels, *_derivable_channels(self.channels, self.scenario)]
 
     @property
     def sample_rate(self) -> float:
@@ -112,66 +136,96 @@ class Motion:
         return self.scenario.record.sample_rate
 
     def interface_loads(self) -> np.ndarray | None:
-        """Loads on the spacecraft Fx Fy Fz [N], Mx My Mz [N m] at the interface, (n, 6); None without 6 x s participation.
+        """Loads on the spacecraft Fx Fy Fz [N], Mx My Mz [N m] at the interface, (n, 6); None
+        without 6 x s participation.
 
-        The drive axis carries T_d; the others are what modes and interface inertia push back with. On firm ground their axes are
-        the array's, on a craft the hub's.
+        The drive axis carries T_d; the others are what modes and interface inertia push back with.
+        On firm ground their axes are the array's, on a craft the hub's.
         """
         if self.beside is not None:
             return np.column_stack([self[name] for name in COMPONENTS])
         return interface_loads(self.channels, self.scenario)
 
     def hub(self, point: str = "interface", *, accelerations: bool = False) -> np.ndarray:
-        """Displacement [m] and rotation [rad] of a named point of the craft, or their second derivatives, (n, 6), hub axes.
+        """Displacement [m] and rotation [rad] of a named point of the craft, or their second
+        derivatives, (n, 6), hub axes.
 
-        The mean motion that the command makes is taken out. ChannelError without a spacecraft, or for a point that it has not.
+        The mean motion that the command makes is taken out. ChannelError without a spacecraft, or
+        for a point that it has not.
         """
         if self.scenario.craft is None:
-            raise ChannelError("this motion is one on firm ground; a scenario with a spacecraft is expected")
-        own = hub_motion(self.scenario.craft, point, self.channels, self.scenario, self.time, accelerations)
+            raise ChannelError(
+                "this motion is one on firm ground; a scenario with a spacecraft is expected"
+            )
+        own = hub_motion(
+            self.scenario.craft, point, self.channels, self.scenario, self.time, accelerations
+        )
         if self.beside is None:
             return own
         named = {p.name for p in self.scenario.craft.spacecraft.hub.points}
-        there = point if point in named else {INTERFACE: SECOND, SECOND: INTERFACE}.get(point, point)
+        if point in named:
+            there = point
+        else:
+            there = {INTERFACE: SECOND_INTERFACE, SECOND_INTERFACE: INTERFACE}.get(point, point)
         return own + self.beside.hub(there, accelerations=accelerations)
 
     def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
-        """Every channel with its samples, (n,) or modal (n, s); loads at the interface among them where they are known."""
-        yield from ((KNOWN[name], x) for name, x in self.channels.items())
+        """Every channel with its samples, (n,) or modal (n, s); loads at the interface among them
+        where they are known.
+        """
+        yield from ((ALL_CHANNELS[name], x) for name, x in self.channels.items())
         loads = self.interface_loads()
         if loads is not None:
             yield from zip(LOADS.values(), loads.T, strict=True)
-        derived = [name for name in _derived(self.channels, self.scenario) if name in (*SECOND_LOADS, "los_x", "los_y")]
-        yield from ((KNOWN[name], self[name]) for name in derived)
+        derived = [
+            name
+            for name in _derivable_channels(self.channels, self.scenario)
+            if name in (*SECOND_LOADS, "los_x", "los_y")
+        ]
+        yield from ((ALL_CHANNELS[name], self[name]) for name in derived)
 
     @property
     def dataset(self) -> Any:
-        """The same as an ``xarray.Dataset`` with dimensions ``time`` and ``mode`` and a unit on every variable."""
+        """The same as an ``xarray.Dataset`` with dimensions ``time`` and ``mode`` and a unit on
+        every variable.
+        """
         import xarray as xr
 
         data = {
-            channel.name: (("time", "mode")[: x.ndim], x, {"units": channel.unit, "long_name": channel.meaning})
+            channel.name: (
+                ("time", "mode")[: x.ndim],
+                x,
+                {"units": channel.unit, "long_name": channel.meaning},
+            )
             for channel, x in self.variables()
         }
         coords = {"time": ("time", self.time, {"units": TIME.unit, "long_name": TIME.meaning})}
-        return xr.Dataset(data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate})
+        return xr.Dataset(
+            data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate}
+        )
 
 
-_FROM_SECOND = {
+_SECOND_RUN_CHANNELS = {
     **dict(zip(COMPONENTS, SECOND_LOADS, strict=True)),
     **dict(zip(SECOND_LOADS, COMPONENTS, strict=True)),
     **{name: name for name in LINE_OF_SIGHT},
 }
-"""What adds up of two wings: of each channel its name in the second's run, where the first is the second."""
+"""What adds up of two wings: of each channel its name in the second's run, where the first is the
+second.
+"""
 
 
 def interface_loads(channels: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray | None:
-    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do not (docs/signs.md)."""
+    """Loads on the spacecraft, (n, 6), of which ``channels`` and the array tell; None where they do
+    not (docs/signs.md).
+    """
     array, craft = scenario.array, scenario.craft
     if craft is not None:
-        return None if missing(channels, "Fx") else values_of(craft.loads(), channels, scenario)
+        if missing_channels(channels, "Fx"):
+            return None
+        return evaluate_outputs(craft.loads(), channels, scenario)
     P = array.interface
-    if P is None or not set(OF_INTERFACE) <= set(channels):
+    if P is None or not set(INTERFACE_LOAD_CHANNELS) <= set(channels):
         return None
     alpha = channels["alpha_l"]
     w_rate = -(channels["eta_rate"] * array.D + channels["eta"] * array.Lambda)
@@ -183,17 +237,22 @@ def interface_loads(channels: Mapping[str, np.ndarray], scenario: Scenario) -> n
     return loads
 
 
-def _on_firm_ground(
+def _load_on_fixed_base(
     name: str, channels: Mapping[str, np.ndarray], scenario: Scenario, time: np.ndarray | None
 ) -> np.ndarray | None:
     """A load at the interface, (n,); None where there is none of it."""
-    loads = interface_loads(channels, scenario) if name in COMPONENTS else None
-    return None if loads is None else loads[:, COMPONENTS.index(name)]
+    if name in COMPONENTS:
+        loads = interface_loads(channels, scenario)
+    else:
+        loads = None
+    if loads is None:
+        return None
+    return loads[:, COMPONENTS.index(name)]
 
 
 def unit_of(name: str) -> str:
     """Unit of a channel or of a load at the interface."""
-    return KNOWN[name].unit
+    return ALL_CHANNELS[name].unit
 
 
 def record_bytes(scenario: Scenario) -> float:
@@ -201,55 +260,76 @@ def record_bytes(scenario: Scenario) -> float:
     return 8.0 * scenario.record.samples * (len(CHANNELS) + 1 + 2 * scenario.load.H.size)
 
 
-def channel_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray) -> np.ndarray:
-    """A channel by its name, (n,) or modal (n, s), a load at the interface or an angle of the line of sight at its times [s], (n,).
+def channel_of(
+    channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray
+) -> np.ndarray:
+    """A channel by its name, (n,) or modal (n, s), a load at the interface or an angle of the line
+    of sight at its times [s], (n,).
 
     ChannelError where there is none of it.
     """
     expect_channel(name)
     if name in channels:
         return channels[name]
-    derived = _on_firm_ground if scenario.craft is None else channel_on_craft
+    if scenario.craft is None:
+        derived = _load_on_fixed_base
+    else:
+        derived = channel_on_craft
     values = derived(name, channels, scenario, time)
     if values is not None:
         return values
     raise ChannelError(
-        f"channel '{name}' is not in this motion{_why(channels, name, scenario)}; there are {_names(channels, scenario)}"
+        f"channel '{name}' is not in this"
+        f" motion{_missing_channel_reason(channels, name, scenario)}; there are"
+        f" {_names(channels, scenario)}"
     )
 
 
-def series_of(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray) -> np.ndarray:
+def scalar_channel(
+    channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray
+) -> np.ndarray:
     """The same for one value at a time, (n,): ChannelError for a modal channel."""
     values = channel_of(channels, name, scenario, time)
     if values.ndim != 1:
-        raise ChannelError(f"channel '{name}' has a column for each mode; there are {_names(channels, scenario)}")
+        raise ChannelError(
+            f"channel '{name}' has a column for each mode; there are {_names(channels, scenario)}"
+        )
     return values
 
 
-def _why(channels: Mapping[str, np.ndarray], name: str, scenario: Scenario) -> str:
+def _missing_channel_reason(
+    channels: Mapping[str, np.ndarray], name: str, scenario: Scenario
+) -> str:
     if name in SECOND_LOADS and (scenario.craft is None or scenario.craft.second is None):
         return ", whose scenario has no spacecraft with a second_wing"
-    if scenario.craft is not None and name in (*COMPONENTS, *SECOND_LOADS, *LINE_OF_SIGHT) and missing(channels, name):
-        return f", of which {', '.join(missing(channels, name))} were not kept"
+    if (
+        scenario.craft is not None
+        and name in (*COMPONENTS, *SECOND_LOADS, *LINE_OF_SIGHT)
+        and missing_channels(channels, name)
+    ):
+        return f", of which {', '.join(missing_channels(channels, name))} were not kept"
     if name in LINE_OF_SIGHT:
         return ", whose scenario has no spacecraft with a line_of_sight"
     if name not in COMPONENTS:
         return ""
-    if not set(OF_INTERFACE) <= set(channels):
-        return f", of which {', '.join(OF_INTERFACE)} were not kept"
+    if not set(INTERFACE_LOAD_CHANNELS) <= set(channels):
+        return f", of which {', '.join(INTERFACE_LOAD_CHANNELS)} were not kept"
     return ", whose array has no participation in six components (interface_participation of its modes)"
 
 
 def _names(channels: Mapping[str, np.ndarray], scenario: Scenario) -> str:
     """Channels that are one value at a time, in words."""
     own = (key for key, values in channels.items() if values.ndim == 1)
-    return ", ".join((*own, *_derived(channels, scenario)))
+    return ", ".join((*own, *_derivable_channels(channels, scenario)))
 
 
-def _derived(channels: Mapping[str, np.ndarray], scenario: Scenario) -> Iterator[str]:
+def _derivable_channels(channels: Mapping[str, np.ndarray], scenario: Scenario) -> Iterator[str]:
     """Names of what the kept channels tell of the spacecraft."""
     first, at = {key: values[:1] for key, values in channels.items()}, np.zeros(1)
-    derived = _on_firm_ground if scenario.craft is None else channel_on_craft
+    if scenario.craft is None:
+        derived = _load_on_fixed_base
+    else:
+        derived = channel_on_craft
     for name in (*COMPONENTS, *SECOND_LOADS, *LINE_OF_SIGHT):
         if derived(name, first, scenario, at) is not None:
             yield name

@@ -7,8 +7,8 @@ import numpy as np
 CUBES = np.array([0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0])
 """Nodes of a step, as fractions of it: Lobatto's, both ends among them."""
 
-# Coefficients become constants of compiled code. Products of small polynomials give the same digits on every processor, which
-# the library's inverse of a matrix does not.
+# Coefficients become constants of compiled code. Products of small polynomials give the same digits
+# on every processor, which the library's inverse of a matrix does not.
 
 
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -30,11 +30,15 @@ def _lagrange(j: int) -> np.ndarray:
 LAGRANGE = np.array([_lagrange(j) for j in range(4)])
 """Coefficients of the cubics l_j, (node, power)."""
 HIGHEST = np.array([1.0, -math.sqrt(5.0), math.sqrt(5.0), -1.0]) * -0.5
-"""Weights of the highest Legendre term of a cubic, peak to peak (twice its coefficient), by its values at the nodes."""
+"""Weights of the highest Legendre term of a cubic, peak to peak (twice its coefficient), by its
+values at the nodes.
+"""
 
 
 def _hermite() -> np.ndarray:
-    """Coefficients of the polynomial of degree 7 with given values and slopes at the nodes, (power, 4 values and 4 slopes)."""
+    """Coefficients of the polynomial of degree 7 with given values and slopes at the nodes, (power,
+    4 values and 4 slopes).
+    """
     squares = [_times(cubic, cubic) for cubic in LAGRANGE]
     offsets = [np.array([-node, 1.0]) for node in CUBES]
     slopes = [float(np.sum(1.0 / (node - np.delete(CUBES, j)))) for j, node in enumerate(CUBES)]
@@ -50,9 +54,13 @@ HERMITE = _hermite()
 def _onwards() -> np.ndarray:
     """Values at the nodes of another step by those of this one, (step, 4 nodes of this, 4 of that).
 
-    Of the first half of this step; of the next step of half its length, of its length, and, by the end's slope, of twice that.
+    Of the first half of this step; of the next step of half its length, of its length, and, by the
+    end's slope, of twice that.
     """
-    cubic = [at[:, None] ** np.arange(4) @ LAGRANGE.T for at in (0.5 * CUBES, 1.0 + 0.5 * CUBES, 1.0 + CUBES)]
+    cubic = [
+        at[:, None] ** np.arange(4) @ LAGRANGE.T
+        for at in (0.5 * CUBES, 1.0 + 0.5 * CUBES, 1.0 + CUBES)
+    ]
     slope = LAGRANGE @ np.arange(4)
     line = np.eye(4)[3] + 2.0 * CUBES[:, None] * slope
     return np.array([values.T for values in (*cubic, line)])

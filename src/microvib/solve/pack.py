@@ -13,20 +13,22 @@ from microvib.model.friction import Friction
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, nodes, propagate, propagators
 from microvib.solve.noise import roughness, torque_noise
-from microvib.solve.sampling import SHOWN
+from microvib.solve.sampling import ERROR_WEIGHTS
 from microvib.solve.vector import whole_lanes
 
-FEW = 8
+MAX_MIXED_CHANNELS = 8
 """Sums of channels that are made in every step, rather than picked from all channels' samples."""
 SCRATCH_ROWS = 19
 """Rows of a run's scratch."""
-SHORTEST = 0.01
+MIN_STEP_RATIO = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
 
 
 @dataclass(frozen=True)
 class Packed:
-    """One scenario as the kernel takes it: its parameters, its state (updated in place) and scratch."""
+    """One scenario as the kernel takes it: its parameters, its state (updated in place) and
+    scratch.
+    """
 
     drive: Any
     state: Any
@@ -43,7 +45,11 @@ class Packed:
         assert n == 0 or columns in (self.torque_columns, whole_lanes(columns))
         samples = self._remembered(samples)
         own = self.state, self.drive, self.propagators
-        return int(propagate.advance(stop, *own, samples, steps_t, steps_ref, *self.lanes, self.scratch.ravel()))
+        return int(
+            propagate.advance(
+                stop, *own, samples, steps_t, steps_ref, *self.lanes, self.scratch.ravel()
+            )
+        )
 
     def advance_each(
         self,
@@ -54,26 +60,33 @@ class Packed:
         samples: Any,
         *microsteps: np.ndarray,
     ) -> tuple[int, np.ndarray, np.ndarray]:
-        """Advance from each of many states, which the ends replace, by propagators; see ``propagate.advance_each``.
+        """Advance from each of many states, which the ends replace, by propagators; see
+        ``propagate.advance_each``.
 
-        Returns a status, the modes of rotor and output at the beginning and at the end, (k, 4), and how often the rotor and how
-        often either has come to rest, (k, 2).
+        Returns a status, the modes of rotor and output at the beginning and at the end, (k, 4), and
+        how often the rotor and how often either has come to rest, (k, 2).
         """
         sticks, sticking = np.zeros((len(y), 4)), np.zeros((len(y), 2), dtype=np.int64)
         samples = self._remembered(samples)
-        found, own = (y, begun, steps, stops, sticks, sticking), (self.state, self.drive, self.propagators)
-        status = propagate.advance_each(*found, *own, samples, *microsteps, *self.lanes, self.scratch.ravel())
+        found, own = (
+            (y, begun, steps, stops, sticks, sticking),
+            (self.state, self.drive, self.propagators),
+        )
+        status = propagate.advance_each(
+            *found, *own, samples, *microsteps, *self.lanes, self.scratch.ravel()
+        )
         return int(status), sticks, sticking
 
     def _remembered(self, samples: Any) -> Any:
-        """Samples with rates that count inside steps at least as where they are sampled, if the drive remembers them.
+        """Samples with rates that count inside steps at least as where they are sampled, if the
+        drive remembers them.
 
-        Elements of friction and backlash keep the angle at which an event fell, and events fall inside steps: what a torque forgets
-        by the end of a step, they do not.
+        Elements of friction and backlash keep the angle at which an event fell, and events fall
+        inside steps: what a torque forgets by the end of a step, they do not.
         """
         if not self.drive.elements.size:
             return samples
-        return samples._replace(rates_shown=max(samples.rates_shown, SHOWN[0]))
+        return samples._replace(rates_shown=max(samples.rates_shown, ERROR_WEIGHTS[0]))
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -101,12 +114,13 @@ class Packed:
         return whole_lanes(self.channels)
 
     def mixes(self, mix: np.ndarray) -> bool:
-        """Whether it pays, and is allowed, to sample sums of channels, (columns, channels), instead of the channels.
+        """Whether it pays, and is allowed, to sample sums of channels, (columns, channels), instead
+        of the channels.
 
         Energies add up over steps, which no sum of one step shows.
         """
         energies = mix[:, kernel.POWERS : kernel.N_CHANNELS]
-        return len(mix) <= FEW and not np.any(energies)
+        return len(mix) <= MAX_MIXED_CHANNELS and not np.any(energies)
 
     @property
     def momentum(self) -> float:
@@ -121,7 +135,7 @@ class Packed:
 
 def pack(scenario: Scenario) -> Packed:
     """Parameters, and the state at rest at theta = 0 with holding currents."""
-    drive = _finite(_drive(scenario))
+    drive = _require_finite(_drive(scenario))
     size = kernel.MODES + 2 * scenario.load.H.size
     state = kernel.State(
         y=np.zeros(size),
@@ -132,14 +146,26 @@ def pack(scenario: Scenario) -> Packed:
         levels=propagate.INITIAL_STEP_LEVELS.astype(np.int64),
     )
     width = max(kernel.N_CHANNELS + size, 32)
-    _hold(scenario, drive, state)
+    _set_holding_state(scenario, drive, state)
     sizes = _state_sizes(scenario)
     tables = _propagators(scenario, drive, state, sizes)
     if scenario.record.rotor_offset != 0.0:
-        _hold(scenario, drive, state, scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor))
+        _set_holding_state(
+            scenario,
+            drive,
+            state,
+            scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor),
+        )
     lanes = np.zeros((75 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
     by_node = np.zeros((4, whole_lanes(kernel.N_CHANNELS + size - kernel.MODES)))
-    return Packed(drive, state, tables, sizes, np.zeros((SCRATCH_ROWS, width)), (lanes, lanes.ravel(), by_node))
+    return Packed(
+        drive,
+        state,
+        tables,
+        sizes,
+        np.zeros((SCRATCH_ROWS, width)),
+        (lanes, lanes.ravel(), by_node),
+    )
 
 
 def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) -> Any:
@@ -148,7 +174,12 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     per_size = 1.0 / sizes  # 0 for what no gain moves
     A, longest = _linear_part(drive, state), solver.max_step / solver.refinement
     fastest = float(
-        np.max(np.sum(np.abs(A) * per_size[:n, None] / np.where(per_size[:n] > 0.0, per_size[:n], np.inf), axis=2))
+        np.max(
+            np.sum(
+                np.abs(A) * per_size[:n, None] / np.where(per_size[:n] > 0.0, per_size[:n], np.inf),
+                axis=2,
+            )
+        )
     )
     for stribeck, inv_rate, inertia in (
         (drive.m_stribeck, drive.m_inv_rate, drive.J_m),
@@ -156,11 +187,15 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     ):
         fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
     accuracy = solver.accuracy / solver.refinement**4
-    shortest = SHORTEST
-    if math.isfinite(drive.U_max):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
+    shortest = MIN_STEP_RATIO
+    if math.isfinite(
+        drive.U_max
+    ):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
         shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
-    levels = min(max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS)
-    current, windup = _held(scenario, scenario.motor.axis_current)
+    levels = min(
+        max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS
+    )
+    current, windup = _holding_current(scenario, scenario.motor.axis_current)
     tables = propagators.Propagators(
         longest=longest,
         accuracy=accuracy,
@@ -171,7 +206,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         A=A,
         columns=A.transpose(0, 2, 1).reshape(-1, 4).copy(),
         per_size=per_size[propagators.INPUTS],
-        per_layer=np.maximum(per_size[propagators.INPUTS], _layers(drive)),
+        per_layer=np.maximum(per_size[propagators.INPUTS], _friction_layer_rates(drive)),
         nodes=np.zeros((propagators.PATTERNS * levels * propagators.NODE_ROWS, 4)),
         pieces=np.zeros((propagators.PATTERNS * levels * propagators.PIECE_ROWS, 4)),
         modes=np.zeros((levels * s * propagators.MODE_ROWS, 4)),
@@ -185,10 +220,16 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     return tables
 
 
-def _layers(drive: Any) -> np.ndarray:
+def _friction_layer_rates(drive: Any) -> np.ndarray:
     """1 / (rate within which friction falls), (6,), of the states with deficits that are rates."""
-    m = drive.m_inv_rate if drive.m_stribeck > 0.0 else 0.0
-    output = drive.l_inv_rate if drive.l_stribeck > 0.0 else 0.0
+    if drive.m_stribeck > 0.0:
+        m = drive.m_inv_rate
+    else:
+        m = 0.0
+    if drive.l_stribeck > 0.0:
+        output = drive.l_inv_rate
+    else:
+        output = 0.0
     if drive.rigid:
         m = max(m, output * abs(drive.inv_h))
     return np.array([0.0, 0.0, m, output, 0.0, 0.0])
@@ -197,12 +238,19 @@ def _layers(drive: Any) -> np.ndarray:
 def _moments(n: int, inputs: int) -> Any:
     square = np.zeros((n, n))
     return propagators.Moments(
-        square, np.zeros((n, inputs)), square.copy(), np.zeros((4, n, inputs)), square.copy(), square.copy()
+        square,
+        np.zeros((n, inputs)),
+        square.copy(),
+        np.zeros((4, n, inputs)),
+        square.copy(),
+        square.copy(),
     )
 
 
 def _linear_part(drive: Any, state: Any) -> np.ndarray:
-    """Derivative of the equations of motion by the state, without modes, detent, dry friction and supply limit, at rest."""
+    """Derivative of the equations of motion by the state, without modes, detent, dry friction and
+    supply limit, at rest.
+    """
     none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,
@@ -221,28 +269,36 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     )
     steps = 1e-4 * np.maximum(np.abs(state.y[:n]), 1.0)
     steps[kernel.TM] /= drive.z
-    A, rest = np.zeros((propagators.PATTERNS, n, n)), state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick))
+    A, rest = (
+        np.zeros((propagators.PATTERNS, n, n)),
+        state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick)),
+    )
     propagators.linear_part(rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
     return A
 
 
-def _finite(drive: Any) -> Any:
-    """The drive, if compiled code may see it: parameters that are finite can give constants that are not."""
+def _require_finite(drive: Any) -> Any:
+    """The drive, if compiled code may see it: parameters that are finite can give constants that
+    are not.
+    """
     for name, value in zip(drive._fields, drive, strict=True):
         finite = math.isfinite(value) if isinstance(value, float) else np.all(np.isfinite(value))
         if name != "U_max" and not finite:
             raise SimulationError(
-                f"this drive cannot be computed: its constant {name} is not a finite number; parameters of such sizes do not"
+                f"this drive cannot be computed: its constant {name} is not a finite number;"
+                " parameters of such sizes do not"
                 " go together"
             )
     return drive
 
 
-def _hold(scenario: Scenario, drive: Any, state: Any, theta_m: float = 0.0) -> None:
-    """State before t = 0: at rest, the rotor at ``theta_m``, the phases at their holding currents, the loop in equilibrium."""
+def _set_holding_state(scenario: Scenario, drive: Any, state: Any, theta_m: float = 0.0) -> None:
+    """State before t = 0: at rest, the rotor at ``theta_m``, the phases at their holding currents,
+    the loop in equilibrium.
+    """
     A, B = (float(x) for x in scenario.driver.references(scenario.motor, np.zeros(())))
-    state.y[kernel.IA], state.y[kernel.XA] = _held(scenario, A)
-    state.y[kernel.IB], state.y[kernel.XB] = _held(scenario, B)
+    state.y[kernel.IA], state.y[kernel.XA] = _holding_current(scenario, A)
+    state.y[kernel.IB], state.y[kernel.XB] = _holding_current(scenario, B)
     # The transmission error may be non-zero there; the gear is relaxed.
     state.y[kernel.TM] = theta_m
     state.y[kernel.TL] = scenario.reducer.kinematic_error(theta_m) - theta_m * drive.inv_h
@@ -251,7 +307,7 @@ def _hold(scenario: Scenario, drive: Any, state: Any, theta_m: float = 0.0) -> N
     kernel.initial_friction(state, drive)
 
 
-def _held(scenario: Scenario, reference: float) -> tuple[float, float]:
+def _holding_current(scenario: Scenario, reference: float) -> tuple[float, float]:
     """Current [A] and integral of its error [A s] at rest under a reference [A]."""
     driver, R = scenario.driver, scenario.motor.winding_resistance
     if driver.drive == "voltage":
@@ -272,7 +328,12 @@ def _friction(friction: Friction) -> tuple[float, float, float, float, float]:
 
 
 def _drive(scenario: Scenario) -> Any:
-    motor, driver, reducer, solver = scenario.motor, scenario.driver, scenario.reducer, scenario.solver
+    motor, driver, reducer, solver = (
+        scenario.motor,
+        scenario.driver,
+        scenario.reducer,
+        scenario.solver,
+    )
     rotor, output = _friction(motor.friction), _friction(scenario.friction)
     L, L_D = motor.winding_inductance, motor.winding_inductance + driver.derivative_gain
     load = scenario.load
@@ -350,8 +411,15 @@ def _drive(scenario: Scenario) -> Any:
 
 def _harmonics(friction: Friction) -> np.ndarray:
     """Order, cosine and sine amplitude of each harmonic of friction over the angle."""
-    listed = friction.position.harmonics if friction.position else ()
-    rows = [[h.order, h.amplitude * math.cos(h.phase), -h.amplitude * math.sin(h.phase)] for h in listed if h.amplitude]
+    if friction.position:
+        listed = friction.position.harmonics
+    else:
+        listed = ()
+    rows = [
+        [h.order, h.amplitude * math.cos(h.phase), -h.amplitude * math.sin(h.phase)]
+        for h in listed
+        if h.amplitude
+    ]
     return np.array(rows, dtype=float).ravel()
 
 
@@ -373,16 +441,31 @@ def _state_sizes(scenario: Scenario) -> np.ndarray:
     rotor_rate = math.sqrt(motor.electromagnetic_stiffness / turned)
     output_rate = rotor_rate
     if not scenario.reducer.rigid:
-        output_rate = min(rotor_rate, math.sqrt(float(scenario.reducer.stiffness) / scenario.output_inertia))
+        output_rate = min(
+            rotor_rate, math.sqrt(float(scenario.reducer.stiffness) / scenario.output_inertia)
+        )
     angle = step / scenario.reducer.ratio
     rate = angle * output_rate
-    integral = (
-        motor.winding_resistance * motor.axis_current / driver.integral_gain if driver.integral_gain > 0.0 else math.inf
+    if driver.integral_gain > 0.0:
+        integral = motor.winding_resistance * motor.axis_current / driver.integral_gain
+    else:
+        integral = math.inf
+    H = np.maximum(
+        np.hypot(scenario.load.H, scenario.load.V_l / scenario.load.Omega),
+        1e-3 * math.sqrt(array.inertia),
     )
-    H = np.maximum(np.hypot(scenario.load.H, scenario.load.V_l / scenario.load.Omega), 1e-3 * math.sqrt(array.inertia))
     return np.concatenate(
         [
-            [motor.axis_current, motor.axis_current, integral, integral, step, step * rotor_rate, angle, rate],
+            [
+                motor.axis_current,
+                motor.axis_current,
+                integral,
+                integral,
+                step,
+                step * rotor_rate,
+                angle,
+                rate,
+            ],
             np.column_stack([H * angle, H * rate]).ravel(),
         ]
     )

@@ -1,7 +1,7 @@
 """The hot loop by exact propagation: microsteps, and steps of suitable length that end at events.
 
-A step is ``microvib.solve.collocation``'s. Read from the end: ``advance`` is the loop, and calls what stands above it;
-``advance_each`` calls it for many starts.
+A step is ``microvib.solve.collocation``'s. Read from the end: ``advance`` is the loop, and calls
+what stands above it; ``advance_each`` calls it for many starts.
 """
 
 import math
@@ -75,16 +75,20 @@ from microvib.solve.step_events import (
 
 code = Unit(__name__, "step_events.py", "samples.py")
 
-# Kinds of a step, each with a memory of its own for each pattern: the first after a microstep or an event, the one after that,
-# any other
+# Kinds of a step, each with a memory of its own for each pattern: the first after a microstep or an
+# event, the one after that, any other
 AFTER_MICROSTEP, AFTER_EVENT, SECOND_AFTER_MICROSTEP, SECOND_AFTER_EVENT, FURTHER, KINDS = range(6)
 SLOTS = KINDS * PATTERNS
 FIRST_LEVEL = 4
 """Level at which steps of each kind are tried first."""
 INITIAL_STEP_LEVELS = np.repeat([FIRST_LEVEL, 0], SLOTS)
-"""``State.levels`` at first: for each kind and pattern a level; then how many steps shall pass before a longer one is tried."""
+"""``State.levels`` at first: for each kind and pattern a level; then how many steps shall pass
+before a longer one is tried.
+"""
 PATIENCE = 16
-"""Such steps after one that failed: motions nearly repeat from microstep to microstep, and so would the failure."""
+"""Such steps after one that failed: motions nearly repeat from microstep to microstep, and so would
+the failure.
+"""
 AFRESH = -1
 """In place of the step whose deficits go on in the next: none."""
 FAR = 15.0
@@ -92,7 +96,9 @@ FAR = 15.0
 LAYER_ERROR = 0.3
 """Error that a step may be expected to have by Stribeck's excess alone, over the accuracy."""
 UNRESOLVED = 1e-4
-"""Change of the deficits, over what a microstep moves, that is accepted in the shortest steps: where equations jump."""
+"""Change of the deficits, over what a microstep moves, that is accepted in the shortest steps:
+where equations jump.
+"""
 
 
 @code.inner(**INLINE)
@@ -113,16 +119,19 @@ def _work(x, elements, lanes, flat, by_node, room):
 
 @code.inner(**COMPILE)
 def _layer_error(T, sign, rate, alpha, size, stribeck, inv_rate, shape, shaped):
-    """Error that a step of length ``T`` will have by Stribeck's excess, where a body that slows down goes on at ``alpha``.
+    """Error that a step of length ``T`` will have by Stribeck's excess, where a body that slows
+    down goes on at ``alpha``.
 
-    ``size`` turns a torque over a time into what errors are measured in. Steps that ran into the layer where friction rises
-    steeply would fail after all their iterations.
+    ``size`` turns a torque over a time into what errors are measured in. Steps that ran into the
+    layer where friction rises steeply would fail after all their iterations.
     """
     if sign * alpha >= 0.0 or stribeck == 0.0 or sign * (rate + alpha * T) * inv_rate > FAR:
         return 0.0
     total = 0.0
     for j in range(4):
-        torque, _ = friction_torque(sign, rate + alpha * CUBES[j] * T, 0.0, stribeck, inv_rate, shape, 0.0, shaped)
+        torque, _ = friction_torque(
+            sign, rate + alpha * CUBES[j] * T, 0.0, stribeck, inv_rate, shape, 0.0, shaped
+        )
         total += HIGHEST[j] * torque
     return math.fabs(total) * size * T
 
@@ -133,29 +142,45 @@ def _expected_error(T, x, p, w):
     rate, alpha, size, J = w.x[WM], w.f[WM, 3], w.per_size[2], p.J_m
     if p.rigid:
         J += p.inv_h * p.inv_h * p.J_L
-    own = _layer_error(T, x.stick[0], rate, alpha, size / J, p.m_stribeck, p.m_inv_rate, p.m_shape, p.shaped)
+    own = _layer_error(
+        T, x.stick[0], rate, alpha, size / J, p.m_stribeck, p.m_inv_rate, p.m_shape, p.shaped
+    )
     sign, output, beta, of_output = x.stick[1], w.x[WL], w.f[WL, 3], w.per_size[3] * p.inv_J_L
     if p.rigid:
-        sign, beta, of_output = follower(x.stick[0], p), -p.inv_h * alpha, size / J * math.fabs(p.inv_h)
-    return max(own, _layer_error(T, sign, output, beta, of_output, p.l_stribeck, p.l_inv_rate, p.l_shape, p.shaped))
+        sign, beta, of_output = (
+            follower(x.stick[0], p),
+            -p.inv_h * alpha,
+            size / J * math.fabs(p.inv_h),
+        )
+    return max(
+        own,
+        _layer_error(
+            T, sign, output, beta, of_output, p.l_stribeck, p.l_inv_rate, p.l_shape, p.shaped
+        ),
+    )
 
 
 @code.inner(**INLINE)
 def _first_level(kind, left, x, p, t, w):
-    """Level remembered from steps of this kind, and that to try first: at most the one that just reaches the end of what is
-    ``left``, or that of which no failure is expected."""
+    """Level remembered from steps of this kind, and that to try first: at most the one that just
+    reaches the end of what is ``left``, or that of which no failure is expected."""
     remembered = x.levels[kind * PATTERNS + stick_pattern(x.stick, p)]
     level = remembered
     while level < t.levels - 1 and t.longest * 0.5 ** (level + 1) >= left:
         level += 1
-    while level < t.levels - 1 and _expected_error(t.longest * 0.5**level, x, p, w) > LAYER_ERROR * t.accuracy:
+    while (
+        level < t.levels - 1
+        and _expected_error(t.longest * 0.5**level, x, p, w) > LAYER_ERROR * t.accuracy
+    ):
         level += 1
     return remembered, level
 
 
 @code.inner(**INLINE)
 def _learn(kind, failed, grows, remembered, level, x, p):
-    """Remember at which level to try the next step of this kind, and any other; ``grows``: this one could have been longer."""
+    """Remember at which level to try the next step of this kind, and any other; ``grows``: this one
+    could have been longer.
+    """
     slot = kind * PATTERNS + stick_pattern(x.stick, p)
     if failed and kind != FURTHER:
         x.levels[SLOTS + slot] = PATIENCE
@@ -168,17 +193,25 @@ def _learn(kind, failed, grows, remembered, level, x, p):
 
 @code.inner(**FORCED)
 def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
-    """Solve a step short enough for its iteration to converge and its error to pass; its level, and a status code.
+    """Solve a step short enough for its iteration to converge and its error to pass; its level, and
+    a status code.
 
     ``last_level`` is that of the step before, whose deficits go on in this one, or -1.
     """
     (remembered, level), onwards, failed = _first_level(kind, left, x, p, t, w), AFRESH, False
-    if kind >= SECOND_AFTER_MICROSTEP and last_level >= 0 and last_level - 1 <= level <= last_level + 1:
+    if (
+        kind >= SECOND_AFTER_MICROSTEP
+        and last_level >= 0
+        and last_level - 1 <= level <= last_level + 1
+    ):
         onwards = HALF + last_level + 1 - level
     while True:
         if onwards >= 0:
             extrapolate_deficits(onwards, t, w)
-        change, shortest = solve_collocation(level, onwards < 0, s, c, x, p, t, w), level >= t.levels - 1
+        change, shortest = (
+            solve_collocation(level, onwards < 0, s, c, x, p, t, w),
+            level >= t.levels - 1,
+        )
         set_error_weights(x, p, t, w)  # by the end of the step
         error, converged = error_estimate(level, t, w, out), change <= CONVERGED * t.accuracy
         if converged and error <= t.accuracy:
@@ -188,11 +221,16 @@ def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
         x.counters[REJECTED] += 1
         failed = True
         if shortest:
-            return level, STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(error) else NOT_FINITE
+            return level, STEP_TOO_SMALL if math.isfinite(change) and math.isfinite(
+                error
+            ) else NOT_FINITE
         if converged and error <= 30.0 * t.accuracy:
             level, onwards = level + 1, FIRST_HALF
         else:
-            level, onwards = min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1), AFRESH
+            level, onwards = (
+                min(level + (2 if not error <= 1e3 * t.accuracy else 1), t.levels - 1),
+                AFRESH,
+            )
         remembered = level
     _learn(kind, failed, error < GROW_BELOW * t.accuracy, remembered, level, x, p)
     return level, OK
@@ -200,7 +238,9 @@ def _solved_step(kind, left, last_level, s, c, x, p, t, w, out):
 
 @code.inner(**FORCED)
 def _end_step(level, left, x, p, t, w):
-    """End the solved step at its first friction event or where nothing is ``left``: its fraction there, which friction or -1."""
+    """End the solved step at its first friction event or where nothing is ``left``: its fraction
+    there, which friction or -1.
+    """
     T = t.longest * 0.5**level
     u = left / T if left * (1.0 + 1e-12) < T else 1.0
     margins_at_nodes(p, x, w)
@@ -241,16 +281,25 @@ def advance(
     stop: float, x: State, p: Drive, t: Propagators, out: Samples, steps_t: Vector, steps_ref: Matrix,
     lanes: Matrix, flat: Vector, by_node: Matrix, room: Vector,
 ) -> int:  # fmt: skip
-    """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
+    """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in
+    place.
 
-    Each turn of the loop either takes a microstep that is due, or one step: shortened until its iteration converges and its error
-    estimate passes, and ended at the next microstep or at the first friction event inside it.
+    Each turn of the loop either takes a microstep that is due, or one step: shortened until its
+    iteration converges and its error estimate passes, and ended at the next microstep or at the
+    first friction event inside it.
 
-    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the references i_A*, i_B*, the
-    electrical angle after each and the time of the ramp there; ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels)
-    and ``room`` are scratch. Returns a status code.
+    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the
+    references i_A*, i_B*, the electrical angle after each and the time of the ramp there;
+    ``lanes``, ``flat`` (the same memory), ``by_node`` (4, channels) and ``room`` are scratch.
+    Returns a status code.
     """
-    w, clock, coming, stalled, status = _work(x, p.elements.shape[0], lanes, flat, by_node, room), x.clock, 0, 0, OK
+    w, clock, coming, stalled, status = (
+        _work(x, p.elements.shape[0], lanes, flat, by_node, room),
+        x.clock,
+        0,
+        0,
+        OK,
+    )
     s, c = to_command_frame(x, p, t, w)
     kind, last_level = FURTHER, -1
     while clock[NOW] < stop:
@@ -272,7 +321,8 @@ def advance(
             break
         u, event = _end_step(level, left, x, p, t, w)
         T = t.longest * 0.5**level
-        # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
+        # A step that reaches its target ends there to the last digit, so that sample intervals
+        # close where they should.
         end = target if event < 0 and left * (1.0 - 1e-12) <= T else clock[NOW] + u * T
         if out.width > 0.0:
             fit_momentum(level, p, t, w)
@@ -311,11 +361,13 @@ def advance_each(
     x: State, p: Drive, t: Propagators, out: Samples, steps_t: Vector, steps_ref: Matrix,
     lanes: Matrix, flat: Vector, by_node: Matrix, room: Vector,
 ) -> int:  # fmt: skip
-    """Advance the drive from each of the states ``y`` (k, n), which the ends replace, with its clock ``begun`` (k, N_CLOCK).
+    """Advance the drive from each of the states ``y`` (k, n), which the ends replace, with its
+    clock ``begun`` (k, N_CLOCK).
 
-    Each makes the microsteps between two numbers, ``steps`` (k, 2), and ends at one of the times ``stops`` (k,); ``out`` has as
-    many rows for every microstep made, or none. ``sticks`` (k, 4) becomes the modes of rotor and output at the beginning and at the
-    end, ``sticking`` (k, 2) how often the rotor and how often either has come to rest. Returns the first status that is not OK.
+    Each makes the microsteps between two numbers, ``steps`` (k, 2), and ends at one of the times
+    ``stops`` (k,); ``out`` has as many rows for every microstep made, or none. ``sticks`` (k, 4)
+    becomes the modes of rotor and output at the beginning and at the end, ``sticking`` (k, 2) how
+    often the rotor and how often either has come to rest. Returns the first status that is not OK.
     """
     made, done = 0, 0
     for j in range(stops.size):
@@ -337,11 +389,26 @@ def advance_each(
             begun[j, NOW], out.width, out.rows[done : done + rows], out.partial, out.cursor, out.mix,
             out.rates_shown, out.currents_shown,
         )  # fmt: skip
-        status = advance(stops[j], x, p, t, own, steps_t[first:last], steps_ref[first:last], lanes, flat, by_node, room)
+        status = advance(
+            stops[j],
+            x,
+            p,
+            t,
+            own,
+            steps_t[first:last],
+            steps_ref[first:last],
+            lanes,
+            flat,
+            by_node,
+            room,
+        )
         if status != OK:
             return status
         done += rows
         _copy(x.y, y[j])
         sticks[j, 2], sticks[j, 3] = x.stick[0], x.stick[1]
-        sticking[j, 0], sticking[j, 1] = x.counters[ROTOR_STICKS] - rotor, x.counters[STICKS] - either
+        sticking[j, 0], sticking[j, 1] = (
+            x.counters[ROTOR_STICKS] - rotor,
+            x.counters[STICKS] - either,
+        )
     return OK

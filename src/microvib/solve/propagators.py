@@ -1,7 +1,8 @@
-"""What is linear in a drive, as tables of its exact propagators: x(t) = E(t) x(0) + integrals of E with polynomials.
+"""What is linear in a drive, as tables of its exact propagators: x(t) = E(t) x(0) + integrals of E
+with polynomials.
 
-``microvib.solve.collocation`` says what they are for. Their lengths are the longest step over powers of two, made from the shortest
-by doubling.
+``microvib.solve.collocation`` says what they are for. Their lengths are the longest step over
+powers of two, made from the shortest by doubling.
 """
 
 import math
@@ -33,18 +34,24 @@ from microvib.solve.nodes import CUBES, LAGRANGE
 code = Unit(__name__, "kernel.py", "nodes.py")
 
 MOST_LEVELS = 40
-"""Lengths of steps: the longest over powers of two, at most so many, until what is linear changes little over the shortest."""
+"""Lengths of steps: the longest over powers of two, at most so many, until what is linear changes
+little over the shortest.
+"""
 PATTERNS = 4
 N = MODES  # states of the drive itself
 INPUTS = np.array([IA, IB, WM, WL, XA, XB])
-"""States of which the derivative has a deficit; the last two only where the supply limits the voltage."""
+"""States of which the derivative has a deficit; the last two only where the supply limits the
+voltage.
+"""
 NODE_ROWS, PIECE_ROWS, SUM_ROWS = (N + 24) * N, 2 * (N + 24), 20
-# rows of the sums over modes, four each: by the output's rate at each node, torque on it and momentum; on a craft also torque on
-# the rotor (which is that on the output by the rotor's rate); by the rotor's rate, torque on it and momentum
+# rows of the sums over modes, four each: by the output's rate at each node, torque on it and
+# momentum; on a craft also torque on the rotor (which is that on the output by the rotor's rate);
+# by the rotor's rate, torque on it and momentum
 S_OUTPUT, S_MOMENTUM, S_BOTH, S_ROTOR, S_ROTOR_MOMENTUM = 0, 4, 8, 12, 16
-# rows of a mode: by its eta and its w at the start, torque, momentum, exp(A t) (2, 2) for the end of a step, eta, w; by the rate
-# of the output at each node, or by the moments of it, eta and w at the end of a step; at each node by that rate. On a craft the
-# same BY_ROTOR rows further on by the rotor's rate; and torque on the rotor by eta and w.
+# rows of a mode: by its eta and its w at the start, torque, momentum, exp(A t) (2, 2) for the end
+# of a step, eta, w; by the rate of the output at each node, or by the moments of it, eta and w at
+# the end of a step; at each node by that rate. On a craft the same BY_ROTOR rows further on by the
+# rotor's rate; and torque on the rotor by eta and w.
 M_TORQUE, M_MOMENTUM, M_E, M_ETA, M_W, M_ETA_END, M_W_END, M_ETA_PART, M_W_PART, M_ETA_BY, M_W_BY = (
     0, 2, 4, 5, 7, 9, 10, 11, 12, 13, 17,
 )  # fmt: skip
@@ -53,7 +60,9 @@ ITERATIONS = 10
 CONVERGED = 0.1
 """Last change of the deficits, over the accuracy, at which an iteration ends."""
 GROW_BELOW = 0.05
-"""Error, over the accuracy, below which the next step is twice as long: sixteen times less than the accuracy, and a margin."""
+"""Error, over the accuracy, below which the next step is twice as long: sixteen times less than the
+accuracy, and a margin.
+"""
 
 
 class Propagators(NamedTuple):
@@ -68,17 +77,21 @@ class Propagators(NamedTuple):
     A: Cube  # (PATTERNS, N, N); pattern 1: output stuck, 2: rotor stuck
     columns: Matrix  # its columns, in two rows of four each
     per_size: Vector  # (6,), 1 / (what a microstep moves) of the states with deficits
-    per_layer: Vector  # the same near a stop: of rotor and output at most the rate within which friction falls
+    # the same near a stop: of rotor and output at most the rate within which friction falls
+    per_layer: Vector
     nodes: Matrix  # for each pattern and level the columns of E and of K (6, 4), N rows each
-    pieces: Matrix  # for each pattern and level the columns of E and of the moments (6, 4), in two rows of four each
+    # for each pattern and level the columns of E and of the moments (6, 4), in two rows of four
+    # each
+    pieces: Matrix
     modes: Matrix  # for each level and mode the rows that M_... name
     sums: Matrix  # for each level the rows that S_... name
-    momentum: Matrix  # (16, 4): coefficients of the momentum's polynomial by its values and slopes, two rows each
+    # (16, 4): coefficients of the momentum's polynomial by its values and slopes, two rows each
+    momentum: Matrix
     onwards: Matrix  # (16, 4): deficits at the nodes of another step
     fractions: Matrix  # (1, 4): where in a step the nodes are
-    integrals: (
-        Matrix  # (4, 4): by powers of a fraction of a step, from the first on, integrals of the cubics l_j up to there
-    )
+    # (4, 4): by powers of a fraction of a step, from the first on, integrals of the cubics l_j up
+    # to there
+    integrals: Matrix
 
 
 class Moments(NamedTuple):
@@ -158,7 +171,8 @@ def _start(m, T):
 
 @code.inner(**COMPILE)
 def _double(E, P, swap):
-    """Twice the time: exp(2 A t) = exp(A t)^2, and each integral over 2 t follows from those over t.
+    """Twice the time: exp(2 A t) = exp(A t)^2, and each integral over 2 t follows from those over
+    t.
 
     ``E`` is exp(A t) - 1, so that what changes little over a short time is not lost in rounding.
     """
@@ -187,7 +201,9 @@ def _double(E, P, swap):
 
 @code.inner(**COMPILE)
 def _by_node(P, i, c, j, until):
-    """Integral of the cubic that is 1 at node ``j``, up to the fraction ``until`` of a step over which ``P`` is."""
+    """Integral of the cubic that is 1 at node ``j``, up to the fraction ``until`` of a step over
+    which ``P`` is.
+    """
     total, factor = 0.0, 1.0
     for m in range(4):
         total += LAGRANGE[j, m] * factor * P[m, i, c]
@@ -206,16 +222,21 @@ def occurs(pattern, p):
 
 @code.inner(**INLINE)
 def holds(pattern, p):
-    """Whether rotor and output stand still in a pattern; with elements a body moves on their springs."""
+    """Whether rotor and output stand still in a pattern; with elements a body moves on their
+    springs.
+    """
     return pattern >= 2 and (p.m_elements == 0 or p.rigid), pattern % 2 == 1 and p.l_elements == 0
 
 
 @code.entry(**COMPILE)
-def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Vector, down: Vector, q: Vector) -> None:
-    """Derivative of the equations of motion by the state, at rest, for each pattern of what sticks, by differences.
+def linear_part(
+    x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Vector, down: Vector, q: Vector
+) -> None:
+    """Derivative of the equations of motion by the state, at rest, for each pattern of what sticks,
+    by differences.
 
-    ``p`` is without what is not linear, ``modes`` the drive with its modes. Errors of differences do not matter: what A lacks is a
-    deficit. The rest is scratch.
+    ``p`` is without what is not linear, ``modes`` the drive with its modes. Errors of differences
+    do not matter: what A lacks is a deficit. The rest is scratch.
     """
     references = references_after(0.0, x.clock)
     for pattern in range(PATTERNS):
@@ -224,10 +245,14 @@ def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Ve
         for e in range(p.elements.shape[0]):
             body = body_of(e, p)
             x.stick[2 + e] = (
-                0.0 if body == 2 or (body == 0 and pattern >= 2) or (body == 1 and pattern % 2 == 1) else 1.0
+                0.0
+                if body == 2 or (body == 0 and pattern >= 2) or (body == 1 and pattern % 2 == 1)
+                else 1.0
             )
         for j in range(N):
-            held = (j == WM and holds_m) or (j == WL and (holds_l or p.rigid)) or (j == TL and p.rigid)
+            held = (
+                (j == WM and holds_m) or (j == WL and (holds_l or p.rigid)) or (j == TL and p.rigid)
+            )
             here = x.y[j]
             x.y[j] = here + steps[j]
             drive_derivative(x.y, 0.0, 0.0, references, x.stick, p, up, q)
@@ -242,9 +267,11 @@ def linear_part(x: State, p: Drive, modes: Drive, steps: Vector, A: Cube, up: Ve
 
 @code.inner(**COMPILE)
 def _add_modes(pattern, modes, p, A):
-    """What the modes are to the output over short times: the spring and the damper of an array that stands still.
+    """What the modes are to the output over short times: the spring and the damper of an array that
+    stands still.
 
-    Their motion is no part of A; without this the iteration would have to find heavy modes on a light shaft.
+    Their motion is no part of A; without this the iteration would have to find heavy modes on a
+    light shaft.
     """
     spring = damper = 0.0
     for k in range(modes.H.size):
@@ -301,7 +328,9 @@ def _tabulate_oscillator(k, shortest, t, p, mode):
 
 @code.entry(**COMPILE)
 def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
-    """Fill the tables of a drive whose ``A`` is known; ``drive`` and ``mode`` are scratch for N states and for 2."""
+    """Fill the tables of a drive whose ``A`` is known; ``drive`` and ``mode`` are scratch for N
+    states and for 2.
+    """
     shortest = t.longest * 0.5 ** (t.levels - 1)
     for pattern in range(PATTERNS):
         if occurs(pattern, p):
@@ -355,7 +384,9 @@ def _tabulate_mode(level, k, node, E, P, t, p):
         if p.H_m.size > 0:
             t.modes[row + M_TORQUE + j, node] -= p.V[k] * by_w
             t.modes[row + M_MOMENTUM + j, node] += p.H_m[k] * by_w + (p.V[k] + p.V_m[k]) * by_eta
-            t.modes[row + M_ON_ROTOR + j, node] = p.H_m[k] * (Lam * by_eta + D * by_w) - p.V_m[k] * by_w
+            t.modes[row + M_ON_ROTOR + j, node] = (
+                p.H_m[k] * (Lam * by_eta + D * by_w) - p.V_m[k] * by_w
+            )
         if node == 3:
             t.modes[row + M_E, j], t.modes[row + M_E, 2 + j] = by_eta, by_w
     for j in range(4):
@@ -372,14 +403,19 @@ def _tabulate_mode(level, k, node, E, P, t, p):
             rate = w - (p.H_m[k] if j == node else 0.0)
             pull = Lam * eta + D * rate + (p.V_m[k] if j == node else 0.0)
             t.sums[total + S_ROTOR + j, node] += p.H_m[k] * pull - p.V_m[k] * rate
-            t.sums[total + S_ROTOR_MOMENTUM + j, node] += (H + p.H_m[k]) * w + (p.V[k] + p.V_m[k]) * eta
+            t.sums[total + S_ROTOR_MOMENTUM + j, node] += (H + p.H_m[k]) * w + (
+                p.V[k] + p.V_m[k]
+            ) * eta
         else:
             t.sums[total + S_OUTPUT + j, node] += H * (Lam * eta + D * rate)
             t.sums[total + S_MOMENTUM + j, node] += H * w
     if node == 3:
         factor = 1.0
         for m in range(4):
-            t.modes[row + M_ETA_PART, m], t.modes[row + M_W_PART, m] = factor * P[m, 0, 0], factor * P[m, 1, 0]
+            t.modes[row + M_ETA_PART, m], t.modes[row + M_W_PART, m] = (
+                factor * P[m, 0, 0],
+                factor * P[m, 1, 0],
+            )
             if p.H_m.size > 0:
                 t.modes[row + BY_ROTOR + M_ETA_PART, m] = factor * P[m, 0, 1]
                 t.modes[row + BY_ROTOR + M_W_PART, m] = factor * P[m, 1, 1]

@@ -1,4 +1,6 @@
-"""Samples of a run by propagators: means over intervals, integrated over each step, and the energies and impulses beside them."""
+"""Samples of a run by propagators: means over intervals, integrated over each step, and the
+energies and impulses beside them.
+"""
 
 import math
 
@@ -66,7 +68,9 @@ def _columns_by_node(values, w, out):
 
 @code.inner(**FORCED)
 def _channels_at_nodes(level, sampled, x, p, t, w, out):
-    """All channels at the nodes; where some of the step is ``sampled``, also the columns of a row, by node."""
+    """All channels at the nodes; where some of the step is ``sampled``, also the columns of a row,
+    by node.
+    """
     y, f, q = rows(w.y, 0, w.y.shape[0], 1), rows(w.f, 0, w.f.shape[0], 1), rows(w.q, 0, 7, 1)
     _modes_at_nodes(level, x, p, t, w, y)
     dt = t.longest * 0.5**level * rows(t.fractions, 0, 1, 1)[0]
@@ -134,7 +138,9 @@ def _close(x, out):
 
 @code.inner(**FORCED)
 def _whole_intervals(count, u, T, stuck, all_channels, t, w, out):
-    """Rows of ``count`` intervals that lie in the step, from its fraction ``u`` on; returns the fraction after them."""
+    """Rows of ``count`` intervals that lie in the step, from its fraction ``u`` on; returns the
+    fraction after them.
+    """
     first, d = out.cursor[0], out.width / T
     if not all_channels:
         L_a, inverse = _momentum_at(u, w.poly), 1.0 / out.width
@@ -145,7 +151,10 @@ def _whole_intervals(count, u, T, stuck, all_channels, t, w, out):
     else:
         before, inverse, weights = _weights(u, t), 1.0 / d, rows(w.weights, 0, 1, 1)
         columns, of = out.rows.shape[1] // WIDTH, w.by_node.shape[1] // WIDTH
-        n, to = rows(w.by_node, 0, 4 * of, of), rows(out.rows, 0, out.rows.shape[0] * columns, columns)
+        n, to = (
+            rows(w.by_node, 0, 4 * of, of),
+            rows(out.rows, 0, out.rows.shape[0] * columns, columns),
+        )
         for m in range(count):
             after = _weights(u + (m + 1) * d, t)
             weights[0], before = inverse * (after - before), after
@@ -164,12 +173,15 @@ def _energy_at(u, T, x, t, w):
     flows = rows(w.flows, 0, 4, 1)
     rows(w.weights, 0, 1, 1)[0] = T * _weights(u, t)
     w0, w1, w2, w3 = w.weights[0, 0], w.weights[0, 1], w.weights[0, 2], w.weights[0, 3]
-    return rows(x.energy, 0, 1, 1)[0] + ((flows[0] * w0 + flows[1] * w1) + (flows[2] * w2 + flows[3] * w3))
+    return rows(x.energy, 0, 1, 1)[0] + (
+        (flows[0] * w0 + flows[1] * w1) + (flows[2] * w2 + flows[3] * w3)
+    )
 
 
 @code.inner(**FORCED)
 def _powers_to_energy(row, lasted, w, out):
-    """Replace the mean powers in a row by the energies in the middle of its interval, of which ``lasted`` [s] are in this step.
+    """Replace the mean powers in a row by the energies in the middle of its interval, of which
+    ``lasted`` [s] are in this step.
 
     The running energies are those where this part of it begins, and then those at its end.
     """
@@ -182,10 +194,12 @@ def _powers_to_energy(row, lasted, w, out):
 
 @code.inner(**FORCED)
 def record_samples(u, end, level, x, p, t, w, out):
-    """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every sample interval that ends inside.
+    """Integrate the channels over the step to the time ``end``, its fraction ``u``; close every
+    sample interval that ends inside.
 
-    A sample is the mean over its interval. Where ``out`` has two columns and no sums, only the torque, by the change of momentum,
-    and the output's stick are recorded. Steps end at events, so jumps are averaged exactly, not sampled.
+    A sample is the mean over its interval. Where ``out`` has two columns and no sums, only the
+    torque, by the change of momentum, and the output's stick are recorded. Steps end at events, so
+    jumps are averaged exactly, not sampled.
     """
     clock, cursor = x.clock, out.cursor
     T, all_channels = t.longest * 0.5**level, out.rows.shape[1] > 2 or out.mix.shape[0] > 0
@@ -205,7 +219,11 @@ def record_samples(u, end, level, x, p, t, w, out):
                 rows(w.flows, 4, 1, 1)[0] = _energy_at(u_b, T, x, t, w)
                 _powers_to_energy(cursor[0] - 1, 0.0, w, out)
             count = min(int((end - boundary) / out.width + 1e-6), out.rows.shape[0] - cursor[0])
-            u_a = _whole_intervals(count, u_b, T, stuck, all_channels, t, w, out) if count > 0 else u_b
+            u_a = (
+                _whole_intervals(count, u_b, T, stuck, all_channels, t, w, out)
+                if count > 0
+                else u_b
+            )
         if cursor[0] < out.rows.shape[0] and u - u_a > 1e-6 * out.width / T:
             _add(u_a, u, T, stuck, all_channels, t, w, out)
             clock[WEIGHT] += (u - u_a) * T

@@ -1,6 +1,7 @@
 """Where a step ends: at its end, at a microstep, or where a friction sticks or breaks away.
 
-The solution of a step (``microvib.solve.collocation``) is known at any instant inside it, not only at its nodes.
+The solution of a step (``microvib.solve.collocation``) is known at any instant inside it, not only
+at its nodes.
 """
 
 import math
@@ -44,14 +45,18 @@ code = Unit(__name__, "collocation.py")
 
 @code.inner(**INLINE)
 def _margin_of(which, x, p, w):
-    """Values of a margin at the nodes; where it is a rate, the row of that rate and its sign in the margin, else 0.
+    """Values of a margin at the nodes; where it is a rate, the row of that rate and its sign in the
+    margin, else 0.
 
     Margins are those of rotor and output and, from 2 on, of the elements of frictions with memory.
     """
     if which < 2:
         return w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
     body = body_of(which - 2, p)
-    sign = 0.0 if body >= 2 or (body == 1 and p.rigid) else x.stick[which]
+    if body >= 2 or (body == 1 and p.rigid):
+        sign = 0.0
+    else:
+        sign = x.stick[which]
     return w.margins[which - 2], WM if body == 0 else WL, sign
 
 
@@ -59,7 +64,8 @@ def _margin_of(which, x, p, w):
 def _fit_margin(which, T, x, p, w):
     """Coefficients of the margin of friction ``which`` over the step, into ``w.poly``.
 
-    A polynomial through its values at the nodes; that of a friction that slips has its slopes as well.
+    A polynomial through its values at the nodes; that of a friction that slips has its slopes as
+    well.
     """
     values, row, sign = _margin_of(which, x, p, w)
     poly = w.poly
@@ -67,7 +73,9 @@ def _fit_margin(which, T, x, p, w):
         poly[m] = 0.0
         for j in range(4):
             if sign != 0.0:
-                poly[m] += sign * (HERMITE[m, j] * w.at[row, j] + HERMITE[m, 4 + j] * T * w.f[row, j])
+                poly[m] += sign * (
+                    HERMITE[m, j] * w.at[row, j] + HERMITE[m, 4 + j] * T * w.f[row, j]
+                )
             elif m < 4:
                 poly[m] += LAGRANGE[j, m] * values[j]
 
@@ -75,7 +83,9 @@ def _fit_margin(which, T, x, p, w):
 @code.inner(**INLINE)
 def _inside(u, lo, hi):
     """``u``, or the middle of the interval where it is not inside."""
-    return u if lo < u < hi else 0.5 * (lo + hi)
+    if lo < u < hi:
+        return u
+    return 0.5 * (lo + hi)
 
 
 @code.inner(**INLINE)
@@ -91,13 +101,18 @@ def _value_and_slopes(u, poly):
 
 @code.inner(**COMPILE)
 def _grazes(which, T, x, p, w):
-    """Node before which, and fraction where, a rate that is positive at all nodes is lowest between two, if negative; else 0, 2."""
+    """Node before which, and fraction where, a rate that is positive at all nodes is lowest between
+    two, if negative; else 0, 2.
+    """
     values, row, sign = _margin_of(which, x, p, w)
     for node in range(1, 4):
         lo, hi = CUBES[node - 1], CUBES[node]
         if values[node - 1] == 0.0:
             continue  # it has just broken away
-        falls, rises = sign * w.f[row, node - 1] * T * (hi - lo), sign * w.f[row, node] * T * (hi - lo)
+        falls, rises = (
+            sign * w.f[row, node - 1] * T * (hi - lo),
+            sign * w.f[row, node] * T * (hi - lo),
+        )
         if falls < 0.0 < rises and min(values[node - 1] + falls, values[node] - rises) < 0.0:
             _fit_margin(which, T, x, p, w)
             u = lo + (hi - lo) * falls / (falls - rises)
@@ -118,7 +133,9 @@ def _grazes(which, T, x, p, w):
 
 @code.inner(**COMPILE)
 def first_root(which, until, T, x, p, w):
-    """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls below zero; else 2."""
+    """First fraction of the step, up to ``until``, where the margin of friction ``which`` falls
+    below zero; else 2.
+    """
     values, _, sign = _margin_of(which, x, p, w)
     node = 1
     while node < 4 and values[node] >= 0.0:
@@ -146,12 +163,16 @@ def first_root(which, until, T, x, p, w):
         if math.fabs(following - u) < 1e-13:
             break
         u = following
-    return u if u < until else 2.0
+    if u < until:
+        return u
+    return 2.0
 
 
 @code.inner(**FORCED)
 def _shift(done, piece, t, w):
-    """Coefficients of the deficits' cubics about the fraction ``done`` of the step, in units of a ``piece`` of it."""
+    """Coefficients of the deficits' cubics about the fraction ``done`` of the step, in units of a
+    ``piece`` of it.
+    """
     powers, shifted = rows(w.powers, 0, 8, 2), rows(w.shifted, 0, 8, 2)
     for half in range(t.inputs // 4 + t.inputs % 4 // 2):
         c0, c1, c2, c3 = powers[0, half], powers[1, half], powers[2, half], powers[3, half]
@@ -163,7 +184,8 @@ def _shift(done, piece, t, w):
 
 @code.inner(**COMPILE)
 def solution_at(u, level, x, p, t, w):
-    """The step's solution at its fraction ``u``: the drive into ``w.end``, the modes into ``w.modes``.
+    """The step's solution at its fraction ``u``: the drive into ``w.end``, the modes into
+    ``w.modes``.
 
     Pieces of half, a quarter, ... of the step lead there, and a Taylor series over what is left.
     """
@@ -221,10 +243,20 @@ def _advance_modes(level, done, piece, p, t, w):
         eta, rate, M = w.modes[2 * k], w.modes[2 * k + 1], modes[row : row + MODE_ROWS]
         by_eta, by_w = M[M_ETA_PART], M[M_W_PART]
         w.modes[2 * k] = (
-            M[M_E, 0] * eta + M[M_E, 1] * rate + by_eta[0] * b0 + by_eta[1] * b1 + by_eta[2] * b2 + by_eta[3] * b3
+            M[M_E, 0] * eta
+            + M[M_E, 1] * rate
+            + by_eta[0] * b0
+            + by_eta[1] * b1
+            + by_eta[2] * b2
+            + by_eta[3] * b3
         )
         w.modes[2 * k + 1] = (
-            M[M_E, 2] * eta + M[M_E, 3] * rate + by_w[0] * b0 + by_w[1] * b1 + by_w[2] * b2 + by_w[3] * b3
+            M[M_E, 2] * eta
+            + M[M_E, 3] * rate
+            + by_w[0] * b0
+            + by_w[1] * b1
+            + by_w[2] * b2
+            + by_w[3] * b3
         )
         if p.H_m.size > 0:
             by_eta, by_w = M[BY_ROTOR + M_ETA_PART], M[BY_ROTOR + M_W_PART]
@@ -234,7 +266,9 @@ def _advance_modes(level, done, piece, p, t, w):
 
 @code.inner(**FORCED)
 def _moments(shaft, done, piece, w):
-    """Coefficients of that cubic about the fraction ``done`` of the step, in units of a ``piece`` of it."""
+    """Coefficients of that cubic about the fraction ``done`` of the step, in units of a ``piece``
+    of it.
+    """
     c0, c1, c2, c3 = _rate_cubic(shaft, w)
     return (
         c0 + done * (c1 + done * (c2 + done * c3)),
@@ -258,7 +292,9 @@ def _rate_cubic(shaft, w):
 
 @code.inner(**FORCED)
 def _taylor_remainder(pattern, done, left, T, x, p, t, w):
-    """The last part of the step's solution, shorter than the shortest piece, by Taylor: x_(m+1) = (A x_m + c_m) dt/(m+1)."""
+    """The last part of the step's solution, shorter than the shortest piece, by Taylor: x_(m+1) =
+    (A x_m + c_m) dt/(m+1).
+    """
     _shift(done, left, t, w)
     dt, A, term, end = (
         left * T,
@@ -333,21 +369,27 @@ def _margin_there(dt, which, x, p, w):
 
 @code.inner(**COMPILE)
 def end_at_event(u, which, level, x, p, t, w):
-    """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``; returns where.
+    """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``;
+    returns where.
 
     ``u`` comes from the cubic through the nodes; the solution itself corrects it.
     """
-    body = which if which < 2 else body_of(which - 2, p)
+    if which < 2:
+        body = which
+    else:
+        body = body_of(which - 2, p)
     scale = w.per_size[2 if body == 0 or p.rigid else 3]
     limit = (p.m_slide + p.m_stribeck) + (p.l_slide + p.l_stribeck)
     if body >= 2:
-        limit = p.g_limit if body == 2 else p.K_g * p.gap
+        if body == 2:
+            limit = p.g_limit
+        else:
+            limit = p.K_g * p.gap
     # rates that are left are set to 0: momentum lost, where elements come to rest often
-    enough = (
-        (1e-4 if which < 2 else 1e-8) * t.accuracy / scale
-        if x.stick[which] != 0.0 and body != BACKLASH
-        else 1e-8 * limit
-    )
+    if x.stick[which] != 0.0 and body != BACKLASH:
+        enough = (1e-4 if which < 2 else 1e-8) * t.accuracy / scale
+    else:
+        enough = 1e-8 * limit
     below, above, length = 0.0, 1.0, t.longest * 0.5**level
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
@@ -356,7 +398,10 @@ def end_at_event(u, which, level, x, p, t, w):
         from_command_frame(w.end, w.there, x, p, t)
         for j in range(w.modes.size):
             w.there[MODES + j] = w.modes[j]
-        e = element_margin(which - 2, w.there, x.stick, p) if which >= 2 else _margin_there(u * length, which, x, p, w)
+        if which >= 2:
+            e = element_margin(which - 2, w.there, x.stick, p)
+        else:
+            e = _margin_there(u * length, which, x, p, w)
         if e < 0.0:
             above = u
         else:

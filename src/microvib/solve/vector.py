@@ -1,9 +1,11 @@
-"""A number type that holds WIDTH numbers: the kernel's functions, called with it, evaluate the nodes of a step at once.
+"""A number type that holds WIDTH numbers: the kernel's functions, called with it, evaluate the
+nodes of a step at once.
 
-A ``Lanes`` is an LLVM vector, which LLVM splits into the registers of the machine at hand. Arithmetic, comparisons and the
-functions below act on each lane separately, by the same instruction for all: a lane's value never depends on its neighbours.
-The same functions take floats, so that one source serves one state and four. Such a source does not branch on a value: it
-uses ``where``, and ``if some(...)`` to skip work, which floats do and lanes never do.
+A ``Lanes`` is an LLVM vector, which LLVM splits into the registers of the machine at hand.
+Arithmetic, comparisons and the functions below act on each lane separately, by the same instruction
+for all: a lane's value never depends on its neighbours. The same functions take floats, so that one
+source serves one state and four. Such a source does not branch on a value: it uses ``where``, and
+``if some(...)`` to skip work, which floats do and lanes never do.
 
 What numba is told of lanes is in ``microvib.solve.vector_type``.
 """
@@ -28,12 +30,16 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def some(condition: Any) -> bool:
-    """Whether work for this condition cannot be skipped: the condition itself for floats, always for lanes."""
+    """Whether work for this condition cannot be skipped: the condition itself for floats, always
+    for lanes.
+    """
     return bool(condition)
 
 
 def rows(array: Any, first: int, size: int, columns: int) -> Any:
-    """``size`` rows of an array (m, WIDTH), from row ``first`` on, as lanes; also indexed in two dimensions with ``columns``."""
+    """``size`` rows of an array (m, WIDTH), from row ``first`` on, as lanes; also indexed in two
+    dimensions with ``columns``.
+    """
     return array[first : first + size]
 
 

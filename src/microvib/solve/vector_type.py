@@ -1,4 +1,6 @@
-"""What numba is told of lanes (``microvib.solve.vector``): the types, and what the functions mean to them."""
+"""What numba is told of lanes (``microvib.solve.vector``): the types, and what the functions mean
+to them.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,18 @@ from numba.extending import (
     register_model,
 )
 
-from microvib.solve.vector import WIDTH, exp, exponent, floor, nearest, picked, rows, sincos, some, where
+from microvib.solve.vector import (
+    WIDTH,
+    exp,
+    exponent,
+    floor,
+    nearest,
+    picked,
+    rows,
+    sincos,
+    some,
+    where,
+)
 
 CALLED: Any = {"error_model": "numpy", "fastmath": {"contract", "arcp"}, "forceinline": True}
 """How an overload is compiled: like the kernel that calls it."""
@@ -65,7 +78,11 @@ class _MaskModel(models.PrimitiveModel):
 @register_model(_Rows)
 class _RowsModel(models.StructModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        members = [("data", types.CPointer(types.float64)), ("size", types.intp), ("columns", types.intp)]
+        members = [
+            ("data", types.CPointer(types.float64)),
+            ("size", types.intp),
+            ("columns", types.intp),
+        ]
         super().__init__(manager, kind, members)
 
 
@@ -77,7 +94,9 @@ def _same(value: float) -> Any:
 
 
 def _splat(builder: Any, value: Any) -> Any:
-    one = builder.insert_element(ir.Constant(_DOUBLES, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    one = builder.insert_element(
+        ir.Constant(_DOUBLES, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
+    )
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None))
 
 
@@ -86,14 +105,20 @@ def _cast(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any
     return _splat(builder, value)
 
 
-def _define(function: Any, result: Any, arguments: tuple[Any, ...], build: Callable[..., Any]) -> None:
-    """Define ``function`` for these types by the instructions that ``build(builder, *values)`` emits."""
+def _define(
+    function: Any, result: Any, arguments: tuple[Any, ...], build: Callable[..., Any]
+) -> None:
+    """Define ``function`` for these types by the instructions that ``build(builder, *values)``
+    emits.
+    """
 
     def lower(context: Any, builder: Any, sig: Any, values: Any) -> Any:
         return build(builder, *values)
 
     lower_builtin(function, *arguments)(lower)
-    infer_global(function)(type("Template", (ConcreteTemplate,), {"cases": [signature(result, *arguments)]}))
+    infer_global(function)(
+        type("Template", (ConcreteTemplate,), {"cases": [signature(result, *arguments)]})
+    )
 
 
 def _call(name: str) -> Callable[..., Any]:
@@ -120,7 +145,9 @@ def _power(builder: Any, base: Any, exponent: Any) -> Any:
 
 
 def _two_to(builder: Any, n: Any) -> Any:
-    """2^n for whole n, |n| < 1000: adding 1.5 x 2^52 + 1023 leaves n + 1023 in the lowest bits, which shift to the exponent."""
+    """2^n for whole n, |n| < 1000: adding 1.5 x 2^52 + 1023 leaves n + 1023 in the lowest bits,
+    which shift to the exponent.
+    """
     words = builder.bitcast(builder.fadd(n, _same(1.5 * 2.0**52 + 1023.0)), _WORDS)
     return builder.bitcast(builder.shl(words, ir.Constant(_WORDS, [52] * WIDTH)), _DOUBLES)
 
@@ -161,7 +188,12 @@ for _function, _sign in (
     (operator.ge, ">="),
     (operator.eq, "=="),
 ):
-    _define(_function, MASK, (LANES, LANES), lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b))
+    _define(
+        _function,
+        MASK,
+        (LANES, LANES),
+        lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b),
+    )
 _define(operator.ne, MASK, (LANES, LANES), lambda builder, a, b: builder.fcmp_unordered("!=", a, b))
 _define(operator.and_, MASK, (MASK, MASK), ir.IRBuilder.and_)
 _define(operator.or_, MASK, (MASK, MASK), ir.IRBuilder.or_)
@@ -174,7 +206,8 @@ _define(some, types.boolean, (types.boolean,), lambda builder, condition: condit
 _define(some, types.boolean, (MASK,), lambda builder, condition: ir.Constant(_BIT, 1))
 
 
-# pi/2 and log 2 as sums of parts (Cody-Waite); the first have so few bits that their products with n < 2^20 are exact
+# pi/2 and log 2 as sums of parts (Cody-Waite); the first have so few bits that their products with
+# n < 2^20 are exact
 _PI_1, _PI_2, _PI_3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 _LOG_1, _LOG_2 = 0.6931471804855391, 7.440617110012397e-11
 
@@ -266,7 +299,9 @@ def _picked_of(array, index):
 
 @intrinsic
 def _rows(typingctx: Any, array: Any, first: Any, size: Any, columns: Any) -> Any:
-    """``size`` rows of an array (m, WIDTH), from row ``first`` on, as lanes; also indexed in two dimensions with ``columns``."""
+    """``size`` rows of an array (m, WIDTH), from row ``first`` on, as lanes; also indexed in two
+    dimensions with ``columns``.
+    """
 
     def build(context: Any, builder: Any, sig: Any, values: Any) -> Any:
         base = context.make_array(sig.args[0])(context, builder, values[0]).data
@@ -287,7 +322,10 @@ def _place(context: Any, builder: Any, kind: Any, lanes: Any, index: Any) -> Any
     """Pointer to the lanes at an index, or at a pair of indices."""
     held = cgutils.create_struct_proxy(ROWS)(context, builder, lanes)
     if isinstance(kind, types.BaseTuple):
-        index = builder.add(builder.mul(builder.extract_value(index, 0), held.columns), builder.extract_value(index, 1))
+        index = builder.add(
+            builder.mul(builder.extract_value(index, 0), held.columns),
+            builder.extract_value(index, 1),
+        )
     start = builder.gep(held.data, [builder.mul(index, ir.Constant(_WORD, WIDTH))])
     return builder.bitcast(start, _DOUBLES.as_pointer())
 

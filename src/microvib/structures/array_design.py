@@ -19,7 +19,9 @@ class Panels(Part):
     span: Annotated[float, Quantity("m", "size of a panel along the drive axis", gt=0, le=100)]
     chord: Annotated[float, Quantity("m", "size of a panel across the drive axis", gt=0, le=100)]
     gap: Annotated[float, Quantity("m", "distance between neighbours", ge=0, le=10)] = 0.0
-    missing: tuple[int, ...] = Field(default=(), description="panels that are not there, counted from 1 at the yoke")
+    missing: tuple[int, ...] = Field(
+        default=(), description="panels that are not there, counted from 1 at the yoke"
+    )
 
     def _misfits(self) -> Iterator[str]:
         wrong = (k for k in self.missing if not 1 <= k <= self.count)
@@ -31,11 +33,22 @@ class Panels(Part):
 class Ply(Part):
     """One ply of a face sheet."""
 
-    thickness: Annotated[float, Quantity("m", "thickness of the ply", "t", gt=0, le=0.1, display="mm")]
-    angle: Annotated[float, Quantity("rad", "angle of direction 1 from the drive axis", ge=-6.3, le=6.3, display="deg")]
-    modulus_1: Annotated[float, Quantity("Pa", "Young's modulus in direction 1", "E_1", gt=0, display="GPa")]
-    modulus_2: Annotated[float, Quantity("Pa", "Young's modulus in direction 2", "E_2", gt=0, display="GPa")]
-    shear_modulus: Annotated[float, Quantity("Pa", "shear modulus in the plane", "G_12", gt=0, display="GPa")]
+    thickness: Annotated[
+        float, Quantity("m", "thickness of the ply", "t", gt=0, le=0.1, display="mm")
+    ]
+    angle: Annotated[
+        float,
+        Quantity("rad", "angle of direction 1 from the drive axis", ge=-6.3, le=6.3, display="deg"),
+    ]
+    modulus_1: Annotated[
+        float, Quantity("Pa", "Young's modulus in direction 1", "E_1", gt=0, display="GPa")
+    ]
+    modulus_2: Annotated[
+        float, Quantity("Pa", "Young's modulus in direction 2", "E_2", gt=0, display="GPa")
+    ]
+    shear_modulus: Annotated[
+        float, Quantity("Pa", "shear modulus in the plane", "G_12", gt=0, display="GPa")
+    ]
     poisson: Annotated[float, Quantity("", "Poisson's ratio", "nu_12", ge=-0.9, le=0.9)]
     density: Annotated[float, Quantity("kg/m^3", "density", gt=0)]
 
@@ -45,8 +58,12 @@ class Core(Part):
 
     thickness: Annotated[float, Quantity("m", "thickness of the core", gt=0, le=1, display="mm")]
     density: Annotated[float, Quantity("kg/m^3", "density", ge=0)]
-    shear_xz: Annotated[float, Quantity("Pa", "shear modulus along the drive axis", "G_xz", gt=0, display="MPa")]
-    shear_yz: Annotated[float, Quantity("Pa", "shear modulus across the drive axis", "G_yz", gt=0, display="MPa")]
+    shear_xz: Annotated[
+        float, Quantity("Pa", "shear modulus along the drive axis", "G_xz", gt=0, display="MPa")
+    ]
+    shear_yz: Annotated[
+        float, Quantity("Pa", "shear modulus across the drive axis", "G_yz", gt=0, display="MPa")
+    ]
 
 
 class Sandwich(Part):
@@ -88,7 +105,8 @@ class Hinge(Part):
 
     position: Annotated[float, Quantity("m", "place on the hinge line, from the drive axis", "y")]
     footprint: Annotated[
-        float, Quantity("m", "side of the square of panel that moves rigidly with it", gt=0, display="mm")
+        float,
+        Quantity("m", "side of the square of panel that moves rigidly with it", gt=0, display="mm"),
     ]
     stiffness: Stiffness
 
@@ -96,15 +114,23 @@ class Hinge(Part):
 class Hinges(Part):
     """Hinge lines: one between yoke and first panel, one between neighbours."""
 
-    root: tuple[Hinge, ...] = Field(min_length=1, max_length=20, description="hinges between yoke and first panel")
-    between: tuple[Hinge, ...] = Field(default=(), max_length=20, description="hinges between neighbouring panels")
+    root: tuple[Hinge, ...] = Field(
+        min_length=1, max_length=20, description="hinges between yoke and first panel"
+    )
+    between: tuple[Hinge, ...] = Field(
+        default=(), max_length=20, description="hinges between neighbouring panels"
+    )
 
 
 class Tube(Part):
     """Rectangular thin-walled tube."""
 
-    width: Annotated[float, Quantity("m", "outer width, in the plane of the panels", gt=0, le=1, display="mm")]
-    height: Annotated[float, Quantity("m", "outer height, along the normal", gt=0, le=1, display="mm")]
+    width: Annotated[
+        float, Quantity("m", "outer width, in the plane of the panels", gt=0, le=1, display="mm")
+    ]
+    height: Annotated[
+        float, Quantity("m", "outer height, along the normal", gt=0, le=1, display="mm")
+    ]
     wall: Annotated[float, Quantity("m", "wall thickness", gt=0, le=0.1, display="mm")]
 
     def _misfits(self) -> Iterator[str]:
@@ -113,11 +139,17 @@ class Tube(Part):
 
 
 class Yoke(Part):
-    """V-shaped connecting rod: two legs from the drive, and a cross-bar that carries the root hinges."""
+    """V-shaped connecting rod: two legs from the drive, and a cross-bar that carries the root
+    hinges.
+    """
 
     length: Annotated[float, Quantity("m", "from the interface to the cross-bar", gt=0, le=50)]
-    half_width_drive: Annotated[float, Quantity("m", "of each leg from the drive axis at the drive", ge=0, le=10)]
-    half_width_panel: Annotated[float, Quantity("m", "of each leg from the drive axis at the cross-bar", gt=0, le=10)]
+    half_width_drive: Annotated[
+        float, Quantity("m", "of each leg from the drive axis at the drive", ge=0, le=10)
+    ]
+    half_width_panel: Annotated[
+        float, Quantity("m", "of each leg from the drive axis at the cross-bar", gt=0, le=10)
+    ]
     leg: Tube
     crossbar: Tube
     modulus: Annotated[float, Quantity("Pa", "Young's modulus", "E", gt=0, display="GPa")]
@@ -136,12 +168,18 @@ class Mass(Part):
 class Damping(Part):
     """Modal damping: ratio + mass/(2 Omega) + stiffness Omega/2, or mode by mode."""
 
-    ratio: Annotated[float, Quantity("", "damping ratio of all modes", "xi", ge=0, le=0.5, display="percent")] = 0.01
-    mass: Annotated[float, Quantity("s^-1", "Rayleigh damping in proportion to mass", "alpha", ge=0)] = 0.0
-    stiffness: Annotated[float, Quantity("s", "Rayleigh damping in proportion to stiffness", "beta", ge=0)] = 0.0
-    modes: tuple[Annotated[float, Quantity("", "damping ratio", ge=0, le=0.99, display="percent")], ...] = Field(
-        default=(), description="damping ratios of the first modes, instead of the rule"
-    )
+    ratio: Annotated[
+        float, Quantity("", "damping ratio of all modes", "xi", ge=0, le=0.5, display="percent")
+    ] = 0.01
+    mass: Annotated[
+        float, Quantity("s^-1", "Rayleigh damping in proportion to mass", "alpha", ge=0)
+    ] = 0.0
+    stiffness: Annotated[
+        float, Quantity("s", "Rayleigh damping in proportion to stiffness", "beta", ge=0)
+    ] = 0.0
+    modes: tuple[
+        Annotated[float, Quantity("", "damping ratio", ge=0, le=0.99, display="percent")], ...
+    ] = Field(default=(), description="damping ratios of the first modes, instead of the rule")
 
     def of(self, frequency: np.ndarray) -> np.ndarray:
         """Damping ratios of modes at ``frequency`` [Hz], (s,)."""
@@ -153,7 +191,9 @@ class Damping(Part):
 
 
 class ArrayDesign(Part):
-    """A solar array: x along the drive axis, y across, z normal to the panels; the interface at the origin."""
+    """A solar array: x along the drive axis, y across, z normal to the panels; the interface at the
+    origin.
+    """
 
     title: str = Field(default="", max_length=500, description="what it is, in a few words")
     source: str = Field(default="", max_length=4000, description="where the values come from")
@@ -161,9 +201,15 @@ class ArrayDesign(Part):
     sandwich: Sandwich
     hinges: Hinges
     yoke: Yoke
-    shaft: Stiffness | None = Field(default=None, description="compliance of the drive-shaft interface; none is rigid")
-    offset: Annotated[float, Quantity("m", "of the panels' mid-plane from the drive axis", display="mm")] = 0.0
-    masses: tuple[Mass, ...] = Field(default=(), max_length=1000, description="single masses on the panels")
+    shaft: Stiffness | None = Field(
+        default=None, description="compliance of the drive-shaft interface; none is rigid"
+    )
+    offset: Annotated[
+        float, Quantity("m", "of the panels' mid-plane from the drive axis", display="mm")
+    ] = 0.0
+    masses: tuple[Mass, ...] = Field(
+        default=(), max_length=1000, description="single masses on the panels"
+    )
     damping: Damping = Damping()
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
     drive_axis: Literal["x"] = Field(default="x", description="drive axis of the description")
@@ -174,8 +220,12 @@ class ArrayDesign(Part):
         for name in ("root", "between"):
             for k, hinge in enumerate(getattr(self.hinges, name)):
                 reach = abs(hinge.position) + hinge.footprint / 2.0
-                if reach > self.panels.chord / 2.0 * (1.0 + 1e-9) or 2.0 * hinge.footprint > self.panels.span:
+                if (
+                    reach > self.panels.chord / 2.0 * (1.0 + 1e-9)
+                    or 2.0 * hinge.footprint > self.panels.span
+                ):
                     yield (
-                        f"hinges.{name}.{k}: its footprint reaches {reach:g} m from the drive axis, beyond the panel; allowed is"
+                        f"hinges.{name}.{k}: its footprint reaches {reach:g} m from the drive axis,"
+                        " beyond the panel; allowed is"
                         f" {self.panels.chord / 2.0:g} m across and half of the span along"
                     )

@@ -1,4 +1,6 @@
-"""A hub from its free-free modes: mass properties out of the six rigid ones, flexible shapes about the centre of mass."""
+"""A hub from its free-free modes: mass properties out of the six rigid ones, flexible shapes about
+the centre of mass.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
 
-from microvib.model.rigid import about_center, elements, motion_of
-from microvib.model.sentences import validated
+from microvib.model.rigid import elements, inertia_about_center, rigid_motion_at
+from microvib.model.sentences import validate_part
 from microvib.model.spacecraft import Hub
 from microvib.structures.modal import ModalError, ModalModel, natural_frequency
 
-GAP = 20.0
+RIGID_MODE_GAP = 20.0
 """Ratio of the seventh to the sixth frequency from which the first six are those of a rigid body."""
-STILL = 0.02
+MAX_RIGID_MODE_FREQUENCY = 0.02
 """Frequency [Hz] below which a mode is one of a rigid body wherever the seventh lies."""
-ALIKE = 1e-3
+RIGID_BODY_TOLERANCE = 1e-3
 """Relative size of what a rigid body's modes and mass cannot have."""
 
 
@@ -38,41 +40,53 @@ class FreeModes:
 
 
 def hub_of(modes: FreeModes, damping: float | None = None, count: int | None = None) -> Hub:
-    """The hub with its first ``count`` flexible modes, all of them damped by ``damping`` where it is given.
+    """The hub with its first ``count`` flexible modes, all of them damped by ``damping`` where it
+    is given.
 
-    Modes that are given a ``damping`` are not coupled by it. ModalError where there are not six rigid modes, or they are not those
-    of a rigid body.
+    Modes that are given a ``damping`` are not coupled by it. ModalError where there are not six
+    rigid modes, or they are not those of a rigid body.
     """
     order = np.argsort(modes.frequency, kind="stable")
     f, shapes = modes.frequency[order], modes.shapes[:, :, order]
-    coupled = None if damping is not None or modes.coupling is None else modes.coupling[np.ix_(order, order)]
+    if damping is not None or modes.coupling is None:
+        coupled = None
+    else:
+        coupled = modes.coupling[np.ix_(order, order)]
     _check_rigid(f)
-    motions = np.array([motion_of(position) for position in modes.positions])
+    motions = np.array([rigid_motion_at(position) for position in modes.positions])
     rigid = shapes[:, :, :6].reshape(-1, 6)
     # Rigid modes come in any combination; B (6, 6) says how the origin moves in each.
     B, *_ = np.linalg.lstsq(motions.reshape(-1, 6), rigid, rcond=None)
-    off = np.abs(rigid - motions.reshape(-1, 6) @ B).reshape(-1, 6, 6).max(axis=(1, 2)) / np.abs(rigid).max()
-    if off.max() > ALIKE:
+    off = (
+        np.abs(rigid - motions.reshape(-1, 6) @ B).reshape(-1, 6, 6).max(axis=(1, 2))
+        / np.abs(rigid).max()
+    )
+    if off.max() > RIGID_BODY_TOLERANCE:
         k = int(off.argmax())
         raise ModalError(
-            f"the six rigid modes move point {modes.names[k]} as no rigid body does (by {off[k]:.2g} of their motion): its"
+            f"the six rigid modes move point {modes.names[k]} as no rigid body does (by"
+            f" {off[k]:.2g} of their motion): its"
             " position, the units or the axes of its shapes do not belong to them"
         )
     if np.linalg.cond(B) > 1e12:
         raise ModalError(
-            "the six modes of lowest frequency do not move the hub in six ways: one of them is a mechanism"
+            "the six modes of lowest frequency do not move the hub in six ways: one of them is a"
+            " mechanism"
         )
     mass_matrix = np.linalg.inv(B @ B.T)
     mass = float(np.trace(mass_matrix[:3, :3]) / 3.0)
     coupling = mass_matrix[:3, 3:] / mass
-    if np.abs(mass_matrix[:3, :3] / mass - np.eye(3)).max() > ALIKE:
+    if np.abs(mass_matrix[:3, :3] / mass - np.eye(3)).max() > RIGID_BODY_TOLERANCE:
         raise ModalError(
-            "the six rigid modes have another mass in each direction: they are not mass-normalised, or not in one unit system"
+            "the six rigid modes have another mass in each direction: they are not mass-normalised,"
+            " or not in one unit system"
         )
     turned = 0.5 * (coupling - coupling.T)
     center = np.array([turned[1, 2], turned[2, 0], turned[0, 1]])
-    inertia = about_center(mass, center, 0.5 * (mass_matrix[3:, 3:] + mass_matrix[3:, 3:].T))
-    return validated(
+    inertia = inertia_about_center(
+        mass, center, 0.5 * (mass_matrix[3:, 3:] + mass_matrix[3:, 3:].T)
+    )
+    return validate_part(
         Hub,
         {
             "mass": mass,
@@ -95,8 +109,9 @@ def hub_of(modes: FreeModes, damping: float | None = None, count: int | None = N
     )
 
 
-def freed(model: ModalModel) -> FreeModes:
-    """Free-free modes of what is known by its modes with the interface clamped, at the interface, which is called ``root``.
+def free_free_modes(model: ModalModel) -> FreeModes:
+    """Free-free modes of what is known by its modes with the interface clamped, at the interface,
+    which is called ``root``.
 
     The interface is the origin. ModalError where the modes hold more than the mass.
     """
@@ -107,24 +122,33 @@ def freed(model: ModalModel) -> FreeModes:
         squares, shapes = eigh(np.diag(stiffness), mass)
     except LinAlgError:
         raise ModalError(
-            f"{model.title}: the modes hold all of the mass, or more; mass, participation and interface do not belong together"
+            f"{model.title}: the modal effective mass equals or exceeds the total mass; mass,"
+            " participation and interface are inconsistent"
         ) from None
     omega = np.sqrt(np.maximum(squares, 0.0))
     damping = (shapes[6:].T * (2.0 * model.damping * np.sqrt(stiffness[6:]))) @ shapes[6:]
     xi = np.divide(0.5 * np.diag(damping), omega, out=np.zeros_like(omega), where=omega > 0.0)
     xi[:6] = 0.0
-    return FreeModes(natural_frequency(squares), xi, ("root",), np.zeros((1, 3)), shapes[None, :6], damping)
+    return FreeModes(
+        natural_frequency(squares), xi, ("root",), np.zeros((1, 3)), shapes[None, :6], damping
+    )
 
 
 def _check_rigid(f: np.ndarray) -> None:
-    """ModalError unless exactly six of the frequencies (s,) [Hz], ascending, are those of a free rigid body."""
-    count = int(np.sum(f < STILL))
-    if f.size > 6 and f[6] > GAP * max(f[5], 1e-12):
+    """ModalError unless exactly six of the frequencies (s,) [Hz], ascending, are those of a free
+    rigid body.
+    """
+    count = int(np.sum(f < MAX_RIGID_MODE_FREQUENCY))
+    if f.size > 6 and f[6] > RIGID_MODE_GAP * max(f[5], 1e-12):
         count = 6
     if count == 6:
         return
-    seen = f", the sixth at {f[5]:.3g} Hz and the seventh at {f[6]:.3g} Hz" if f.size > 6 else ""
+    if f.size > 6:
+        seen = f", the sixth at {f[5]:.3g} Hz and the seventh at {f[6]:.3g} Hz"
+    else:
+        seen = ""
     raise ModalError(
-        f"{count} of {f.size} modes are those of a free rigid body{seen}; a hub's modes need all six (no SPC, no SUPORT left"
+        f"{count} of {f.size} modes are those of a free rigid body{seen}; a hub's modes need all"
+        " six (no SPC, no SUPORT left"
         " out), and no mechanism beside them"
     )

@@ -1,4 +1,6 @@
-"""Description of a craft without its array: a box of sandwich panels, equipment on it, a payload on a bench on mounts."""
+"""Description of a craft without its array: a box of sandwich panels, equipment on it, a payload on
+a bench on mounts.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ class Bus(Part):
         return self.length, self.width, self.height
 
 
-Reach = Annotated[float, Quantity("m", "distance up to which the panels move rigidly with it", gt=0, display="mm")]
+Reach = Annotated[
+    float, Quantity("m", "distance up to which the panels move rigidly with it", gt=0, display="mm")
+]
 
 
 class Equipment(Part):
@@ -58,7 +62,9 @@ class Bench(Part):
 
     length: Annotated[float, Quantity("m", "along x", gt=0, le=20)]
     width: Annotated[float, Quantity("m", "along y", gt=0, le=20)]
-    above: Annotated[float, Quantity("m", "of its mid-plane above the top panel's", gt=0, le=5, display="mm")]
+    above: Annotated[
+        float, Quantity("m", "of its mid-plane above the top panel's", gt=0, le=5, display="mm")
+    ]
     panel: Sandwich
     mounts: tuple[Mount, ...] = Field(min_length=3, max_length=20)
     payload_mass: Annotated[float, Quantity("kg", "mass of the payload", gt=0)]
@@ -67,7 +73,9 @@ class Bench(Part):
         Annotated[float, Quantity("kg*m^2", "about y", gt=0)],
         Annotated[float, Quantity("kg*m^2", "about z", gt=0)],
     ]
-    payload_above: Annotated[float, Quantity("m", "of the payload's centre of mass above the bench", ge=0, le=5)]
+    payload_above: Annotated[
+        float, Quantity("m", "of the payload's centre of mass above the bench", ge=0, le=5)
+    ]
     payload_reach: Reach
 
     def _misfits(self) -> Iterator[str]:
@@ -79,7 +87,9 @@ class Bench(Part):
 class Fitting(Part):
     """A named point of the box."""
 
-    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9_.-]+$", description="name of the point")
+    name: str = Field(
+        min_length=1, max_length=60, pattern=r"^[A-Za-z0-9_.-]+$", description="name of the point"
+    )
     position: Position = Field(description="where it is, from the middle of the box")
     reach: Reach
 
@@ -92,7 +102,9 @@ class HubDesign(Part):
     bus: Bus
     equipment: tuple[Equipment, ...] = Field(default=(), max_length=1000)
     bench: Bench
-    points: tuple[Fitting, ...] = Field(min_length=1, max_length=100, description="the first one carries the drive")
+    points: tuple[Fitting, ...] = Field(
+        min_length=1, max_length=100, description="the first one carries the drive"
+    )
     damping: Damping = Damping()
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
 

@@ -1,4 +1,6 @@
-"""A modal model of an array, from whatever finite elements: frequencies, damping, participation, rigid-body mass (Table 1)."""
+"""A modal model of an array, from whatever finite elements: frequencies, damping, participation,
+rigid-body mass (Table 1).
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.model.array import SLACK, Array
+from microvib.model.array import ROUNDING_TOLERANCE, Array
 from microvib.model.rigid import elements
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 
 RIGID = 1e-6
 """Relative size of what a rigid body's mass matrix cannot have, up to which it is rounding."""
@@ -21,7 +23,9 @@ class ModalError(MicrovibError):
 
 
 def natural_frequency(eigenvalue: Any) -> Any:
-    """Natural frequency [Hz] of each square of an angular frequency [rad^2/s^2]; zero where rounding made it negative."""
+    """Natural frequency [Hz] of each square of an angular frequency [rad^2/s^2]; zero where
+    rounding made it negative.
+    """
     return np.sqrt(np.maximum(eigenvalue, 0.0)) / (2.0 * np.pi)
 
 
@@ -45,10 +49,18 @@ class ModalModel:
 
     def __post_init__(self) -> None:
         s = self.frequency.size
-        if self.damping.shape != (s,) or self.participation.shape != (6, s) or self.mass.shape != (6, 6):
-            raise ModalError(f"{self.title}: {s} modes need damping (s,), participation (6, s) and mass (6, 6)")
+        if (
+            self.damping.shape != (s,)
+            or self.participation.shape != (6, s)
+            or self.mass.shape != (6, 6)
+        ):
+            raise ModalError(
+                f"{self.title}: {s} modes need damping (s,), participation (6, s) and mass (6, 6)"
+            )
         if self.drive_axis not in ("x", "y", "z"):
-            raise ModalError(f"{self.title}: drive axis '{self.drive_axis}' is not known; allowed are x, y and z")
+            raise ModalError(
+                f"{self.title}: drive axis '{self.drive_axis}' is not known; allowed are x, y and z"
+            )
 
     @property
     def axis(self) -> int:
@@ -67,14 +79,18 @@ class ModalModel:
 
     @property
     def effective(self) -> np.ndarray:
-        """Effective mass and inertia of each mode in the six directions [kg, kg m^2], (6, s): H_i^2."""
+        """Effective mass and inertia of each mode in the six directions [kg, kg m^2], (6, s):
+        H_i^2.
+        """
         return self.participation**2
 
     @property
     def fraction(self) -> np.ndarray:
         """Effective mass over rigid-body mass, (6, s) (Table 1); nan in a direction without mass."""
         total = np.diag(self.mass)[:, None]
-        return np.divide(self.effective, total, out=np.full(self.effective.shape, np.nan), where=total > 0.0)
+        return np.divide(
+            self.effective, total, out=np.full(self.effective.shape, np.nan), where=total > 0.0
+        )
 
     @property
     def J_h(self) -> float:
@@ -92,32 +108,55 @@ class ModalModel:
 
     def array(self) -> Array:
         """The array of a scenario; ModalError where the modes hold more inertia than there is."""
-        if self.J_h < -SLACK * self.inertia:
+        if self.J_h < -ROUNDING_TOLERANCE * self.inertia:
             raise ModalError(
                 f"{self.title}: effective inertias about {self.drive_axis} add up to"
-                f" {self.inertia - self.J_h:.6g} kg*m^2, more than the inertia, {self.inertia:.6g} kg*m^2"
+                f" {self.inertia - self.J_h:.6g} kg*m^2, more than the inertia, {self.inertia:.6g}"
+                " kg*m^2"
             )
         if self.spatial:
             key, rows = "interface_participation", self.participation.T.tolist()
         else:
             key, rows = "participation", self.participation[self.axis].tolist()
-        coupling = self.mass[:, self.axis].tolist() if self.spatial else None
+        if self.spatial:
+            coupling = self.mass[:, self.axis].tolist()
+        else:
+            coupling = None
         modes = [
             {"frequency": f, "damping": xi, key: row}
             for f, xi, row in zip(self.frequency.tolist(), self.damping.tolist(), rows, strict=True)
         ]
-        whole = {"inertia": self.inertia, "modes": modes, "interface_inertia": coupling, "drive_axis": self.drive_axis}
-        return validated(Array, {**whole, "rigid_body": self._rigid_body()}, si=True)
+        whole = {
+            "inertia": self.inertia,
+            "modes": modes,
+            "interface_inertia": coupling,
+            "drive_axis": self.drive_axis,
+        }
+        return validate_part(Array, {**whole, "rigid_body": self._rigid_body()}, si=True)
 
     def _rigid_body(self) -> dict[str, Any] | None:
-        """Mass properties, where the mass matrix is that of a rigid body (the same mass in all directions)."""
+        """Mass properties, where the mass matrix is that of a rigid body (the same mass in all
+        directions).
+        """
         m, coupling = np.diag(self.mass)[:3], self.mass[:3, 3:]
         largest = float(np.abs(coupling).max())
-        if m.min() <= 0.0 or np.ptp(m) > RIGID * m.max() or np.abs(coupling + coupling.T).max() > RIGID * largest:
+        if (
+            m.min() <= 0.0
+            or np.ptp(m) > RIGID * m.max()
+            or np.abs(coupling + coupling.T).max() > RIGID * largest
+        ):
             return None
         mass = float(m.mean())
         center = np.array(
-            [coupling[1, 2] - coupling[2, 1], coupling[2, 0] - coupling[0, 2], coupling[0, 1] - coupling[1, 0]]
+            [
+                coupling[1, 2] - coupling[2, 1],
+                coupling[2, 0] - coupling[0, 2],
+                coupling[0, 1] - coupling[1, 0],
+            ]
         )
         inertia = self.mass[3:, 3:]
-        return {"mass": mass, "center_of_mass": (center / (2.0 * mass)).tolist(), "inertia": elements(inertia)}
+        return {
+            "mass": mass,
+            "center_of_mass": (center / (2.0 * mass)).tolist(),
+            "inertia": elements(inertia),
+        }

@@ -1,4 +1,6 @@
-"""Checks that an analyst makes of a modal model before using it; what is fatal is an error, the rest is said."""
+"""Checks that an analyst makes of a modal model before using it; what is fatal is an error, the
+rest is said.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.model.array import SLACK, TABLE
+from microvib.model.array import ROUNDING_TOLERANCE, TABLE_ROUNDING_TOLERANCE
 from microvib.model.rigid import COMPONENTS
 from microvib.structures.modal import ModalError, ModalModel
 
 RIGID = 1e-3  # Hz; below it no array is meant
 GAP = 100.0  # ratio of the seventh to the sixth frequency from which the six are a free body's
-ENOUGH = 0.9  # share of the rigid-body mass that the modes should hold (the 90 % rule; paper, section 3.1)
+# share of the rigid-body mass that the modes should hold (the 90 % rule; paper, section 3.1)
+MIN_EFFECTIVE_MASS_FRACTION = 0.9
 MASSES, HIGHEST, LENGTHS = (0.1, 2000.0), 1e4, (0.01, 100.0)
 """Plausible masses of arrays [kg], highest frequency of use [Hz], and radii of gyration [m]."""
 
@@ -28,18 +31,23 @@ def check_deck(frequency: np.ndarray, mass: np.ndarray) -> None:
     diagonal = np.diag(mass)
     if np.any(diagonal < 0.0):
         k = int(np.argmin(diagonal))
-        raise ModalError(f"rigid-body mass in {COMPONENTS[k]} is {diagonal[k]:.4g}; it must not be negative")
+        raise ModalError(
+            f"rigid-body mass in {COMPONENTS[k]} is {diagonal[k]:.4g}; it must not be negative"
+        )
     size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = mass / np.outer(size, size)
-    if np.abs(unit - unit.T).max() > TABLE:
+    if np.abs(unit - unit.T).max() > TABLE_ROUNDING_TOLERANCE:
         i, j = np.unravel_index(int(np.abs(unit - unit.T).argmax()), (6, 6))
         raise ModalError(
-            f"rigid-body mass matrix is not symmetric: {COMPONENTS[i]}-{COMPONENTS[j]} is {mass[i, j]:.4g} one way"
+            f"rigid-body mass matrix is not symmetric: {COMPONENTS[i]}-{COMPONENTS[j]} is"
+            f" {mass[i, j]:.4g} one way"
             f" and {mass[j, i]:.4g} the other"
         )
     least = float(np.linalg.eigvalsh(unit + unit.T).min() / 2.0)
-    if least < -TABLE:
-        raise ModalError(f"rigid-body mass matrix has a negative eigenvalue ({least:.2g} of its diagonal)")
+    if least < -TABLE_ROUNDING_TOLERANCE:
+        raise ModalError(
+            f"rigid-body mass matrix has a negative eigenvalue ({least:.2g} of its diagonal)"
+        )
 
 
 def check_clamped(frequency: np.ndarray) -> None:
@@ -50,9 +58,13 @@ def check_clamped(frequency: np.ndarray) -> None:
         rigid = max(rigid, 6)
     if not rigid:
         return
-    what = "free" if rigid >= 6 else "not held in all directions, or has a mechanism or a loose part"
+    if rigid >= 6:
+        what = "free"
+    else:
+        what = "not constrained in all directions, or contains a mechanism or a disconnected part"
     raise ModalError(
-        f"{rigid} of {frequency.size} modes are rigid-body modes (up to {frequency[rigid - 1]:.3g} Hz): the model is"
+        f"{rigid} of {frequency.size} modes are rigid-body modes (up to {frequency[rigid - 1]:.3g}"
+        " Hz): the model is"
         f" {what}; modes with the interface point clamped (SPC in all six directions) are expected"
     )
 
@@ -64,38 +76,50 @@ def check_mass(model: ModalModel) -> ModalModel:
     """
     if model.inertia <= 0.0:
         raise ModalError(
-            f"has no moment of inertia about the drive axis ({model.drive_axis}); is the drive axis right?"
+            f"has no moment of inertia about the drive axis ({model.drive_axis}); is the drive axis"
+            " right?"
         )
     size = np.sqrt(np.where(np.diag(model.mass) > 0.0, np.diag(model.mass), 1.0))
     rest = (model.mass - model.participation @ model.participation.T) / np.outer(size, size)
     over = float(-np.linalg.eigvalsh(rest).min())
-    if over > TABLE:
+    if over > TABLE_ROUNDING_TOLERANCE:
         share = np.nan_to_num(model.fraction.sum(axis=1))
         k = int(share.argmax())
-        most = f", {100.0 * share[k]:.4g} % of it in {COMPONENTS[k]}" if share[k] > 1.0 else ""
+        if share[k] > 1.0:
+            most = f", {100.0 * share[k]:.4g} % of it in {COMPONENTS[k]}"
+        else:
+            most = ""
         raise ModalError(
-            f"the modes hold more than the mass of the rigid body{most}: mass, participation, reference point or"
+            f"the modes hold more than the mass of the rigid body{most}: mass, participation,"
+            " reference point or"
             " normalisation do not belong together"
         )
-    if over <= SLACK:
+    if over <= ROUNDING_TOLERANCE:
         return model
-    said = (
-        f"Participations were lowered by {over / 2:.1g} of their value: rounding had made them hold more than all mass."
+    said = f"Participation factors were reduced by {over / 2:.1g} of their value: rounding had made them hold more than all mass."
+    return replace(
+        model, participation=model.participation / np.sqrt(1.0 + over), notes=(*model.notes, said)
     )
-    return replace(model, participation=model.participation / np.sqrt(1.0 + over), notes=(*model.notes, said))
 
 
-def with_findings(model: ModalModel, units: str) -> ModalModel:
+def with_plausibility_notes(model: ModalModel, units: str) -> ModalModel:
     """The model with what is doubtful in its notes."""
-    return replace(model, notes=(*model.notes, *_shares(model), *_rigid_body(model), *_plausible(model, units)))
+    return replace(
+        model, notes=(*model.notes, *_shares(model), *_rigid_body(model), *_plausible(model, units))
+    )
 
 
 def _shares(model: ModalModel) -> Iterator[str]:
     share = model.fraction.sum(axis=1)
-    low = [f"{COMPONENTS[k]} {100.0 * share[k]:.1f} %" for k in range(6) if share[k] < ENOUGH]
+    low = [
+        f"{COMPONENTS[k]} {100.0 * share[k]:.1f} %"
+        for k in range(6)
+        if share[k] < MIN_EFFECTIVE_MASS_FRACTION
+    ]
     if low:
         yield (
-            f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in: {', '.join(low)}; more modes are"
+            f"The {model.frequency.size} modes hold less than 90 % of the rigid-body mass in:"
+            f" {', '.join(low)}; more modes are"
             " needed where these directions matter."
         )
     if share[model.axis] < 1e-6:
@@ -106,7 +130,9 @@ def _shares(model: ModalModel) -> Iterator[str]:
 
 
 def _rigid_body(model: ModalModel) -> Iterator[str]:
-    """Whether the matrix is that of a rigid body: one mass, the same in all directions, with its centre."""
+    """Whether the matrix is that of a rigid body: one mass, the same in all directions, with its
+    centre.
+    """
     m, coupling = np.diag(model.mass)[:3], model.mass[:3, 3:]
     if not model.spatial or not m.all():
         return
@@ -114,7 +140,9 @@ def _rigid_body(model: ModalModel) -> Iterator[str]:
     if np.ptp(m) > 0.01 * m.max():
         values = ", ".join(f"{v:.4g} kg" for v in m)
         yield f"The mass differs by direction ({values} along x, y, z): scalar masses, or degrees of freedom left out."
-    elif skew > 0.01 * max(np.abs(coupling).max(), np.sqrt(m.max() * np.diag(model.mass)[3:].max())):
+    elif skew > 0.01 * max(
+        np.abs(coupling).max(), np.sqrt(m.max() * np.diag(model.mass)[3:].max())
+    ):
         yield "The coupling of translation and rotation is not that of a rigid body: degrees of freedom were left out."
 
 

@@ -1,8 +1,10 @@
-"""Description of a solar array simulator: what is built, how it is set, how far its settings go, and its inertia by hand.
+"""Description of a solar array simulator: what is built, how it is set, how far its settings go,
+and its inertia by hand.
 
-The drive axis is z; the interface is the origin. Two rails along x at y = +-``rail`` carry four spring seats at x = +-``arm``;
-arms along y make the frame a cross. The plate on the shaft carries four sliders, two at each x = +-``arm``, above and below it;
-from each slider a spring runs to either rail. Counterweights sit on the cross at ``radius``.
+The drive axis is z; the interface is the origin. Two rails along x at y = +-``rail`` carry four
+spring seats at x = +-``arm``; arms along y make the frame a cross. The plate on the shaft carries
+four sliders, two at each x = +-``arm``, above and below it; from each slider a spring runs to
+either rail. Counterweights sit on the cross at ``radius``.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ class CoilSpring(Part):
     wire: Annotated[float, Quantity("m", "diameter of the wire", gt=0, le=0.05, display="mm")]
     coil: Annotated[float, Quantity("m", "mean diameter of the coil", gt=0, le=0.5, display="mm")]
     coils: Annotated[float, Quantity("", "active coils", "n", gt=0)]
-    free_length: Annotated[float, Quantity("m", "between the hooks, unloaded", gt=0, le=5, display="mm")]
+    free_length: Annotated[
+        float, Quantity("m", "between the hooks, unloaded", gt=0, le=5, display="mm")
+    ]
     initial_tension: Annotated[float, Quantity("N", "force at which the coils part", ge=0)] = 0.0
 
     @property
@@ -56,7 +60,9 @@ class Counterweight(Part):
     """One of four equal discs, lying centred in the plane of the frame."""
 
     mass: Annotated[float, Quantity("kg", "mass of each, without its seat", "m", ge=0)]
-    radius: Annotated[float, Quantity("m", "of its centre from the drive axis", "r", gt=0, display="mm")]
+    radius: Annotated[
+        float, Quantity("m", "of its centre from the drive axis", "r", gt=0, display="mm")
+    ]
     diameter: Annotated[float, Quantity("m", "diameter of the disc", gt=0, display="mm")]
     density: Annotated[float, Quantity("kg/m^3", "density", gt=0)] = 7850.0
 
@@ -71,10 +77,16 @@ class Shaft(Part):
 
     diameter: Annotated[float, Quantity("m", "outer diameter", gt=0, le=1, display="mm")]
     bore: Annotated[float, Quantity("m", "inner diameter", ge=0, le=1, display="mm")] = 0.0
-    plate_at: Annotated[float, Quantity("m", "of the plate from the interface", "z", gt=0, le=5, display="mm")]
-    bearing_at: Annotated[float, Quantity("m", "of the bearing from the interface", "z", gt=0, le=5, display="mm")]
+    plate_at: Annotated[
+        float, Quantity("m", "of the plate from the interface", "z", gt=0, le=5, display="mm")
+    ]
+    bearing_at: Annotated[
+        float, Quantity("m", "of the bearing from the interface", "z", gt=0, le=5, display="mm")
+    ]
     connector_mass: Annotated[float, Quantity("kg", "connector to the drive", ge=0)]
-    connector_diameter: Annotated[float, Quantity("m", "diameter of the connector", ge=0, display="mm")]
+    connector_diameter: Annotated[
+        float, Quantity("m", "diameter of the connector", ge=0, display="mm")
+    ]
 
     def _misfits(self) -> Iterator[str]:
         if self.bore >= self.diameter:
@@ -94,11 +106,19 @@ class Plate(Part):
     length: Annotated[float, Quantity("m", "along x", gt=0, le=10, display="mm")]
     width: Annotated[float, Quantity("m", "along y", gt=0, le=10, display="mm")]
     thickness: Annotated[float, Quantity("m", "thickness", gt=0, le=0.5, display="mm")]
-    hub: Annotated[float, Quantity("m", "side of the square that is bolted to the shaft", gt=0, display="mm")]
+    hub: Annotated[
+        float, Quantity("m", "side of the square that is bolted to the shaft", gt=0, display="mm")
+    ]
     slider_mass: Annotated[float, Quantity("kg", "of each of four sliders", ge=0)]
-    slider_width: Annotated[float, Quantity("m", "side of the square of plate a slider holds", gt=0, display="mm")]
-    hook: Annotated[float, Quantity("m", "of the hooks from the middle line", "a", ge=0, display="mm")]
-    level: Annotated[float, Quantity("m", "of the springs above and below the plate", gt=0, display="mm")]
+    slider_width: Annotated[
+        float, Quantity("m", "side of the square of plate a slider holds", gt=0, display="mm")
+    ]
+    hook: Annotated[
+        float, Quantity("m", "of the hooks from the middle line", "a", ge=0, display="mm")
+    ]
+    level: Annotated[
+        float, Quantity("m", "of the springs above and below the plate", gt=0, display="mm")
+    ]
 
 
 class Bearing(Part):
@@ -113,12 +133,19 @@ class Frame(Part):
     """Inertia frame: a cross of pairs of rails with ties at its ends, bridged at the bearing."""
 
     half_length: Annotated[
-        float, Quantity("m", "of the cross from the drive axis to its ends", gt=0, le=20, display="mm")
+        float,
+        Quantity("m", "of the cross from the drive axis to its ends", gt=0, le=20, display="mm"),
     ]
-    rail: Annotated[float, Quantity("m", "of each rail from the middle line", "b", gt=0, le=10, display="mm")]
+    rail: Annotated[
+        float, Quantity("m", "of each rail from the middle line", "b", gt=0, le=10, display="mm")
+    ]
     tube: Tube
-    bridge: Annotated[float, Quantity("m", "width of the bridge at the bearing", gt=0, display="mm")]
-    bridge_mass: Annotated[float, Quantity("kg", "of the bridge, with the bearing's outer part", gt=0)]
+    bridge: Annotated[
+        float, Quantity("m", "width of the bridge at the bearing", gt=0, display="mm")
+    ]
+    bridge_mass: Annotated[
+        float, Quantity("kg", "of the bridge, with the bearing's outer part", gt=0)
+    ]
     spring_seat_mass: Annotated[float, Quantity("kg", "of each of four spring seats", ge=0)]
     weight_seat_mass: Annotated[float, Quantity("kg", "of each of four counterweight seats", ge=0)]
 
@@ -128,8 +155,13 @@ class Rope(Part):
 
     length: Annotated[float, Quantity("m", "free length", gt=0, le=100)]
     tension: Annotated[float, Quantity("N", "tension", ge=0)]
-    axial: Annotated[float, Quantity("N/m", "stiffness along the rope, with a soft spring where there is one", ge=0)]
-    twist: Annotated[float, Quantity("N*m/rad", "stiffness of rope and swivel about the drive axis", ge=0)] = 0.0
+    axial: Annotated[
+        float,
+        Quantity("N/m", "stiffness along the rope, with a soft spring where there is one", ge=0),
+    ]
+    twist: Annotated[
+        float, Quantity("N*m/rad", "stiffness of rope and swivel about the drive axis", ge=0)
+    ] = 0.0
 
 
 class Adjustment(Part):
@@ -137,12 +169,18 @@ class Adjustment(Part):
 
     arm_min: Annotated[float, Quantity("m", "shortest arm", gt=0, display="mm")]
     arm_max: Annotated[float, Quantity("m", "longest arm", gt=0, display="mm")]
-    radius_min: Annotated[float, Quantity("m", "smallest radius of the counterweights", gt=0, display="mm")]
-    radius_max: Annotated[float, Quantity("m", "largest radius of the counterweights", gt=0, display="mm")]
-    masses: tuple[Annotated[float, Quantity("kg", "stock mass of a counterweight", gt=0)], ...] = Field(
-        min_length=1, max_length=100, description="stock masses of a counterweight"
+    radius_min: Annotated[
+        float, Quantity("m", "smallest radius of the counterweights", gt=0, display="mm")
+    ]
+    radius_max: Annotated[
+        float, Quantity("m", "largest radius of the counterweights", gt=0, display="mm")
+    ]
+    masses: tuple[Annotated[float, Quantity("kg", "stock mass of a counterweight", gt=0)], ...] = (
+        Field(min_length=1, max_length=100, description="stock masses of a counterweight")
     )
-    screw: Annotated[float, Quantity("m", "least length of the preload screw at the rail", ge=0, display="mm")] = 0.0
+    screw: Annotated[
+        float, Quantity("m", "least length of the preload screw at the rail", ge=0, display="mm")
+    ] = 0.0
 
     def _misfits(self) -> Iterator[str]:
         for name in ("arm", "radius"):
@@ -155,11 +193,19 @@ class Tolerances(Part):
     """Limits of what the parts and settings may be off by, each way."""
 
     rate: Annotated[float, Quantity("", "rate of a spring", ge=0, le=0.5, display="percent")] = 0.05
-    arm: Annotated[float, Quantity("m", "arm of a slider and its seats", ge=0, display="mm")] = 0.5e-3
-    mass: Annotated[float, Quantity("", "mass of a counterweight", ge=0, le=0.5, display="percent")] = 0.005
+    arm: Annotated[float, Quantity("m", "arm of a slider and its seats", ge=0, display="mm")] = (
+        0.5e-3
+    )
+    mass: Annotated[
+        float, Quantity("", "mass of a counterweight", ge=0, le=0.5, display="percent")
+    ] = 0.005
     radius: Annotated[float, Quantity("m", "radius of a counterweight", ge=0, display="mm")] = 1e-3
-    frame: Annotated[float, Quantity("", "inertia of the bare frame", ge=0, le=0.5, display="percent")] = 0.01
-    preload: Annotated[float, Quantity("", "extension of the springs", ge=0, le=0.5, display="percent")] = 0.1
+    frame: Annotated[
+        float, Quantity("", "inertia of the bare frame", ge=0, le=0.5, display="percent")
+    ] = 0.01
+    preload: Annotated[
+        float, Quantity("", "extension of the springs", ge=0, le=0.5, display="percent")
+    ] = 0.1
 
 
 class SimulatorDesign(Part):
@@ -167,8 +213,12 @@ class SimulatorDesign(Part):
 
     title: str = Field(default="", max_length=500, description="what it is, in a few words")
     source: str = Field(default="", max_length=4000, description="where the values come from")
-    arm: Annotated[float, Quantity("m", "of the springs from the drive axis", "l", gt=0, display="mm")]
-    preload: Annotated[float, Quantity("m", "extension of the springs at rest", "d", ge=0, display="mm")]
+    arm: Annotated[
+        float, Quantity("m", "of the springs from the drive axis", "l", gt=0, display="mm")
+    ]
+    preload: Annotated[
+        float, Quantity("m", "extension of the springs at rest", "d", ge=0, display="mm")
+    ]
     spring: CoilSpring
     counterweight: Counterweight
     frame: Frame
@@ -203,7 +253,8 @@ class SimulatorDesign(Part):
             yield f"adjustment.radius_max: {a.radius_max:g} m, off the frame; allowed is at most {f.half_length:g} m"
         if self.hook_end > room:
             yield (
-                f"preload: the springs end {self.hook_end:.4g} m from the middle line; allowed is at most {room:g} m,"
+                f"preload: the springs end {self.hook_end:.4g} m from the middle line; allowed is"
+                f" at most {room:g} m,"
                 " frame.rail less adjustment.screw"
             )
         for key, value, low, high in (
@@ -225,14 +276,22 @@ class SimulatorDesign(Part):
 
     @property
     def stiffness(self) -> float:
-        """Stiffness between shaft and frame about the drive axis [N m/rad] (Eq. 23), with what the tension adds."""
-        tension: float = preload_stiffness(self.spring_force, self.plate.hook, self.hook_end - self.plate.hook)
+        """Stiffness between shaft and frame about the drive axis [N m/rad] (Eq. 23), with what the
+        tension adds.
+        """
+        tension: float = preload_stiffness(
+            self.spring_force, self.plate.hook, self.hook_end - self.plate.hook
+        )
         return torsion_stiffness(self.spring.rate, self.arm) + tension
 
     @property
     def J_h(self) -> float:
         """Inertia on the shaft [kg m^2]: connector, shaft, plate, sliders, half of the springs."""
-        return self.shaft_inertia + SPRINGS / 2 * self.plate.slider_mass * self.arm**2 + self._springs(self.plate.hook)
+        return (
+            self.shaft_inertia
+            + SPRINGS / 2 * self.plate.slider_mass * self.arm**2
+            + self._springs(self.plate.hook)
+        )
 
     @property
     def shaft_inertia(self) -> float:
@@ -255,7 +314,11 @@ class SimulatorDesign(Part):
             """Of a tube whose middle is ``offset`` from the axis."""
             return rho * length * (area * (length**2 / 12.0 + offset**2) + edge)
 
-        rails, arms, ties = 2 * rod(2 * A, b), 4 * rod(A - b, math.hypot(b, (A + b) / 2)), 4 * rod(2 * b, A)
+        rails, arms, ties = (
+            2 * rod(2 * A, b),
+            4 * rod(A - b, math.hypot(b, (A + b) / 2)),
+            4 * rod(2 * b, A),
+        )
         return rails + arms + ties + f.bridge_mass * (f.bridge**2 + 4.0 * b**2) / 12.0
 
     @property
@@ -266,7 +329,9 @@ class SimulatorDesign(Part):
 
     @property
     def weights_inertia(self) -> float:
-        """Inertia of the four counterweights, 4 m r^2 and about their own axes, with their seats [kg m^2]."""
+        """Inertia of the four counterweights, 4 m r^2 and about their own axes, with their seats
+        [kg m^2].
+        """
         w, seat = self.counterweight, self.frame.weight_seat_mass
         own = w.mass * w.diameter**2 / 8.0 + seat * self.frame.rail**2 / 3.0
         return COUNTERWEIGHTS * ((w.mass + seat) * w.radius**2 + own)
@@ -286,5 +351,7 @@ class SimulatorDesign(Part):
 
     @property
     def frequency(self) -> float:
-        """Torsional frequency with the interface clamped [Hz], shaft, plate and frame rigid (Eq. 24 with 1/2pi)."""
+        """Torsional frequency with the interface clamped [Hz], shaft, plate and frame rigid (Eq. 24
+        with 1/2pi).
+        """
         return math.sqrt(self.stiffness / self.moving_inertia) / (2.0 * math.pi)

@@ -1,4 +1,6 @@
-"""Solar array simulator: eight springs at an arm hold an inertia frame (Eq. 21-24), and what a coil spring of its kind bears."""
+"""Solar array simulator: eight springs at an arm hold an inertia frame (Eq. 21-24), and what a coil
+spring of its kind bears.
+"""
 
 import math
 from typing import Any
@@ -12,7 +14,9 @@ def kinetic_energy(inertia: float, rate: float) -> float:
 
 
 def spring_energy(stiffness: float, arm: float, preload: float, angle: float) -> float:
-    """Energy [J] that eight springs [N/m] gain at ``angle`` [rad] over that of their ``preload`` [m] (Eq. 22)."""
+    """Energy [J] that eight springs [N/m] gain at ``angle`` [rad] over that of their ``preload``
+    [m] (Eq. 22).
+    """
     move = arm * angle
     pair = (preload + move) ** 2 + (preload - move) ** 2 - 2.0 * preload**2
     return SPRINGS / 2 * 0.5 * stiffness * pair
@@ -24,16 +28,18 @@ def torsion_stiffness(stiffness: float, arm: float) -> float:
 
 
 def torsion_frequency(stiffness: float, arm: float, inertia: float) -> float:
-    """Torsional frequency [Hz] of eight springs ``stiffness`` [N/m] at ``arm`` [m] on ``inertia`` [kg m^2] (Eq. 24 with 1/2pi)."""
+    """Torsional frequency [Hz] of eight springs ``stiffness`` [N/m] at ``arm`` [m] on ``inertia``
+    [kg m^2] (Eq. 24 with 1/2pi).
+    """
     return 2.0 * arm * math.sqrt(2.0 * stiffness / inertia) / (2.0 * math.pi)
 
 
 def preload_stiffness(force: Any, hook: float, length: Any) -> Any:
     """What the tension [N] of eight springs adds to the stiffness about the shaft [N m/rad].
 
-    A spring of ``length`` [m] runs from ``hook`` [m] off the plate's middle line, square to it, to the frame: turned by alpha
-    it is longer by l alpha + hook (hook + length)/(2 length) alpha^2. Eq. 22 has the first term; with hooks on the middle
-    line there is no other.
+    A spring of ``length`` [m] runs from ``hook`` [m] off the plate's middle line, square to it, to
+    the frame: turned by alpha it is longer by l alpha + hook (hook + length)/(2 length) alpha^2.
+    Eq. 22 has the first term; with hooks on the middle line there is no other.
     """
     return SPRINGS * force * hook * (hook + length) / length
 
@@ -50,7 +56,8 @@ def coil_stress(force: float, wire: float, coil: float) -> float:
 
 
 def allowable_stress(wire: float) -> float:
-    """Shear stress [Pa] that extension springs of ``wire`` [m] are designed for: 0.45 of the tensile strength (EN 13906-2).
+    """Shear stress [Pa] that extension springs of ``wire`` [m] are designed for: 0.45 of the
+    tensile strength (EN 13906-2).
 
     The strength is that of wire EN 10270-1 SH, 2220 - 820 lg(d/mm) MPa.
     """

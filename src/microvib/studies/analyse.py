@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from microvib.analysis import spectra
-from microvib.analysis.lines import lines_of_recording, lines_of_samples, recording_notes
+from microvib.analysis.lines import lines_of_recording, lines_of_samples, recording_warnings
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
@@ -16,10 +16,10 @@ from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
-from microvib.testdata.recording import Recording, check
-from microvib.units import Band, Given, Si, band
+from microvib.testdata.recording import Recording, require_usable_channel
+from microvib.units import Band, GivenQuantity, Si, band
 
-NO_DRIVE = "lines are not named, for no scenario was given that says which to expect"
+NO_SCENARIO_NOTE = "lines are not identified, because no scenario was given to predict them"
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,21 @@ def analyse(
     scenario: Scenario | None = None,
     channel: str = "Mz",
     window: Window = "hann",
-    resolution: Given | None = None,
+    resolution: GivenQuantity | None = None,
     bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Analysis:
     """Lines and spectra of a scenario, a run folder or a recording.
 
-    ``scenario`` says which lines to look for in a recording; without it those that stand out are not named. ``name`` is what a
-    scenario is called; ``resolution`` [Hz] is that of density and waterfall. MicrovibError where the source is too short.
+    ``scenario`` says which lines to look for in a recording; without it those that stand out are
+    not named. ``name`` is what a scenario is called; ``resolution`` [Hz] is that of density and
+    waterfall. MicrovibError where the source is too short.
     """
     recording, background, table, expected = _source(source, name, scenario, channel, progress)
-    found = None if table is None else table.clock_ratio
+    if table is None:
+        found = None
+    else:
+        found = table.clock_ratio
     recording.load(channel)  # which refuses what is neither a force nor a torque
     density = spectra.psd(recording, channel, resolution, window)
     if background is not None:
@@ -82,37 +86,64 @@ def analyse(
 def _source(
     source: Source, name: str, guide: Scenario | None, channel: str, progress: Progress | None
 ) -> tuple[Recording, Recording | None, LineTable | None, float]:
-    """Recording, background, lines, and the step clock over nominal at which the lines were expected."""
+    """Recording, background, lines, and the step clock over nominal at which the lines were
+    expected.
+    """
     match source:
         case Scenario():
-            motion, axis = simulate(source, channels=("T_d",), progress=progress), "M" + source.array.drive_axis
-            simulated = Recording({axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or source.title)
-            return _with_lines(simulated, channel, source)
+            motion, axis = (
+                simulate(source, channels=("T_d",), progress=progress),
+                "M" + source.array.drive_axis,
+            )
+            simulated = Recording(
+                {axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or source.title
+            )
+            return _simulated_with_lines(simulated, channel, source)
         case RunFolder():
             guide = source.scenario or guide
             if source.motion is None:
-                raise MicrovibError(f"{source.path}: is not a run folder with a motion; it has no motion.nc")
+                raise MicrovibError(
+                    f"{source.path}: is not a run folder with a motion; it has no motion.nc"
+                )
             if guide is None:
                 text = "has no scenario.yaml that says which lines to look for; name a scenario"
                 raise MicrovibError(f"{source.path}: {text}", remedy="scenario")
-            return _with_lines(source.motion, channel, guide)
+            return _simulated_with_lines(source.motion, channel, guide)
         case Prepared(recording, background):
-            # a channel that is not called as a component is taken for the torque about the drive axis
-            is_axis = guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
+            # a channel that is not called as a component is taken for the torque about the drive
+            # axis
+            is_axis = (
+                guide is None
+                or channel not in COMPONENTS
+                or channel == "M" + guide.array.drive_axis
+            )
             if channel.startswith("F") or not is_axis:
-                check(recording, channel)
+                require_usable_channel(recording, channel)
                 other = f"{channel} is not the torque about the drive axis: its lines are not looked for"
                 return recording.noted(other) if guide else recording, background, None, 1.0
             table = lines_of_recording(recording, channel, guide, background)
-            for note in (NO_DRIVE,) if guide is None else recording_notes(recording, channel, guide, table):
+            for note in (
+                (NO_SCENARIO_NOTE,)
+                if guide is None
+                else recording_warnings(recording, channel, guide, table)
+            ):
                 recording = recording.noted(note)
-            return recording, background, table, 1.0 if guide is None else guide.tracking.clock_ratio
+            return (
+                recording,
+                background,
+                table,
+                1.0 if guide is None else guide.tracking.clock_ratio,
+            )
         case _:
             expected = "a scenario, the folder of a run or a recording"
-            raise MicrovibError(f"{name or 'the source'}: lines alone cannot be analysed; expected {expected}")
+            raise MicrovibError(
+                f"{name or 'the source'}: lines alone cannot be analysed; expected {expected}"
+            )
 
 
-def _with_lines(recording: Recording, channel: str, guide: Scenario) -> tuple[Recording, None, LineTable | None, float]:
+def _simulated_with_lines(
+    recording: Recording, channel: str, guide: Scenario
+) -> tuple[Recording, None, LineTable | None, float]:
     """A simulated torque with its lines, where the channel is the one about the drive axis."""
     table = None
     if channel == "M" + guide.array.drive_axis:

@@ -12,13 +12,13 @@ from microvib.analysis.lines import lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import solve_run
 from microvib.errors import MicrovibError, OptionError
-from microvib.model.coupling import craft_in
+from microvib.model.coupling import require_craft
 from microvib.model.scenario import Scenario, expect_scenario
-from microvib.signals.pointing import Metric, radial
+from microvib.signals.pointing import Metric, radial_rms
 from microvib.solve.integration import Progress
 from microvib.solve.steady.state import find_steady
-from microvib.studies.workers import all_cores
-from microvib.units import Given, Si, quantity
+from microvib.studies.workers import parallel_calls
+from microvib.units import GivenQuantity, Si, quantity
 
 MOST_ANGLES = 361
 _EXAMPLE = "write FIRST:LAST:STEP in degrees, such as 0:180:15, or a list, 0,45,90"
@@ -53,16 +53,22 @@ class AngleSweep:
 
     def rms(self, metric: Metric, window: float) -> np.ndarray:
         """Radial rms of all lines, and of torque noise, at each angle [rad], (p,)."""
-        return np.array([float(radial(one.sums(metric, window).sum(axis=0))) for one in self.lines])
+        return np.array(
+            [float(radial_rms(one.sums(metric, window).sum(axis=0))) for one in self.lines]
+        )
 
 
 def sweep_angles(
-    scenario: Scenario, angles: Sequence[Given], *, harmonics: int = 8, progress: Progress | None = None
+    scenario: Scenario,
+    angles: Sequence[GivenQuantity],
+    *,
+    harmonics: int = 8,
+    progress: Progress | None = None,
 ) -> AngleSweep:
     """Run ``scenario`` at each of the ``angles`` of its array, such as ``"30 deg"``.
 
-    The angle is constant in each run: an array that turns by it in minutes stays there for many periods of every line. Raises
-    MicrovibError and what ``simulate`` raises.
+    The angle is constant in each run: an array that turns by it in minutes stays there for many
+    periods of every line. Raises MicrovibError and what ``simulate`` raises.
     """
     expect_scenario(scenario)
     check_sweep(scenario)
@@ -70,41 +76,55 @@ def sweep_angles(
 
     def at(angle: Si) -> tuple[HubLines, str]:
         turned = scenario.at_angle(angle)
-        state, why = find_steady(turned) if turned.record.start == "steady" else (None, "")
+        if turned.record.start == "steady":
+            state, why = find_steady(turned)
+        else:
+            state, why = (None, "")
         if state is not None:
             return hub_lines(state, lines(state, harmonics=harmonics)), ""
         result = solve_run(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
         assert result.motion is not None
         return hub_lines(result.motion, result.table), why
 
-    with all_cores(progress) as calls:
+    with parallel_calls(progress) as calls:
         found = calls(at, ((angle,) for angle in turns))
     return AngleSweep(scenario, np.array(turns, dtype=float), *zip(*found, strict=True))
 
 
 def check_sweep(scenario: Scenario) -> None:
     """MicrovibError where a scenario has no craft, or no line of sight, to look at."""
-    if craft_in(scenario).spacecraft.line_of_sight is None:
-        raise MicrovibError("spacecraft.line_of_sight: missing; a sweep over angles looks at it")
+    if require_craft(scenario).spacecraft.line_of_sight is None:
+        raise MicrovibError("spacecraft.line_of_sight: missing; a sweep over angles requires it")
 
 
 def angles_in(text: str) -> tuple[Si, ...]:
-    """Angles [rad] of ``0:180:15`` (first, last, step) or ``0,45,90``, in degrees or with a unit at the end. OptionError."""
+    """Angles [rad] of ``0:180:15`` (first, last, step) or ``0,45,90``, in degrees or with a unit at
+    the end. OptionError.
+    """
     if not text.strip():
         raise OptionError("angles", f"missing; {_EXAMPLE}")
     number = text.rstrip("abcdefghijklmnopqrstuvwxyz°µ ")
     unit = text[len(number) :].strip() or "deg"
-    parts = number.split(":") if ":" in number else number.split(",")
-    values = tuple(quantity("angles", f"{part.strip()} {unit}", "rad", example="deg") for part in parts)
+    if ":" in number:
+        parts = number.split(":")
+    else:
+        parts = number.split(",")
+    values = tuple(
+        quantity("angles", f"{part.strip()} {unit}", "rad", example="deg") for part in parts
+    )
     if ":" not in number:
-        return values if len(values) <= MOST_ANGLES else _refused(text)
+        if len(values) <= MOST_ANGLES:
+            return values
+        return _range_error(text)
     if len(values) != 3 or values[2] == 0.0 or (values[1] - values[0]) / values[2] < 0.0:
         raise OptionError("angles", f"{text!r} is not a range; {_EXAMPLE}")
     steps = (values[1] - values[0]) / values[2] + 1e-6  # perhaps infinite
-    return (
-        tuple(Si(values[0] + k * values[2]) for k in range(int(steps) + 1)) if steps < MOST_ANGLES else _refused(text)
+    if steps < MOST_ANGLES:
+        return tuple(Si(values[0] + k * values[2]) for k in range(int(steps) + 1))
+    return _range_error(text)
+
+
+def _range_error(text: str) -> tuple[Si, ...]:
+    raise OptionError(
+        "angles", f"{text!r} makes too many runs; at most {MOST_ANGLES} angles are expected"
     )
-
-
-def _refused(text: str) -> tuple[Si, ...]:
-    raise OptionError("angles", f"{text!r} makes too many runs; at most {MOST_ANGLES} angles are expected")

@@ -1,4 +1,6 @@
-"""Comparison of any two: scenario, run folder, recording, table of lines, or the paper's own tables."""
+"""Comparison of any two: scenario, run folder, recording, table of lines, or the paper's own
+tables.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from microvib.analysis.lines import lines, lines_of_recording, recording_notes
+from microvib.analysis.lines import lines, lines_of_recording, recording_warnings
 from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
@@ -23,9 +25,9 @@ from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.studies.evidence import Observation, observations
-from microvib.studies.misreading import common_scale, reading_that_fits, scaled
+from microvib.studies.misreading import best_reversal, common_scale, scale_in_words
 from microvib.testdata.recording import Recording
-from microvib.units import Band, band, inside
+from microvib.units import Band, band, within_band
 
 COLUMNS = (
     "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
@@ -34,17 +36,22 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of ``compare.csv``."""
 COVERAGE = 2.0
-"""Standard uncertainties of the difference within which two amplitudes agree; of equal lines one in twenty is beyond."""
+"""Standard uncertainties of the difference within which two amplitudes agree; of equal lines one in
+twenty is beyond.
+"""
 AGREES, DIFFERS, UNJUDGED, ONLY_A, ONLY_B = "agrees", "differs", "not judged", "only A", "only B"
 HIDDEN = "hidden"
-"""Of a line that does not stand out of the floor or the background of a side, unless the other's is too large for that floor: under
-a floor that is high enough anything agrees, and amplitudes of noise alone are above two deviations in one of seven cases."""
-SAME = 1e-4
-"""Relative difference of frequency up to which unexpected lines of aligned clocks are the same, or three uncertainties."""
+"""Of a line that does not stand out of the floor or the background of a side, unless the other's is
+too large for that floor: under a floor that is high enough anything agrees, and amplitudes of noise
+alone are above two deviations in one of seven cases."""
+FREQUENCY_TOLERANCE = 1e-4
+"""Relative difference of frequency up to which unexpected lines of aligned clocks are the same, or
+three uncertainties.
+"""
 
 
 @dataclass(frozen=True)
-class Figures:
+class SideLine:
     """What one side says of one line; nan where it says nothing."""
 
     frequency: float = math.nan
@@ -64,7 +71,9 @@ class Figures:
     @property
     def place(self) -> float:
         """Frequency [Hz], or that of its bin."""
-        return self.frequency if math.isfinite(self.frequency) else self.bin_frequency
+        if math.isfinite(self.frequency):
+            return self.frequency
+        return self.bin_frequency
 
     @property
     def known(self) -> bool:
@@ -78,7 +87,7 @@ class Side:
 
     name: str
     kind: str
-    lines: dict[str, Figures]
+    lines: dict[str, SideLine]
     clock_ratio: float | None = None
     """Step clock over nominal."""
     torque: np.ndarray | None = None
@@ -93,7 +102,9 @@ class Side:
 
 
 def _relative(value: float, reference: float) -> float:
-    return value / reference - 1.0 if reference > 0.0 else math.nan
+    if reference > 0.0:
+        return value / reference - 1.0
+    return math.nan
 
 
 @dataclass(frozen=True)
@@ -101,17 +112,23 @@ class Row:
     """One line of both sides."""
 
     line: str
-    a: Figures
-    b: Figures
+    a: SideLine
+    b: SideLine
 
     @property
     def error(self) -> float:
-        """Relative difference of the amplitudes, b over a, wherever the bins fall; nan where a does not stand out of its floor."""
-        return _relative(self.b.amplitude, self.a.amplitude) if self.a.seen else math.nan
+        """Relative difference of the amplitudes, b over a, wherever the bins fall; nan where a does
+        not stand out of its floor.
+        """
+        if self.a.seen:
+            return _relative(self.b.amplitude, self.a.amplitude)
+        return math.nan
 
     @property
     def bin_error(self) -> float:
-        """The same of the paper's nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is taken off."""
+        """The same of the paper's nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is
+        taken off.
+        """
         if min(self.a.bin_frequency, self.b.bin_frequency) <= 0.0:
             return math.nan
         return _relative(self.b.bin_amplitude, self.a.bin_amplitude)
@@ -120,19 +137,27 @@ class Row:
     def significance(self) -> float:
         """Difference of the amplitudes over its standard uncertainty; nan where that is not known."""
         spread = math.hypot(self.a.uncertainty, self.b.uncertainty)
-        return abs(self.b.amplitude - self.a.amplitude) / spread if spread > 0.0 else math.nan
+        if spread > 0.0:
+            return abs(self.b.amplitude - self.a.amplitude) / spread
+        return math.nan
 
     @property
     def verdict(self) -> str:
-        """Whether the amplitudes agree within their uncertainties; where one is not known they are not judged."""
+        """Whether the amplitudes agree within their uncertainties; where one is not known they are
+        not judged.
+        """
         if self.a.known != self.b.known:
-            return ONLY_A if self.a.known else ONLY_B
+            if self.a.known:
+                return ONLY_A
+            return ONLY_B
         if math.isnan(self.significance) or not (self.a.steady and self.b.steady):
             return UNJUDGED
         larger = max(self.a, self.b, key=lambda side: side.amplitude)
         if self.significance > COVERAGE and larger.seen:
             return DIFFERS
-        return AGREES if self.a.seen and self.b.seen else HIDDEN
+        if self.a.seen and self.b.seen:
+            return AGREES
+        return HIDDEN
 
 
 class Comparison(NamedTuple):
@@ -146,12 +171,12 @@ class Comparison(NamedTuple):
         return f"Comparison of {self.a.name} with {self.b.name}: {len(self.rows)} lines"
 
 
-Compared = Source | Motion | Recording
+ComparisonSource = Source | Motion | Recording
 
 
 def compare(
-    a: Compared,
-    b: Compared,
+    a: ComparisonSource,
+    b: ComparisonSource,
     *,
     names: tuple[str, str] = ("A", "B"),
     scenario: Scenario | None = None,
@@ -159,27 +184,31 @@ def compare(
     bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare the lines of two sides, each a scenario, a motion, a run's folder, a recording or a table of lines.
+    """Compare the lines of two sides, each a scenario, a motion, a run's folder, a recording or a
+    table of lines.
 
-    Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows. ``scenario`` says which lines to
-    look for in recordings where neither side is a scenario, nor the paper; ``names`` are of sides that have none themselves. Of
-    lines, those in the ``bands`` are compared, without any all.
+    Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows.
+    ``scenario`` says which lines to look for in recordings where neither side is a scenario, nor
+    the paper; ``names`` are of sides that have none themselves. Of lines, those in the ``bands``
+    are compared, without any all.
     """
     sources = "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)"
     for side in (a, b):
-        expect(side, get_args(Compared), sources)
+        expect(side, get_args(ComparisonSource), sources)
     guide = _guide(a, b, scenario)
     sides: dict[int, Side] = {}
-    for source, name in sorted(zip((a, b), names, strict=True), key=lambda item: isinstance(item[0], Scenario)):
+    for source, name in sorted(
+        zip((a, b), names, strict=True), key=lambda item: isinstance(item[0], Scenario)
+    ):
         clock = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
         sides[id(source)] = _side(source, name, guide, channel, clock, progress)
     first, second = sides[id(a)], sides[id(b)]
     if guide is None and {"recording"} < {first.kind, second.kind}:
         text = "lines of a recording have no names without a drive; name it"
         raise MicrovibError(f"{first.name}, {second.name}: {text}", remedy="scenario")
-    first, second = _at_one_time(first, _with_names_of(first, second))
+    first, second = _over_common_duration(first, _match_unlisted_names(first, second))
     either = dict.fromkeys([*first.lines, *second.lines])
-    rows = [Row(x, first.lines.get(x, Figures()), second.lines.get(x, Figures())) for x in either]
+    rows = [Row(x, first.lines.get(x, SideLine()), second.lines.get(x, SideLine())) for x in either]
     return Comparison(first, second, _in_bands(rows, bands))
 
 
@@ -189,32 +218,49 @@ def _in_bands(rows: list[Row], bands: Sequence[Band]) -> list[Row]:
     if not ends:
         return rows
     at = {r.line: [x.place for x in (r.a, r.b) if math.isfinite(x.place)] for r in rows}
-    kept = [r for r in rows if any(inside(f, *pair) for f in at[r.line] for pair in ends)]
+    kept = [r for r in rows if any(within_band(f, *pair) for f in at[r.line] for pair in ends)]
     if not kept:
         every = sorted(f for each in at.values() for f in each)
-        where = f"lines are from {every[0]:.4g} to {every[-1]:.4g} Hz" if every else "neither side has any"
+        if every:
+            where = f"lines are from {every[0]:.4g} to {every[-1]:.4g} Hz"
+        else:
+            where = "neither side has any"
         raise OptionError("band", f"no line of either side lies in it; {where}")
     return kept
 
 
 def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Sentences on mistakes of unit, sign or order of samples by which one side would be as the other."""
+    """Sentences on mistakes of unit, sign or order of samples by which one side would be as the
+    other.
+    """
     both = [r for r in rows if r.a.amplitude > 0.0 and r.b.amplitude > 0.0 and r.verdict != HIDDEN]
     scale = common_scale([math.log(r.b.amplitude / r.a.amplitude) for r in both])
-    recorded, other, mark, sign = (a, b, "A", -1.0) if a.kind == "recording" else (b, a, "B", 1.0)
+    if a.kind == "recording":
+        recorded, other, mark, sign = (a, b, "A", -1.0)
+    else:
+        recorded, other, mark, sign = (b, a, "B", 1.0)
     drive = recorded.scenario or other.scenario
-    steps = 4 if drive is None else drive.motor.detent_periods
-    what = [reading_that_fits(recorded.observations, other.observations, steps)]
-    what += [scaled(sign * scale)] if scale else []
+    if drive is None:
+        steps = 4
+    else:
+        steps = drive.motor.detent_periods
+    what = [best_reversal(recorded.observations, other.observations, steps)]
+    if scale:
+        what += [scale_in_words(sign * scale)]
+    else:
+        what += []
     if not (said := " and ".join(filter(None, what)).rstrip(",")):
         return ()
     return (
-        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: look at order, sign and unit of {recorded.name}.",
+        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: look at order, sign and unit"
+        f" of {recorded.name}.",
     )
 
 
-def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | None:
-    """Which lines to look for in recordings: a side that is a scenario says it, or one's run, or the user."""
+def _guide(a: ComparisonSource, b: ComparisonSource, scenario: Scenario | None) -> Scenario | None:
+    """Which lines to look for in recordings: a side that is a scenario says it, or one's run, or
+    the user.
+    """
     found: list[Scenario | None] = [x for x in (a, b) if isinstance(x, Scenario)]
     found += [x.scenario for x in (a, b) if isinstance(x, (RunFolder, Motion))]
     if scenario is None and (isinstance(a, PaperLines) or isinstance(b, PaperLines)):
@@ -222,42 +268,65 @@ def _guide(a: Compared, b: Compared, scenario: Scenario | None) -> Scenario | No
     return next((x for x in [*found, scenario] if x is not None), None)
 
 
-def _at_one_time(a: Side, b: Side) -> tuple[Side, Side]:
+def _over_common_duration(a: Side, b: Side) -> tuple[Side, Side]:
     """Both sides with means of decaying lines over as long a time, that of the shorter record."""
     shorter = min(a.duration, b.duration)  # nan, where one is a table, changes nothing
     told = []
     for side in (a, b):
-        lines = {name: _over(x, side.duration, shorter) for name, x in side.lines.items()}
+        lines = {
+            name: _mean_over_duration(x, side.duration, shorter) for name, x in side.lines.items()
+        }
         changed = [name for name, x in lines.items() if x != side.lines[name]]
-        note = f"{', '.join(changed)}: mean over its first {shorter:g} s, as long as the other record"
-        told.append(replace(side, lines=lines, notes=(*side.notes, note) if changed else side.notes))
+        note = (
+            f"{', '.join(changed)}: mean over its first {shorter:g} s, as long as the other record"
+        )
+        told.append(
+            replace(side, lines=lines, notes=(*side.notes, note) if changed else side.notes)
+        )
     return told[0], told[1]
 
 
-def _with_names_of(a: Side, b: Side) -> Side:
-    """``b`` with its unexpected lines named as those of ``a`` at the same frequency; each side numbers them by size."""
+def _match_unlisted_names(a: Side, b: Side) -> Side:
+    """``b`` with its unexpected lines named as those of ``a`` at the same frequency; each side
+    numbers them by size.
+    """
     known = {name: x for name, x in a.lines.items() if is_unlisted(name)}
-    lines: dict[str, Figures] = {}
+    lines: dict[str, SideLine] = {}
     for name, x in b.lines.items():
-        same = next((k for k, one in known.items() if _at_one_frequency(one, x)), None)
+        same = next((k for k, one in known.items() if _same_frequency(one, x)), None)
         lines[(same or f"{name}_of_b") if is_unlisted(name) else name] = x
     return replace(b, lines=lines)
 
 
-def _at_one_frequency(a: Figures, b: Figures) -> bool:
+def _same_frequency(a: SideLine, b: SideLine) -> bool:
     spread = math.hypot(a.frequency_uncertainty, b.frequency_uncertainty)
-    allowed = max(SAME * b.frequency, 0.0 if math.isnan(spread) else 3.0 * spread)
+    allowed = max(FREQUENCY_TOLERANCE * b.frequency, 0.0 if math.isnan(spread) else 3.0 * spread)
     return abs(a.frequency - b.frequency) < allowed
 
 
 def _side(
-    source: Compared, name: str, guide: Scenario | None, channel: str, clock: float | None, progress: Progress | None
+    source: ComparisonSource,
+    name: str,
+    guide: Scenario | None,
+    channel: str,
+    clock: float | None,
+    progress: Progress | None,
 ) -> Side:
     match source:
         case Scenario():
             if clock is not None:
-                source, name = source.with_({"tracking.clock_ratio": clock}), f"{name} at clock {clock:.6f}"
-            return _side(simulate(source, channels=("T_d",), progress=progress), name, guide, channel, clock, progress)
+                source, name = (
+                    source.with_({"tracking.clock_ratio": clock}),
+                    f"{name} at clock {clock:.6f}",
+                )
+            return _side(
+                simulate(source, channels=("T_d",), progress=progress),
+                name,
+                guide,
+                channel,
+                clock,
+                progress,
+            )
         case Motion(scenario):
             clock, x, rate = scenario.tracking.clock_ratio, source["T_d"], source.sample_rate
             table = lines(source)
@@ -271,9 +340,18 @@ def _side(
             if source.lines is None:
                 raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")
             motion, made = source.motion, source.scenario
-            torque, rate = (None, math.nan) if motion is None else (motion["Mz"], motion.sample_rate)
-            ratio = None if made is None else made.tracking.clock_ratio
-            lasts = math.nan if made is None else made.record.duration
+            if motion is None:
+                torque, rate = (None, math.nan)
+            else:
+                torque, rate = (motion["Mz"], motion.sample_rate)
+            if made is None:
+                ratio = None
+            else:
+                ratio = made.tracking.clock_ratio
+            if made is None:
+                lasts = math.nan
+            else:
+                lasts = made.record.duration
             seen = observations(source.lines)
             return Side(
                 str(source.path),
@@ -289,8 +367,14 @@ def _side(
         case Prepared(recording, background):
             table = lines_of_recording(recording, channel, guide, background)
             found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
-            ratio = None if found is None or guide is None else found * guide.tracking.clock_ratio
-            notes = (*recording.told(channel), *recording_notes(recording, channel, guide, table))
+            if found is None or guide is None:
+                ratio = None
+            else:
+                ratio = found * guide.tracking.clock_ratio
+            notes = (
+                *recording.told(channel),
+                *recording_warnings(recording, channel, guide, table),
+            )
             return Side(
                 recording.title, "recording", _figures(table), ratio, x, rate, notes=notes,
                 duration=table.duration, observations=observations(table),
@@ -301,15 +385,20 @@ def _side(
             return Side(name, "table", _figures(source))
 
 
-def _fall(line: Line) -> tuple[float, float]:
+def _decay_with_uncertainty(line: Line) -> tuple[float, float]:
     """Decay of a mode [1/s] and its uncertainty; none of a line that lasts."""
     if not line.is_mode or not math.isfinite(line.decay_per_s):
         return 0.0, 0.0
-    return line.decay_per_s, line.decay_uncertainty_per_s if line.decay_uncertainty_per_s > 0.0 else 0.0
+    return (
+        line.decay_per_s,
+        line.decay_uncertainty_per_s if line.decay_uncertainty_per_s > 0.0 else 0.0,
+    )
 
 
-def _over(figures: Figures, duration: float, shorter: float) -> Figures:
-    """A decaying line's mean amplitude over the first ``shorter`` seconds of a record of ``duration`` [s], by its decay."""
+def _mean_over_duration(figures: SideLine, duration: float, shorter: float) -> SideLine:
+    """A decaying line's mean amplitude over the first ``shorter`` seconds of a record of
+    ``duration`` [s], by its decay.
+    """
     if not figures.decay or not shorter < duration:
         return figures
     longer, other, sigma = duration, shorter, figures.decay
@@ -326,14 +415,16 @@ def _over(figures: Figures, duration: float, shorter: float) -> Figures:
 
 def _mean(fold: float) -> float:
     """Mean of exp(-t) from 0 to ``fold``."""
-    return -math.expm1(-fold) / fold if fold else 1.0
+    if fold:
+        return -math.expm1(-fold) / fold
+    return 1.0
 
 
-def _figures(table: LineTable) -> dict[str, Figures]:
+def _figures(table: LineTable) -> dict[str, SideLine]:
     return {
-        x.line: Figures(
+        x.line: SideLine(
             x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m,
-            x.seen or not x.status, x.frequency_uncertainty_hz, *_fall(x), not blurred(table, x),
+            x.seen or not x.status, x.frequency_uncertainty_hz, *_decay_with_uncertainty(x), not blurred(table, x),
         )
         for x in table
     }  # fmt: skip

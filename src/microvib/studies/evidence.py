@@ -11,11 +11,11 @@ from functools import cached_property
 import numpy as np
 
 from microvib.analysis.lines import (
-    axis_doubts,
-    clock_doubts,
+    channel_warnings,
+    clock_warnings,
     lines_of_recording,
-    rate_doubts,
-    recording_notes,
+    rate_warnings,
+    recording_warnings,
 )
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
@@ -26,13 +26,13 @@ from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.clock import near_mains
-from microvib.signals.line_table import DETECTION, DRIVEN, LineTable, Rest
+from microvib.signals.line_table import DETECTION_RATIO, NOISE_DRIVEN, LineTable, ResidualPeaks
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
-from microvib.studies.noise_floor import BANDS, allowed, between
+from microvib.studies.noise_floor import BANDS, bins_between_lines, max_torque_noise_density
 from microvib.studies.relative_phase import PHASE_OF, family, relative_phase
 from microvib.testdata.recording import Recording
-from microvib.units import Band, Si, band, inside
+from microvib.units import Band, Si, band, within_band
 
 PAPER_CLOCK = 0.994
 """Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
@@ -42,11 +42,12 @@ PAPER_CLOCK = 0.994
 class Observation:
     """One measured figure of one line.
 
-    ``form`` is amplitude or nearest_bin [N m], level [N m], the median of bins between the lines under a Hann window, frequency
-    [Hz], decay [1/s], phase [rad] against another line of the clock
-    (``relative_phase``), which no choice of time zero changes, branch [rad], the same against the electrical period, of what its
-    phase against the full step leaves open, or turn [rad], the phase at the first sample: of the first line of the electrical
-    period, which tells in which quarter of its turn a drive began, as far as the time since then is known.
+    ``form`` is amplitude or nearest_bin [N m], level [N m], the median of bins between the lines
+    under a Hann window, frequency [Hz], decay [1/s], phase [rad] against another line of the clock
+    (``relative_phase``), which no choice of time zero changes, branch [rad], the same against the
+    electrical period, of what its phase against the full step leaves open, or turn [rad], the phase
+    at the first sample: of the first line of the electrical period, which tells in which quarter of
+    its turn a drive began, as far as the time since then is known.
     """
 
     line: str
@@ -56,7 +57,9 @@ class Observation:
     against: str = ""
     """Line that a phase or branch is relative to."""
     bin_hz: float = math.nan
-    """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a simulation."""
+    """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a
+    simulation.
+    """
     bins: tuple[int, ...] = ()
     """Bins of a level: those of a band that no line is near."""
     less: tuple[int, ...] = ()
@@ -80,12 +83,14 @@ class Evidence:
     sample_rate: float
     notes: tuple[str, ...] = ()
     """What reading and preparing a recording did."""
-    rest: Rest | None = None
+    rest: ResidualPeaks | None = None
     """What is left of a recording beside its lines, and the floor; None of a table."""
     parts: tuple[float, ...] = ()
-    """``at_parts`` of a recording."""
+    """``subharmonic_amplitudes`` of a recording."""
     noise: float = 0.0
-    """Density [N^2 m^2/Hz] of torque noise that a recording may have and its scenario has not; infinite where it cannot be told."""
+    """Density [N^2 m^2/Hz] of torque noise that a recording may have and its scenario has not;
+    infinite where it cannot be told.
+    """
     prepared: Prepared | None = field(default=None, repr=False, compare=False)
     """The recording itself; None of a table."""
     channel: str = ""
@@ -95,7 +100,9 @@ class Evidence:
 
     @property
     def harmonics(self) -> int:
-        """Members of each family of lines that a simulation must have, for those that are observed to be among them."""
+        """Members of each family of lines that a simulation must have, for those that are observed
+        to be among them.
+        """
         return _members(name for o in self.observations for name in (o.line, o.against))
 
     def of_channel(self, channel: str, scenario: Scenario) -> Evidence:
@@ -104,7 +111,11 @@ class Evidence:
         its = replace(self.prepared.recording, channels={channel: self.prepared.recording[channel]})
         other = evidence_of(replace(self.prepared, recording=its), scenario, channel, self.name)
         lines = {o.line for o in self.observations}
-        kept = tuple(o for o in other.observations if o.line in lines and (not o.against or o.against in lines))
+        kept = tuple(
+            o
+            for o in other.observations
+            if o.line in lines and (not o.against or o.against in lines)
+        )
         return replace(other, observations=kept)
 
 
@@ -116,64 +127,94 @@ def _members(names: Iterable[str]) -> int:
     return max([8, *(int(found[1]) for name in names if (found := _MEMBER.match(name)))])
 
 
-PARTS = {2: "second", 3: "third"}
+SUBHARMONICS = {2: "second", 3: "third"}
 """Microsteps after which a motion may repeat, in place of each."""
 
 
-def at_parts(x: np.ndarray, sample_rate: float, driving_frequency: float | None) -> tuple[float, ...]:
-    """Amplitudes [N m] of a torque ``x`` (n,) at the driving frequency [Hz] and at those of PARTS; none where the rate changes."""
+def subharmonic_amplitudes(
+    x: np.ndarray, sample_rate: float, driving_frequency: float | None
+) -> tuple[float, ...]:
+    """Amplitudes [N m] of a torque ``x`` (n,) at the driving frequency [Hz] and at those of PARTS;
+    none where the rate changes.
+    """
     if not driving_frequency:
         return ()
-    return tuple(tone_amplitude(x, sample_rate, driving_frequency / part) for part in (1, *PARTS))
+    return tuple(
+        tone_amplitude(x, sample_rate, driving_frequency / part) for part in (1, *SUBHARMONICS)
+    )
 
 
-def chosen(
+def select_evidence(
     evidence: Sequence[Evidence],
     scenario: Scenario | Sequence[Scenario],
     bands: Sequence[Band] = (),
     without: Sequence[str] = (),
 ) -> list[Evidence]:
-    """The evidence of lines in the ``bands`` (without any: everywhere), less those named in ``without``.
+    """The evidence of lines in the ``bands`` (without any: everywhere), less those named in
+    ``without``.
 
-    ``scenario``, one or one for each, tells where lines are expected. Phases go with the line that they are relative to.
-    MicrovibError for a name that no evidence has, and where nothing is left.
+    ``scenario``, one or one for each, tells where lines are expected. Phases go with the line that
+    they are relative to. MicrovibError for a name that no evidence has, and where nothing is left.
     """
     seen = dict.fromkeys(o.line for one in evidence for o in one.observations)
     for name in without:
         if name not in seen:
-            raise OptionError("without", f"no evidence has this line; there are {', '.join(seen)}", name)
+            raise OptionError(
+                "without", f"no evidence has this line; there are {', '.join(seen)}", name
+            )
     ends = [band(given) for given in bands]
     each = [scenario] * len(evidence) if isinstance(scenario, Scenario) else scenario
     kept = []
     for one, its in zip(evidence, each, strict=True):
-        at = {line.name: line.frequency for line in expected_lines(its, Si(math.inf), one.harmonics)} | {
-            "": ends[0][0] if ends else 0.0
-        }
+        at = {
+            line.name: line.frequency for line in expected_lines(its, Si(math.inf), one.harmonics)
+        } | {"": ends[0][0] if ends else 0.0}
         at |= {o.line: o.bin_hz for o in one.observations if o.bins}
-        wanted = {name for name, f in at.items() if not ends or any(inside(f, *pair) for pair in ends)} - set(without)
+        wanted = {
+            name
+            for name, f in at.items()
+            if not ends or any(within_band(f, *pair) for pair in ends)
+        } - set(without)
         kept.append([o for o in one.observations if {o.line, o.against} <= wanted])
     if not any(kept):
-        expect_lines(evidence)
+        require_lines(evidence)
         seen_at = sorted(at[o.line] for one in evidence for o in one.observations if o.line in at)
-        where = f"; its lines are from {seen_at[0]:.4g} to {seen_at[-1]:.4g} Hz" if seen_at else ""
-        raise OptionError("without" if without else "band", f"leaves no line of the evidence{where}")
-    return [replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)]
+        if seen_at:
+            where = f"; its lines are from {seen_at[0]:.4g} to {seen_at[-1]:.4g} Hz"
+        else:
+            where = ""
+        raise OptionError(
+            "without" if without else "band", f"leaves no line of the evidence{where}"
+        )
+    return [
+        replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)
+    ]
 
 
-def expect_lines(evidence: Sequence[Evidence]) -> None:
-    """MicrovibError, which says what to look at, where no recording shows any of the scenario's lines."""
+def require_lines(evidence: Sequence[Evidence]) -> None:
+    """MicrovibError, which says what to look at, where no recording shows any of the scenario's
+    lines.
+    """
     if any(one.observations for one in evidence):
         return
     each = (
-        f"{one.name}: no line of the scenario's drive stands out of the floor{f' in channel {one.channel}' if one.channel else ''}"
+        f"{one.name}: no line of the scenario's drive stands out of the"
+        f" floor{f' in channel {one.channel}' if one.channel else ''}"
         + (f" ({'; '.join(one.doubts)})" if one.doubts else "")
         for one in evidence
     )
-    raise MicrovibError(f"{'; '.join(each)}; look at the channel's axis and unit, and at the scenario's tracking.rate")
+    raise MicrovibError(
+        f"{'; '.join(each)}; look at the channel's axis and unit, and at the scenario's"
+        " tracking.rate"
+    )
 
 
-def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "Mz", name: str = "") -> Evidence:
-    """Evidence of a recording (its drive-axis torque in ``channel``), a table of lines that is called ``name``, or the paper."""
+def evidence_of(
+    source: Source | Recording, scenario: Scenario, channel: str = "Mz", name: str = ""
+) -> Evidence:
+    """Evidence of a recording (its drive-axis torque in ``channel``), a table of lines that is
+    called ``name``, or the paper.
+    """
     match source:
         case PaperLines("test"):
             return paper_evidence(scenario)
@@ -183,13 +224,19 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
             return evidence_of(Prepared(source.in_si()), scenario, channel, name)
         case Prepared(recording, background):
             table, r = lines_of_recording(recording, channel, scenario, background), recording
-            found = tuple(o for o in observations(table) if not near_mains(table[o.line].frequency_hz, r.duration))
-            found = with_scatter(found, r[channel], r.sample_rate, table, scenario)
-            parts = at_parts(
-                r[channel], r.sample_rate, (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0)
+            found = tuple(
+                o
+                for o in observations(table)
+                if not near_mains(table[o.line].frequency_hz, r.duration)
+            )
+            found = with_noise_scatter(found, r[channel], r.sample_rate, table, scenario)
+            parts = subharmonic_amplitudes(
+                r[channel],
+                r.sample_rate,
+                (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0),
             )
             noise = _unlisted_noise(found, r[channel], r.sample_rate, table, scenario)
-            notes = (*r.told(channel), *recording_notes(r, channel, scenario, table))
+            notes = (*r.told(channel), *recording_warnings(r, channel, scenario, table))
             return Evidence(
                 r.title,
                 found,
@@ -202,7 +249,7 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
                 noise,
                 source,
                 channel,
-                (*clock_doubts(table), *axis_doubts(r, channel, scenario, table)),
+                (*clock_warnings(table), *channel_warnings(r, channel, scenario, table)),
             )
         case _:
             expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
@@ -210,15 +257,18 @@ def evidence_of(source: Source | Recording, scenario: Scenario, channel: str = "
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
-    """Observations from the lines of a table that stand out: amplitudes, phases of driving lines and of those of the electrical
-    period, frequency and decay of modes; and one turn, since relative phases have all that a second would tell."""
+    """Observations from the lines of a table that stand out: amplitudes, phases of driving lines
+    and of those of the electrical period, frequency and decay of modes; and one turn, since
+    relative phases have all that a second would tell."""
     found = []
     sure = {x.line: x for x in table if x.status == "ok"}
     seen = (x for x in table if x.kind != "other" and x.seen)
-    for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION * x.floor_n_m):
+    for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION_RATIO * x.floor_n_m):
         found.append(Observation(x.line, "amplitude", x.amplitude_n_m, x.amplitude_uncertainty_n_m))
         if x.is_mode:
-            found.append(Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz))
+            found.append(
+                Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz)
+            )
             found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
         against = sure.get(PHASE_OF.get(family(x.line), ""))
         if against is not None and against is not x:
@@ -226,30 +276,39 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
         first = sure.get("electrical_1")
         if x.kind == "electrical" and first is not None and first is not x:
             value, spread = relative_phase(x, first)
-            found.append(Observation(x.line, "branch", value, math.hypot(BRANCH, spread), first.line))
+            found.append(
+                Observation(x.line, "branch", value, math.hypot(BRANCH_SIGMA, spread), first.line)
+            )
     turn = next((x for x in sure.values() if x.kind == "electrical"), None)
     if turn is not None:
         found.append(Observation(turn.line, "turn", turn.phase_rad, turn.phase_uncertainty_rad))
     return tuple(found)
 
 
-SOUGHT = 4.0
-"""Times what the scenario's noise gives a ringing mode, up to which it is taken to disturb its frequency and decay: its density is
-sought."""
-KNOWN = 2.0
+MAX_MODE_NOISE_RATIO = 4.0
+"""Times what the scenario's noise gives a ringing mode, up to which it is taken to disturb its
+frequency and decay: its density is sought."""
+MAX_FLOOR_RATIO = 2.0
 """Times of the scenario's own noise that the floor may show without being more than that."""
-ONE_DRAW = math.sqrt(2.0)
+TWO_DRAW_SCATTER = math.sqrt(2.0)
 """Scatter of the difference of two draws, the recording's and the simulation's, over that of one."""
 
 
-def with_scatter(
-    found: Sequence[Observation], x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
+def with_noise_scatter(
+    found: Sequence[Observation],
+    x: np.ndarray,
+    sample_rate: float,
+    table: LineTable,
+    scenario: Scenario,
 ) -> tuple[Observation, ...]:
-    """Observations of a recording ``x`` (n,) [N m] of a drive with noise: with what they scatter over draws, and with levels.
+    """Observations of a recording ``x`` (n,) [N m] of a drive with noise: with what they scatter
+    over draws, and with levels.
 
-    A mode that noise drives has the amplitude's deviation over draws in closed form (``model.driven``), its frequency scatters by
-    sqrt(sigma/(2 T))/(2 pi) (S.-K. Au, Mechanical Systems and Signal Processing 48, 2014) and its decay, by 1/sqrt(sigma T)
-    of itself, is left out. Levels between the lines tell the noise's density. Without noise in the scenario all stays as it is.
+    A mode that noise drives has the amplitude's deviation over draws in closed form
+    (``model.driven``), its frequency scatters by sqrt(sigma/(2 T))/(2 pi) (S.-K. Au, Mechanical
+    Systems and Signal Processing 48, 2014) and its decay, by 1/sqrt(sigma T) of itself, is left
+    out. Levels between the lines tell the noise's density. Without noise in the scenario all stays
+    as it is.
     """
     noise = scenario.friction.torque_noise
     if noise is None or noise.silent:
@@ -259,51 +318,75 @@ def with_scatter(
     for o in found:
         line, more = table[o.line], 0.0
         if line.line in sigma and math.isfinite(line.noise_p95_n_m):
-            if line.status == DRIVEN and o.form == "decay":
+            if line.status == NOISE_DRIVEN and o.form == "decay":
                 continue
-            part = min(SOUGHT * line.noise_p95_n_m / line.amplitude_n_m, 1.0) if line.status != DRIVEN else 1.0
+            if line.status != NOISE_DRIVEN:
+                part = min(MAX_MODE_NOISE_RATIO * line.noise_p95_n_m / line.amplitude_n_m, 1.0)
+            else:
+                part = 1.0
             wander = part * math.sqrt(sigma[line.line] / table.duration)
             scatter = {"frequency": wander / (math.tau * math.sqrt(2.0)), "decay": wander}
             more = {"amplitude": line.noise_doubt_n_m, **scatter}.get(o.form, 0.0)
-        told.append(replace(o, uncertainty=ONE_DRAW * math.hypot(o.uncertainty, more)))
+        told.append(replace(o, uncertainty=TWO_DRAW_SCATTER * math.hypot(o.uncertainty, more)))
     return (*told, *_levels(x, sample_rate, table, scenario))
 
 
-def _levels(x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario) -> list[Observation]:
+def _levels(
+    x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
+) -> list[Observation]:
     """Levels between the lines, less what the instrument has: white, as much as the quietest band.
 
     The median of n bins under a Hann window is known to 1/sqrt(n) of itself.
     """
-    magnitude, f, bands = between(x, sample_rate, table, scenario)
+    magnitude, f, bands = bins_between_lines(x, sample_rate, table, scenario)
     squares = np.array([float(np.median(magnitude[k])) ** 2 for k in bands])
-    spreads = np.array([2.0 * square / math.sqrt(k.size) for square, k in zip(squares, bands, strict=True)])
+    spreads = np.array(
+        [2.0 * square / math.sqrt(k.size) for square, k in zip(squares, bands, strict=True)]
+    )
     quiet = int(np.argmin(squares)) if bands else -1
     found = []
     for i, k in enumerate(bands):
         own, spread = squares[i] - squares[quiet], math.hypot(spreads[i], spreads[quiet])
-        if own > DETECTION * spread:
+        if own > DETECTION_RATIO * spread:
             level = math.sqrt(own)
             name = f"level_{f[k[0]]:.3g}_to_{f[k[-1]]:.3g}_Hz"
-            uncertainty = ONE_DRAW * spread / (2.0 * level)
+            uncertainty = TWO_DRAW_SCATTER * spread / (2.0 * level)
             less = tuple(bands[quiet].tolist())
             at = float(np.mean(f[k]))
-            found.append(Observation(name, "level", level, uncertainty, bin_hz=at, bins=tuple(k.tolist()), less=less))
+            found.append(
+                Observation(
+                    name, "level", level, uncertainty, bin_hz=at, bins=tuple(k.tolist()), less=less
+                )
+            )
     return found
 
 
 def _unlisted_noise(
-    found: Sequence[Observation], x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
+    found: Sequence[Observation],
+    x: np.ndarray,
+    sample_rate: float,
+    table: LineTable,
+    scenario: Scenario,
 ) -> float:
-    """Density [N^2 m^2/Hz] of torque noise that a recording may have and its scenario has not, nor levels that would tell it."""
+    """Density [N^2 m^2/Hz] of torque noise that a recording may have and its scenario has not, nor
+    levels that would tell it.
+    """
     noise = scenario.friction.torque_noise
     if noise is not None and not noise.silent and any(o.form == "level" for o in found):
         return 0.0
-    own = 0.0 if noise is None else float(np.max(noise.at(BANDS, sample_rate)))
-    return max(allowed(x, sample_rate, table, scenario) - KNOWN * own, 0.0)
+    if noise is None:
+        own = 0.0
+    else:
+        own = float(np.max(noise.at(BANDS, sample_rate)))
+    return max(
+        max_torque_noise_density(x, sample_rate, table, scenario) - MAX_FLOOR_RATIO * own, 0.0
+    )
 
 
-BRANCH = 0.3
-"""Standard uncertainty [rad] of a branch, which is to tell quarters apart and nothing that the phase tells already."""
+BRANCH_SIGMA = 0.3
+"""Standard uncertainty [rad] of a branch, which is to tell quarters apart and nothing that the
+phase tells already.
+"""
 
 
 @dataclass(frozen=True)
@@ -332,7 +415,10 @@ class Simulated:
 def predicted(lines: Simulated, wanted: Observation) -> float:
     """The simulated figure for one observation; nan if the lines do not have it."""
     if wanted.bins:
-        level, less = (float(np.median(lines.between[list(k)])) if k else 0.0 for k in (wanted.bins, wanted.less))
+        level, less = (
+            float(np.median(lines.between[list(k)])) if k else 0.0
+            for k in (wanted.bins, wanted.less)
+        )
         return math.sqrt(max(level**2 - less**2, 0.0))
     by_name = {line.line: line for line in lines.table}
     line = by_name.get(wanted.line)
@@ -340,10 +426,14 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
         return math.nan
     if wanted.against:
         against = by_name.get(wanted.against)
-        return math.nan if against is None else relative_phase(line, against)[0]
+        if against is None:
+            return math.nan
+        return relative_phase(line, against)[0]
     figures: dict[str, float] = {
         "amplitude": line.amplitude_n_m,
-        "nearest_bin": line.bin_amplitude_n_m if math.isnan(wanted.bin_hz) else lines.bin_amplitude(wanted.bin_hz),
+        "nearest_bin": line.bin_amplitude_n_m
+        if math.isnan(wanted.bin_hz)
+        else lines.bin_amplitude(wanted.bin_hz),
         "frequency": line.frequency_hz,
         "decay": line.decay_per_s,
         "turn": line.phase_rad,
@@ -352,22 +442,35 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
 
 
 def paper_evidence(scenario: Scenario) -> Evidence:
-    """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their frequencies."""
+    """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their
+    frequencies.
+    """
     bins = {row["line"]: float(row["test_hz"]) for row in read_table("table5_line_frequencies")}
     found = []
     for row in read_table("table6_line_amplitudes"):
         name, digits = row["line"], row["test_n_m"]
         rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
-        found.append(Observation(PAPER_LINES[name], "nearest_bin", float(digits), rounding, bin_hz=bins[name]))
-    # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put at three sigma.
+        found.append(
+            Observation(
+                PAPER_LINES[name], "nearest_bin", float(digits), rounding, bin_hz=bins[name]
+            )
+        )
+    # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put
+    # at three sigma.
     found.append(Observation("array_mode_1", "frequency", 1.1875, 0.03125 / 3.0))
     clock = PAPER_CLOCK / scenario.tracking.clock_ratio
-    return Evidence("Appl. Sci. 2021, 11, 9076, Table 6 (test)", tuple(found), clock, duration=16.0, sample_rate=4096.0)
+    return Evidence(
+        "Appl. Sci. 2021, 11, 9076, Table 6 (test)",
+        tuple(found),
+        clock,
+        duration=16.0,
+        sample_rate=4096.0,
+    )
 
 
 def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
-    """Amplitudes, or else those of nearest bins, of lines that stand out and are expected of the scenario, so that a simulation has
-    them; without uncertainties one per cent is taken."""
+    """Amplitudes, or else those of nearest bins, of lines that stand out and are expected of the
+    scenario, so that a simulation has them; without uncertainties one per cent is taken."""
     found = []
     ratio = None
     expected = expected_lines(scenario, Si(math.inf), _members(line.line for line in table))
@@ -378,10 +481,12 @@ def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
             form, value = "nearest_bin", line.bin_amplitude_n_m
         spread = line.amplitude_uncertainty_n_m
         if value > 0.0:
-            found.append(Observation(line.line, form, value, spread if spread > 0.0 else 0.01 * value))
+            found.append(
+                Observation(line.line, form, value, spread if spread > 0.0 else 0.01 * value)
+            )
         if line.line == "drive_1" and scenario.driving_frequency and line.frequency_hz > 0.0:
             ratio = line.frequency_hz / scenario.driving_frequency
     if not found:
         raise MicrovibError(f"{name}: has no line with amplitude_n_m or bin_amplitude_n_m")
-    record, doubts = scenario.record, tuple(rate_doubts(ratio))
+    record, doubts = scenario.record, tuple(rate_warnings(ratio))
     return Evidence(name, tuple(found), ratio, record.duration, record.sample_rate, doubts=doubts)

@@ -15,12 +15,15 @@ from microvib.testdata.recording import Recording
 _NEEDED = ("T_d", "theta_l", "alpha_l", "eta", "eta_rate")
 
 
-def measure(scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progress | None = None) -> Recording:
-    """Six components that ``bench`` records of ``scenario``, from ``record.settle`` on, for as long as the bench records.
+def measure(
+    scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progress | None = None
+) -> Recording:
+    """Six components that ``bench`` records of ``scenario``, from ``record.settle`` on, for as long
+    as the bench records.
 
-    The bench stands on the ground: drive and array of a craft are measured without it. Rate and length of the recording are the
-    bench's. A scenario without interface participation has a torque about the drive axis only; the other loads are then zero, and
-    the recording says so.
+    The bench stands on the ground: drive and array of a craft are measured without it. Rate and
+    length of the recording are the bench's. A scenario without interface participation has a torque
+    about the drive axis only; the other loads are then zero, and the recording says so.
     """
     lead, axis = min(bench.lead, scenario.record.settle), scenario.array.drive_axis
     bench = bench.model_copy(update={"lead": lead})
@@ -35,7 +38,10 @@ def measure(scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progre
     else:
         loads = np.zeros((6, motion.time.size))
         loads[COMPONENTS.index("M" + axis)] = motion["T_d"]
-        notes.append(f"loads other than M{axis} are not in the scenario: its array has no interface participation")
+        notes.append(
+            f"loads other than M{axis} are not in the scenario: its array has no interface"
+            " participation"
+        )
     recording = record(bench, loads, motion["theta_l"], axis, seed)
     for note in notes:
         recording = recording.noted(note)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from microvib.studies.evidence import Observation
-from microvib.studies.relative_phase import multiples
+from microvib.studies.relative_phase import phase_multiples
 
 UNITS = {
     1e3: "mN*m",
@@ -18,46 +18,63 @@ UNITS = {
     1e2: "N*cm",
 }
 """Names of units, by how many of them are a newton metre."""
-CLOSE = 0.05
+UNIT_TOLERANCE = 0.05
 """Relative difference of a scale from a unit's, up to which it is called that."""
 
-SCALED = math.log(5.0)
-"""Median of the logarithms of ratios from which two sets of amplitudes differ by a scale rather than line by line."""
-SCATTER = 1.0
+MIN_LOG_SCALE = math.log(5.0)
+"""Median of the logarithms of ratios from which two sets of amplitudes differ by a scale rather
+than line by line.
+"""
+MAX_LOG_SCATTER = 1.0
 """Median deviation of these logarithms up to which they have a scale in common."""
-FEWEST = 3
+MIN_COMMON_FIGURES = 3
 """Figures in common below which nothing is told of two sets."""
-FITS, BETTER = 0.7, 0.5
-"""Mean cosine of differences of angles from which a reading fits, and by how much it must be better than the angles as they are."""
+MIN_MEAN_COSINE, MIN_COSINE_GAIN = 0.7, 0.5
+"""Mean cosine of differences of angles from which a reading fits, and by how much it must be better
+than the angles as they are.
+"""
 
 
-def readings(observations: Sequence[Observation], steps: int) -> dict[str, tuple[Observation, ...]]:
-    """Observations as they are, and with sign, time or both reversed; ``steps`` are full steps in an electrical period."""
-    back = tuple(o for o in map(_backwards, observations) if o is not None)
+def reversal_variants(
+    observations: Sequence[Observation], steps: int
+) -> dict[str, tuple[Observation, ...]]:
+    """Observations as they are, and with sign, time or both reversed; ``steps`` are full steps in
+    an electrical period.
+    """
+    back = tuple(o for o in map(_time_reversed, observations) if o is not None)
     return {
         "": tuple(observations),
-        "with its sign reversed": tuple(_of_reversed(o, steps) for o in observations),
+        "with its sign reversed": tuple(_sign_reversed(o, steps) for o in observations),
         "with its time reversed": back,
-        "with its sign and time reversed": tuple(_of_reversed(o, steps) for o in back),
+        "with its sign and time reversed": tuple(_sign_reversed(o, steps) for o in back),
     }
 
 
-def _of_reversed(o: Observation, steps: int) -> Observation:
-    """The observation as it is where the channel's sign is reversed; ``steps`` are full steps in an electrical period."""
+def _sign_reversed(o: Observation, steps: int) -> Observation:
+    """The observation as it is where the channel's sign is reversed; ``steps`` are full steps in an
+    electrical period.
+    """
     if not o.is_angle:
         return o
-    mine, its = (1, 0) if o.form == "turn" else multiples(o.line, o.against, steps)
+    if o.form == "turn":
+        mine, its = (1, 0)
+    else:
+        mine, its = phase_multiples(o.line, o.against, steps)
     return replace(o, value=math.remainder(o.value + math.pi * (mine - its), math.tau))
 
 
-def _backwards(o: Observation) -> Observation | None:
-    """The observation as it is where the samples are in reverse order; None of what the first sample's time tells."""
+def _time_reversed(o: Observation) -> Observation | None:
+    """The observation as it is where the samples are in reverse order; None of what the first
+    sample's time tells.
+    """
     if o.form == "turn":
         return None
-    return replace(o, value=-o.value) if o.is_angle or o.form == "decay" else o
+    if o.is_angle or o.form == "decay":
+        return replace(o, value=-o.value)
+    return o
 
 
-def scaled(logarithm: float, close: float = CLOSE) -> str:
+def scale_in_words(logarithm: float, close: float = UNIT_TOLERANCE) -> str:
     """A scale in words: by what the recording is to be divided."""
     times = math.exp(logarithm)
     for f, unit in UNITS.items():
@@ -66,45 +83,63 @@ def scaled(logarithm: float, close: float = CLOSE) -> str:
     for f, unit in UNITS.items():
         if abs(times * f - 1.0) < close:
             return f"multiplied by {f:.6g}, as in N*m taken for {unit},"
-    return f"divided by {times:.3g}" if logarithm > 0.0 else f"multiplied by {1.0 / times:.3g}"
+    if logarithm > 0.0:
+        return f"divided by {times:.3g}"
+    return f"multiplied by {1.0 / times:.3g}"
 
 
 def common_scale(logarithms: Sequence[float]) -> float:
-    """The logarithm of the scale by which all of some amplitudes differ from others; 0 where there is none in common.
+    """The logarithm of the scale by which all of some amplitudes differ from others; 0 where there
+    is none in common.
 
     ``logarithms`` are those of each line's ratio.
     """
     import numpy as np
 
-    if len(logarithms) < FEWEST:
+    if len(logarithms) < MIN_COMMON_FIGURES:
         return 0.0
     middle = float(np.median(logarithms))
     scatter = float(np.median(np.abs(np.array(logarithms) - middle)))
-    if abs(middle) < SCALED or scatter > SCATTER:
+    if abs(middle) < MIN_LOG_SCALE or scatter > MAX_LOG_SCATTER:
         return 0.0
-    # what the model is off, line by line, makes a scale inexact: a unit's within that scatter is taken
+    # what the model is off, line by line, makes a scale inexact: a unit's within that scatter is
+    # taken
     near = [math.log(f) * sign for f in UNITS for sign in (1.0, -1.0)]
     unit = min(near, key=lambda one: abs(one - middle))
-    return unit if abs(unit - middle) < max(scatter, CLOSE) else middle
+    if abs(unit - middle) < max(scatter, UNIT_TOLERANCE):
+        return unit
+    return middle
 
 
-def reading_that_fits(mine: Sequence[Observation], its: Sequence[Observation], steps: int) -> str:
-    """How angles and decays, ``mine``, must be read to be as ``its``: in the words of ``readings``, nothing as they are."""
+def best_reversal(mine: Sequence[Observation], its: Sequence[Observation], steps: int) -> str:
+    """How angles and decays, ``mine``, must be read to be as ``its``: in the words of
+    ``reversal_variants``, nothing as they are.
+    """
     others = {(o.line, o.form, o.against): o.value for o in its}
 
     def fit(which: Sequence[Observation]) -> float:
-        apart = [math.cos(o.value - others[key]) for o in which if o.form == "phase" and (key := _key(o)) in others]
+        apart = [
+            math.cos(o.value - others[key])
+            for o in which
+            if o.form == "phase" and (key := _key(o)) in others
+        ]
         apart += [
             math.copysign(1.0, o.value * others[key])
             for o in which
-            if o.form == "decay" and abs(o.value) > 2.0 * o.uncertainty and (key := _key(o)) in others
+            if o.form == "decay"
+            and abs(o.value) > 2.0 * o.uncertainty
+            and (key := _key(o)) in others
         ]
         apart = [one for one in apart if math.isfinite(one)]
-        return sum(apart) / len(apart) if len(apart) >= FEWEST else math.nan
+        if len(apart) >= MIN_COMMON_FIGURES:
+            return sum(apart) / len(apart)
+        return math.nan
 
-    each = {what: fit(which) for what, which in readings(mine, steps).items()}
+    each = {what: fit(which) for what, which in reversal_variants(mine, steps).items()}
     best = max(each, key=lambda what: (each[what], not what))
-    return best if each[best] > max(FITS, each[""] + BETTER) else ""
+    if each[best] > max(MIN_MEAN_COSINE, each[""] + MIN_COSINE_GAIN):
+        return best
+    return ""
 
 
 def _key(o: Observation) -> tuple[str, str, str]:

@@ -1,8 +1,11 @@
-"""A craft over an orbit, its array turning: lines and windows over the time, the angles that need it run, the others in between.
+"""A craft over an orbit, its array turning: lines and windows over the time, the angles that need
+it run, the others in between.
 
-Lines settle in seconds and the array passes its angles in minutes, so that at each instant the lines are those of the angle that
-the array has then. Steady states are found at some angles, what lies between them follows as in ``analysis.turning``, and the steps
-between the runs are halved until what was expected half way is found there. What the turning itself changes is stated beside it.
+Lines settle in seconds and the array passes its angles in minutes, so that at each instant the
+lines are those of the angle that the array has then. Steady states are found at some angles, what
+lies between them follows as in ``analysis.turning``, and the steps between the runs are halved
+until what was expected half way is found there. What the turning itself changes is stated beside
+it.
 """
 
 from __future__ import annotations
@@ -16,35 +19,41 @@ from functools import cached_property
 import numpy as np
 
 from microvib.analysis.lines import expected_in
-from microvib.analysis.pointing import SAME, HubLines
-from microvib.analysis.turning import Moved, moved_by, shaft_torques
+from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
+from microvib.analysis.turning import HubResponse, hub_response, shaft_torques
 from microvib.errors import MicrovibError, OptionError
-from microvib.model.coupling import craft_in
+from microvib.model.coupling import require_craft
 from microvib.model.driven import noise_bands
 from microvib.model.expected import is_unlisted
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
-from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, weight
+from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, metric_weight
 from microvib.solve.integration import Progress
 from microvib.studies.angles import MOST_ANGLES, AngleSweep, check_sweep, sweep_angles
-from microvib.units import Given, Si, quantity
+from microvib.units import GivenQuantity, Si, quantity
 
 STEP = math.radians(30.0)
 """First step between angles that are run, where none are given."""
 TOLERANCE = 0.01
-"""Difference half way between two runs, over the rms of the orbit, from which their step is halved again."""
-NOT_QUASI_STATIC = 0.05
-"""Part of the rms of the orbit from which what the turning itself changes is too much for taking the angles one by one."""
-_CLOSEST = math.radians(0.25)
+"""Difference half way between two runs, over the rms of the orbit, from which their step is halved
+again.
+"""
+MAX_QUASI_STATIC_CHANGE = 0.05
+"""Part of the rms of the orbit from which what the turning itself changes is too much for taking
+the angles one by one.
+"""
+_MIN_ANGLE_STEP = math.radians(0.25)
 """Step between angles that are run, below which none is halved: there a motion changes its kind."""
-_DENSE, _FINEST = 121, 6
-"""Angles of the orbit, and how often the step between them is halved where the line of sight changes fast."""
-_COUNTS = 1e-8
+_MIN_ANGLES, _MAX_REFINEMENTS = 121, 6
+"""Angles of the orbit, and how often the step between them is halved where the line of sight
+changes fast.
+"""
+_NEGLIGIBLE_MEAN_SQUARE = 1e-8
 """Part of the mean square in any window below which a line is left out between the runs."""
 
 
 @dataclass(frozen=True)
-class Halving:
+class RefinementRound:
     """One round of halved steps."""
 
     angles: int
@@ -52,7 +61,9 @@ class Halving:
     tried: int
     """Middles of their steps that were run then."""
     error: float
-    """Largest difference of the line of sight there from what was expected, over the rms of the orbit."""
+    """Largest difference of the line of sight there from what was expected, over the rms of the
+    orbit.
+    """
 
 
 @dataclass(frozen=True)
@@ -80,11 +91,13 @@ class Orbit:
     """At those that were run."""
     time: np.ndarray
     """[s], (n,), from the first angle."""
-    halvings: tuple[Halving, ...]
+    halvings: tuple[RefinementRound, ...]
     interpolation: float
     """Largest error half way of the steps that were not halved again, over the rms of the orbit."""
     turning: np.ndarray
-    """Size of what the turning changes in each line of the line of sight [rad], (n, k, 2), of ``sweep.lines``."""
+    """Size of what the turning changes in each line of the line of sight [rad], (n, k, 2), of
+    ``sweep.lines``.
+    """
 
     @property
     def rate(self) -> float:
@@ -102,55 +115,76 @@ class Orbit:
 
     def _radial(self, amplitude: np.ndarray, metric: Metric, window: float) -> np.ndarray:
         """Of amplitudes (n, k, 2), (n,)."""
-        by = weight(metric, self.sweep.lines[0].frequency, window)
+        by = metric_weight(metric, self.sweep.lines[0].frequency, window)
         return np.asarray(np.sqrt(0.5 * np.sum(amplitude**2, axis=2) @ by))
 
     @cached_property
     def windows(self) -> tuple[WindowOverOrbit, ...]:
         """Worst, where, and rms of each metric in each window."""
         rows = []
-        for metric, window in _judged(self.sweep.scenario):
+        for metric, window in _metrics_and_windows(self.sweep.scenario):
             size = self.size(metric, window)
             rms, at = self.mean(size**2), int(np.argmax(size))
             turning = float(self._radial(self.turning, metric, window).max())
-            rows.append(WindowOverOrbit(metric, window, float(size[at]), at, rms, turning / rms if rms else 0.0))
+            rows.append(
+                WindowOverOrbit(
+                    metric, window, float(size[at]), at, rms, turning / rms if rms else 0.0
+                )
+            )
         return tuple(rows)
 
     @property
     def quasi_static(self) -> bool:
         """Whether the angles may be taken one by one."""
-        return all(w.turning <= NOT_QUASI_STATIC for w in self.windows)
+        return all(w.turning <= MAX_QUASI_STATIC_CHANGE for w in self.windows)
 
     @property
     def turned_in_decay(self) -> float:
-        """Angle [rad] that the array turns while the mode that rings longest falls to 1/e; infinite without damping."""
+        """Angle [rad] that the array turns while the mode that rings longest falls to 1/e; infinite
+        without damping.
+        """
         drives = [drive.scenario for one in self.runs.lines for drive in one.drives or (one,)]
-        least = min((float(np.min(craft_in(one).load.decay)) for one in drives), default=0.0)
-        return self.rate / least if least > 0.0 else math.inf
+        least = min((float(np.min(require_craft(one).load.decay)) for one in drives), default=0.0)
+        if least > 0.0:
+            return self.rate / least
+        return math.inf
 
     def notes(self) -> list[str]:
         """What is to be known of the figures, in sentences."""
         said = []
         if self.interpolation > TOLERANCE:
             said.append(
-                f"Not converged: between {len(self.runs.angles)} runs the line of sight is off by up to"
+                f"Not converged: between {len(self.runs.angles)} runs the line of sight is off by"
+                " up to"
                 f" {100 * self.interpolation:.2g} % of the rms of the orbit."
             )
         if not self.quasi_static:
             worst = max(self.windows, key=lambda w: w.turning)
             said.append(
-                f"The angles cannot be taken one by one here: while a mode settles the array turns by up to"
-                f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in {worst.window:g} s by some"
-                f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed: {100 * NOT_QUASI_STATIC:g} %)."
+                f"The angles cannot be taken one by one here: while a mode settles the array turns"
+                " by up to"
+                f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in"
+                f" {worst.window:g} s by some"
+                f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed:"
+                f" {100 * MAX_QUASI_STATIC_CHANGE:g} %)."
             )
         if any(noise_bands(one) for one in _drives(self.sweep.scenario)):
-            said.append("Torque noise and roughness of the friction are left out here; a sweep over angles has them.")
-        without = [(math.degrees(a), why) for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True) if why]
+            said.append(
+                "Torque noise and roughness of the friction are left out here; a sweep over angles"
+                " has them."
+            )
+        without = [
+            (math.degrees(a), why)
+            for a, why in zip(self.runs.angles, self.runs.fallbacks, strict=True)
+            if why
+        ]
         if without:
             at = [a for a, _ in without]
             said.append(
-                f"No steady state at {len(without)} of {len(self.runs.angles)} angles, from {min(at):.4g} to {max(at):.4g} deg:"
-                f" {without[0][1]}. Their lines are those of runs from rest, which depend on the start."
+                f"No steady state at {len(without)} of {len(self.runs.angles)} angles, from"
+                f" {min(at):.4g} to {max(at):.4g} deg:"
+                f" {without[0][1]}. Their lines are those of runs from rest, which depend on the"
+                " start."
             )
         return said
 
@@ -158,23 +192,33 @@ class Orbit:
 def _drives(scenario: Scenario) -> tuple[Scenario, ...]:
     """Each drive that steps, with the other wing held."""
     other = scenario.driven_wing
-    return (scenario,) if other is None else (scenario.alone, other)
+    if other is None:
+        return (scenario,)
+    return (scenario.alone, other)
 
 
-def _judged(scenario: Scenario) -> list[tuple[Metric, float]]:
+def _metrics_and_windows(scenario: Scenario) -> list[tuple[Metric, float]]:
     """Metrics and windows [s]; the motion itself needs no window."""
-    los = craft_in(scenario).spacecraft.line_of_sight
+    los = require_craft(scenario).spacecraft.line_of_sight
     windows = () if los is None else los.windows
-    return [("ape", 1.0), *((metric, window) for window in windows for metric in METRICS if metric != "ape")]
+    return [
+        ("ape", 1.0),
+        *((metric, window) for window in windows for metric in METRICS if metric != "ape"),
+    ]
 
 
-def over_orbit(
-    scenario: Scenario, angles: Sequence[Given] | None = None, *, harmonics: int = 8, progress: Progress | None = None
+def analyse_orbit(
+    scenario: Scenario,
+    angles: Sequence[GivenQuantity] | None = None,
+    *,
+    harmonics: int = 8,
+    progress: Progress | None = None,
 ) -> Orbit:
-    """The craft while its array turns through ``angles``, one after another, at the scenario's rate.
+    """The craft while its array turns through ``angles``, one after another, at the scenario's
+    rate.
 
-    Without angles it is one turn from ``array_angle``. Steps between them are halved where it is needed. Raises what
-    ``check_orbit`` raises.
+    Without angles it is one turn from ``array_angle``. Steps between them are halved where it is
+    needed. Raises what ``check_orbit`` raises.
     """
     turns = check_orbit(scenario, angles)
     # Noise has no steady state; it is said that it is left out.
@@ -184,94 +228,132 @@ def over_orbit(
         changes["spacecraft.second_wing.friction"] = wing.friction.without_noise
     steady = scenario.with_si(changes)
     runs, halvings, off = _run(steady, turns, harmonics, progress)
-    between = _Between(runs)
+    between = _AngleInterpolator(runs)
     psi, moved = between.dense()
     lines = tuple(
-        HubLines(steady.at_angle(Si(angle)), between.names, between.frequency, one.loads, one.los, np.empty((0, 2)))
+        HubLines(
+            steady.at_angle(Si(angle)),
+            between.names,
+            between.frequency,
+            one.loads,
+            one.los,
+            np.empty((0, 2)),
+        )
         for angle, one in zip(psi.tolist(), moved, strict=True)
     )
     rates = [abs(one.rate or 0.0) for one in _drives(scenario)]
-    turning = _turning(psi, moved, max(rates), between.frequency)
+    turning = _rotation_effect(psi, moved, max(rates), between.frequency)
     sweep = AngleSweep(scenario, psi, lines, ("",) * psi.size)
     return Orbit(sweep, runs, np.abs(psi - psi[0]) / rates[0], halvings, off, turning)
 
 
-def check_orbit(scenario: Scenario, angles: Sequence[Given] | None = None) -> np.ndarray:
+def check_orbit(scenario: Scenario, angles: Sequence[GivenQuantity] | None = None) -> np.ndarray:
     """The ``angles`` [rad], or those of one turn, (n,).
 
-    MicrovibError where a rate is zero or changes, OptionError where the array does not turn this way.
+    MicrovibError where a rate is zero or changes, OptionError where the array does not turn this
+    way.
     """
     check_sweep(scenario)
-    for key, one in zip(("tracking", "spacecraft.second_wing.tracking"), _drives(scenario), strict=False):
+    for key, one in zip(
+        ("tracking", "spacecraft.second_wing.tracking"), _drives(scenario), strict=False
+    ):
         if not one.rate or not one.driving_frequency:
             raise MicrovibError(
-                f"{key}: over an orbit the array turns at a constant rate; one other than 0 deg/s is expected"
+                f"{key}: over an orbit the array turns at a constant rate; one other than 0 deg/s"
+                " is expected"
             )
     rate = float(scenario.rate or 0.0)
     if angles is None:
         step = math.copysign(STEP, rate)
-        return float(craft_in(scenario).spacecraft.array_angle) + step * np.arange(round(2.0 * math.pi / STEP) + 1)
-    turns = np.array([quantity("angles", angle, "rad", example="deg") for angle in angles], dtype=float)
+        return float(require_craft(scenario).spacecraft.array_angle) + step * np.arange(
+            round(2.0 * math.pi / STEP) + 1
+        )
+    turns = np.array(
+        [quantity("angles", angle, "rad", example="deg") for angle in angles], dtype=float
+    )
     if turns.size < 2 or np.any(np.diff(turns) * rate <= 0.0):
         raise OptionError(
             "angles",
-            f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order are expected",
+            f"over an orbit the array turns at {math.degrees(rate):g} deg/s; angles in this order"
+            " are expected",
         )
     return turns
 
 
 def _run(
     scenario: Scenario, angles: np.ndarray, harmonics: int, progress: Progress | None
-) -> tuple[AngleSweep, tuple[Halving, ...], float]:
-    """Runs at ``angles`` (p,) and wherever the steps between them had to be halved; the rounds, and the error that is left."""
+) -> tuple[AngleSweep, tuple[RefinementRound, ...], float]:
+    """Runs at ``angles`` (p,) and wherever the steps between them had to be halved; the rounds, and
+    the error that is left.
+    """
 
     def sweep(at: np.ndarray, before: int) -> AngleSweep:
-        tell = None if progress is None else lambda done, total: progress(before + done, before + total)
-        return sweep_angles(scenario, [Si(float(x)) for x in at], harmonics=harmonics, progress=tell)
+        def tell(done: float, total: float) -> None:
+            if progress is not None:
+                progress(before + done, before + total)
 
-    runs, rounds, left = sweep(angles, 0), list[Halving](), 0.0
+        return sweep_angles(
+            scenario, [Si(float(x)) for x in at], harmonics=harmonics, progress=tell
+        )
+
+    runs, rounds, left = sweep(angles, 0), list[RefinementRound](), 0.0
     steps = list(itertools.pairwise(angles.tolist()))
     while steps and len(runs.angles) + len(steps) <= MOST_ANGLES:
         middles = np.array([0.5 * (a + b) for a, b in steps])
-        between, more = _Between(runs), sweep(middles, len(runs.angles))
-        errors = [between.off(angle, one) for angle, one in zip(middles.tolist(), more.lines, strict=True)]
-        rounds.append(Halving(len(runs.angles), len(middles), max(errors)))
+        between, more = _AngleInterpolator(runs), sweep(middles, len(runs.angles))
+        errors = [
+            between.off(angle, one) for angle, one in zip(middles.tolist(), more.lines, strict=True)
+        ]
+        rounds.append(RefinementRound(len(runs.angles), len(middles), max(errors)))
         # What is no steady state depends on its start, and closer steps say no more of it.
         again = [
-            error > TOLERANCE and not why and abs(b - a) > _CLOSEST
+            error > TOLERANCE and not why and abs(b - a) > _MIN_ANGLE_STEP
             for error, why, (a, b) in zip(errors, more.fallbacks, steps, strict=True)
         ]
-        left = max([left, *(error for error, halve in zip(errors, again, strict=True) if not halve)])
+        left = max(
+            [left, *(error for error, halve in zip(errors, again, strict=True) if not halve)]
+        )
         halves = [((a, m), (m, b)) for (a, b), m in zip(steps, middles.tolist(), strict=True)]
         steps = [step for two, halve in zip(halves, again, strict=True) if halve for step in two]
-        runs = _joined(runs, more)
+        runs = _merge_sweeps(runs, more)
     return runs, tuple(rounds), rounds[-1].error if steps else left
 
 
-def _joined(a: AngleSweep, b: AngleSweep) -> AngleSweep:
+def _merge_sweeps(a: AngleSweep, b: AngleSweep) -> AngleSweep:
     """Both, in the order of their angles as the array passes them."""
     angles = np.concatenate([a.angles, b.angles])
     order = np.argsort(angles * math.copysign(1.0, a.angles[-1] - a.angles[0])).tolist()
     lines, fallbacks = a.lines + b.lines, a.fallbacks + b.fallbacks
-    return AngleSweep(a.scenario, angles[order], tuple(lines[k] for k in order), tuple(fallbacks[k] for k in order))
+    return AngleSweep(
+        a.scenario,
+        angles[order],
+        tuple(lines[k] for k in order),
+        tuple(fallbacks[k] for k in order),
+    )
 
 
-class _Between:
+class _AngleInterpolator:
     """Lines of the clock at any angle, from runs at some."""
 
     def __init__(self, runs: AngleSweep) -> None:
         self._runs = runs
-        known = [_steady_lines(one, why) for one, why in zip(runs.lines, runs.fallbacks, strict=True)]
-        judged = _judged(runs.scenario)
-        squares = [{key: one.mean_squares(*key).sum(axis=1) for key in judged} for one in runs.lines]
+        known = [
+            _steady_lines(one, why) for one, why in zip(runs.lines, runs.fallbacks, strict=True)
+        ]
+        judged = _metrics_and_windows(runs.scenario)
+        squares = [
+            {key: one.mean_squares(*key).sum(axis=1) for key in judged} for one in runs.lines
+        ]
         whole = {key: max(float(each[key].sum()) for each in squares) for key in judged}
         count = {
             name: float(one.frequency[k])
             for one, each, rows in zip(runs.lines, squares, known, strict=True) for name, k in rows.items()
-            if any(each[key][k] > _COUNTS * whole[key] for key in judged)
+            if any(each[key][k] > _NEGLIGIBLE_MEAN_SQUARE * whole[key] for key in judged)
         }  # fmt: skip
         self.names, self.frequency = tuple(count), np.array(list(count.values()))
-        self._rms = {key: math.sqrt(np.mean([each[key].sum() for each in squares])) for key in judged}
+        self._rms = {
+            key: math.sqrt(np.mean([each[key].sum() for each in squares])) for key in judged
+        }
         each = zip(*(one.drives or (one,) for one in runs.lines), strict=True)
         self._torques = [np.array([self._torque(one) for one in drive]) for drive in each]
 
@@ -280,7 +362,7 @@ class _Between:
         steady = _steady_lines(drive, "").values()
         rows = {
             name: k for name, f in zip(self.names, self.frequency.tolist(), strict=True) for k in steady
-            if abs(drive.frequency[k] - f) <= SAME * f
+            if abs(drive.frequency[k] - f) <= FREQUENCY_TOLERANCE * f
         }  # fmt: skip
         return self._in_order(rows, shaft_torques(drive))
 
@@ -292,13 +374,18 @@ class _Between:
                 found[k] = np.nan_to_num(values[rows[name]])
         return found
 
-    def __call__(self, angle: float) -> Moved:
+    def __call__(self, angle: float) -> HubResponse:
         angles = self._runs.angles
         way = math.copysign(1.0, angles[-1] - angles[0])
         k = int(np.clip(np.searchsorted(way * angles, way * angle), 1, angles.size - 1))
         part = (angle - angles[k - 1]) / (angles[k] - angles[k - 1])
         first, *second = (
-            moved_by(drive, self.frequency, (1.0 - part) * torque[k - 1] + part * torque[k], at_second=n > 0)
+            hub_response(
+                drive,
+                self.frequency,
+                (1.0 - part) * torque[k - 1] + part * torque[k],
+                at_second=n > 0,
+            )
             for n, (drive, torque) in enumerate(
                 zip(_drives(self._runs.scenario.at_angle(Si(angle))), self._torques, strict=True)
             )
@@ -306,21 +393,26 @@ class _Between:
         return sum(second, first)
 
     def off(self, angle: float, found: HubLines) -> float:
-        """Largest rms, over that of all runs, of what a run at an ``angle`` differs by from what is expected there."""
+        """Largest rms, over that of all runs, of what a run at an ``angle`` differs by from what is
+        expected there.
+        """
         assert found.los is not None
         apart = np.abs(self(angle).los - self._in_order(_steady_lines(found, ""), found.los))
         errors = (
-            (key, math.sqrt(mean_square_of_lines(key[0], self.frequency, apart, key[1]).sum())) for key in self._rms
+            (key, math.sqrt(mean_square_of_lines(key[0], self.frequency, apart, key[1]).sum()))
+            for key in self._rms
         )
         return max(error / self._rms[key] for key, error in errors if self._rms[key] > 0.0)
 
-    def dense(self) -> tuple[np.ndarray, list[Moved]]:
-        """Angles as they are passed, (n,), and the lines there, dense enough for straight lines between them."""
-        angles = np.linspace(self._runs.angles[0], self._runs.angles[-1], _DENSE).tolist()
+    def dense(self) -> tuple[np.ndarray, list[HubResponse]]:
+        """Angles as they are passed, (n,), and the lines there, dense enough for straight lines
+        between them.
+        """
+        angles = np.linspace(self._runs.angles[0], self._runs.angles[-1], _MIN_ANGLES).tolist()
         moved = {angle: self(angle) for angle in angles}
         top = max(_size(one) for one in moved.values())
         steps = list(itertools.pairwise(angles))
-        for _ in range(_FINEST):
+        for _ in range(_MAX_REFINEMENTS):
             rough = []
             for a, b in steps:
                 middle = 0.5 * (a + b)
@@ -333,12 +425,13 @@ class _Between:
         return np.array(order), [moved[angle] for angle in order]
 
 
-def _size(one: Moved) -> float:
+def _size(one: HubResponse) -> float:
     return float(np.linalg.norm(one.los))
 
 
 def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
-    """Names and places of lines that last; unlisted ones are ranked by their size, and here told by their frequency.
+    """Names and places of lines that last; unlisted ones are ranked by their size, and here told by
+    their frequency.
 
     Of a run from rest, those of the clock.
     """
@@ -356,11 +449,15 @@ def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
     }  # fmt: skip
 
 
-def _turning(psi: np.ndarray, moved: list[Moved], rate: float, frequency: np.ndarray) -> np.ndarray:
-    """Size of what the turning changes in each line, (n, k, 2) [rad], of first order in the ``rate`` [rad/s].
+def _rotation_effect(
+    psi: np.ndarray, moved: list[HubResponse], rate: float, frequency: np.ndarray
+) -> np.ndarray:
+    """Size of what the turning changes in each line, (n, k, 2) [rad], of first order in the
+    ``rate`` [rad/s].
 
-    The structure's change while it settles, rate d2 los/(d omega d psi), and the gyroscopic terms left out, which are up to
-    2 rate/omega of those of inertia: times the response's own sensitivity to these, at least its size.
+    The structure's change while it settles, rate d2 los/(d omega d psi), and the gyroscopic terms
+    left out, which are up to 2 rate/omega of those of inertia: times the response's own sensitivity
+    to these, at least its size.
     """
     los, slope = (np.array([getattr(one, name) for one in moved]) for name in ("los", "slope"))
     change = np.abs(np.gradient(slope, psi, axis=0))

@@ -1,4 +1,6 @@
-"""Rate planning: lines of the steady state over rate and microstep count, where they meet modes, which rates to avoid."""
+"""Rate planning: lines of the steady state over rate and microstep count, where they meet modes,
+which rates to avoid.
+"""
 
 from __future__ import annotations
 
@@ -9,42 +11,48 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from microvib.analysis.accuracy import unsound
+from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.lines import Steady, steady
-from microvib.analysis.margins import BEYOND, frequency_doubt, may_have
-from microvib.analysis.start import has_calmed, rounded_up, still_held
-from microvib.analysis.unseen import Unseen, of_clock, of_friction, unseen
+from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, amplitude_bound, frequency_error_bound
+from microvib.analysis.start import mode_has_decayed, not_moving_reason, rounded_up
+from microvib.analysis.unseen import (
+    OutOfBandLines,
+    clock_line_bounds,
+    out_of_band_lines,
+    stick_slip_bounds,
+)
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
-from microvib.signals.line_table import DRIVEN, FAINT, TWELFTH_OCTAVE, Line
+from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line
 from microvib.solve.integration import Progress
-from microvib.studies.workers import all_cores
-from microvib.units import Band, Given, Si, quantity
+from microvib.studies.workers import parallel_calls
+from microvib.units import Band, GivenQuantity, Si, quantity
 from microvib.units import band as ends
-from microvib.units import inside as in_band
+from microvib.units import within_band as in_band
 
 Solve = Callable[[Iterable[tuple[float, int, bool]]], list["RateCase"]]
 """Solves cases (rate, microsteps, whether a run from rest is waited for to its end)."""
 HARMONICS = 8
-LEAST = 1e-6
+MIN_LINE_RATIO = 1e-6
 """Lines below this fraction of a case's largest are dropped: rounding."""
-SMALL = 1e-3
+MIN_RESONANCE_RATIO = 1e-3
 """Fraction of a case's largest line below which a line that meets a mode is no resonance."""
-LIGHT = 0.2
+MAX_RESONANCE_DAMPING = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
 BISECTIONS = 8
 """Halvings of the step between two rates with which the edge of a forbidden band is found."""
 
-ABOVE = "a line is above the limit"
-HIDES = "not known: a line is hidden that may be above the limit"
-ABOVE_PASSBAND = "not judged: what is above the passband may be above the limit"
-NOT_LINEAR = (
-    "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full model judges them)"
+ABOVE_LIMIT = "a line is above the limit"
+HIDDEN_LINE = "unknown: a line hidden by the noise floor may exceed the limit"
+ABOVE_PASSBAND = "not judged: lines above the passband may exceed the limit"
+BEYOND_LINEAR_MODEL = (
+    "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
+    " model judges them)"
 )
-NEAR = "too near to a resonance:"
+NEAR_RESONANCE = "too near to a resonance:"
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,8 @@ class RateLine:
 class RateCase:
     """Lines at one rate [rad/s] and microstep count.
 
-    Where there is no steady state, ``reason`` says why and the lines are those of time integration, or none if it fails.
+    Where there is no steady state, ``reason`` says why and the lines are those of time integration,
+    or none if it fails.
     """
 
     rate: float
@@ -73,12 +82,18 @@ class RateCase:
     lines: tuple[RateLine, ...]
     reason: str = ""
     hidden: tuple[RateLine, ...] = ()
-    """Lines of a time integration that a floor or what is beside them hides, with what they may have at most."""
+    """Lines of a time integration that a floor or what is beside them hides, with what they may
+    have at most.
+    """
     confirmed: bool = False
-    """Whether a run from rest was waited for until it arrived at the steady state (``mv.steady``, ``confirmed``)."""
+    """Whether a run from rest was waited for until it arrived at the steady state (``mv.steady``,
+    ``confirmed``).
+    """
     shown: float = math.inf
-    """Highest frequency [Hz] up to which lines were looked for; 0 for the linearised drive, which has driving lines only."""
-    unseen: tuple[Unseen, ...] = field(default=(), compare=False, repr=False)
+    """Highest frequency [Hz] up to which lines were looked for; 0 for the linearised drive, which
+    has driving lines only.
+    """
+    unseen: tuple[OutOfBandLines, ...] = field(default=(), compare=False, repr=False)
     """Lines of which nothing is seen, above ``shown``, with what they may have at most."""
 
     @property
@@ -87,40 +102,52 @@ class RateCase:
         return not self.lines and bool(self.reason)
 
     def rings(self, band: tuple[float, float]) -> bool:
-        """Whether the largest line within ``band`` [Hz] is of no clock, in a time integration: the drive excites itself."""
+        """Whether the largest line within ``band`` [Hz] is of no clock, in a time integration: the
+        drive excites itself.
+        """
         largest = self.largest(band)
         return bool(self.reason) and largest is not None and largest.kind == "other"
 
     def largest(self, band: tuple[float, float], hidden: bool = False) -> RateLine | None:
-        """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there is none."""
+        """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there
+        is none.
+        """
         inside = [
             x
             for x in (self.hidden if hidden else self.lines)
-            if in_band(x.frequency, *band, max(frequency_doubt(x.frequency), x.away))
+            if in_band(x.frequency, *band, max(frequency_error_bound(x.frequency), x.away))
         ]
         return max(inside, key=lambda line: line.amplitude, default=None)
 
     def verdict(self, band: tuple[float, float], limit: float) -> str:
-        """Empty where all lines within ``band`` [Hz] are known to be below ``limit`` [N m]; else ``failed`` or why they are not."""
+        """Empty where all lines within ``band`` [Hz] are known to be below ``limit`` [N m]; else
+        ``failed`` or why they are not.
+        """
         if self.failed:
             return "failed"
         largest, hidden = self.largest(band), self.largest(band, hidden=True)
         if largest is not None and largest.amplitude > limit:
-            return ABOVE
+            return ABOVE_LIMIT
         if hidden is not None and hidden.amplitude > limit:
-            return HIDES
+            return HIDDEN_LINE
         if not any(np.any(one.most > limit) for one in self.unseen_in(band)):
             return ""
-        return ABOVE_PASSBAND if self.shown > 0.0 else NOT_LINEAR
+        if self.shown > 0.0:
+            return ABOVE_PASSBAND
+        return BEYOND_LINEAR_MODEL
 
-    def unseen_in(self, band: tuple[float, float]) -> list[Unseen]:
+    def unseen_in(self, band: tuple[float, float]) -> list[OutOfBandLines]:
         """What of the lines of which nothing is seen may lie within ``band`` [Hz]."""
         return [part for one in self.unseen if (part := one.within(*band)).frequency.size]
 
     def largest_unseen(self, band: tuple[float, float]) -> RateLine | None:
-        """What may be largest within ``band`` [Hz] of the lines of which nothing is seen; None if there is none."""
+        """What may be largest within ``band`` [Hz] of the lines of which nothing is seen; None if
+        there is none.
+        """
         found = [
-            (float(x.most[k]), float(x.frequency[k]), x.what) for x in self.unseen_in(band) for k in [np.argmax(x.most)]
+            (float(x.most[k]), float(x.frequency[k]), x.what)
+            for x in self.unseen_in(band)
+            for k in [np.argmax(x.most)]
         ]
         if not found:
             return None
@@ -144,8 +171,8 @@ class Resonance:
 
 @dataclass(frozen=True)
 class Forbidden:
-    """A band of rates in which a line passes the limit, which is too near to a resonance, or in which nothing is known because the
-    simulation fails."""
+    """A band of rates in which a line passes the limit, which is too near to a resonance, or in
+    which nothing is known because the simulation fails."""
 
     microsteps: int
     low: float
@@ -183,7 +210,9 @@ class RatePlan:
         return tuple(dict.fromkeys(case.microsteps for case in self.cases))
 
     def best(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
-        """Case whose largest line is smallest, with that amplitude [N m], of those that are allowed; None if none is."""
+        """Case whose largest line is smallest, with that amplitude [N m], of those that are
+        allowed; None if none is.
+        """
         return self._smallest(case for case in self._solved(microsteps) if self.is_allowed(case))
 
     def least(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
@@ -191,25 +220,39 @@ class RatePlan:
         return self._smallest(self._solved(microsteps))
 
     def is_allowed(self, case: RateCase) -> bool:
-        """Whether a case has lines, none of them above the limit or hidden, and is far enough from every resonance."""
+        """Whether a case has lines, none of them above the limit or hidden, and is far enough from
+        every resonance.
+        """
         near, limit = self.nearest(case), math.inf if self.limit is None else self.limit
         return not case.verdict(self.band, limit) and (near is None or near[1] >= self.keep_away)
 
     def nearest(self, case: RateCase) -> tuple[Resonance, float] | None:
-        """The resonance nearest to a case, and how far its rate is away from it, over the resonance's."""
-        found = [(r, abs(case.rate / r.rate - 1.0)) for r in self.resonances if r.microsteps == case.microsteps]
+        """The resonance nearest to a case, and how far its rate is away from it, over the
+        resonance's.
+        """
+        found = [
+            (r, abs(case.rate / r.rate - 1.0))
+            for r in self.resonances
+            if r.microsteps == case.microsteps
+        ]
         return min(found, key=lambda item: item[1], default=None)
 
     def is_at_end(self, case: RateCase) -> bool:
-        """Whether a case lies at the end of the range that was planned, beyond which nothing is known."""
+        """Whether a case lies at the end of the range that was planned, beyond which nothing is
+        known.
+        """
         rates = [x.rate for x in self.of(case.microsteps)]
         return case.rate in (min(rates), max(rates))
 
     def _solved(self, microsteps: int | None) -> list[RateCase]:
-        return [case for case in self.cases if not case.failed and microsteps in (None, case.microsteps)]
+        return [
+            case for case in self.cases if not case.failed and microsteps in (None, case.microsteps)
+        ]
 
     def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
-        return min(((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None)
+        return min(
+            ((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None
+        )
 
     def _top(self, case: RateCase) -> float:
         known = (case.largest(self.band), case.largest(self.band, hidden=True))
@@ -217,110 +260,159 @@ class RatePlan:
 
     def worst(self, microsteps: int) -> float:
         """Largest line over all rates of one microstep count [N m]; NaN where all cases failed."""
-        found = [line.amplitude for case in self.of(microsteps) if (line := case.largest(self.band))]
+        found = [
+            line.amplitude for case in self.of(microsteps) if (line := case.largest(self.band))
+        ]
         return max(found, default=math.nan)
 
 
 def plan_rates(
     scenario: Scenario,
-    rates: Sequence[Given],
+    rates: Sequence[GivenQuantity],
     microsteps: Sequence[int] | None = None,
     *,
-    limit: Given | None = None,
+    limit: GivenQuantity | None = None,
     band: Band | None = None,
     linear: bool = False,
     keep_away: float = 0.0,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> RatePlan:
-    """Steady lines at all ``rates`` of the array and ``microsteps`` counts, and at every rate where a line meets a mode.
+    """Steady lines at all ``rates`` of the array and ``microsteps`` counts, and at every rate where
+    a line meets a mode.
 
-    ``rates`` are those of a ``rate_grid``, or listed; without ``microsteps`` the scenario's count is taken.
-    ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so does ``keep_away``, the part of
-    its rate within which a resonance is too near. ``linear`` uses the closed form
-    of the linearised drive instead (driving lines only). ``progress(done, total)`` counts cases. Each case is solved
-    independently, so that results do not depend on their order or on who solves them: threads, which share one interpreter, or as
-    many processes as there are ``workers``, which start in a second and want a script to guard its main part
-    (``if __name__ == "__main__":``).
+    ``rates`` are those of a ``rate_grid``, or listed; without ``microsteps`` the scenario's count
+    is taken. ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so
+    does ``keep_away``, the part of its rate within which a resonance is too near. ``linear`` uses
+    the closed form of the linearised drive instead (driving lines only). ``progress(done, total)``
+    counts cases. Each case is solved independently, so that results do not depend on their order or
+    on who solves them: threads, which share one interpreter, or as many processes as there are
+    ``workers``, which start in a second and want a script to guard its main part (``if __name__ ==
+    "__main__":``).
 
-    A steady state beside a rate at which the drive excites itself (the largest line is of no clock) is suspicious: there a run
-    from rest is waited for to its end, and the case is ``confirmed`` or becomes a time integration.
+    A steady state beside a rate at which the drive excites itself (the largest line is of no clock)
+    is suspicious: there a run from rest is waited for to its end, and the case is ``confirmed`` or
+    becomes a time integration.
     """
     expect_scenario(scenario)
     expect_list(rates, "rates", "['0.06 deg/s']")
     expect_list(() if microsteps is None else microsteps, "microsteps", "[16, 32]")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
-    microsteps = (
-        (scenario.driver.microsteps,)
-        if microsteps is None
-        else tuple(whole_number("microsteps", count, 1, 65_536) for count in microsteps)
-    )
+    if microsteps is None:
+        microsteps = (scenario.driver.microsteps,)
+    else:
+        microsteps = tuple(whole_number("microsteps", count, 1, 65_536) for count in microsteps)
     for key, given in {"rates": grid, "microsteps": microsteps}.items():
         if not given:
             raise OptionError(key, "an empty list plans nothing; at least one is expected")
-    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
-    within = (0.0, math.inf) if band is None else ends(band)
-    modes = tuple(m for m in coupled_modes(scenario) if m.fixed_frequency is not None or m.damping < LIGHT)
-    meetings = [m for n in microsteps for m in _meetings(scenario, n, modes, min(grid), max(grid))]
+    if limit is None:
+        most = None
+    else:
+        most = quantity("limit", limit, "N*m", positive=True)
+    if band is None:
+        within = (0.0, math.inf)
+    else:
+        within = ends(band)
+    modes = tuple(
+        m
+        for m in coupled_modes(scenario)
+        if m.fixed_frequency is not None or m.damping < MAX_RESONANCE_DAMPING
+    )
+    meetings = [
+        m
+        for n in microsteps
+        for m in _resonance_crossings(scenario, n, modes, min(grid), max(grid))
+    ]
     wanted = {(float(rate), n) for n in microsteps for rate in grid}
-    wanted |= {(rate, m.microsteps) for m in meetings for rate in _near(m, modes)}
+    wanted |= {(rate, m.microsteps) for m in meetings for rate in _rates_to_examine(m, modes)}
     one = linear_case if linear else full_case
-    with all_cores(progress, workers) as calls:
+    with parallel_calls(progress, workers) as calls:
 
         def solve(wanted: Iterable[tuple[float, int, bool]]) -> list[RateCase]:
             return calls(one, ((scenario, Si(rate), n, confirmed) for rate, n, confirmed in wanted))
 
-        found = {(case.rate, case.microsteps): case for case in solve((*key, False) for key in sorted(wanted))}
-        while suspicious := _suspicious(found.values(), within):
+        found = {
+            (case.rate, case.microsteps): case
+            for case in solve((*key, False) for key in sorted(wanted))
+        }
+        while suspicious := _unconfirmed_cases(found.values(), within):
             confirmed = solve((case.rate, case.microsteps, True) for case in suspicious)
             found |= {(case.rate, case.microsteps): case for case in confirmed}
         rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
-        forbidden = [] if most is None else [b for row in rows for b in _forbidden(row, most, within, solve)]
+        if most is None:
+            forbidden = []
+        else:
+            forbidden = [b for row in rows for b in _forbidden(row, most, within, solve)]
     cases = tuple(case for row in rows for case in row)
-    met = (_strongest(m, [found[rate, m.microsteps] for rate in _near(m, modes)]) for m in meetings)
+    met = (
+        _strongest_crossing(m, [found[rate, m.microsteps] for rate in _rates_to_examine(m, modes)])
+        for m in meetings
+    )
     resonances = tuple(m for m in met if m is not None)
     for r in resonances if keep_away > 0.0 else ():
         low, high = r.rate * (1.0 - keep_away), r.rate * (1.0 + keep_away)
-        forbidden.append(Forbidden(r.microsteps, low, high, f"{NEAR} {r.line} on {r.mode}", r.line, r.amplitude))
-    return RatePlan(scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away)
+        forbidden.append(
+            Forbidden(
+                r.microsteps,
+                low,
+                high,
+                f"{NEAR_RESONANCE} {r.line} on {r.mode}",
+                r.line,
+                r.amplitude,
+            )
+        )
+    return RatePlan(
+        scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away
+    )
 
 
-def at_rate(scenario: Scenario, rate: Given, microsteps: int) -> Scenario:
+def at_rate(scenario: Scenario, rate: GivenQuantity, microsteps: int) -> Scenario:
     """``scenario`` at a constant rate with another microstep count."""
-    tracking = {"rate": quantity("rate", rate, "rad/s", example="deg/s"), "clock_ratio": scenario.tracking.clock_ratio}
+    tracking = {
+        "rate": quantity("rate", rate, "rad/s", example="deg/s"),
+        "clock_ratio": scenario.tracking.clock_ratio,
+    }
     return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
 def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
-    """One case with the full model, its steady state ``confirmed`` by a run from rest that is waited for to its end.
+    """One case with the full model, its steady state ``confirmed`` by a run from rest that is
+    waited for to its end.
 
     Where a second wing is driven, lines of both drives.
     """
     changed = at_rate(scenario, rate, microsteps)
     first = _full_case(changed, rate, microsteps, confirmed)
     other = changed.driven_wing
-    return (
-        first
-        if other is None or other.rate == 0.0
-        else _both(first, _full_case(other.alone, rate, microsteps, confirmed))
-    )
+    if other is None or other.rate == 0.0:
+        return first
+    return _combine_drives(first, _full_case(other.alone, rate, microsteps, confirmed))
 
 
 def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) -> RateCase:
-    """Of the drive of a scenario at its own rate; ``rate`` and ``microsteps`` are those of the plan."""
+    """Of the drive of a scenario at its own rate; ``rate`` and ``microsteps`` are those of the
+    plan.
+    """
     try:
         result = steady(changed, harmonics=HARMONICS, confirmed=confirmed)
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
-    if result.fallback and (held := still_held(changed)):
+    if result.fallback and (held := not_moving_reason(changed)):
         return RateCase(rate, microsteps, (), held)
-    if broken := unsound(result.lines.broken, changed):
+    if broken := failed_invariants_reason(result.lines.broken, changed):
         return RateCase(rate, microsteps, (), broken)
     f_d = changed.driving_frequency or math.nan
-    seen = [x for x in result.lines if not x.is_mode and x.status != FAINT and x.amplitude_n_m > 0.0]
+    seen = [
+        x
+        for x in result.lines
+        if not x.is_mode and x.status != BELOW_FLOOR and x.amplitude_n_m > 0.0
+    ]
     top = max((x.amplitude_n_m for x in seen), default=0.0)
-    kept = (x for x in seen if x.amplitude_n_m >= LEAST * top)
-    lines = (RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m) for x in kept)
+    kept = (x for x in seen if x.amplitude_n_m >= MIN_LINE_RATIO * top)
+    lines = (
+        RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m)
+        for x in kept
+    )
     shown = PASSBAND * result.lines.sample_rate
     return RateCase(
         rate,
@@ -330,40 +422,56 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         tuple(_hidden(changed, result, seen)),
         confirmed and not result.fallback,
         shown,
-        tuple(unseen(changed, result.lines, shown, math.inf)),
+        tuple(out_of_band_lines(changed, result.lines, shown, math.inf)),
     )
 
 
 def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator[RateLine]:
-    """Lines up to the passband without a figure of their own, with what they may have at most in the steady state: those that
-    are not ``seen``, modes that a run in time leaves ringing, and what no line accounts for."""
+    """Lines up to the passband without a figure of their own, with what they may have at most in
+    the steady state: those that are not ``seen``, modes that a run in time leaves ringing, and what
+    no line accounts for."""
     f_d = scenario.driving_frequency or math.nan
     for x in (x for x in found.lines if x not in seen) if found.fallback else ():
-        most = _most_of_mode(x, found.lines.duration) if x.is_mode else may_have(x)
-        if most > 0.0 and not has_calmed(x, scenario):
+        if x.is_mode:
+            most = _mode_amplitude_bound(x, found.lines.duration)
+        else:
+            most = amplitude_bound(x)
+        if most > 0.0 and not mode_has_decayed(x, scenario):
             yield RateLine(x.line, x.kind, x.place_hz / f_d, x.place_hz, most)
     if (rest := found.lines.rest) is None:
         return
     for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
         if amplitude > 0.0:
-            yield RateLine("a peak that no line accounts for", "other", f / f_d, f, amplitude, TWELFTH_OCTAVE * f)
+            yield RateLine(
+                "an unexplained peak", "other", f / f_d, f, amplitude, TWELFTH_OCTAVE * f
+            )
     if rest.slow > 0.0:
         for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):
-            yield RateLine("what the record is too short for", "other", f / f_d, float(f), BEYOND * rest.slow)
+            yield RateLine(
+                "what the record is too short for",
+                "other",
+                f / f_d,
+                float(f),
+                ABOVE_PASSBAND_FACTOR * rest.slow,
+            )
 
 
-def _most_of_mode(x: Line, duration: float) -> float:
-    """What may last [N m] of a mode in a record of ``duration`` [s]: of one that decays what is left at its end."""
+def _mode_amplitude_bound(x: Line, duration: float) -> float:
+    """What may last [N m] of a mode in a record of ``duration`` [s]: of one that decays what is
+    left at its end.
+    """
     if x.status == "growing":
         return math.inf
-    if x.status == DRIVEN:
-        return max(x.amplitude_n_m, _DRAWS * x.noise_p95_n_m)
+    if x.status == NOISE_DRIVEN:
+        return max(x.amplitude_n_m, _NOISE_QUANTILE_FACTOR * x.noise_p95_n_m)
     if not math.isfinite(x.amplitude_n_m):
-        return may_have(x)
-    return x.starting(duration) * math.exp(-x.decay_per_s * duration) if x.status == "decaying" else x.amplitude_n_m
+        return amplitude_bound(x)
+    if x.status == "decaying":
+        return x.starting(duration) * math.exp(-x.decay_per_s * duration)
+    return x.amplitude_n_m
 
 
-_DRAWS = 2.0
+_NOISE_QUANTILE_FACTOR = 2.0
 """Times the 95 % quantile of a line that noise drives, which one in 10^5 draws exceeds."""
 
 
@@ -371,19 +479,29 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     """One case with the linearised drive, of which there is nothing to be ``confirmed``."""
     changed = at_rate(scenario, rate, microsteps)
     first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
-    return first if other is None or other.rate == 0.0 else _both(first, _linear_case(other.alone, rate, microsteps))
+    if other is None or other.rate == 0.0:
+        return first
+    return _combine_drives(first, _linear_case(other.alone, rate, microsteps))
 
 
 def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
     """As ``_full_case``."""
     found = linear_lines(changed, HARMONICS)
-    lines = tuple(RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude)) for x in found)
-    others = (*of_clock(changed, 0.0, math.inf, known=HARMONICS), *of_friction(changed, 0.0, math.inf))
+    lines = tuple(
+        RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude))
+        for x in found
+    )
+    others = (
+        *clock_line_bounds(changed, 0.0, math.inf, known=HARMONICS),
+        *stick_slip_bounds(changed, 0.0, math.inf),
+    )
     return RateCase(rate, microsteps, lines, shown=0.0, unseen=others)
 
 
-def _both(first: RateCase, second: RateCase) -> RateCase:
-    """A case of two drives on one craft, the second's lines called so; nothing is known where one of them failed."""
+def _combine_drives(first: RateCase, second: RateCase) -> RateCase:
+    """A case of two drives on one craft, the second's lines called so; nothing is known where one
+    of them failed.
+    """
     for case, whose in ((first, ""), (second, f"{SECOND_DRIVE}: ")):
         if case.failed:
             return replace(first, lines=(), hidden=(), unseen=(), reason=f"{whose}{case.reason}")
@@ -392,7 +510,10 @@ def _both(first: RateCase, second: RateCase) -> RateCase:
         return tuple(replace(x, line=f"{SECOND_DRIVE} {x.line}") for x in lines)
 
     reasons = [first.reason] if first.reason else []
-    reasons += [f"{SECOND_DRIVE}: {second.reason}"] if second.reason else []
+    if second.reason:
+        reasons += [f"{SECOND_DRIVE}: {second.reason}"]
+    else:
+        reasons += []
     return replace(
         first,
         lines=(*first.lines, *called(second.lines)),
@@ -400,12 +521,16 @@ def _both(first: RateCase, second: RateCase) -> RateCase:
         hidden=(*first.hidden, *called(second.hidden)),
         confirmed=first.confirmed and second.confirmed,
         shown=min(first.shown, second.shown),
-        unseen=(*first.unseen, *(replace(x, what=f"{SECOND_DRIVE}, {x.what}") for x in second.unseen)),
+        unseen=(
+            *first.unseen,
+            *(replace(x, what=f"{SECOND_DRIVE}, {x.what}") for x in second.unseen),
+        ),
     )
 
 
 def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float, int]]:
-    """Error of a linear plan's drive_1 to drive_3 against the full model at ``count`` rates of each microstep count.
+    """Error of a linear plan's drive_1 to drive_3 against the full model at ``count`` rates of each
+    microstep count.
 
     Median and largest ``|linear/full - 1|``, and how many lines were compared.
     """
@@ -413,25 +538,38 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
     for n in plan.counts:
         cases, errors = plan.of(n), []
         for k in np.unique(np.linspace(0, len(cases) - 1, count).astype(int)):
-            full = {x.line: x.amplitude for x in full_case(plan.scenario, Si(cases[k].rate), n).lines}
-            errors += [abs(x.amplitude / full[x.line] - 1.0) for x in cases[k].lines[:3] if x.line in full]
+            full = {
+                x.line: x.amplitude for x in full_case(plan.scenario, Si(cases[k].rate), n).lines
+            }
+            errors += [
+                abs(x.amplitude / full[x.line] - 1.0) for x in cases[k].lines[:3] if x.line in full
+            ]
         values = errors or [math.nan]
         result[n] = (float(np.median(values)), float(np.max(values)), len(errors))
     return result
 
 
-def _meetings(
+def _resonance_crossings(
     scenario: Scenario, microsteps: int, modes: Sequence[CoupledMode], low: float, high: float
 ) -> list[Resonance]:
-    """Rates within a range at which driving and full-step lines, and those of the gears' errors, meet a mode."""
+    """Rates within a range at which driving and full-step lines, and those of the gears' errors,
+    meet a mode.
+    """
     driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
-    per_rate = microsteps * scenario.reducer.ratio * scenario.tracking.clock_ratio / driver.full_step(motor)
+    per_rate = (
+        microsteps
+        * scenario.reducer.ratio
+        * scenario.tracking.clock_ratio
+        / driver.full_step(motor)
+    )
     detent = motor.full_steps / (driver.beats * microsteps)
     orders = [(f"drive_{k}", float(k)) for k in members]
     if motor.detent_torque > 0.0:
         orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]
     turn = driver.beats * microsteps * motor.rotor_teeth
-    orders += [(e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0]
+    orders += [
+        (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0
+    ]
     return [
         Resonance(microsteps, rate, mode.name, mode.frequency, line, mode.frequency, math.nan)
         for mode in modes
@@ -440,36 +578,51 @@ def _meetings(
     ]
 
 
-def _near(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
-    """Rates to examine: while the shaft sticks part of the time, the mode is between its coupled and its clamped frequency."""
+def _rates_to_examine(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
+    """Rates to examine: while the shaft sticks part of the time, the mode is between its coupled
+    and its clamped frequency.
+    """
     mode = next(m for m in modes if m.name == meeting.mode)
     ratio = (mode.fixed_frequency or mode.frequency) / mode.frequency
-    return [meeting.rate * float(s) for s in np.unique(np.linspace(1.0, ratio if abs(ratio - 1.0) <= 0.1 else 1.0, 3))]
+    return [
+        meeting.rate * float(s)
+        for s in np.unique(np.linspace(1.0, ratio if abs(ratio - 1.0) <= 0.1 else 1.0, 3))
+    ]
 
 
-def _strongest(meeting: Resonance, cases: Sequence[RateCase]) -> Resonance | None:
-    """The meeting at that of its rates at which its line is largest; None where the line is too small to be one."""
-    found = [(x, case.rate) for case in cases for x in _not_small(case) if x.line == meeting.line]
+def _strongest_crossing(meeting: Resonance, cases: Sequence[RateCase]) -> Resonance | None:
+    """The meeting at that of its rates at which its line is largest; None where the line is too
+    small to be one.
+    """
+    found = [
+        (x, case.rate) for case in cases for x in _significant_lines(case) if x.line == meeting.line
+    ]
     if not found:
-        return meeting if all(case.failed for case in cases) else None
+        if all(case.failed for case in cases):
+            return meeting
+        return None
     line, rate = max(found, key=lambda item: item[0].amplitude)
     return replace(meeting, rate=rate, frequency=line.frequency, amplitude=line.amplitude)
 
 
-def _not_small(case: RateCase) -> list[RateLine]:
+def _significant_lines(case: RateCase) -> list[RateLine]:
     top = max((x.amplitude for x in case.lines), default=0.0)
-    return [x for x in case.lines if x.amplitude >= SMALL * top]
+    return [x for x in case.lines if x.amplitude >= MIN_RESONANCE_RATIO * top]
 
 
-def _suspicious(cases: Iterable[RateCase], band: tuple[float, float]) -> list[RateCase]:
+def _unconfirmed_cases(cases: Iterable[RateCase], band: tuple[float, float]) -> list[RateCase]:
     """Steady states beside rates at which the drive excites itself, that are not confirmed yet."""
     ordered = sorted(cases, key=lambda case: (case.microsteps, case.rate))
     pairs = [(a, b) for a, b in pairwise(ordered) if a.microsteps == b.microsteps]
     beside = {id(case) for a, b in pairs for case, other in ((a, b), (b, a)) if other.rings(band)}
-    return [case for case in ordered if id(case) in beside and not case.reason and not case.confirmed]
+    return [
+        case for case in ordered if id(case) in beside and not case.reason and not case.confirmed
+    ]
 
 
-def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float], solve: Solve) -> list[Forbidden]:
+def _forbidden(
+    row: Sequence[RateCase], limit: float, band: tuple[float, float], solve: Solve
+) -> list[Forbidden]:
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
     def state(case: RateCase) -> str:
@@ -478,39 +631,71 @@ def _forbidden(row: Sequence[RateCase], limit: float, band: tuple[float, float],
     edges = [(a, b) for a, b in pairwise(row) if state(a) != state(b)]
     n = row[0].microsteps
     for _ in range(BISECTIONS):
-        middles = solve([(0.5 * (a.rate + b.rate), n, a.rings(band) or b.rings(band)) for a, b in edges])
-        edges = [(m, b) if state(m) == state(a) else (a, m) for (a, b), m in zip(edges, middles, strict=True)]
+        middles = solve(
+            [(0.5 * (a.rate + b.rate), n, a.rings(band) or b.rings(band)) for a, b in edges]
+        )
+        edges = [
+            (m, b) if state(m) == state(a) else (a, m)
+            for (a, b), m in zip(edges, middles, strict=True)
+        ]
     turns = iter(0.5 * (a.rate + b.rate) for a, b in edges)
     bands, low = [], row[0].rate
     for why, group in groupby(row, state):
         members = list(group)
-        high = row[-1].rate if members[-1] is row[-1] else next(turns)
+        if members[-1] is row[-1]:
+            high = row[-1].rate
+        else:
+            high = next(turns)
         if why:
-            beyond = why in (ABOVE_PASSBAND, NOT_LINEAR)
+            beyond = why in (ABOVE_PASSBAND, BEYOND_LINEAR_MODEL)
             each = (
-                case.largest_unseen(band) if beyond else case.largest(band, hidden=why == HIDES) for case in members
+                case.largest_unseen(band)
+                if beyond
+                else case.largest(band, hidden=why == HIDDEN_LINE)
+                for case in members
             )
-            top = max((line for line in each if line is not None), key=lambda line: line.amplitude, default=None)
-            text = members[0].reason if why == "failed" else why
+            top = max(
+                (line for line in each if line is not None),
+                key=lambda line: line.amplitude,
+                default=None,
+            )
+            if why == "failed":
+                text = members[0].reason
+            else:
+                text = why
             if why == ABOVE_PASSBAND:
                 such = f", such as {top.line}" if top else ""
-                text = f"{why} ({_way_out(members, band, limit)}){such}"
-            bands.append(Forbidden(n, low, high, text, top.line if top else "", top.amplitude if top else math.nan))
+                text = f"{why} ({_required_sample_rate(members, band, limit)}){such}"
+            bands.append(
+                Forbidden(
+                    n, low, high, text, top.line if top else "", top.amplitude if top else math.nan
+                )
+            )
         low = high
     return bands
 
 
-def _way_out(cases: Iterable[RateCase], band: tuple[float, float], limit: float) -> str:
+def _required_sample_rate(
+    cases: Iterable[RateCase], band: tuple[float, float], limit: float
+) -> str:
     """The sample rate from which a record shows what may be above the limit [N m]."""
     above = [x.frequency[x.most > limit] for case in cases for x in case.unseen_in(band)]
     return f"record.sample_rate >= {rounded_up(float(np.max(np.concatenate(above))) / PASSBAND)} Hz"
 
 
-def rate_grid(low: Given, high: Given, count: int = 200) -> tuple[Si, ...]:
-    """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError if they do not make a range."""
-    low, high = (quantity(key, rate, "rad/s", example="deg/s") for key, rate in (("from", low), ("to", high)))
+def rate_grid(low: GivenQuantity, high: GivenQuantity, count: int = 200) -> tuple[Si, ...]:
+    """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError if they
+    do not make a range.
+    """
+    low, high = (
+        quantity(key, rate, "rad/s", example="deg/s") for key, rate in (("from", low), ("to", high))
+    )
     count = whole_number("count", count, 2, 10_000)
     if not 0.0 < low < high:
         first, last = (f"{math.degrees(rate):g} deg/s" for rate in (low, high))
-        raise OptionError("from", f"is not allowed; it must be above 0 and below {last}, the end of the range", first)
+        raise OptionError(
+            "from",
+            f"is not allowed; it must be above 0 and below {last}, the end of the range",
+            first,
+        )
     return tuple(map(Si, np.linspace(low, high, count).tolist()))

@@ -1,4 +1,6 @@
-"""Sizing of a solar array simulator: stock springs, arm, counterweights and preload for a frequency and an inertia (Eq. 21-24)."""
+"""Sizing of a solar array simulator: stock springs, arm, counterweights and preload for a frequency
+and an inertia (Eq. 21-24).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.tables import read_table
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.structures import springs
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import COUNTERWEIGHTS, CoilSpring, SimulatorDesign
@@ -21,17 +23,21 @@ from microvib.units import Si
 
 SLACK_RESERVE = 1.5
 """Preload over the largest move of a spring: none goes slack up to that multiple of the amplitude."""
-SCALE = 1e-4
+SETTING_RESOLUTION = 1e-4
 """To what a person sets arm, radius and preload [m]."""
 
 
 class SizingError(MicrovibError):
-    """What is asked for is beyond what the simulator reaches; says which limit binds and what is allowed."""
+    """What is asked for is beyond what the simulator reaches; says which limit binds and what is
+    allowed.
+    """
 
 
 @dataclass(frozen=True)
 class TargetState:
-    """What a simulator is to stand for: torsional frequency [Hz] and whole inertia about the drive axis [kg m^2]."""
+    """What a simulator is to stand for: torsional frequency [Hz] and whole inertia about the drive
+    axis [kg m^2].
+    """
 
     name: str
     frequency: float
@@ -77,20 +83,24 @@ class Setting:
     @cached_property
     def finite_elements(self) -> tuple[float, float]:
         """Torsional frequency [Hz] and inertia [kg m^2] of the meshed simulator."""
-        from microvib.structures.fem.described import solved
+        from microvib.structures.fem.described import solve_design
 
-        modes = solved(self.design, 4)
+        modes = solve_design(self.design, 4)
         torsion = int(np.argmax(np.abs(modes.participation[5])))
         return float(modes.frequency[torsion]), float(modes.mass[5, 5])
 
     @property
     def equations(self) -> dict[str, float]:
-        """Eq. 21 to 24 at this setting, as they stand: without what tension adds, J_SAS the inertia that the springs hold."""
+        """Eq. 21 to 24 at this setting, as they stand: without what tension adds, J_SAS the inertia
+        that the springs hold.
+        """
         d = self.design
         printed = 2.0 * d.arm * math.sqrt(2.0 * d.spring.rate / d.moving_inertia)
         return {
             "kinetic_energy_j": springs.kinetic_energy(d.moving_inertia, printed * self.amplitude),
-            "spring_energy_j": springs.spring_energy(d.spring.rate, d.arm, d.preload, self.amplitude),
+            "spring_energy_j": springs.spring_energy(
+                d.spring.rate, d.arm, d.preload, self.amplitude
+            ),
             "stiffness_n_m_per_rad": torsion_stiffness(d.spring.rate, d.arm),
             "printed_eq_24_rad_per_s": printed,
             "frequency_hz": springs.torsion_frequency(d.spring.rate, d.arm, d.moving_inertia),
@@ -116,7 +126,9 @@ class Sizing:
 
 
 def stock_springs() -> tuple[CoilSpring, ...]:
-    """Springs of the catalog's table: rates in steps of E12, which a maker winds to order or has in stock."""
+    """Springs of the catalog's table: rates in steps of E12, which a maker winds to order or has in
+    stock.
+    """
     return tuple(
         CoilSpring(
             name=row["name"],
@@ -135,91 +147,122 @@ def paper_states() -> tuple[TargetState, ...]:
     """The five states of Table 2."""
     rows = read_table("table2_states")
     return tuple(
-        TargetState(f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"]))
+        TargetState(
+            f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"])
+        )
         for row in rows
     )
 
 
 def state_of_array(model: ModalModel, name: str) -> TargetState:
-    """What a simulator is to stand for an array: the frequency of its dominant torsion mode, and its inertia."""
+    """What a simulator is to stand for an array: the frequency of its dominant torsion mode, and
+    its inertia.
+    """
     dominant = int(np.argmax(model.effective[model.axis]))
     return TargetState(name, float(model.frequency[dominant]), model.inertia)
 
 
-def size(target: TargetState, states: Sequence[TargetState], base: SimulatorDesign, amplitude: float) -> Sizing:
-    """``base`` with springs, preload, arm and counterweights for ``target`` and ``states``; ``amplitude`` [rad].
+def size(
+    target: TargetState, states: Sequence[TargetState], base: SimulatorDesign, amplitude: float
+) -> Sizing:
+    """``base`` with springs, preload, arm and counterweights for ``target`` and ``states``;
+    ``amplitude`` [rad].
 
-    One spring for all where a stock spring reaches all, that whose arms stay farthest from the ends of their range. Raises
-    SizingError.
+    One spring for all where a stock spring reaches all, that whose arms stay farthest from the ends
+    of their range. Raises SizingError.
     """
     fitted = [_fitted(base, spring, amplitude) for spring in stock_springs()]
-    usable = [design for design in fitted if _bears(design, amplitude)]
+    usable = [design for design in fitted if _springs_suffice(design, amplitude)]
     if not usable:
         raise SizingError(_amplitude_sentence(base, amplitude))
     wanted = (target, *states)
-    reached = [[s for state in wanted if (s := _set(design, state, amplitude))] for design in usable]
+    reached = [
+        [s for state in wanted if (s := _setting_for_state(design, state, amplitude))]
+        for design in usable
+    ]
     complete = [row for row in reached if len(row) == len(wanted)]
     best = max(complete, key=lambda row: min(s.margin for s in row), default=None)
     if best is None:
-        best = [_best(state, usable, [s for row in reached for s in row if s.state is state]) for state in wanted]
+        best = [
+            _best(state, usable, [s for row in reached for s in row if s.state is state])
+            for state in wanted
+        ]
     return Sizing(best[0], tuple(best[1:]))
 
 
 def _fitted(base: SimulatorDesign, spring: CoilSpring, amplitude: float) -> SimulatorDesign:
-    preload = _on_scale(SLACK_RESERVE * base.adjustment.arm_max * amplitude)
+    preload = _round_to_setting(SLACK_RESERVE * base.adjustment.arm_max * amplitude)
     return base.model_copy(update={"spring": spring, "preload": preload})
 
 
-def _on_scale(length: float) -> float:
-    return round(round(length / SCALE) * SCALE, 9)
+def _round_to_setting(length: float) -> float:
+    return round(round(length / SETTING_RESOLUTION) * SETTING_RESOLUTION, 9)
 
 
-def _bears(design: SimulatorDesign, amplitude: float) -> bool:
-    """Whether the springs fit between slider and rail and bear their largest stretch at the longest arm."""
+def _springs_suffice(design: SimulatorDesign, amplitude: float) -> bool:
+    """Whether the springs fit between slider and rail and bear their largest stretch at the longest
+    arm.
+    """
     fits = design.hook_end + design.adjustment.screw <= design.frame.rail
     longest = design.model_copy(update={"arm": design.adjustment.arm_max})
     setting = Setting(TargetState("", 0.0, 0.0), longest, amplitude)
     return fits and setting.stress <= setting.allowable
 
 
-def _best(state: TargetState, usable: Sequence[SimulatorDesign], found: Sequence[Setting]) -> Setting:
+def _best(
+    state: TargetState, usable: Sequence[SimulatorDesign], found: Sequence[Setting]
+) -> Setting:
     if not found:
         raise SizingError(_state_sentence(state, usable))
     return max(found, key=lambda s: s.margin)
 
 
-def _set(design: SimulatorDesign, state: TargetState, amplitude: float) -> Setting | None:
+def _setting_for_state(
+    design: SimulatorDesign, state: TargetState, amplitude: float
+) -> Setting | None:
     """The design set to a state, or None where that is out of its reach."""
     arm = arm_for(design, state)
     a = design.adjustment
     if not a.arm_min <= arm <= a.arm_max:
         return None
-    placed = design.model_copy(update={"arm": min(max(_on_scale(arm), a.arm_min), a.arm_max)})
+    placed = design.model_copy(
+        update={"arm": min(max(_round_to_setting(arm), a.arm_min), a.arm_max)}
+    )
     middle = 0.5 * (a.radius_min + a.radius_max)
-    radii = {m: r for m in a.masses if a.radius_min <= (r := radius_for(placed, state, m)) <= a.radius_max}
+    radii = {
+        m: r
+        for m in a.masses
+        if a.radius_min <= (r := radius_for(placed, state, m)) <= a.radius_max
+    }
     if not radii:
         return None
     mass = min(radii, key=lambda m: abs(radii[m] - middle))
-    radius = min(max(_on_scale(radii[mass]), a.radius_min), a.radius_max)
+    radius = min(max(_round_to_setting(radii[mass]), a.radius_min), a.radius_max)
     weight = design.counterweight.model_copy(update={"mass": mass, "radius": radius})
     title = f"Solar array simulator set to {state.frequency:.4g} Hz, {state.inertia:.4g} kg m²"
     source = f"Sized by microvib from: {design.title}. {design.source}"[:4000]
     final = placed.model_copy(update={"counterweight": weight, "title": title, "source": source})
-    return Setting(state, validated(SimulatorDesign, final.model_dump(), si=True), amplitude)
+    return Setting(state, validate_part(SimulatorDesign, final.model_dump(), si=True), amplitude)
 
 
 def arm_for(design: SimulatorDesign, state: TargetState) -> float:
-    """Arm l [m] that gives a state's frequency, with the sliders on the shaft at that arm, too; 0 where no arm is short enough."""
+    """Arm l [m] that gives a state's frequency, with the sliders on the shaft at that arm, too; 0
+    where no arm is short enough.
+    """
     W2 = (2.0 * math.pi * state.frequency) ** 2
     with_arm = SPRINGS / 2 * (design.plate.slider_mass + design.spring.mass)
     fixed = design.J_h - with_arm * design.arm**2
     tension = design.stiffness - torsion_stiffness(design.spring.rate, design.arm)
-    square = (W2 * (state.inertia - fixed) - tension) / (SPRINGS * design.spring.rate + W2 * with_arm)
+    square = (W2 * (state.inertia - fixed) - tension) / (
+        SPRINGS * design.spring.rate + W2 * with_arm
+    )
     return math.sqrt(max(square, 0.0))
 
 
 def radius_for(design: SimulatorDesign, state: TargetState, mass: float) -> float:
-    """Radius [m] at which counterweights of ``mass`` [kg] give a state's inertia; 0 where the frame alone has more."""
+    """Radius [m] at which counterweights of ``mass`` [kg] give a state's inertia; 0 where the frame
+    alone has more.
+    """
     needed = (state.inertia - _with_weights(design, mass, 0.0)) / COUNTERWEIGHTS
     return math.sqrt(max(needed, 0.0) / (mass + design.frame.weight_seat_mass))
 
@@ -234,12 +277,19 @@ def _amplitude_sentence(base: SimulatorDesign, amplitude: float) -> str:
     low, high = 0.0, amplitude
     for _ in range(40):  # halving: both limits grow with the amplitude
         middle = 0.5 * (low + high)
-        works = any(_bears(_fitted(base, spring, middle), middle) for spring in stock_springs())
-        low, high = (middle, high) if works else (low, middle)
+        works = any(
+            _springs_suffice(_fitted(base, spring, middle), middle) for spring in stock_springs()
+        )
+        if works:
+            low, high = (middle, high)
+        else:
+            low, high = (low, middle)
     preload = SLACK_RESERVE * base.adjustment.arm_max * amplitude
     return (
-        f"an amplitude of {math.degrees(amplitude):.4g} deg at an arm of {1e3 * base.adjustment.arm_max:g} mm requires a preload of"
-        f" {1e3 * preload:.3g} mm, for which every stock spring is too long between slider and rail or too highly stressed;"
+        f"an amplitude of {math.degrees(amplitude):.4g} deg at an arm of"
+        f" {1e3 * base.adjustment.arm_max:g} mm requires a preload of"
+        f" {1e3 * preload:.3g} mm, for which every stock spring is too long between slider and rail"
+        " or too highly stressed;"
         f" allowed is at most {math.degrees(low):.3g} deg"
     )
 
@@ -248,27 +298,40 @@ def _state_sentence(state: TargetState, usable: Sequence[SimulatorDesign]) -> st
     """Which limit keeps a state out of reach: inertia first, then frequency."""
     a, what = usable[0].adjustment, f"{state.name}: "
     arms = [min(max(arm_for(design, state), a.arm_min), a.arm_max) for design in usable]
-    placed = [design.model_copy(update={"arm": arm}) for design, arm in zip(usable, arms, strict=True)]
+    placed = [
+        design.model_copy(update={"arm": arm}) for design, arm in zip(usable, arms, strict=True)
+    ]
     least = min(_with_weights(design, min(a.masses), a.radius_min) for design in placed)
     most = max(_with_weights(design, max(a.masses), a.radius_max) for design in placed)
     masses = ", ".join(f"{m:g}" for m in a.masses)
     if not least <= state.inertia <= most:
         low = state.inertia < least
-        m, r, J = (min(a.masses), a.radius_min, least) if low else (max(a.masses), a.radius_max, most)
+        if low:
+            m, r, J = (min(a.masses), a.radius_min, least)
+        else:
+            m, r, J = (max(a.masses), a.radius_max, most)
         return (
-            f"{what}an inertia of {state.inertia:g} kg*m^2 is out of reach: counterweights of {m:g} kg at {1e3 * r:g} mm give"
+            f"{what}an inertia of {state.inertia:g} kg*m^2 is out of reach: counterweights of {m:g}"
+            f" kg at {1e3 * r:g} mm give"
             f" {J:.4g} kg*m^2; allowed are {least:.4g} to {most:.4g} kg*m^2"
         )
-    if not any(a.radius_min <= radius_for(d, state, m) <= a.radius_max for d in placed for m in a.masses):
+    if not any(
+        a.radius_min <= radius_for(d, state, m) <= a.radius_max for d in placed for m in a.masses
+    ):
         return (
-            f"{what}an inertia of {state.inertia:g} kg*m^2 lies between what counterweights of {masses} kg reach from"
+            f"{what}an inertia of {state.inertia:g} kg*m^2 lies between what counterweights of"
+            f" {masses} kg reach from"
             f" {1e3 * a.radius_min:g} to {1e3 * a.radius_max:g} mm; add a mass to adjustment.masses"
         )
     slow = min(_frequency_at(design, state, a.arm_min) for design in usable)
     fast = max(_frequency_at(design, state, a.arm_max) for design in usable)
-    which, end, given = ("softest", a.arm_min, slow) if state.frequency < slow else ("stiffest", a.arm_max, fast)
+    if state.frequency < slow:
+        which, end, given = ("softest", a.arm_min, slow)
+    else:
+        which, end, given = ("stiffest", a.arm_max, fast)
     return (
-        f"{what}a frequency of {state.frequency:g} Hz with {state.inertia:g} kg*m^2 is out of reach: the {which} stock springs at"
+        f"{what}a frequency of {state.frequency:g} Hz with {state.inertia:g} kg*m^2 is out of"
+        f" reach: the {which} stock springs at"
         f" an arm of {1e3 * end:g} mm give {given:.4g} Hz; allowed are {slow:.4g} to {fast:.4g} Hz"
     )
 
@@ -300,21 +363,32 @@ def parts_of(design: SimulatorDesign) -> tuple[np.ndarray, np.ndarray, tuple[str
         ("frame", 1, design.frame_inertia, t.frame * design.frame_inertia),
         ("preload", 1, design.preload, t.preload * design.preload),
     ]
-    kinds, values, limits = zip(*(row[:1] + row[2:] for row in table for _ in range(row[1])), strict=True)
+    kinds, values, limits = zip(
+        *(row[:1] + row[2:] for row in table for _ in range(row[1])), strict=True
+    )
     return np.array(values), np.array(limits), kinds
 
 
 def response(design: SimulatorDesign, values: np.ndarray) -> tuple[Any, Any]:
-    """Torsional frequency [Hz] and inertia [kg m^2] with single parts off: ``values`` (..., p) as ``parts_of`` orders them."""
-    rate, arm, mass, radius, frame, preload = np.split(values, np.cumsum([SPRINGS, 4, 4, 4, 1]), axis=-1)
+    """Torsional frequency [Hz] and inertia [kg m^2] with single parts off: ``values`` (..., p) as
+    ``parts_of`` orders them.
+    """
+    rate, arm, mass, radius, frame, preload = np.split(
+        values, np.cumsum([SPRINGS, 4, 4, 4, 1]), axis=-1
+    )
     d, f, w = design, design.frame, design.counterweight
     force = d.spring.initial_tension + rate * preload
     length = d.spring.free_length + preload
     stiffness = (
-        rate * np.repeat(arm, 2, axis=-1) ** 2 + springs.preload_stiffness(force, d.plate.hook, length) / SPRINGS
+        rate * np.repeat(arm, 2, axis=-1) ** 2
+        + springs.preload_stiffness(force, d.plate.hook, length) / SPRINGS
     )
     seats = (f.spring_seat_mass + d.spring.mass) * (arm**2 - d.arm**2)
-    weights = (mass + f.weight_seat_mass) * radius**2 + mass * w.diameter**2 / 8.0 + f.weight_seat_mass * f.rail**2 / 3
+    weights = (
+        (mass + f.weight_seat_mass) * radius**2
+        + mass * w.diameter**2 / 8.0
+        + f.weight_seat_mass * f.rail**2 / 3
+    )
     moving = frame[..., 0] + d.seats_inertia + seats.sum(-1) + weights.sum(-1)
     on_shaft = d.J_h + ((d.plate.slider_mass + d.spring.mass) * (arm**2 - d.arm**2)).sum(-1)
     return np.sqrt(stiffness.sum(-1) / moving) / (2.0 * np.pi), moving + on_shaft
@@ -328,6 +402,11 @@ def tolerance(design: SimulatorDesign) -> Tolerance:
     up, down = (np.array(response(design, values + side * steps)) for side in (1.0, -1.0))
     change = (up - down) / 2e-3 / nominal[:, None]  # of each part at its limit, (2, p)
     size = np.abs(change)
-    groups = {kind: tuple(size[:, [k == kind for k in kinds]].sum(axis=1).tolist()) for kind in dict.fromkeys(kinds)}
-    deviation = np.sqrt((size**2).sum(axis=1) / 3.0)  # variance of a uniform distribution: a third of limit^2
+    groups = {
+        kind: tuple(size[:, [k == kind for k in kinds]].sum(axis=1).tolist())
+        for kind in dict.fromkeys(kinds)
+    }
+    deviation = np.sqrt(
+        (size**2).sum(axis=1) / 3.0
+    )  # variance of a uniform distribution: a third of limit^2
     return Tolerance(groups, tuple(size.sum(axis=1).tolist()), tuple(deviation.tolist()))

@@ -1,4 +1,6 @@
-"""Which uncertain value matters most for each line: what a line does while one value at a time goes through its range."""
+"""Which uncertain value matters most for each line: what a line does while one value at a time goes
+through its range.
+"""
 
 from __future__ import annotations
 
@@ -10,51 +12,68 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.lines import expected_in, lines_of_samples
-from microvib.analysis.margins import OWN_ERROR
+from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
-from microvib.studies.workers import all_cores
+from microvib.studies.workers import parallel_calls
 from microvib.units import Quantity, convert
 
 STEP = 0.02
 """Part by which a value is changed for the derivative, to both sides."""
-BENDS = 0.2, 0.5
-"""By how much the slopes on both sides may differ, and by what part of the larger, for a derivative."""
-ALIKE = 0.9
-"""Part of the largest span from which another counts as large: spans come from ends and peaks, not from all between."""
-INSIDE, FINER, STANDS_OUT = 41, 21, 1.1
-"""Values of a range at which the linearised drive is looked at, then about its extremes; and the factor by which one must stand out
-of the ends to be run."""
+SLOPE_TOLERANCES = 0.2, 0.5
+"""By how much the slopes on both sides may differ, and by what part of the larger, for a
+derivative.
+"""
+EQUAL_SPAN_RATIO = 0.9
+"""Part of the largest span from which another counts as large: spans come from ends and peaks, not
+from all between.
+"""
+SCAN_POINTS, REFINED_POINTS, MIN_EXTREME_RATIO = 41, 21, 1.1
+"""Values of a range at which the linearised drive is looked at, then about its extremes; and the
+factor by which one must stand out of the ends to be run."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
-NOT_RANKED = "sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key"
+NOT_RANKED = (
+    "sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key"
+)
 _RANGE = re.compile(r"; range (.+) to (.+)$")
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What one value does to one line, the others as they are; amplitudes nan where a run failed or has no such line."""
+    """What one value does to one line, the others as they are; amplitudes nan where a run failed or
+    has no such line.
+    """
 
     key: str
     value: float
     """In SI, like the range."""
     range: tuple[float, float]
     sensitivity: float
-    """d ln amplitude / d ln value, by central difference over STEP; nan where the slopes on both sides differ beyond BENDS: there
-    the line jumps to another motion, or bends, and has no derivative."""
+    """d ln amplitude / d ln value, by central difference over STEP; nan where the slopes on both
+    sides differ beyond BENDS: there the line jumps to another motion, or bends, and has no
+    derivative."""
     slopes: tuple[float, float]
     """The same below and above the value."""
     amplitudes: tuple[float, float]
     """Amplitudes [N m] at both ends of the range."""
     between: tuple[tuple[float, float], ...] = ()
-    """Values [SI] within the range where the linearised drive's line has an extreme, and amplitudes [N m] there."""
+    """Values [SI] within the range where the linearised drive's line has an extreme, and amplitudes
+    [N m] there.
+    """
 
     def span(self, amplitude: float) -> float:
-        """How far the line, ``amplitude`` [N m] with the value itself, moves within the range [N m]."""
-        known = [x for x in (amplitude, *self.amplitudes, *(x for _, x in self.between)) if math.isfinite(x)]
+        """How far the line, ``amplitude`` [N m] with the value itself, moves within the range [N
+        m].
+        """
+        known = [
+            x
+            for x in (amplitude, *self.amplitudes, *(x for _, x in self.between))
+            if math.isfinite(x)
+        ]
         return max(known) - min(known)
 
     @property
@@ -76,14 +95,18 @@ class LineEffects:
     def verdict(self) -> str:
         """Which value matters most, in words, as far as that is told."""
         spans = [effect.span(self.amplitude) for effect in self.effects]
-        most = [e.key for e, span in zip(self.effects, spans, strict=True) if span >= ALIKE * max(spans)]
+        most = [
+            e.key
+            for e, span in zip(self.effects, spans, strict=True)
+            if span >= EQUAL_SPAN_RATIO * max(spans)
+        ]
         lost = [e.key for e in self.effects if e.lost]
         said = f"{' and '.join(most)} matter{'s' if len(most) == 1 else ''} most"
         if len(most) > 2:
             said = f"{len(most)} of {len(spans)} values move it as far: which of them matters most cannot be said"
-        if max(spans) <= 2.0 * OWN_ERROR * self.amplitude:
+        if max(spans) <= 2.0 * MIN_RELATIVE_ERROR * self.amplitude:
             said = "no value moves it beyond the error of a run"
-        return said + (f"; somewhere in the range of {', '.join(lost)} it is not known" if lost else "")
+        return said + (f"; it is unknown in part of the range of {', '.join(lost)}" if lost else "")
 
 
 @dataclass(frozen=True)
@@ -103,14 +126,18 @@ class Ranking:
     lines: tuple[LineEffects, ...]
     failed: tuple[Failed, ...]
     left_out: dict[str, str]
-    """Values of which the file says that they are assumed, or notes a range, by dotted key, and why they do not take part."""
+    """Values of which the file says that they are assumed, or notes a range, by dotted key, and why
+    they do not take part.
+    """
 
     def __iter__(self) -> Iterator[LineEffects]:
         return iter(self.lines)
 
 
-def left_out(scenario: Scenario) -> dict[str, str]:
-    """Values with a source of their own that are not ranked though they are assumed or have a range, and why."""
+def unranked_values(scenario: Scenario) -> dict[str, str]:
+    """Values with a source of their own that are not ranked though they are assumed or have a
+    range, and why.
+    """
     found, ranked = {}, noted_ranges(scenario)
     for key, value, _ in scenario.entries():
         source = scenario.sources.get(key, "")
@@ -124,7 +151,9 @@ def left_out(scenario: Scenario) -> dict[str, str]:
 
 
 def noted_ranges(scenario: Scenario) -> dict[str, tuple[float, float]]:
-    """Ranges [SI] that sources of continuous values note, as ``...; range LOW to HIGH``, by dotted key."""
+    """Ranges [SI] that sources of continuous values note, as ``...; range LOW to HIGH``, by dotted
+    key.
+    """
     found = {}
     for key, value, quantity in scenario.entries():
         noted = _RANGE.search(scenario.sources.get(key, ""))
@@ -140,16 +169,20 @@ def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[flo
     except ValueError as error:
         raise MicrovibError(f"sources.{key}: the range {low} to {high} {error}") from None
     if not ends[0] < ends[1]:
-        raise MicrovibError(f"sources.{key}: range {low} to {high}: the first must be below the second")
+        raise MicrovibError(
+            f"sources.{key}: range {low} to {high}: the first must be below the second"
+        )
     return ends
 
 
 def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ranking:
-    """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by four runs a value or more.
+    """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by
+    four runs a value or more.
 
-    Two are beside the value, two at the ends of its range, and more where the linearised drive has a resonance or its opposite
-    for a line in between. Runs begin at rest and have the scenario's record. MicrovibError where no source notes a range; raises
-    what ``simulate`` raises for the scenario itself, while a changed one that fails has no amplitudes and is listed. Integers are
+    Two are beside the value, two at the ends of its range, and more where the linearised drive has
+    a resonance or its opposite for a line in between. Runs begin at rest and have the scenario's
+    record. MicrovibError where no source notes a range; raises what ``simulate`` raises for the
+    scenario itself, while a changed one that fails has no amplitudes and is listed. Integers are
     not ranked.
     """
     ranges = noted_ranges(scenario)
@@ -164,18 +197,29 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
         raise base
     table = lines_of_samples(base.T_d, base.sample_rate, scenario)
     main = sorted(
-        (x for x in table.notable() if x.kind not in ("sideband", "other") and math.isfinite(x.amplitude_n_m)),
+        (
+            x
+            for x in table.notable()
+            if x.kind not in ("sideband", "other") and math.isfinite(x.amplitude_n_m)
+        ),
         key=lambda x: -x.amplitude_n_m,
     )[:MAX_LINES]
 
     inside = {
-        key: _extremes(scenario, key, values[key], ends, [line.line for line in main]) for key, ends in ranges.items()
+        key: _extremes(scenario, key, values[key], ends, [line.line for line in main])
+        for key, ends in ranges.items()
     }
-    points = [(key, x) for key, ends in ranges.items() for x in (*_near(values[key]), *ends, *inside[key])]
+    points = [
+        (key, x)
+        for key, ends in ranges.items()
+        for x in (*_perturbed_values(values[key]), *ends, *inside[key])
+    ]
 
-    with all_cores(progress) as calls:
+    with parallel_calls(progress) as calls:
         runs = calls(_amplitudes, ((scenario, *point) for point in points))
-    failed = [Failed(*point, why) for point, why in zip(points, runs, strict=True) if isinstance(why, str)]
+    failed = [
+        Failed(*point, why) for point, why in zip(points, runs, strict=True) if isinstance(why, str)
+    ]
     each = iter({} if isinstance(found, str) else found for found in runs)
     by_key = {key: [next(each) for _ in range(4 + len(inside[key]))] for key in ranges}
     result = []
@@ -193,41 +237,55 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
         ]
         ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude_n_m)))
         result.append(LineEffects(line.line, line.frequency_hz, line.amplitude_n_m, ranked))
-    return Ranking(tuple(result), tuple(failed), left_out(scenario))
+    return Ranking(tuple(result), tuple(failed), unranked_values(scenario))
 
 
-def _near(value: float) -> tuple[float, float]:
+def _perturbed_values(value: float) -> tuple[float, float]:
     return value * (1.0 - STEP), value * (1.0 + STEP)
 
 
 def _extremes(
     scenario: Scenario, key: str, value: float, ends: tuple[float, float], lines: Sequence[str]
 ) -> tuple[float, ...]:
-    """Values within the range at which the linearised drive's ``lines`` are larger, or smaller, than at its ends and ``value``."""
-    grid = np.linspace(*ends, INSIDE)
+    """Values within the range at which the linearised drive's ``lines`` are larger, or smaller,
+    than at its ends and ``value``.
+    """
+    grid = np.linspace(*ends, SCAN_POINTS)
     gains = _gains(scenario, key, [*grid, value], lines)
     step, found = grid[1] - grid[0], set[float]()
     for k in np.flatnonzero(np.any(np.isfinite(gains), axis=0)).tolist():
         for sign in (1.0, -1.0):
             known = sign * np.log(gains[:, k])
             at = int(np.nanargmax(known[:-1]))
-            close = np.linspace(max(grid[at] - step, ends[0]), min(grid[at] + step, ends[1]), FINER)
+            close = np.linspace(
+                max(grid[at] - step, ends[0]), min(grid[at] + step, ends[1]), REFINED_POINTS
+            )
             finer = sign * np.log(_gains(scenario, key, close, [lines[k]])[:, 0])
-            if np.nanmax(finer) > np.nanmax(known[[0, -2, -1]]) + math.log(STANDS_OUT):
+            if np.nanmax(finer) > np.nanmax(known[[0, -2, -1]]) + math.log(MIN_EXTREME_RATIO):
                 found.add(float(f"{close[int(np.nanargmax(finer))]:.4g}"))
     return tuple(sorted(x for x in found if ends[0] < x < ends[1]))
 
 
-def _gains(scenario: Scenario, key: str, values: Sequence[float] | np.ndarray, lines: Sequence[str]) -> np.ndarray:
-    """T_d of the linearised drive for 1 N m on the rotor at each line of the clock, (values, lines); nan of others."""
+def _gains(
+    scenario: Scenario, key: str, values: Sequence[float] | np.ndarray, lines: Sequence[str]
+) -> np.ndarray:
+    """T_d of the linearised drive for 1 N m on the rotor at each line of the clock, (values,
+    lines); nan of others.
+    """
     gains = np.full((len(values), len(lines)), np.nan)
     for row, value in zip(gains, values, strict=True):
         try:
             changed = scenario.with_si({key: float(value)})
         except MicrovibError:
             continue
-        at = {x.name: x.frequency for x in expected_in(changed, changed.record.sample_rate) if not x.is_mode}
-        for k, f in ((k, at[name]) for k, name in enumerate(lines) if name in at and at[name] > 0.0):
+        at = {
+            x.name: x.frequency
+            for x in expected_in(changed, changed.record.sample_rate)
+            if not x.is_mode
+        }
+        for k, f in (
+            (k, at[name]) for k, name in enumerate(lines) if name in at and at[name] > 0.0
+        ):
             dynamic = dynamic_stiffness(changed, f)
             moved = np.linalg.solve(dynamic, np.eye(dynamic.shape[0])[0])
             row[k] = (2.0 * math.pi * f) ** 2 * abs(momentum_row(changed, f) @ moved)
@@ -250,9 +308,13 @@ def _effect(
             math.log(below / amplitude) / math.log(1.0 - STEP),
             math.log(above / amplitude) / math.log(1.0 + STEP),
         )
-        if abs(sides[1] - sides[0]) <= max(BENDS[0], BENDS[1] * max(map(abs, sides))):
+        if abs(sides[1] - sides[0]) <= max(
+            SLOPE_TOLERANCES[0], SLOPE_TOLERANCES[1] * max(map(abs, sides))
+        ):
             slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP))
-    return Effect(key, value, ends, slope, sides, (low, high), tuple(zip(inside, between, strict=True)))
+    return Effect(
+        key, value, ends, slope, sides, (low, high), tuple(zip(inside, between, strict=True))
+    )
 
 
 def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float] | str:

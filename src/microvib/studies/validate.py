@@ -1,8 +1,9 @@
-"""Everything that the paper claims of its test and simulation, beside what the catalog's scenarios give.
+"""Everything that the paper claims of its test and simulation, beside what the catalog's scenarios
+give.
 
-The drive's unknown parameters were identified from state 1's lines (Tables 5 and 6), so those rows are *calibrated*. What the
-paper does not give and no line tells is *assumed* (``microvib.studies.statements``). The other states are *predicted*: nothing was
-fitted to them.
+The drive's unknown parameters were identified from state 1's lines (Tables 5 and 6), so those rows
+are *calibrated*. What the paper does not give and no line tells is *assumed*
+(``microvib.studies.statements``). The other states are *predicted*: nothing was fitted to them.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ import numpy as np
 from microvib.analysis.lines import lines
 from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import PAPER_LINES, read_table, rows_csv
-from microvib.model.scenario import BY_USER, Scenario
+from microvib.model.scenario import USER_SOURCE, Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.studies.statements import (
-    CENTRAL,
+    ASSUMPTION_RANGES,
+    CENTRAL_ASSUMPTIONS,
     LARGEST_RANGE,
     NAMES,
-    PEAK,
-    SPREAD,
+    PAPER_PEAK_TORQUE,
     STATEMENTS,
     Calibrated,
     Rows,
-    held,
+    fraction_holding,
     kept_draws,
 )
 
@@ -41,7 +42,9 @@ CONVERGENCE_BAR = 0.01
 
 @dataclass(frozen=True)
 class PaperRow:
-    """One line of Tables 5 and 6, with our nearest-bin figure, which is what the paper's estimator would read."""
+    """One line of Tables 5 and 6, with our nearest-bin figure, which is what the paper's estimator
+    would read.
+    """
 
     line: str
     test_hz: float
@@ -65,23 +68,33 @@ class PaperRow:
 def paper_state(scenario: Scenario) -> int | None:
     """Number of the paper's test state that a scenario says it is, by its title; None for others."""
     match = re.search(r"\btest state ([1-5])\b", scenario.title)
-    return int(match.group(1)) if match else None
+    if match:
+        return int(match.group(1))
+    return None
 
 
 def comparison_worth(scenario: Scenario) -> str:
-    """What a comparison with the test is worth: whether parameters were identified from it, are assumed, or changed since."""
+    """What a comparison with the test is worth: whether parameters were identified from it, are
+    assumed, or changed since.
+    """
     texts = {
-        scenario.source_of(key) for key, _, _ in scenario.entries() if key.split(".")[0] not in ("record", "solver")
+        scenario.source_of(key)
+        for key, _, _ in scenario.entries()
+        if key.split(".")[0] not in ("record", "solver")
     }
-    if BY_USER in texts:
+    if USER_SOURCE in texts:
         return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
     if any(text.startswith("identified from the test's lines") for text in texts):
         return "calibrated, not predicted: parameters were identified from these very figures"
-    return "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
+    return (
+        "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
+    )
 
 
 def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
-    """Tables 5 and 6 beside our lines; empty unless the scenario is test state 1, the only one that the paper tabulates."""
+    """Tables 5 and 6 beside our lines; empty unless the scenario is test state 1, the only one that
+    the paper tabulates.
+    """
     f_d = scenario.driving_frequency
     if paper_state(scenario) != 1 or f_d is None or not 50.0 < f_d < 56.0:
         return []
@@ -92,17 +105,23 @@ def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
         if name not in {line.line for line in table} or not table[name].amplitude_n_m > 0.0:
             continue
         line, hz = table[name], frequencies[row["line"]]
-        figures = [(float(hz[f"{who}_hz"]), float(row[f"{who}_n_m"])) for who in ("test", "simulation")]
-        frequency, amplitude = zip(*figures, (line.bin_frequency_hz, line.bin_amplitude_n_m), strict=True)
+        figures = [
+            (float(hz[f"{who}_hz"]), float(row[f"{who}_n_m"])) for who in ("test", "simulation")
+        ]
+        frequency, amplitude = zip(
+            *figures, (line.bin_frequency_hz, line.bin_amplitude_n_m), strict=True
+        )
         rows.append(PaperRow(name, *frequency, *amplitude))
     return rows
 
 
 @dataclass(frozen=True)
 class Check:
-    """One claim: what the paper, its test and we say, and whether our figure meets its bar. nan where nothing is said.
+    """One claim: what the paper, its test and we say, and whether our figure meets its bar. nan
+    where nothing is said.
 
-    What is assumed, and a parameter that was calibrated, claims nothing: it neither holds nor fails.
+    What is assumed, and a parameter that was calibrated, claims nothing: it neither holds nor
+    fails.
     """
 
     item: str
@@ -130,7 +149,9 @@ class SimulatedState:
     table: LineTable
 
 
-def validate(progress: Callable[[str], None] | None = None) -> tuple[list[Check], dict[int, SimulatedState]]:
+def validate(
+    progress: Callable[[str], None] | None = None,
+) -> tuple[list[Check], dict[int, SimulatedState]]:
     """All checks, and the states' motions that they come from."""
     tell = progress or (lambda text: None)
     states = {}
@@ -176,15 +197,27 @@ def _claim(
 
 
 def _near(
-    item: str, source: str, ours: float, bar: float, status: str, *, paper: float, test: float = math.nan
+    item: str,
+    source: str,
+    ours: float,
+    bar: float,
+    status: str,
+    *,
+    paper: float,
+    test: float = math.nan,
 ) -> Check:
-    claim = _claim(item, source, ours, f"within {100 * bar:g} %", True, status, paper=paper, test=test)
+    claim = _claim(
+        item, source, ours, f"within {100 * bar:g} %", True, status, paper=paper, test=test
+    )
     return replace(claim, holds=abs(claim.error_percent) <= 100 * bar)
 
 
 def _equations(scenario: Scenario) -> Iterable[Check]:
     nominal = scenario.with_({"tracking.clock_ratio": 1.0})
-    step, f_d = math.degrees(nominal.driver.full_step(nominal.motor)), nominal.driving_frequency or math.nan
+    step, f_d = (
+        math.degrees(nominal.driver.full_step(nominal.motor)),
+        nominal.driving_frequency or math.nan,
+    )
     yield _near("full step [deg]", "Eq. 25", step, 1e-6, COMPUTED, paper=1.8)
     yield _near("driving frequency [Hz]", "Eq. 26", f_d, 1e-4, COMPUTED, paper=53.33)
 
@@ -194,12 +227,25 @@ def _tables(state: SimulatedState) -> Iterable[Check]:
     resolution = state.motion.sample_rate / state.table.samples
     names = {name: ours for ours, name in PAPER_LINES.items()}
     for r in rows:
-        bar, holds = f"the test's bin, {resolution:g} Hz wide", abs(r.ours_hz - r.test_hz) < 0.5 * resolution
+        bar, holds = (
+            f"the test's bin, {resolution:g} Hz wide",
+            abs(r.ours_hz - r.test_hz) < 0.5 * resolution,
+        )
         item = f"{names[r.line]} line, frequency [Hz]"
-        yield _claim(item, "Table 5", r.ours_hz, bar, holds, CALIBRATED, paper=r.paper_hz, test=r.test_hz)
+        yield _claim(
+            item, "Table 5", r.ours_hz, bar, holds, CALIBRATED, paper=r.paper_hz, test=r.test_hz
+        )
     for r in rows:
         item = f"{names[r.line]} line, nearest-bin amplitude [N m]"
-        yield _near(item, "Table 6", r.ours_n_m, AMPLITUDE_BAR, CALIBRATED, paper=r.paper_n_m, test=r.test_n_m)
+        yield _near(
+            item,
+            "Table 6",
+            r.ours_n_m,
+            AMPLITUDE_BAR,
+            CALIBRATED,
+            paper=r.paper_n_m,
+            test=r.test_n_m,
+        )
 
 
 def _amplitude(state: SimulatedState, line: str) -> float:
@@ -207,13 +253,29 @@ def _amplitude(state: SimulatedState, line: str) -> float:
 
 
 def _assumptions(kept: Rows) -> Iterable[Check]:
-    """What the predictions rest on: what is assumed, with its range, and what is calibrated under the central assumptions."""
-    for key, (low, high) in SPREAD.items():
-        claim = _claim(f"{key} of the central assumptions", "statements", getattr(CENTRAL, key), "", None, ASSUMED)
+    """What the predictions rest on: what is assumed, with its range, and what is calibrated under
+    the central assumptions.
+    """
+    for key, (low, high) in ASSUMPTION_RANGES.items():
+        claim = _claim(
+            f"{key} of the central assumptions",
+            "statements",
+            getattr(CENTRAL_ASSUMPTIONS, key),
+            "",
+            None,
+            ASSUMED,
+        )
         yield replace(claim, bar=f"drawn from {low:g} to {high:g}")
     row = kept[0]
     for key in (f.name for f in fields(Calibrated)):
-        claim = _claim(f"{key} under the central assumptions [SI]", "statements", float(row[key]), "", None, CALIBRATED)
+        claim = _claim(
+            f"{key} under the central assumptions [SI]",
+            "statements",
+            float(row[key]),
+            "",
+            None,
+            CALIBRATED,
+        )
         yield replace(claim, bar="to state 1's four lines")
     for r in read_table("table6_line_amplitudes"):
         name, test = PAPER_LINES[r["line"]], float(r["test_n_m"])
@@ -223,17 +285,21 @@ def _assumptions(kept: Rows) -> Iterable[Check]:
 
 
 def _statements(states: dict[int, SimulatedState], start: float, kept: Rows) -> Iterable[Check]:
-    """The paper's statements under the central assumptions, how often they hold over the spread, and without any of it."""
+    """The paper's statements under the central assumptions, how often they hold over the spread,
+    and without any of it.
+    """
     bare = {
         n: np.array([*(_amplitude(x, name) for name in NAMES), np.abs(x.motion["T_d"]).max()])
         for n, x in states.items()
     }
     bare[0] = np.array([*[math.nan] * len(NAMES), start])
     for k, statement in enumerate(STATEMENTS):
-        ours, (spread, single) = float(kept[0][f"value_{k}"]), held(kept, k)
-        said = {LARGEST_RANGE: "range", PEAK: "largest"}
+        ours, (spread, single) = float(kept[0][f"value_{k}"]), fraction_holding(kept, k)
+        said = {LARGEST_RANGE: "range", PAPER_PEAK_TORQUE: "largest"}
         test = next((value for value, word in said.items() if word in statement.item), math.nan)
-        claim = _claim(statement.item, statement.source, ours, statement.bar, statement.holds(ours), PREDICTED)
+        claim = _claim(
+            statement.item, statement.source, ours, statement.bar, statement.holds(ours), PREDICTED
+        )
         yield replace(
             claim,
             test=test,
@@ -245,7 +311,9 @@ def _statements(states: dict[int, SimulatedState], start: float, kept: Rows) -> 
 
 
 def _numerics(states: dict[int, SimulatedState], finer: SimulatedState) -> Iterable[Check]:
-    change = max(abs(_amplitude(finer, x) / _amplitude(states[1], x) - 1.0) for x in PAPER_LINES.values())
+    change = max(
+        abs(_amplitude(finer, x) / _amplitude(states[1], x) - 1.0) for x in PAPER_LINES.values()
+    )
     forms = max(s.motion.invariants.torque_forms for s in states.values())
     energy = max(s.motion.invariants.energy_mechanical for s in states.values())
     for item, source, ours, most, bar in (
@@ -265,9 +333,13 @@ def checks_csv(checks: Iterable[Check]) -> str:
 
 def _cell(value: object) -> str:
     if isinstance(value, bool | np.bool_):
-        return "yes" if value else "no"
+        if value:
+            return "yes"
+        return "no"
     if value is None:
         return ""
     if isinstance(value, float):
-        return "" if math.isnan(value) else f"{value:.6g}"
+        if math.isnan(value):
+            return ""
+        return f"{value:.6g}"
     return str(value)

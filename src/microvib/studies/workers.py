@@ -1,4 +1,6 @@
-"""Work on all cores: processes that may die or hang at any time, and many calls of one function, on those or on threads."""
+"""Work on all cores: processes that may die or hang at any time, and many calls of one function, on
+those or on threads.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +21,17 @@ from typing import Any, Protocol
 
 from microvib.errors import MicrovibError
 from microvib.solve.integration import Progress
-from microvib.studies.interrupts import any_done, held, threads
+from microvib.studies.interrupts import any_done, deferred_interrupts, threads
 
-POLL = 5.0
+POLL_INTERVAL = 5.0
 """Seconds between two looks at the workers."""
-SILENT = 24
+MAX_MISSED_HEARTBEATS = 24
 """Looks in a row at which a worker gave no sign, after which it is ended: it was stopped, or hangs."""
-BEAT = 1.0
+HEARTBEAT_INTERVAL = 1.0
 """Seconds between two signs of a worker."""
-UNGUARDED = (
-    "microvib: each process imports the script that starts it, so what a script does with several workers stands under"
+MAIN_GUARD_ADVICE = (
+    "microvib: each process imports the script that starts it, so what a script does with several"
+    " workers stands under"
     " if __name__ == '__main__':"
 )
 
@@ -53,7 +56,7 @@ class Backend(Protocol):
 def local(workers: int | None = None) -> Iterator[Backend]:
     """Processes on this machine, one per core by default."""
     pool = _Local(workers or os.cpu_count() or 1)
-    with held():
+    with deferred_interrupts():
         try:
             yield pool
         finally:
@@ -61,15 +64,18 @@ def local(workers: int | None = None) -> Iterator[Backend]:
 
 
 class _Local:
-    """A pool of processes on a leash: a pipe whose far end only the coordinator holds. When it closes, because the coordinator
-    ends or is killed, all workers end at once; they have nothing to save. On another pipe each gives a sign every second; one
-    that gives none for long is killed, and its cases are computed again. Looks are counted, not seconds, so that a coordinator
-    that was itself stopped for a while blames nobody."""
+    """A pool of processes on a leash: a pipe whose far end only the coordinator holds. When it
+    closes, because the coordinator ends or is killed, all workers end at once; they have nothing to
+    save. On another pipe each gives a sign every second; one that gives none for long is killed,
+    and its cases are computed again. Looks are counted, not seconds, so that a coordinator that was
+    itself stopped for a while blames nobody."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self.deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
-        self._context = multiprocessing.get_context("spawn")  # a forked copy of threads and locks may hang
+        self._context = multiprocessing.get_context(
+            "spawn"
+        )  # a forked copy of threads and locks may hang
         self._pool: ProcessPoolExecutor | None = None
         self._held: Connection | None = None
         self._signs: Connection | None = None
@@ -81,7 +87,7 @@ class _Local:
         if getattr(
             multiprocessing.current_process(), "_inheriting", False
         ):  # a process that is being started imports the script
-            raise SystemExit(UNGUARDED)
+            raise SystemExit(MAIN_GUARD_ADVICE)
         self.close()
         # Inherited: workers' small matrices must not wait on busy cores.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -89,9 +95,13 @@ class _Local:
         self._signs, sign = self._context.Pipe(duplex=False)
         self._silent.clear()
         quiet_tracker()
-        self._pool = ProcessPoolExecutor(self.workers, self._context, _on_leash, (leash, sign))
+        self._pool = ProcessPoolExecutor(
+            self.workers, self._context, _initialise_worker, (leash, sign)
+        )
         others = set(multiprocessing.active_children())
-        with _without_interrupts():  # a worker that is still starting must not answer Ctrl-C with a traceback
+        with (
+            _interrupts_blocked()
+        ):  # a worker that is still starting must not answer Ctrl-C with a traceback
             for _ in range(self.workers):  # each starts one, as long as none is idle
                 self._pool.submit(os.getpid)
         self._started = set(multiprocessing.active_children()) - others
@@ -99,28 +109,35 @@ class _Local:
 
     def watch(self) -> None:
         now = time.monotonic()
-        if now - self._looked < 0.9 * POLL:  # asked more often than workers give signs
+        if now - self._looked < 0.9 * POLL_INTERVAL:  # asked more often than workers give signs
             return
         heard, self._looked = set(), now
         while self._signs is not None and self._signs.poll():
             heard.add(int(self._signs.recv_bytes()))
         for pid in heard | set(self._silent):
-            self._silent[pid] = 0 if pid in heard else self._silent[pid] + 1
-            if self._silent[pid] == SILENT:
+            if pid in heard:
+                self._silent[pid] = 0
+            else:
+                self._silent[pid] = self._silent[pid] + 1
+            if self._silent[pid] == MAX_MISSED_HEARTBEATS:
                 with suppress(OSError):  # it has ended meanwhile
                     os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def close(self) -> None:
         if self._held is not None:
             self._held.close()
-        for worker in self._started:  # one that still imports would see only seconds later that the leash is gone
+        for worker in (
+            self._started
+        ):  # one that still imports would see only seconds later that the leash is gone
             worker.kill()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 def quiet_tracker() -> None:
-    """Start the process that clears away what killed processes leave, so that it does so without a warning on the terminal."""
+    """Start the process that clears away what killed processes leave, so that it does so without a
+    warning on the terminal.
+    """
     if os.name != "posix":
         return
     from multiprocessing import resource_tracker
@@ -134,7 +151,7 @@ def quiet_tracker() -> None:
 
 
 @contextmanager
-def _without_interrupts() -> Iterator[None]:
+def _interrupts_blocked() -> Iterator[None]:
     """Holds Ctrl-C back; processes that are started in the meantime never hear it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -146,10 +163,14 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _on_leash(leash: Connection, sign: Connection) -> None:
-    """In a worker: Ctrl-C is for the coordinator, the worker's life is the coordinator's, and it says that it lives."""
+def _initialise_worker(leash: Connection, sign: Connection) -> None:
+    """In a worker: Ctrl-C is for the coordinator, the worker's life is the coordinator's, and it
+    says that it lives.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(signal, "SIGPIPE"):  # what is sent to a coordinator that is gone ends the worker, without a traceback
+    if hasattr(
+        signal, "SIGPIPE"
+    ):  # what is sent to a coordinator that is gone ends the worker, without a traceback
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 
     def watch() -> None:
@@ -161,7 +182,7 @@ def _on_leash(leash: Connection, sign: Connection) -> None:
     def live() -> None:
         with suppress(OSError):
             while True:
-                time.sleep(BEAT)
+                time.sleep(HEARTBEAT_INTERVAL)
                 sign.send_bytes(b"%d" % os.getpid())
 
     sign.send_bytes(b"%d" % os.getpid())  # before any work: one that hangs at once is missed, too
@@ -174,11 +195,12 @@ Calls = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], list[Any]]
 
 
 @contextmanager
-def all_cores(progress: Progress | None = None, workers: int | None = None) -> Iterator[Calls]:
-    """Calls on threads, which share one interpreter, or on so many processes as there are ``workers``; one needs no process.
+def parallel_calls(progress: Progress | None = None, workers: int | None = None) -> Iterator[Calls]:
+    """Calls on threads, which share one interpreter, or on so many processes as there are
+    ``workers``; one needs no process.
 
-    ``progress(done, total)`` counts all calls so far. An interrupt does not wait for what has not begun. MicrovibError where a
-    process was ended, because memory was short or it hung.
+    ``progress(done, total)`` counts all calls so far. An interrupt does not wait for what has not
+    begun. MicrovibError where a process was ended, because memory was short or it hung.
     """
     if workers in (None, 1):
         with threads(workers) as pool:
@@ -208,7 +230,9 @@ def _calls(pool: Executor, progress: Progress | None, watch: Callable[[], None])
                 if progress is not None:
                     progress(done, total)
         except BrokenExecutor:
-            raise MicrovibError("a process that solved cases was ended; memory may be short") from None
+            raise MicrovibError(
+                "a process that solved cases was ended; memory may be short"
+            ) from None
         before = total
         return [future.result() for future in futures]
 

@@ -1,1 +1,3 @@
-"""Test data: recordings, what is done to them before they are analysed, and a virtual bench that makes them."""
+"""Test data: recordings, what is done to them before they are analysed, and a virtual bench that
+makes them.
+"""

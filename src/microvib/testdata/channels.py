@@ -8,16 +8,64 @@ import re
 from microvib.units import convert
 
 LOADS = ("N", "N*m")  # units of what is analysed: forces and torques
-COUNTS = ("counts", "count", "lsb", "digit", "digits", "bit", "bits", "eu")  # units of a converter that nobody scaled
+COUNTS = (
+    "counts",
+    "count",
+    "lsb",
+    "digit",
+    "digits",
+    "bit",
+    "bits",
+    "eu",
+)  # units of a converter that nobody scaled
 FULL_SCALE = "FS"  # unit of samples that are parts of a recorder's full scale
-_OTHERS = ("s", "V", "C", "m/s^2", "degC", "m", "rad", "A", "Hz", "Pa", "K")  # units of what else recordings hold
+_OTHERS = (
+    "s",
+    "V",
+    "C",
+    "m/s^2",
+    "degC",
+    "m",
+    "rad",
+    "A",
+    "Hz",
+    "Pa",
+    "K",
+)  # units of what else recordings hold
 _TIME_UNITS = {
     **dict.fromkeys(
-        ("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden", "seconde", "secondes"), "s"
+        (
+            "s",
+            "sec",
+            "secs",
+            "second",
+            "seconds",
+            "sek",
+            "sekunde",
+            "sekunden",
+            "seconde",
+            "secondes",
+        ),
+        "s",
     ),
-    **dict.fromkeys(("ms", "msec", "msecs", "msek", "millisec", "millisecond", "milliseconds", "millisekunden"), "ms"),
     **dict.fromkeys(
-        ("us", "usec", "µs", "µsec", "μs", "μsec", "microsec", "microsecond", "microseconds", "mikrosekunden"), "us"
+        ("ms", "msec", "msecs", "msek", "millisec", "millisecond", "milliseconds", "millisekunden"),
+        "ms",
+    ),
+    **dict.fromkeys(
+        (
+            "us",
+            "usec",
+            "µs",
+            "µsec",
+            "μs",
+            "μsec",
+            "microsec",
+            "microsecond",
+            "microseconds",
+            "mikrosekunden",
+        ),
+        "us",
     ),
     **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), "ns"),
     **dict.fromkeys(("min", "mins", "minute", "minutes", "minuten"), "min"),
@@ -25,7 +73,9 @@ _TIME_UNITS = {
     **dict.fromkeys(("d", "day", "days", "tag", "tage"), "day"),
 }
 """Units of time, in lower case, as people and programs write them."""
-_TIME = re.compile(r"(time|zeit|temps|tiempo|tempo|abscissa|t)([ _-]?(axis|achse|vector|stamp))?", re.IGNORECASE)
+_TIME = re.compile(
+    r"(time|zeit|temps|tiempo|tempo|abscissa|t)([ _-]?(axis|achse|vector|stamp))?", re.IGNORECASE
+)
 _ENDING = re.compile(r"(.*\w)[ _]((?:[munµ]?s|sec|min|h))", re.IGNORECASE)
 _CATMAN_TIME = re.compile(r"(time|zeit|temps|tiempo|tempo)\s+\d{1,3}(\s*-\s.*)?", re.IGNORECASE)
 """A time axis of catman, such as ``Time  1 - default sample rate``."""
@@ -44,7 +94,9 @@ def is_time(name: str) -> bool:
 
 
 def seconds_per(unit: str) -> float | None:
-    """Seconds in a unit of time as files write it (``s``, ``msec``, ``Sekunden``, ``MS`` of older programs); None if it is none."""
+    """Seconds in a unit of time as files write it (``s``, ``msec``, ``Sekunden``, ``MS`` of older
+    programs); None if it is none.
+    """
     plain = unit.strip().strip("[]()").rstrip(".")
     plain = _TIME_UNITS.get(plain.lower(), plain)
     try:
@@ -56,17 +108,31 @@ def seconds_per(unit: str) -> float | None:
 def what_is_measured_in(unit: str) -> str:
     """Words for what a unit of an axis other than time measures; empty where it is not known."""
     plain = unit.strip().strip("[]()")
-    plain = {"hz": "Hz", "khz": "kHz", "u/min": "rpm", "1/min": "rpm", "r/min": "rpm", "rev/min": "rpm"}.get(
-        plain.lower(), plain
-    )
+    plain = {
+        "hz": "Hz",
+        "khz": "kHz",
+        "u/min": "rpm",
+        "1/min": "rpm",
+        "r/min": "rpm",
+        "rev/min": "rpm",
+    }.get(plain.lower(), plain)
     if plain.lower() in ("order", "orders", "ordnung", "ord", "ev"):
         return "an order of the speed"
-    kinds = (("Hz", "a frequency"), ("rad/s", "a speed of rotation"), ("rad", "an angle"), ("m", "a length"))
-    return next((words for known, words in kinds if _goes(f"1 {plain}", known)), "") if plain else ""
+    kinds = (
+        ("Hz", "a frequency"),
+        ("rad/s", "a speed of rotation"),
+        ("rad", "an angle"),
+        ("m", "a length"),
+    )
+    if plain:
+        return next((words for known, words in kinds if _is_compatible(f"1 {plain}", known)), "")
+    return ""
 
 
 def named_unit(header: str) -> tuple[str, str]:
-    """Name and unit of a header such as ``Fx [N]``, ``Time (s)``, ``F_x / N`` or ``time_ms``; no unit where there is none."""
+    """Name and unit of a header such as ``Fx [N]``, ``Time (s)``, ``F_x / N`` or ``time_ms``; no
+    unit where there is none.
+    """
     header = header.strip()
     behind = _BEHIND.fullmatch(header)
     if behind:
@@ -81,10 +147,14 @@ def named_unit(header: str) -> tuple[str, str]:
 
 
 def load_in_name(name: str) -> tuple[str, str]:
-    """Name and unit of a force's or torque's channel that is called ``Mz_mNm`` or ``Mz [mNm]``; no unit where there is none."""
+    """Name and unit of a force's or torque's channel that is called ``Mz_mNm`` or ``Mz [mNm]``; no
+    unit where there is none.
+    """
     own, unit = named_unit(name)
     if unit:
-        return (own, unit) if as_load(f"1 {unit}") is not None else (name, "")
+        if as_load(f"1 {unit}") is not None:
+            return (own, unit)
+        return (name, "")
     ending = _LOAD_ENDING.fullmatch(name.strip())
     if ending is None or as_load(f"1 {ending[2].replace('_', '*')}") is None:
         return name, ""
@@ -95,11 +165,13 @@ def is_unit(text: str) -> bool:
     """Whether a text is a unit of what recordings hold."""
     text = text.strip(" []()")
     return (
-        text.lower() in COUNTS or as_load(f"1 {text}") is not None or any(_goes(f"1 {text}", unit) for unit in _OTHERS)
+        text.lower() in COUNTS
+        or as_load(f"1 {text}") is not None
+        or any(_is_compatible(f"1 {text}", unit) for unit in _OTHERS)
     )
 
 
-def _goes(text: str, unit: str) -> bool:
+def _is_compatible(text: str, unit: str) -> bool:
     try:
         convert(text, unit)
     except ValueError as error:
@@ -118,20 +190,31 @@ def as_load(text: str) -> tuple[float, str] | None:
 
 
 def plain_load(unit: str) -> str:
-    """``N`` or ``N*m`` for any way to write it, such as ``N m``, ``Nm`` or ``N·m``; other units as they are."""
-    found = as_load(f"1 {unit.strip()}") if isinstance(unit, str) and unit.strip() not in ("", *LOADS) else None
-    return found[1] if found is not None and found[0] == 1.0 else unit
+    """``N`` or ``N*m`` for any way to write it, such as ``N m``, ``Nm`` or ``N·m``; other units as
+    they are.
+    """
+    if isinstance(unit, str) and unit.strip() not in ("", *LOADS):
+        found = as_load(f"1 {unit.strip()}")
+    else:
+        found = None
+    if found is not None and found[0] == 1.0:
+        return found[1]
+    return unit
 
 
-def per(unit: str) -> str:
+def as_denominator(unit: str) -> str:
     """A channel's unit as the denominator of a sensitivity."""
     if not unit or unit.lower() in COUNTS or unit == FULL_SCALE:
         return "count"
-    return f"({unit})" if re.search(r"[*/ ]", unit) else unit
+    if re.search(r"[*/ ]", unit):
+        return f"({unit})"
+    return unit
 
 
 def load_per(text: str, unit: str) -> tuple[float, str] | None:
-    """What a channel's ``unit`` stands for, in N or N m, from '0.5 N*m/V' or the reverse, '2 V/N'; None where it is neither."""
+    """What a channel's ``unit`` stands for, in N or N m, from '0.5 N*m/V' or the reverse, '2 V/N';
+    None where it is neither.
+    """
     for load in LOADS:
         for wanted, power in ((f"{load}/({unit})", 1), (f"({unit})/({load})", -1)):
             try:
@@ -143,6 +226,8 @@ def load_per(text: str, unit: str) -> tuple[float, str] | None:
     return None
 
 
-def in_yaml(name: str) -> str:
+def yaml_quoted(name: str) -> str:
     """A name as one writes it in YAML."""
-    return name if re.fullmatch(r"[A-Za-z_][\w .()/-]*", name) else json.dumps(name, ensure_ascii=False)
+    if re.fullmatch(r"[A-Za-z_][\w .()/-]*", name):
+        return name
+    return json.dumps(name, ensure_ascii=False)

@@ -1,4 +1,6 @@
-"""What is done to a recording before its lines are read: channel and unit map, axes, cross-talk, trimming, filters."""
+"""What is done to a recording before its lines are read: channel and unit map, axes, cross-talk,
+trimming, filters.
+"""
 
 from __future__ import annotations
 
@@ -9,55 +11,88 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
-from microvib.testdata.channels import COUNTS, FULL_SCALE, as_load, is_time, is_unit, load_per, per
+from microvib.testdata.channels import (
+    COUNTS,
+    FULL_SCALE,
+    as_denominator,
+    as_load,
+    is_time,
+    is_unit,
+    load_per,
+)
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
 from microvib.units import Quantity
 
 
 class Preparation(Part):
-    """Steps from a file's channels to the six components in the drive's frame, in the order of the keys."""
+    """Steps from a file's channels to the six components in the drive's frame, in the order of the
+    keys.
+    """
 
-    sample_rate: Annotated[float, Quantity("Hz", "sample rate, where the file has no time axis", gt=0)] | None = None
-    time: str | None = Field(default=None, max_length=200, description="name of the column that is the time axis")
+    sample_rate: (
+        Annotated[float, Quantity("Hz", "sample rate, where the file has no time axis", gt=0)]
+        | None
+    ) = None
+    time: str | None = Field(
+        default=None, max_length=200, description="name of the column that is the time axis"
+    )
     units: dict[str, str] = Field(
-        default_factory=dict, description="unit of a channel of the file, or what one count of it stands for ('20 N')"
+        default_factory=dict,
+        description="unit of a channel of the file, or what one count of it stands for ('20 N')",
     )
     sensitivity: dict[str, str] = Field(
         default_factory=dict,
         description="what one unit of a channel stands for ('0.5 N*m/V'), or the reverse ('2 mV/N')",
     )
     channels: dict[str, str] = Field(
-        default_factory=dict, description="component: channel of the file, with a minus sign to reverse it"
+        default_factory=dict,
+        description="component: channel of the file, with a minus sign to reverse it",
     )
     response: Chain = Field(
-        default=(), description="measuring chain whose response is removed: boxcar, or a list of stages"
+        default=(),
+        description="measuring chain whose response is removed: boxcar, or a list of stages",
     )
     cross_talk: tuple[Six, Six, Six, Six, Six, Six] | None = Field(
         default=None, description="6 x 6 matrix: readings Fx Fy Fz Mx My Mz = matrix x loads"
     )
     offset: tuple[float, float, float] | None = Field(
-        default=None, description="position of the interface point in the table's frame [m]; torques are moved there"
+        default=None,
+        description="position of the interface point in the table's frame [m]; torques are moved there",
     )
     axes: tuple[str, str, str] | None = Field(
-        default=None, description="the drive frame's x, y, z as axes of the table, such as [y, -x, z]"
+        default=None,
+        description="the drive frame's x, y, z as axes of the table, such as [y, -x, z]",
     )
     start: Annotated[float, Quantity("s", "start of the part that is kept", ge=0)] | None = None
     stop: Annotated[float, Quantity("s", "end of the part that is kept", gt=0)] | None = None
-    detrend: int | None = Field(default=None, ge=0, le=8, description="order of the polynomial that is removed")
-    decimate: int | None = Field(default=None, ge=1, le=10_000, description="keep every n-th sample, after a low-pass")
+    detrend: int | None = Field(
+        default=None, ge=0, le=8, description="order of the polynomial that is removed"
+    )
+    decimate: int | None = Field(
+        default=None, ge=1, le=10_000, description="keep every n-th sample, after a low-pass"
+    )
     background: str | None = Field(
-        default=None, max_length=1000, description="recording of the table without the drive running"
+        default=None,
+        max_length=1000,
+        description="recording of the table without the drive running",
     )
 
     def apply(self, recording: Recording) -> Recording:
-        """The prepared recording, in SI, of one in its file's units; RecordingError where a step does not go with it."""
-        recording = _in_units(recording, {name: text for name, text in self.units.items() if name != self.time})
+        """The prepared recording, in SI, of one in its file's units; RecordingError where a step
+        does not go with it.
+        """
+        recording = _in_units(
+            recording, {name: text for name, text in self.units.items() if name != self.time}
+        )
         recording = _scaled(recording, self.sensitivity)
         if self.channels:
             recording = recording.mapped(self.channels)
         recording = recording.in_si()
-        ends = [None if at is None else round(at * recording.sample_rate) for at in (self.start, self.stop)]
+        ends = [
+            None if at is None else round(at * recording.sample_rate)
+            for at in (self.start, self.stop)
+        ]
         recording = recording.looked_at(slice(*ends))
         if self.response:
             recording = without_response(recording, self.response)
@@ -68,14 +103,20 @@ class Preparation(Part):
         if self.axes is not None:
             recording = _turned(recording, self.axes)
         if self.start is not None or self.stop is not None:
-            recording = recording.trimmed(self.start or 0.0, recording.duration if self.stop is None else self.stop)
+            recording = recording.trimmed(
+                self.start or 0.0, recording.duration if self.stop is None else self.stop
+            )
         if self.detrend is not None:
             recording = recording.detrended(self.detrend)
-        return recording if self.decimate in (None, 1) else recording.decimated(self.decimate or 1)
+        if self.decimate in (None, 1):
+            return recording
+        return recording.decimated(self.decimate or 1)
 
 
 def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
-    """Channels in other units than their file says, or by how many units a count stands for; that of its time axis was minded."""
+    """Channels in other units than their file says, or by how many units a count stands for; that
+    of its time axis was minded.
+    """
     channels, units = dict(recording.channels), dict(recording.units)
     for name, text in given.items():
         if name not in channels and (is_time(name) or name in recording.axes):
@@ -84,36 +125,44 @@ def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
         if re.match(r"\s*[+-]?[\d.]", text) is None:
             if not is_unit(text):
                 raise RecordingError(
-                    f"{recording.title}: units.{name}: '{text}' is not a unit; write it such as N*m, mV or counts"
+                    f"{recording.title}: units.{name}: '{text}' is not a unit; write it such as"
+                    " N*m, mV or counts"
                 )
             if units.get(name) == FULL_SCALE and text.lower() not in COUNTS:
                 raise RecordingError(
-                    f"{recording.title}: units.{name}: '{text}' has no number; write what full scale is, such as '20 {text}'"
+                    f"{recording.title}: units.{name}: '{text}' has no number; write what full"
+                    f" scale is, such as '20 {text}'"
                 )
             units[name] = text
             continue
         found = as_load(text)
         if found is None:
             raise RecordingError(
-                f"{recording.title}: units.{name}: '{text}' is neither a force nor a torque to the count"
+                f"{recording.title}: units.{name}: '{text}' is neither a force nor a torque to the"
+                " count"
             )
         channels[name], units[name] = values * found[0], found[1]
-    return recording if not given else recording.noted(f"units {given}", channels=channels, units=units)
+    if not given:
+        return recording
+    return recording.noted(f"units {given}", channels=channels, units=units)
 
 
 def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
     """Volts, charges or counts to loads."""
     channels, units = dict(recording.channels), dict(recording.units)
     for name, text in given.items():
-        values, unit = recording[name], per(units.get(name, "").strip())
+        values, unit = recording[name], as_denominator(units.get(name, "").strip())
         found = load_per(text, unit)
         if found is None:
             raise RecordingError(
-                f"{recording.title}: sensitivity.{name}: '{text}' does not go with a channel in {unit}; write it such as"
+                f"{recording.title}: sensitivity.{name}: '{text}' does not go with a channel in"
+                f" {unit}; write it such as"
                 f" 0.01 N*m/{unit} or 100 {unit}/(N*m)"
             )
         channels[name], units[name] = values * found[0], found[1]
-    return recording if not given else recording.noted(f"sensitivity {given}", channels=channels, units=units)
+    if not given:
+        return recording
+    return recording.noted(f"sensitivity {given}", channels=channels, units=units)
 
 
 def _moved(recording: Recording, r: np.ndarray) -> Recording:
@@ -130,10 +179,16 @@ def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:
     for row, axis in enumerate(axes):
         letter = axis.strip().lstrip("+-")
         if letter not in ("x", "y", "z"):
-            raise RecordingError(f"{recording.title}: axes: '{axis}' is not known; allowed are x, y, z with a sign")
-        R[row, "xyz".index(letter)] = -1.0 if axis.strip().startswith("-") else 1.0
+            raise RecordingError(
+                f"{recording.title}: axes: '{axis}' is not known; allowed are x, y, z with a sign"
+            )
+        if axis.strip().startswith("-"):
+            R[row, "xyz".index(letter)] = -1.0
+        else:
+            R[row, "xyz".index(letter)] = 1.0
     if abs(np.linalg.det(R) - 1.0) > 1e-9:
         raise RecordingError(
-            f"{recording.title}: axes: {', '.join(axes)} is not a right-handed frame; name each axis once, with signs to suit"
+            f"{recording.title}: axes: {', '.join(axes)} is not a right-handed frame; name each"
+            " axis once, with signs to suit"
         )
     return recording.combined(np.kron(np.eye(2), R), f"axes {', '.join(axes)}")

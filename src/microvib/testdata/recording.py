@@ -1,4 +1,6 @@
-"""A recording: sampled channels with units, checked for what makes them unfit, and the axis map to the drive."""
+"""A recording: sampled channels with units, checked for what makes them unfit, and the axis map to
+the drive.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +16,42 @@ import numpy as np
 
 from microvib.errors import MicrovibError, expect_mapping
 from microvib.model.rigid import COMPONENTS
-from microvib.testdata.channels import FULL_SCALE, LOADS, as_load, in_yaml, per, plain_load
+from microvib.testdata.channels import (
+    FULL_SCALE,
+    LOADS,
+    as_denominator,
+    as_load,
+    plain_load,
+    yaml_quoted,
+)
 from microvib.units import Si, quantity
 
-OUTLIER = 1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
-ALONE = 10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
-RAISED = 1.1  # floor after torques were moved or cross-talk was taken out, over that before, from which it is told
+OUTLIER = (
+    1e4  # size of a sample, over that of 99 % of them, from which it is taken for a broken number
+)
+GLITCH_RATIO = (
+    10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
+)
+# floor after torques were moved or cross-talk was taken out, over that before, from which it is
+# told
+MAX_FLOOR_RATIO = 1.1
 LONGEST_FLOOR = 2**20  # samples of which a floor is computed
 LARGEST_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
 class RecordingError(MicrovibError):
-    """A recording that cannot be read or used: says which file or channel, and what is wrong with it."""
+    """A recording that cannot be read or used: says which file or channel, and what is wrong with
+    it.
+    """
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m after ``in_si``.
+    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m
+    after ``in_si``.
 
-    Samples may be anything that numpy takes for numbers; masked ones are nan. RecordingError where they are not (n,) each.
+    Samples may be anything that numpy takes for numbers; masked ones are nan. RecordingError where
+    they are not (n,) each.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -42,7 +61,9 @@ class Recording:
     notes: tuple[str, ...] = ()
     """What reading and preparing did, in words."""
     faults: Mapping[str, str] | None = None
-    """What was wrong with the samples of channels before they were changed, which hides it; None while they are as read."""
+    """What was wrong with the samples of channels before they were changed, which hides it; None
+    while they are as read.
+    """
     alone: Mapping[str, str] | None = None
     """Which samples of channels stood alone before they were changed, likewise."""
     axes: frozenset[str] = frozenset()
@@ -55,7 +76,8 @@ class Recording:
         rate = quantity("sample_rate", Si(given) if isinstance(given, Real) else given, "Hz")
         if not 0.0 < rate < math.inf:
             raise RecordingError(
-                f"{self.title}: sample rate {rate:g} Hz is not allowed; it must be greater than 0 and finite"
+                f"{self.title}: sample rate {rate:g} Hz is not allowed; it must be greater than 0"
+                " and finite"
             )
         channels = {str(name): self._samples(name) for name in self.channels}
         sizes = {name: x.size for name, x in channels.items()}
@@ -63,18 +85,24 @@ class Recording:
             raise RecordingError(f"{self.title}: its channels differ in length: {sizes}")
         object.__setattr__(self, "sample_rate", float(rate))
         object.__setattr__(self, "channels", channels)
-        object.__setattr__(self, "units", {name: plain_load(unit) for name, unit in self.units.items()})
+        object.__setattr__(
+            self, "units", {name: plain_load(unit) for name, unit in self.units.items()}
+        )
 
     def _samples(self, name: str) -> np.ndarray:
         given = self.channels[name]
-        x = np.ma.filled(given.astype(float), np.nan) if isinstance(given, np.ma.MaskedArray) else np.asarray(given)
+        if isinstance(given, np.ma.MaskedArray):
+            x = np.ma.filled(given.astype(float), np.nan)
+        else:
+            x = np.asarray(given)
         if x.dtype.kind in "biuO":
             with contextlib.suppress(TypeError, ValueError):
                 x = x.astype(float)
         if x.dtype.kind != "f" or x.ndim != 1:
             what = f"{x.dtype} of shape {x.shape}"
             raise RecordingError(
-                f"{self.title}: channel {name} is {what}; real numbers one after another, (n,), are expected"
+                f"{self.title}: channel {name} is {what}; real numbers one after another, (n,), are"
+                " expected"
             )
         return x
 
@@ -82,10 +110,18 @@ class Recording:
         if name not in self.channels:
             there = [*self.channels]
             which = name in COMPONENTS and bool(there)
-            such = f"channels: {{{name}: {in_yaml(there[-1])}}}" if which else ""
+            if which:
+                such = f"channels: {{{name}: {yaml_quoted(there[-1])}}}"
+            else:
+                such = ""
             raise RecordingError(
-                f"{self.title}: there is no channel '{name}'; there are {', '.join(there[:30])}{' ...' if len(there) > 30 else ''}"
-                + (f"; say which one it is in the preparation file, such as {such}" if which else "")
+                f"{self.title}: there is no channel '{name}'; there are"
+                f" {', '.join(there[:30])}{' ...' if len(there) > 30 else ''}"
+                + (
+                    f"; say which one it is in the preparation file, such as {such}"
+                    if which
+                    else ""
+                )
                 + "".join(f"; {note}" for note in self.notes if note.startswith("left out")),
                 remedy="prepare" if which else "",
             )
@@ -94,7 +130,9 @@ class Recording:
     @property
     def samples(self) -> int:
         """Samples of each channel."""
-        return next(iter(self.channels.values())).size if self.channels else 0
+        if self.channels:
+            return next(iter(self.channels.values())).size
+        return 0
 
     @property
     def duration(self) -> float:
@@ -102,20 +140,30 @@ class Recording:
         return self.samples / self.sample_rate
 
     def told(self, name: str) -> tuple[str, ...]:
-        """Notes, and of a channel which of its samples stand alone: they stay in what is made of it."""
+        """Notes, and of a channel which of its samples stand alone: they stay in what is made of
+        it.
+        """
         stands = self.glitch(name)
-        return (*self.notes, f"channel {name} {stands}; it stays in") if stands else self.notes
+        if stands:
+            return (*self.notes, f"channel {name} {stands}; it stays in")
+        return self.notes
 
     def glitch(self, name: str) -> str:
-        """Which samples of a channel stand alone, as one of a converter's or a line's glitches does; empty where none does."""
-        return _alone(self[name], self.sample_rate) if self.alone is None else self.alone.get(name, "")
+        """Which samples of a channel stand alone, as one of a converter's or a line's glitches
+        does; empty where none does.
+        """
+        if self.alone is None:
+            return _find_glitches(self[name], self.sample_rate)
+        return self.alone.get(name, "")
 
     def noted(self, note: str, **changes: object) -> Recording:
         """A changed copy that says what was done to it."""
         return replace(self, notes=(*self.notes, note), **changes)  # type: ignore[arg-type]
 
     def in_si(self) -> Recording:
-        """Forces in N, torques in N m; what is neither keeps its unit. RecordingError where a component is the other of the two."""
+        """Forces in N, torques in N m; what is neither keeps its unit. RecordingError where a
+        component is the other of the two.
+        """
         channels, units = dict(self.channels), dict(self.units)
         for name in channels:
             unit = units.get(name, "").strip()
@@ -126,14 +174,17 @@ class Recording:
             wanted = "N" if name.startswith("F") else "N*m"
             if name in COMPONENTS and si != wanted:
                 raise RecordingError(
-                    f"{self.title}: channel {name} is in '{unit}', but {wanted} or a part of it is expected"
+                    f"{self.title}: channel {name} is in '{unit}', but {wanted} or a part of it is"
+                    " expected"
                 )
             with np.errstate(all="ignore"):
                 channels[name], units[name] = channels[name] * factor, si
         return replace(self, channels=channels, units=units)
 
     def load(self, name: str) -> np.ndarray:
-        """A force [N] or a torque [N m] after ``in_si``; RecordingError says what the preparation must add where it is neither."""
+        """A force [N] or a torque [N m] after ``in_si``; RecordingError says what the preparation
+        must add where it is neither.
+        """
         x, unit = self[name], self.units.get(name, "").strip()
         if unit in LOADS:
             return x
@@ -141,19 +192,23 @@ class Recording:
         if not unit:
             raise RecordingError(
                 f"{self.title}: channel {name} has no unit; add it to the preparation file:"
-                f" units: {{{in_yaml(name)}: {example}}}",
+                f" units: {{{yaml_quoted(name)}: {example}}}",
                 remedy="prepare",
             )
         if unit == FULL_SCALE:
             raise RecordingError(
-                f"{self.title}: channel {name} is in parts of full scale, and the file does not say what that is; add it to the"
-                f" preparation file, such as units: {{{in_yaml(name)}: 20 {example}}} where full scale is 20 {example}",
+                f"{self.title}: channel {name} is in parts of full scale, and the file does not say"
+                " what that is; add it to the"
+                f" preparation file, such as units: {{{yaml_quoted(name)}: 20 {example}}} where"
+                f" full scale is 20 {example}",
                 remedy="prepare",
             )
         raise RecordingError(
-            f"{self.title}: channel {name} is in '{unit}', which is neither a force nor a torque; add to the preparation file"
-            f" what it stands for, such as sensitivity: {{{in_yaml(name)}: 0.01 {example}/{per(unit)}}}, or its right"
-            f" unit, units: {{{in_yaml(name)}: {example}}}",
+            f"{self.title}: channel {name} is in '{unit}', which is neither a force nor a torque;"
+            " add to the preparation file"
+            f" what it stands for, such as sensitivity: {{{yaml_quoted(name)}: 0.01"
+            f" {example}/{as_denominator(unit)}}}, or its right"
+            f" unit, units: {{{yaml_quoted(name)}: {example}}}",
             remedy="prepare",
         )
 
@@ -162,11 +217,18 @@ class Recording:
         return np.array([self.load(name) for name in COMPONENTS])
 
     def looked_at(self, part: slice = slice(None)) -> Recording:
-        """A copy that keeps in mind what is wrong with a ``part`` of its samples: filters and sums hide what was clipped."""
+        """A copy that keeps in mind what is wrong with a ``part`` of its samples: filters and sums
+        hide what was clipped.
+        """
         if self.faults is not None:
             return self
-        found = {name: next(_in_samples(x[part], self.sample_rate), "") for name, x in self.channels.items()}
-        single = {name: _alone(x[part], self.sample_rate) for name, x in self.channels.items()}
+        found = {
+            name: next(_in_samples(x[part], self.sample_rate), "")
+            for name, x in self.channels.items()
+        }
+        single = {
+            name: _find_glitches(x[part], self.sample_rate) for name, x in self.channels.items()
+        }
         return replace(
             self,
             faults={name: fault for name, fault in found.items() if fault},
@@ -174,20 +236,27 @@ class Recording:
         )
 
     def combined(self, A: np.ndarray, note: str) -> Recording:
-        """Six components that are ``A`` (6, 6) times these, with the faults of all that make a hundredth of one.
+        """Six components that are ``A`` (6, 6) times these, with the faults of all that make a
+        hundredth of one.
 
-        A note says which of them have a floor that is higher than before, where the components stay what they were.
+        A note says which of them have a floor that is higher than before, where the components stay
+        what they were.
         """
         seen = self.looked_at()
         six, told, single = self.six(), dict(seen.faults or {}), dict(seen.alone or {})
         after = A @ six
         large = np.abs(A) * np.ptp(six, axis=1) > 0.01 * np.ptp(after, axis=1)[:, None]
-        faults, alone = ({n: x for n, x in known.items() if n not in COMPONENTS} for known in (told, single))
+        faults, alone = (
+            {n: x for n, x in known.items() if n not in COMPONENTS} for known in (told, single)
+        )
         for i, j in np.argwhere(large).tolist():
             name, of = COMPONENTS[i], COMPONENTS[j]
             for known, made in ((told, faults), (single, alone)):
                 if of in known:
-                    made[name] = known[of] if name == of else f"is made of {of}, which {known[of]}"
+                    if name == of:
+                        made[name] = known[of]
+                    else:
+                        made[name] = f"is made of {of}, which {known[of]}"
         channels = {**self.channels, **dict(zip(COMPONENTS, after, strict=True))}
         raised = "".join(self._raised(six, after) if np.all(np.abs(np.diag(A)) > 0.5) else ())
         return self.noted(note + raised, channels=channels, faults=faults, alone=alone)
@@ -196,37 +265,59 @@ class Recording:
         """Sentences on the components whose noise floor is higher after than before, (6, n) each."""
         for name, x, y in zip(COMPONENTS, before, after, strict=True):
             low, high = _floor(x, self.sample_rate), _floor(y, self.sample_rate)
-            if high > RAISED * low > 0.0:
+            if high > MAX_FLOOR_RATIO * low > 0.0:
                 unit = "N" if name.startswith("F") else "N*m"
                 yield (
-                    f"; it raises the floor of {name} from {low:.3g} to {high:.3g} {unit}/Hz^0.5, {high / low:.3g} times, by"
-                    " the noise of the other channels: what was below the new floor can no longer be seen"
+                    f"; it raises the floor of {name} from {low:.3g} to {high:.3g} {unit}/Hz^0.5,"
+                    f" {high / low:.3g} times, by"
+                    " the noise of the other channels: what was below the new floor can no longer"
+                    " be seen"
                 )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
-        """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to reverse it."""
+        """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to
+        reverse it.
+        """
         channels, units = {}, {}
         for new, old in names.items():
-            sign, old = (-1.0, old[1:]) if old.startswith("-") else (1.0, old)
+            if old.startswith("-"):
+                sign, old = (-1.0, old[1:])
+            else:
+                sign, old = (1.0, old)
             channels[new], units[new] = sign * self[old], self.units.get(old, "")
         faults, alone = (
-            told and {new: told[old.lstrip("-")] for new, old in names.items() if old.lstrip("-") in told}
+            told
+            and {
+                new: told[old.lstrip("-")] for new, old in names.items() if old.lstrip("-") in told
+            }
             for told in (self.faults, self.alone)
         )
-        return self.noted(f"channels {dict(names)}", channels=channels, units=units, faults=faults, alone=alone)
+        return self.noted(
+            f"channels {dict(names)}", channels=channels, units=units, faults=faults, alone=alone
+        )
 
     def without_cross_talk(self, matrix: np.ndarray) -> Recording:
-        """Six components after the cross-talk ``matrix`` (6, 6), readings = matrix @ loads, is inverted."""
+        """Six components after the cross-talk ``matrix`` (6, 6), readings = matrix @ loads, is
+        inverted.
+        """
         matrix = np.asarray(matrix, dtype=float)
-        if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)) or np.linalg.cond(matrix) > 1e6:
-            raise RecordingError(f"{self.title}: the cross-talk matrix must be 6 x 6, finite and invertible")
+        if (
+            matrix.shape != (6, 6)
+            or not np.all(np.isfinite(matrix))
+            or np.linalg.cond(matrix) > 1e6
+        ):
+            raise RecordingError(
+                f"{self.title}: the cross-talk matrix must be 6 x 6, finite and invertible"
+            )
         return self.combined(np.linalg.inv(matrix), "cross-talk matrix applied")
 
     def trimmed(self, start: float, stop: float) -> Recording:
         """The part from ``start`` to ``stop`` [s]."""
         first, last = round(start * self.sample_rate), round(stop * self.sample_rate)
         if not 0 <= first < last <= self.samples:
-            raise RecordingError(f"{self.title}: {start:g} to {stop:g} s is not within its {self.duration:g} s")
+            raise RecordingError(
+                f"{self.title}: {start:g} to {stop:g} s is not within its {self.duration:g} s"
+            )
         channels = {name: x[first:last] for name, x in self.channels.items()}
         return self.noted(f"trimmed to {start:g}-{stop:g} s", channels=channels)
 
@@ -234,7 +325,10 @@ class Recording:
         """Each channel less its least-squares polynomial of ``order`` (0: mean, 1: straight line)."""
         u = np.linspace(-1.0, 1.0, self.samples)
         basis = np.polynomial.legendre.legvander(u, order)
-        channels = {name: x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0] for name, x in self.channels.items()}
+        channels = {
+            name: x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
+            for name, x in self.channels.items()
+        }
         return self.looked_at().noted(f"polynomial of order {order} removed", channels=channels)
 
     def decimated(self, factor: int) -> Recording:
@@ -242,19 +336,27 @@ class Recording:
         from scipy.signal import resample_poly
 
         if factor < 1 or self.samples < 20 * factor:
-            raise RecordingError(f"{self.title}: factor {factor} does not go with {self.samples} samples")
-        channels = {name: resample_poly(x, 1, factor, window=("kaiser", 8.0)) for name, x in self.channels.items()}
+            raise RecordingError(
+                f"{self.title}: factor {factor} does not go with {self.samples} samples"
+            )
+        channels = {
+            name: resample_poly(x, 1, factor, window=("kaiser", 8.0))
+            for name, x in self.channels.items()
+        }
         slower = self.sample_rate / factor
-        return self.looked_at().noted(f"decimated by {factor}", channels=channels, sample_rate=slower)
+        return self.looked_at().noted(
+            f"decimated by {factor}", channels=channels, sample_rate=slower
+        )
 
 
-def check(recording: Recording, name: str, shortest: float = 0.0) -> None:
+def require_usable_channel(recording: Recording, name: str, shortest: float = 0.0) -> None:
     """Refuse a channel that cannot be analysed.
 
-    RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs of repeated samples
-    (drop-outs), one sample out of all proportion, or is shorter than ``shortest`` [s].
+    RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs
+    of repeated samples (drop-outs), one sample out of all proportion, or is shorter than
+    ``shortest`` [s].
     """
-    _refuse(recording, name, fault(recording, name, shortest))
+    _refuse(recording, name, channel_fault(recording, name, shortest))
 
 
 def _refuse(recording: Recording, name: str, told: str) -> None:
@@ -263,19 +365,26 @@ def _refuse(recording: Recording, name: str, told: str) -> None:
         raise RecordingError(f"{recording.title}: channel {name} {told}".removeprefix(": "))
 
 
-def fault(recording: Recording, name: str, shortest: float = 0.0) -> str:
-    """What is wrong with a channel, empty where nothing is; RecordingError where it is neither a force nor a torque."""
+def channel_fault(recording: Recording, name: str, shortest: float = 0.0) -> str:
+    """What is wrong with a channel, empty where nothing is; RecordingError where it is neither a
+    force nor a torque.
+    """
     return next(_faults(recording, name, shortest), "")
 
 
 def check_samples(recording: Recording, name: str) -> np.ndarray:
-    """Samples (n,) of a channel in any unit; RecordingError where there are none, or NaN, constant, clipped or repeated ones."""
+    """Samples (n,) of a channel in any unit; RecordingError where there are none, or NaN, constant,
+    clipped or repeated ones.
+    """
     x = recording[name]
     known = filter(None, [(recording.faults or {}).get(name), "" if x.size else "is empty"])
     _refuse(
         recording,
         name,
-        next(chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)), ""),
+        next(
+            chain(known, _broken(x, recording.sample_rate), _in_samples(x, recording.sample_rate)),
+            "",
+        ),
     )
     return x
 
@@ -290,7 +399,7 @@ def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:
     largest = float(np.max(np.abs(x)))
     if largest > LARGEST_LOAD:
         measured = f"{largest:.3g} {recording.units[name]}"
-        yield f"reaches {measured}, which no instrument measures; the file is broken or its unit wrong"
+        yield f"reaches {measured}, beyond any instrument; the file is corrupt or its unit is wrong"
     if recording.duration < shortest:
         yield f"lasts {recording.duration:.4g} s; the lines asked for need {shortest:.4g} s"
     yield from _in_samples(x, rate)
@@ -323,7 +432,9 @@ def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
 
 
 def _floor(x: np.ndarray, rate: float) -> float:
-    """Root of the median spectral density of a channel [unit/Hz^0.5], that of noise where lines are few; 0 if not known."""
+    """Root of the median spectral density of a channel [unit/Hz^0.5], that of noise where lines are
+    few; 0 if not known.
+    """
     x = x[:LONGEST_FLOOR]
     if x.size < 64 or not np.all(np.isfinite(x)):
         return 0.0
@@ -332,8 +443,9 @@ def _floor(x: np.ndarray, rate: float) -> float:
     return math.sqrt(2.0 * float(np.median(power)) / math.log(2.0) / (rate * float(w @ w)))
 
 
-def _alone(x: np.ndarray, rate: float) -> str:
-    """Samples, up to three in a row, that leave their neighbours and come back at once, which no motion does; empty without.
+def _find_glitches(x: np.ndarray, rate: float) -> str:
+    """Samples, up to three in a row, that leave their neighbours and come back at once, which no
+    motion does; empty without.
 
     What rings, as after a blow, has many neighbours that bend, and a step does not come back.
     """
@@ -341,8 +453,11 @@ def _alone(x: np.ndarray, rate: float) -> str:
         return ""
     bend = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
     usual = float(np.quantile(bend, 0.999))
-    far = np.flatnonzero(bend > ALONE * usual) + 1
-    groups = np.split(far, np.flatnonzero(np.diff(far) > 3) + 1) if 0 < far.size <= 5 * (3 + 1e-4 * x.size) else []
+    far = np.flatnonzero(bend > GLITCH_RATIO * usual) + 1
+    if 0 < far.size <= 5 * (3 + 1e-4 * x.size):
+        groups = np.split(far, np.flatnonzero(np.diff(far) > 3) + 1)
+    else:
+        groups = []
     found = []
     for group in groups if usual > 0.0 else []:
         first, last = int(group[0]) - 1, int(group[-1]) + 1
@@ -350,21 +465,32 @@ def _alone(x: np.ndarray, rate: float) -> str:
         straight = np.interp(np.arange(first, last + 1), [first, last], x[[first, last]])
         k = first + int(np.argmax(np.abs(x[first : last + 1] - straight)))
         size = float(np.abs(x[k] - straight[k - first]))
-        if last - first <= 6 and abs(x[last] - x[first]) < 0.2 * size and np.max(around, initial=0.0) < 0.1 * size:
+        if (
+            last - first <= 6
+            and abs(x[last] - x[first]) < 0.2 * size
+            and np.max(around, initial=0.0) < 0.1 * size
+        ):
             found.append((k, size / usual))
     if not found:
         return ""
     k, times = max(found, key=lambda one: one[1])
-    many = f", with {len(found) - 1} others," if len(found) > 1 else ""
-    what = f"{x[k]:.4g}, {times:.2g} times what else bends there, as a glitch does"
-    return f"has a sample that stands alone{many} at {k / rate:.6g} s: {what}"
+    if len(found) > 1:
+        many = f", with {len(found) - 1} others,"
+    else:
+        many = ""
+    what = f"{x[k]:.4g}, {times:.2g} times the local second difference, typical of a glitch"
+    return f"has an isolated outlier sample{many} at {k / rate:.6g} s: {what}"
 
 
 def _clipped(x: np.ndarray) -> int:
-    """Samples in runs of three or more at the largest or the smallest value; 0 unless there are several such runs."""
+    """Samples in runs of three or more at the largest or the smallest value; 0 unless there are
+    several such runs.
+    """
     runs = np.concatenate([_runs(x == level) for level in (x.max(), x.min())])
     long = runs[runs >= 3]
-    return int(long.sum()) if long.size >= 2 else 0
+    if long.size >= 2:
+        return int(long.sum())
+    return 0
 
 
 def _runs(flags: np.ndarray) -> np.ndarray:

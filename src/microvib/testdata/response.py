@@ -1,4 +1,6 @@
-"""Response of a measuring chain: what it does to a load at each frequency, and its removal from a recording."""
+"""Response of a measuring chain: what it does to a load at each frequency, and its removal from a
+recording.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from microvib.testdata.channels import LOADS
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import Quantity
 
-LEAST = 0.25  # magnitude from which a response is taken out: below, noise would grow more than fourfold
+MIN_RESPONSE = (
+    0.25  # magnitude from which a response is taken out: below, noise would grow more than fourfold
+)
 
 
 class Stage(Part):
@@ -24,21 +28,37 @@ class Stage(Part):
         description="boxcar: samples are means over an interval; butterworth, bessel: analog filter; table: as calibrated;"
         " flat: passes all alike"
     )
-    length: Annotated[float, Quantity("s", "interval of a boxcar; without it, that of the samples", gt=0)] | None = None
+    length: (
+        Annotated[
+            float, Quantity("s", "interval of a boxcar; without it, that of the samples", gt=0)
+        ]
+        | None
+    ) = None
     order: int | None = Field(default=None, ge=1, le=16, description="order of a filter")
     corner: (
-        Annotated[float, Quantity("Hz", "frequency at which a filter passes 0.707 of a load's amplitude", gt=0)] | None
+        Annotated[
+            float,
+            Quantity("Hz", "frequency at which a filter passes 0.707 of a load's amplitude", gt=0),
+        ]
+        | None
     ) = None
-    passes: Literal["low", "high"] = Field(default="low", description="side of its corner that a filter passes")
+    passes: Literal["low", "high"] = Field(
+        default="low", description="side of its corner that a filter passes"
+    )
     file: str | None = Field(
-        default=None, max_length=1000, description="CSV table with frequency_hz, magnitude and, if known, phase_deg"
+        default=None,
+        max_length=1000,
+        description="CSV table with frequency_hz, magnitude and, if known, phase_deg",
     )
     rows: tuple[tuple[float, float, float], ...] = Field(
-        default=(), description="rows of the table: frequency [Hz], magnitude, phase [deg]; what file names is put here"
+        default=(),
+        description="rows of the table: frequency [Hz], magnitude, phase [deg]; what file names is put here",
     )
 
     def _misfits(self) -> Iterator[str]:
-        own = {"boxcar": ("length",), "table": ("file",), "flat": ()}.get(self.kind, ("order", "corner"))
+        own = {"boxcar": ("length",), "table": ("file",), "flat": ()}.get(
+            self.kind, ("order", "corner")
+        )
         for name in ("length", "order", "corner", "file"):
             belongs = name in own
             given = getattr(self, name) is not None or (name == "file" and self.rows)
@@ -73,25 +93,36 @@ class Stage(Part):
 
     def __str__(self) -> str:
         if self.kind == "boxcar":
-            return "boxcar" if self.length is None else f"boxcar of {self.length:g} s"
+            if self.length is None:
+                return "boxcar"
+            return f"boxcar of {self.length:g} s"
         if self.kind == "flat":
             return "flat"
         if self.kind == "table":
-            return "table" if self.file is None else f"table {self.file}"
+            if self.file is None:
+                return "table"
+            return f"table {self.file}"
         return f"{self.kind} {self.passes}-pass of order {self.order} at {self.corner:g} Hz"
 
 
 def _listed(given: Any) -> Any:
     """One stage, or the word boxcar or flat, as a list of stages."""
-    stages = given if isinstance(given, (list, tuple)) else [given]
+    if isinstance(given, (list, tuple)):
+        stages = given
+    else:
+        stages = [given]
     return [{"kind": stage} if isinstance(stage, str) else stage for stage in stages]
 
 
-Chain = Annotated[tuple[Stage, ...], BeforeValidator(_listed)]  # stages that a load passes one after another
+Chain = Annotated[
+    tuple[Stage, ...], BeforeValidator(_listed)
+]  # stages that a load passes one after another
 
 
 def response(chain: tuple[Stage, ...], frequency: np.ndarray, sample_rate: float) -> np.ndarray:
-    """Complex response of a whole chain at each ``frequency`` [Hz], (m,); nan where a table does not say."""
+    """Complex response of a whole chain at each ``frequency`` [Hz], (m,); nan where a table does
+    not say.
+    """
     H = np.ones(np.shape(frequency), dtype=complex)
     for stage in chain:
         H = H * stage.at(np.asarray(frequency, dtype=float), sample_rate)
@@ -99,28 +130,35 @@ def response(chain: tuple[Stage, ...], frequency: np.ndarray, sample_rate: float
 
 
 def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recording:
-    """Forces and torques ahead of the chain: their spectra over the response, wherever that is at least ``LEAST``.
+    """Forces and torques ahead of the chain: their spectra over the response, wherever that is at
+    least ``MIN_RESPONSE``.
 
-    The record is continued at both ends as its mirror image turned about the end's value, so that no step is filtered. Its first
-    and last samples still depend on what came before and after. RecordingError where a channel is not finite, or nothing can be
-    corrected.
+    The record is continued at both ends as its mirror image turned about the end's value, so that
+    no step is filtered. Its first and last samples still depend on what came before and after.
+    RecordingError where a channel is not finite, or nothing can be corrected.
     """
     if all(stage.kind == "flat" for stage in chain):
-        return recording.noted("response of the measuring chain stated as flat")
+        return recording.noted("measuring chain declared to have a flat response")
     n = recording.samples
-    loads = {name: x for name, x in recording.channels.items() if recording.units.get(name) in LOADS}
+    loads = {
+        name: x for name, x in recording.channels.items() if recording.units.get(name) in LOADS
+    }
     for name, x in loads.items():
         if not np.all(np.isfinite(x)):
             raise RecordingError(
-                f"{recording.title}: channel {name} has samples that are not numbers; its response cannot be removed"
+                f"{recording.title}: channel {name} has samples that are not numbers; its response"
+                " cannot be removed"
             )
     room = min(n - 1, max(n // 8, 64))
     f = np.fft.rfftfreq(n + 2 * room, 1.0 / recording.sample_rate)
     H = response(chain, f, recording.sample_rate)
     size = np.nan_to_num(np.abs(H))
-    usable = size >= LEAST
+    usable = size >= MIN_RESPONSE
     if not np.any(usable[1:]):
-        raise RecordingError(f"{recording.title}: response: it is below {LEAST:g} at all frequencies of the recording")
+        raise RecordingError(
+            f"{recording.title}: response: it is below {MIN_RESPONSE:g} at all frequencies of the"
+            " recording"
+        )
     gain = np.ones(f.size, dtype=complex)
     np.divide(1.0, H, out=gain, where=usable)
     channels = dict(recording.channels)
@@ -130,7 +168,9 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     low, high = f[usable][[0, -1]]
     factor = float(np.max(np.abs(gain[usable])))
     return recording.looked_at().noted(
-        f"response of the measuring chain removed ({', '.join(map(str, chain))}) from {low:.4g} to {high:.5g} Hz, where it is at"
-        f" least {LEAST:g}; by a factor of at most {factor:.4g}; outside, lines are as recorded",
+        f"response of the measuring chain removed ({', '.join(map(str, chain))}) from {low:.4g} to"
+        f" {high:.5g} Hz, where it is at"
+        f" least {MIN_RESPONSE:g}; by a factor of at most {factor:.4g}; outside, lines are as"
+        " recorded",
         channels=channels,
     )

@@ -1,10 +1,12 @@
 """RODAS4 steps (``support.rodas4.rosenbrock``) with located friction events.
 
-Friction events end a step: each is located by repeating the step with other lengths until it ends on the event. Nothing here
-rests on what is linear in a drive, so that this checks ``microvib.solve.propagate``.
+Friction events end a step: each is located by repeating the step with other lengths until it ends
+on the event. Nothing here rests on what is linear in a drive, so that this checks
+``microvib.solve.propagate``.
 
-Read from the end: ``advance`` is the loop, and calls what stands above it, section by section: the search for an event
-(``first_trial``, ``next_trial``), samples (``_record``) and the length of steps.
+Read from the end: ``advance`` is the loop, and calls what stands above it, section by section: the
+search for an event (``first_trial``, ``next_trial``), samples (``_record``) and the length of
+steps.
 """
 
 import math
@@ -60,7 +62,8 @@ from support.rodas4.rosenbrock import (
 
 code = Unit(__name__, "rosenbrock.py")
 
-# entries of the search for an event: bracket [LO, HI] in the length of the step, margins there, tolerance, trials so far
+# entries of the search for an event: bracket [LO, HI] in the length of the step, margins there,
+# tolerance, trials so far
 LO, HI, E_LO, E_HI, ENOUGH, TRIALS, N_SEARCH = range(7)
 MAX_TRIALS, MAX_EVENTS = 80.0, 4
 SCRATCH_ROWS = 19
@@ -69,27 +72,42 @@ GAUSS = 0.5 / math.sqrt(3.0)  # nodes of the two-point rule, from the middle, ov
 
 # ---- Search for an event ----
 #
-# A step is first made as if no friction's mode ended. If a margin (``microvib.solve.kernel``) is negative at its end, the event
-# lies inside, and the step is repeated with shorter lengths until it ends where the margin is just spent
-# (``_shorten_to_event``). ``first_trial`` takes the first length from the continuous extension, which costs no step;
-# ``next_trial`` improves it by the ends of steps actually made, so that the time of the event is as accurate as the step.
+# A step is first made as if no friction's mode ended. If a margin (``microvib.solve.kernel``) is
+# negative at its end, the event lies inside, and the step is repeated with shorter lengths until it
+# ends where the margin is just spent (``_shorten_to_event``). ``first_trial`` takes the first
+# length from the continuous extension, which costs no step; ``next_trial`` improves it by the ends
+# of steps actually made, so that the time of the event is as accurate as the step.
 
 
 @code.inner(**COMPILE)
 def first_trial(which, h, e_hi, x, p, w):
-    """Begin the search for the length, below ``h``, at which the margin ``which`` is just spent; returns the first trial.
+    """Begin the search for the length, below ``h``, at which the margin ``which`` is just spent;
+    returns the first trial.
 
-    ``e_hi`` < 0 is the margin at the end of the step of length ``h``, whose continuous extension supplies the trial, by false
-    position. The search starts with the bracket [0, h]. The event counts as found where the margin is at most ``enough`` below
-    zero: a thousandth of the tolerance in rate, or a millionth of the breakaway torque.
+    ``e_hi`` < 0 is the margin at the end of the step of length ``h``, whose continuous extension
+    supplies the trial, by false position. The search starts with the bracket [0, h]. The event
+    counts as found where the margin is at most ``enough`` below zero: a thousandth of the tolerance
+    in rate, or a millionth of the breakaway torque.
     """
     search, slips = w.search, x.stick[which] != 0.0
-    enough = 1e-3 / w.scale[WM if which == 0 else WL] if slips else 1e-6 * breakaway_torques(p, -p.inv_h, 1.0)[which]
+    enough = (
+        1e-3 / w.scale[WM if which == 0 else WL]
+        if slips
+        else 1e-6 * breakaway_torques(p, -p.inv_h, 1.0)[which]
+    )
     e_lo = margins(x.y, 0.0, x.stick, p)[which]
-    search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = 0.0, h, e_lo, e_hi, enough, 0.0
+    search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH], search[TRIALS] = (
+        0.0,
+        h,
+        e_lo,
+        e_hi,
+        enough,
+        0.0,
+    )
     s_lo, s_hi, g_lo, g_hi = 0.0, 1.0, e_lo, e_hi
     for _ in range(6):
-        # The margin at the start is zero right after an event; false position would then stay there.
+        # The margin at the start is zero right after an event; false position would then stay
+        # there.
         s = s_lo + (s_hi - s_lo) * (g_lo / (g_lo - g_hi) if g_lo > 0.0 else 0.25)
         interpolate(s, x.y, w)
         e = margins(w.between, 0.0, x.stick, p)[which]
@@ -104,10 +122,12 @@ def first_trial(which, h, e_hi, x, p, w):
 
 @code.inner(**COMPILE)
 def next_trial(trial, e, search):
-    """The next length to try, after the step of length ``trial`` ended with the margin ``e``; ``trial`` itself once it is found.
+    """The next length to try, after the step of length ``trial`` ended with the margin ``e``;
+    ``trial`` itself once it is found.
 
-    False position in its Illinois variant: where the upper end moves again, the margin at the lower end is halved, which
-    keeps the bracket from shrinking from one side only. It ends on the upper end of the bracket, just past the event.
+    False position in its Illinois variant: where the upper end moves again, the margin at the lower
+    end is halved, which keeps the bracket from shrinking from one side only. It ends on the upper
+    end of the bracket, just past the event.
     """
     lo, hi, e_lo, e_hi, enough = search[LO], search[HI], search[E_LO], search[E_HI], search[ENOUGH]
     if e < 0.0:
@@ -122,7 +142,8 @@ def next_trial(trial, e, search):
     if e_hi >= -enough or hi - lo <= 1e-12 * hi:
         return hi
     if e_lo > 0.0:
-        # Aim slightly past the root: the step must end on its far side, with the margin in [-enough, 0].
+        # Aim slightly past the root: the step must end on its far side, with the margin in
+        # [-enough, 0].
         trial = lo + (hi - lo) * (e_lo + 0.5 * enough) / (e_lo - e_hi)
         return min(max(trial, lo + 1e-3 * (hi - lo)), hi - 1e-3 * (hi - lo))
     return 0.25 * hi  # no margin at the start, right after an event: nothing to interpolate
@@ -130,7 +151,9 @@ def next_trial(trial, e, search):
 
 @code.inner(**INLINE)
 def next_event(which, after_m, after_l):
-    """The friction whose event the step must end at, -1 if none: once that of ``which`` is located, only the other is earlier."""
+    """The friction whose event the step must end at, -1 if none: once that of ``which`` is located,
+    only the other is earlier.
+    """
     if which < 0:
         return 0 if after_m < 0.0 else (1 if after_l < 0.0 else -1)
     other = after_l if which == 0 else after_m
@@ -139,10 +162,11 @@ def next_event(which, after_m, after_l):
 
 @code.inner(**COMPILE)
 def _shorten_to_event(which, h, e_hi, x, p, w):
-    """Repeat the step until it ends where the margin ``which`` is just spent; returns its length and its error.
+    """Repeat the step until it ends where the margin ``which`` is just spent; returns its length
+    and its error.
 
-    An error above 1 ends the search: where friction falls steeply with the rate, a shorter step may be singular although the
-    longer one was not.
+    An error above 1 ends the search: where friction falls steeply with the rate, a shorter step may
+    be singular although the longer one was not.
     """
     trial = first_trial(which, h, e_hi, x, p, w)
     while True:
@@ -158,11 +182,13 @@ def _shorten_to_event(which, h, e_hi, x, p, w):
 
 @code.inner(**COMPILE)
 def _end_at_first_event(h, x, p, w):
-    """Shorten the step in ``w`` so that it ends at its first friction event; its length, which friction or -1, and its error.
+    """Shorten the step in ``w`` so that it ends at its first friction event; its length, which
+    friction or -1, and its error.
 
-    Margins are checked in the middle and at the end of the step: a margin spent in the middle and regained at the end (a body
-    that reverses twice) is met by halving the step. Locating one event may bring the other friction's to light, which is then
-    earlier; so both are checked again. A step with an error above 1 must not be taken.
+    Margins are checked in the middle and at the end of the step: a margin spent in the middle and
+    regained at the end (a body that reverses twice) is met by halving the step. Locating one event
+    may bring the other friction's to light, which is then earlier; so both are checked again. A
+    step with an error above 1 must not be taken.
     """
     interpolate(0.5, x.y, w)
     middle, after, error = margins(w.between, 0.0, x.stick, p), margins(w.y1, 0.0, x.stick, p), 0.0
@@ -188,10 +214,12 @@ def _end_at_first_event(h, x, p, w):
 
 @code.inner(**INLINE)
 def _record(h, end, x, p, w, out):
-    """Integrate all channels over the step to ``end``; close every sample interval that ends inside it.
+    """Integrate all channels over the step to ``end``; close every sample interval that ends inside
+    it.
 
-    A sample is the mean over its interval, by Gauss quadrature on each piece of it: two points, or one where a piece is
-    less than a tenth of a step. Pieces end where steps end and steps end at events, so jumps are averaged exactly, not sampled.
+    A sample is the mean over its interval, by Gauss quadrature on each piece of it: two points, or
+    one where a piece is less than a tenth of a step. Pieces end where steps end and steps end at
+    events, so jumps are averaged exactly, not sampled.
     """
     clock, cursor, values = x.clock, out.cursor, w.channels
     t = a = clock[NOW]
@@ -199,14 +227,18 @@ def _record(h, end, x, p, w, out):
         recording = cursor[0] < out.rows.shape[0]
         inside = recording and a >= out.first
         boundary = out.first + (cursor[0] + cursor[1] + 1) * out.width if inside else out.first
-        reaches = recording and boundary <= end + 1e-6 * out.width  # the last digits of two sums may differ
+        reaches = (
+            recording and boundary <= end + 1e-6 * out.width
+        )  # the last digits of two sums may differ
         b = min(boundary, end) if reaches else end
         nodes = 1 if b - a < 0.1 * h else 2
         weight = (b - a) / nodes
         for node in range(nodes):
             point = 0.5 * (a + b) + (0.0 if nodes == 1 else (2.0 * node - 1.0) * GAUSS * (b - a))
             interpolate((point - t) / h, x.y, w)
-            channels(w.between, references_after(point - t, clock), 0.0, x.stick, p, w.f, w.q, values)
+            channels(
+                w.between, references_after(point - t, clock), 0.0, x.stick, p, w.f, w.q, values
+            )
             for j in range(N_POWERS):
                 x.energy[j] += weight * values[POWERS + j]
             clock[IMPULSE] += weight * values[T_D_FORCE]
@@ -218,11 +250,15 @@ def _record(h, end, x, p, w, out):
                     out.partial[j] += weight * values[j]
         if reaches and inside:
             for j in range(values.size):
-                out.rows[cursor[0], j] = out.partial[j] / clock[WEIGHT]  # not the width: late in a run it is rounded
+                out.rows[cursor[0], j] = (
+                    out.partial[j] / clock[WEIGHT]
+                )  # not the width: late in a run it is rounded
                 out.partial[j] = 0.0
             clock[WEIGHT] = 0.0
             for j in range(N_POWERS):  # energies: their values at the middle of the interval
-                out.rows[cursor[0], POWERS + j] = x.energy[j] - 0.5 * out.width * out.rows[cursor[0], POWERS + j]
+                out.rows[cursor[0], POWERS + j] = (
+                    x.energy[j] - 0.5 * out.width * out.rows[cursor[0], POWERS + j]
+                )
             cursor[0] += 1
         a = b
 
@@ -232,7 +268,9 @@ def _record(h, end, x, p, w, out):
 
 @code.inner(**INLINE)
 def first_length(proposed, longest, left):
-    """Length to try first, with ``left`` to go to the target; a remainder of less than 1.5 steps is halved, not cut short."""
+    """Length to try first, with ``left`` to go to the target; a remainder of less than 1.5 steps is
+    halved, not cut short.
+    """
     h = min(proposed, longest)
     if h >= left:
         return left
@@ -241,7 +279,9 @@ def first_length(proposed, longest, left):
 
 @code.inner(**INLINE)
 def growth(error):
-    """Factor on the length of a step that would bring its ``error`` to 1, with a safety margin, from 0.2 to 5."""
+    """Factor on the length of a step that would bring its ``error`` to 1, with a safety margin,
+    from 0.2 to 5.
+    """
     return min(5.0, max(0.2, 0.9 / math.sqrt(math.sqrt(error)))) if error > 0.0 else 5.0
 
 
@@ -253,7 +293,9 @@ def shortened(h, error):
 
 @code.inner(**INLINE)
 def proposal(proposed, h, requested, left, factor):
-    """Length for the next step. A step cut short by its target says nothing against the length proposed before."""
+    """Length for the next step. A step cut short by its target says nothing against the length
+    proposed before.
+    """
     return h * factor if h < requested or h < left else max(h * factor, proposed)
 
 
@@ -267,7 +309,9 @@ def too_small(h, now, error):
 
 @code.inner(**INLINE)
 def _accepted_step(left, x, p, w):
-    """Step from ``x.y`` that passes the error test, at most ``left`` long, into ``w``; its length, and a status code."""
+    """Step from ``x.y`` that passes the error test, at most ``left`` long, into ``w``; its length,
+    and a status code.
+    """
     h = requested = first_length(x.clock[NEXT_STEP], p.max_step, left)
     while True:
         error = step(h, x, p, w)
@@ -288,16 +332,26 @@ def _accepted_step(left, x, p, w):
 
 @code.entry(**COMPILE)
 def advance(
-    stop: float, x: State, p: Drive, scale: Vector, out: Samples, steps_t: Vector, steps_ref: Matrix, scratch: Matrix
+    stop: float,
+    x: State,
+    p: Drive,
+    scale: Vector,
+    out: Samples,
+    steps_t: Vector,
+    steps_ref: Matrix,
+    scratch: Matrix,
 ) -> int:
-    """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in place.
+    """Advance the drive ``p`` to the time ``stop``; state ``x`` and samples ``out`` are updated in
+    place.
 
-    Each turn of the loop either takes a microstep that is due (new current references, and a step short enough for the
-    transient that follows), or one step: to the next microstep at most, shortened until its error estimate passes, shortened
-    again to the first friction event inside it. Only then are samples integrated and the state moved on.
+    Each turn of the loop either takes a microstep that is due (new current references, and a step
+    short enough for the transient that follows), or one step: to the next microstep at most,
+    shortened until its error estimate passes, shortened again to the first friction event inside
+    it. Only then are samples integrated and the state moved on.
 
-    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the references i_A*, i_B*, the
-    electrical angle after each and the time of the ramp there, ``scratch`` (SCRATCH_ROWS, wide enough). Returns a status code.
+    ``steps_t`` (n,) are the times of the microsteps before ``stop``, ``steps_ref`` (n, 4) the
+    references i_A*, i_B*, the electrical angle after each and the time of the ramp there,
+    ``scratch`` (SCRATCH_ROWS, wide enough). Returns a status code.
     """
     n, s = x.y.size, p.H.size
     w = Work(
@@ -330,7 +384,8 @@ def advance(
             if status != OK:
                 return status
             continue
-        # A step that reaches its target ends there to the last digit, so that sample intervals close where they should.
+        # A step that reaches its target ends there to the last digit, so that sample intervals
+        # close where they should.
         end = target if h == left else clock[NOW] + h
         if out.width > 0.0:
             _record(h, end, x, p, w, out)

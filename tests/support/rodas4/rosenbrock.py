@@ -1,7 +1,8 @@
 """A RODAS4 step: its Jacobian, the linear systems of its stages, and its continuous extension.
 
-RODAS4 is an L-stable Rosenbrock method of order 4(3) with an embedded error estimate (E. Hairer, G. Wanner, *Solving Ordinary
-Differential Equations II*, section IV.7). ``support.rodas4.loop`` makes a run of such steps.
+RODAS4 is an L-stable Rosenbrock method of order 4(3) with an embedded error estimate (E. Hairer, G.
+Wanner, *Solving Ordinary Differential Equations II*, section IV.7). ``support.rodas4.loop`` makes a
+run of such steps.
 """
 
 import math
@@ -81,13 +82,31 @@ C = np.array(
         [-2.430093356833875, -0.2063599157091915, 0.0, 0.0, 0.0],
         [-0.1073529058151375, -9.594562251023355, -20.47028614809616, 0.0, 0.0],
         [7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160, 0.0],
-        [8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054],
+        [
+            8.083246795921522,
+            -7.981132988064893,
+            -31.52159432874371,
+            16.31930543123136,
+            -6.058818238834054,
+        ],
     ]
 )
 DENSE = np.array(
     [
-        [10.12623508344586, -7.487995877610167, -34.80091861555747, -7.992771707568823, 1.025137723295662],
-        [-0.6762803392801253, 6.087714651680015, 16.43084320892478, 24.76722511418386, -6.594389125716872],
+        [
+            10.12623508344586,
+            -7.487995877610167,
+            -34.80091861555747,
+            -7.992771707568823,
+            1.025137723295662,
+        ],
+        [
+            -0.6762803392801253,
+            6.087714651680015,
+            16.43084320892478,
+            24.76722511418386,
+            -6.594389125716872,
+        ],
     ]
 )
 AT = np.array([0.0, 0.386, 0.21, 0.63, 1.0, 1.0])  # fraction of the step at which each stage is
@@ -98,10 +117,12 @@ BY_TIME = np.array(
 
 # ---- Jacobian and linear systems ----
 #
-# Each stage of a step solves (g I - df/dy) u = r with g = 1 / (GAMMA h). The matrix is sparse, and one elimination in closed
-# form serves all stages: ``_factor`` works out the coefficients, ``_solve`` applies them to a right-hand side r. Cost is linear in
-# the number of modes. Write u_i, u_x for a phase's current and its integral, u_theta, u_m for the rotor's angle and rate, u_tl, u_l
-# for the output's, u_eta, u_w for a mode; G = epsilon' - 1/h is d theta_l/d theta_m where the gear does not twist, e2 = epsilon''.
+# Each stage of a step solves (g I - df/dy) u = r with g = 1 / (GAMMA h). The matrix is sparse, and
+# one elimination in closed form serves all stages: ``_factor`` works out the coefficients,
+# ``_solve`` applies them to a right-hand side r. Cost is linear in the number of modes. Write u_i,
+# u_x for a phase's current and its integral, u_theta, u_m for the rotor's angle and rate, u_tl, u_l
+# for the output's, u_eta, u_w for a mode; G = epsilon' - 1/h is d theta_l/d theta_m where the gear
+# does not twist, e2 = epsilon''.
 #
 # 1. Angles:  g u_theta - u_m = r_theta  gives  u_theta = (r_theta + u_m) / g;  likewise u_tl.
 #
@@ -140,13 +161,16 @@ BY_TIME = np.array(
 #    fixed currents and gear twist, ``slope_m`` and ``slope_l`` those of the frictions by the rates. A stuck body has no equation:
 #    its u is zero. The angles, windings and modes then follow from u_m and u_l by 1. to 3.
 #
-# With a rigid reducer omega_l = G omega_m, so that u_l = lead u_m + shift with lead = G + e2 omega_m/g and
-# shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m + 2 G J_c + G^2 J_L.
+# With a rigid reducer omega_l = G omega_m, so that u_l = lead u_m + shift with lead = G + e2
+# omega_m/g and shift = e2 omega_m r_theta/g, and a single equation is left, with the inertia J_m +
+# 2 G J_c + G^2 J_L.
 
 
 @code.inner(**INLINE)
 def linearise(x, p, w):
-    """Varying entries of the Jacobian, into ``w.jac``, at the state whose derivative is in ``w.f0`` and ``w.q``."""
+    """Varying entries of the Jacobian, into ``w.jac``, at the state whose derivative is in ``w.f0``
+    and ``w.q``.
+    """
     y, stick, q, jac = x.y, x.stick, w.q, w.jac
     ref_A, ref_B = references_after(0.0, x.clock)
     theta_m, omega_m = y[TM], y[WM]
@@ -166,26 +190,40 @@ def linearise(x, p, w):
     )
     by_angle = 0.0
     if varies(p):
-        friction_factor, steepness = friction_angle_factor(e0 - theta_m * p.inv_h if p.rigid else y[TL], p)
+        friction_factor, steepness = friction_angle_factor(
+            e0 - theta_m * p.inv_h if p.rigid else y[TL], p
+        )
         slope_l, by_angle = slope_l * friction_factor, T_f * steepness
     if p.rigid:
         modal = p.J_L * q[6] + p.J_c * w.f0[WM] + q[2] - q[3]
         lever = G * p.J_L + p.J_c
         stiffness += (
-            e2 * (modal - q[2]) - (e2 * e2 * p.J_L + lever * e3) * omega_m * omega_m - 2.0 * e2 * lever * w.f0[WM]
+            e2 * (modal - q[2])
+            - (e2 * e2 * p.J_L + lever * e3) * omega_m * omega_m
+            - 2.0 * e2 * lever * w.f0[WM]
         )
         slope_m += 2.0 * lever * e2 * omega_m
         stiffness -= G * G * by_angle
     else:
         stiffness -= e2 * q[3]
-    jac[0], jac[1], jac[2], jac[3], jac[4], jac[5], jac[6] = s, c, stiffness, slope_m, slope_l, G, e2 * omega_m
+    jac[0], jac[1], jac[2], jac[3], jac[4], jac[5], jac[6] = (
+        s,
+        c,
+        stiffness,
+        slope_m,
+        slope_l,
+        G,
+        e2 * omega_m,
+    )
     jac[7], jac[8], jac[9] = where(limited_A, 1.0, 0.0), where(limited_B, 1.0, 0.0), omega_m
     jac[10] = by_angle
 
 
 @code.inner(**INLINE)
 def _winding_pivot(g, inv_g, limited, p):
-    """Elimination of one phase (2.): 1 / pivot, b, 1 / the integral's pivot, its coupling to the current, 1 / L."""
+    """Elimination of one phase (2.): 1 / pivot, b, 1 / the integral's pivot, its coupling to the
+    current, 1 / L.
+    """
     b = p.K_I * p.inv_L_D * inv_g
     resistance = where(limited, p.R * p.inv_L, (p.K_P + p.R) * p.inv_L_D + b)
     integral = where(limited, 1.0 / (g + p.K_I * p.inv_K_P), inv_g)
@@ -200,7 +238,9 @@ def _winding_pivot(g, inv_g, limited, p):
 
 @code.inner(**INLINE)
 def _factor(g, stick, p, w):
-    """Eliminate windings, angles and modes from ``g I - df/dy``; the coefficients are kept in ``w.lu``."""
+    """Eliminate windings, angles and modes from ``g I - df/dy``; the coefficients are kept in
+    ``w.lu``.
+    """
     jac, lu = w.jac, w.lu
     s, c, stiffness, slope_m, slope_l, G = jac[0], jac[1], jac[2], jac[3], jac[4], jac[5]
     inv_g = 1.0 / g
@@ -210,8 +250,22 @@ def _factor(g, stick, p, w):
     theta_A, theta_B = back_emf * c * inv_L_A, back_emf * s * inv_L_B
     beta_A = (p.K_m * s * inv_L_A + theta_A * inv_g) * pivot_A
     beta_B = (-p.K_m * c * inv_L_B + theta_B * inv_g) * pivot_B
-    lu[0], lu[1], lu[2], lu[3], lu[4], lu[5] = pivot_A, weight_A, integral_A, coupling_A, theta_A, beta_A
-    lu[6], lu[7], lu[8], lu[9], lu[10], lu[11] = pivot_B, weight_B, integral_B, coupling_B, theta_B, beta_B
+    lu[0], lu[1], lu[2], lu[3], lu[4], lu[5] = (
+        pivot_A,
+        weight_A,
+        integral_A,
+        coupling_A,
+        theta_A,
+        beta_A,
+    )
+    lu[6], lu[7], lu[8], lu[9], lu[10], lu[11] = (
+        pivot_B,
+        weight_B,
+        integral_B,
+        coupling_B,
+        theta_B,
+        beta_B,
+    )
     modal, both, on_rotor = 0.0, p.J_c * g, 0.0
     for k in range(p.H.size):
         w.kappa[k] = p.D[k] + p.Lam[k] * inv_g
@@ -224,14 +278,22 @@ def _factor(g, stick, p, w):
             on_rotor += (H_m * H_m * w.kappa[k] * g - (2.0 * H_m * g + V_m) * V_m) * w.inv_delta[k]
     rotor = p.K_m * (s * beta_A - c * beta_B) - stiffness * inv_g + slope_m + on_rotor
     if p.rigid:
-        lead, drag, mass = G + jac[6] * inv_g, slope_l + modal, p.J_m + 2.0 * G * p.J_c + G * G * p.J_L
+        lead, drag, mass = (
+            G + jac[6] * inv_g,
+            slope_l + modal,
+            p.J_m + 2.0 * G * p.J_c + G * G * p.J_L,
+        )
         across = both - p.J_c * g  # of the modes; that of the shafts is in the mass
         lu[12] = 1.0 / (mass * g + rotor + across * (G + lead) + G * drag * lead)
         lu[13], lu[14], lu[15], lu[16] = drag, lead, mass, across
         return
     gear_theta = p.K_g * G + p.C_g * jac[6]
     gear_m, gear_l = gear_theta * inv_g + p.C_g * G, p.C_g + p.K_g * inv_g
-    a11, a12, a22 = p.J_m * g + rotor + G * gear_m, both - G * gear_l, p.J_L * g + gear_l + slope_l + modal
+    a11, a12, a22 = (
+        p.J_m * g + rotor + G * gear_m,
+        both - G * gear_l,
+        p.J_L * g + gear_l + slope_l + modal,
+    )
     a22 += jac[10] * inv_g
     # Inverse of the 2 x 2 system (5.); a stuck body has no equation and is coupled to nothing.
     slips_m, slips_l = stick[0] != 0.0, stick[1] != 0.0
@@ -295,7 +357,9 @@ def _solve(inv_g, stick, p, w, r):
 
 @code.inner(**FORCED)
 def _combine(stage, weight, table, y, K, out):
-    """``out = y + weight x`` (sum of the stages so far, with the coefficients in row ``stage`` of ``table``)."""
+    """``out = y + weight x`` (sum of the stages so far, with the coefficients in row ``stage`` of
+    ``table``).
+    """
     for j in range(y.size):
         out[j] = y[j]
     for m in range(stage):
@@ -306,7 +370,9 @@ def _combine(stage, weight, table, y, K, out):
 
 @code.inner(**INLINE)
 def _add_ramp(weight, clock, p, jac, f):
-    """Add ``weight`` times the derivative of the right-hand side by time, that of ramping references, to ``f``."""
+    """Add ``weight`` times the derivative of the right-hand side by time, that of ramping
+    references, to ``f``.
+    """
     if jac[7] == 0.0:
         f[IA] += weight * (p.K_P + p.K_V) * p.inv_L_D * clock[RATE_A]
         f[XA] += weight * clock[RATE_A]
@@ -317,7 +383,9 @@ def _add_ramp(weight, clock, p, jac, f):
 
 @code.inner(**FORCED)
 def step(h, x, p, w):
-    """One RODAS4 step of size ``h`` from ``x.y`` (whose derivative is ``w.f0``) to ``w.y1``; returns the scaled error."""
+    """One RODAS4 step of size ``h`` from ``x.y`` (whose derivative is ``w.f0``) to ``w.y1``;
+    returns the scaled error.
+    """
     y, y1, f, K, n = x.y, w.y1, w.f, w.K, x.y.size
     inv_g, ih = GAMMA * h, 1.0 / h
     _factor(1.0 / inv_g, x.stick, p, w)
@@ -334,11 +402,14 @@ def step(h, x, p, w):
         for j in range(n):
             K[stage, j] = f[j]
     error = 0.0
-    for j in range(n):  # y1 still is the argument of the last stage; that stage itself is the error estimate
+    for j in range(
+        n
+    ):  # y1 still is the argument of the last stage; that stage itself is the error estimate
         y1[j] += K[STAGES - 1, j]
         part = K[STAGES - 1, j] * w.scale[j]
         error += part * part
-    # The mean is over 10 states, those of a drive with one mode: many modes must not dilute the error of the drive.
+    # The mean is over 10 states, those of a drive with one mode: many modes must not dilute the
+    # error of the drive.
     return math.sqrt(error / 10.0)
 
 
@@ -355,7 +426,9 @@ def dense(w):
 
 @code.inner(**INLINE)
 def extension(s, y0, y1, d2, d3):
-    """Continuous extension at the fraction ``s`` of a step, of a state or of anything linear in states."""
+    """Continuous extension at the fraction ``s`` of a step, of a state or of anything linear in
+    states.
+    """
     r = 1.0 - s
     return r * y0 + s * (y1 + r * (d2 + s * d3))
 

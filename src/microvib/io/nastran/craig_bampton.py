@@ -1,4 +1,6 @@
-"""Matrices of other people's finite elements: Craig-Bampton models in OP4 and in punched DMIG, mode shapes with mass in OP4."""
+"""Matrices of other people's finite elements: Craig-Bampton models in OP4 and in punched DMIG, mode
+shapes with mass in OP4.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from microvib.io.nastran.library import lines_of, located, pyyeti, rigid_motion
+from microvib.io.nastran.library import grid_coordinates, lines_of, pyyeti, rigid_motion
 from microvib.io.nastran.printed import read_punched
-from microvib.structures.deck import ORIGIN, Deck, Import, Point
+from microvib.structures.deck import ORIGIN, Deck, ImportOptions, Point
 from microvib.structures.modal import ModalError, natural_frequency
 
 LARGEST_MATRIX = 1_000_000_000  # bytes of the largest matrix that is read into memory in full
@@ -17,13 +19,20 @@ MASS_MATRICES = ("mgg", "maa", "maax", "mxx")
 PAIRS = (("kaa", "maa"), ("kaax", "maax"), ("kxx", "mxx"))
 SHAPES, RIGID = ("phg", "phig", "phix", "phia", "ugv"), ("rbg", "rbm", "rbglob", "rg")
 Reduced = tuple[np.ndarray, np.ndarray, np.ndarray, Any, np.ndarray]
-"""Stiffness and mass (n, n), which rows are the boundary (n,), its table of degrees of freedom, and those rows in the table."""
-ORTHOGONAL = 0.02  # relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)
-GROUNDED = 0.1  # ratio to the first fixed-interface frequency of the frequencies that a free model has on its boundary
+"""Stiffness and mass (n, n), which rows are the boundary (n,), its table of degrees of freedom, and
+those rows in the table.
+"""
+# relative; what may be left of phi^T M phi off its diagonal (shapes come in single precision)
+ORTHOGONAL = 0.02
+# ratio to the first fixed-interface frequency of the frequencies that a free model has on its
+# boundary
+GROUNDED = 0.1
 
 
 def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str, Any]:
-    """Those of the named matrices that an OP4 file (binary or text) has, by lower-case name; large ones sparse, unless ``full``."""
+    """Those of the named matrices that an OP4 file (binary or text) has, by lower-case name; large
+    ones sparse, unless ``full``.
+    """
     op4 = pyyeti("op4")
     present, sizes, _, _ = op4.dir(str(path), verbose=False)
     if not present:
@@ -37,23 +46,32 @@ def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str
         if name in wanted and 8 * abs(rows) * abs(columns) > LARGEST_MATRIX
     ]
     if large and full:
-        raise ModalError(f"{', '.join(large)} is too large; at most {LARGEST_MATRIX / 1e9:g} GB are read into memory")
+        raise ModalError(
+            f"{', '.join(large)} is too large; at most {LARGEST_MATRIX / 1e9:g} GB are read into"
+            " memory"
+        )
     found = op4.read(str(path), wanted, sparse=bool(large))
     return {name: found[name] for name in wanted}
 
 
-def read_op4(path: Path, options: Import) -> Deck:
-    """A Craig-Bampton model (KAA and MAA, or KXX and MXX of EXTSEOUT), or mode shapes with mass and rigid-body motions."""
+def read_op4(path: Path, options: ImportOptions) -> Deck:
+    """A Craig-Bampton model (KAA and MAA, or KXX and MXX of EXTSEOUT), or mode shapes with mass and
+    rigid-body motions.
+    """
     pair = _pair(path)
     if pair is not None:
         return _from_reduced(path, *pair, options)
     present = names_in(path)
-    shapes, rigid, mass = (next((n for n in names if n in present), "") for names in (SHAPES, RIGID, MASS_MATRICES))
+    shapes, rigid, mass = (
+        next((n for n in names if n in present), "") for names in (SHAPES, RIGID, MASS_MATRICES)
+    )
     stiffness = "k" + mass[1:]
     if not shapes or not rigid or not mass or stiffness not in present:
         raise ModalError(
-            f"holds {', '.join(present[:12]).upper() or 'no matrices'}; expected KAA and MAA (or KXX and MXX, KAAX and"
-            f" MAAX) of a Craig-Bampton model, or mode shapes ({', '.join(SHAPES).upper()}) with MGG, KGG and the six rigid-body"
+            f"holds {', '.join(present[:12]).upper() or 'no matrices'}; expected KAA and MAA (or"
+            " KXX and MXX, KAAX and"
+            f" MAAX) of a Craig-Bampton model, or mode shapes ({', '.join(SHAPES).upper()}) with"
+            " MGG, KGG and the six rigid-body"
             f" motions ({', '.join(RIGID).upper()})"
         )
     found = matrices(path, (shapes, rigid, mass, stiffness))
@@ -66,7 +84,9 @@ def names_in(path: Path) -> list[str]:
 
 
 def _pair(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
-    """Stiffness and mass (n, n) of the Craig-Bampton model in an OP4 file; None where it holds none."""
+    """Stiffness and mass (n, n) of the Craig-Bampton model in an OP4 file; None where it holds
+    none.
+    """
     present = names_in(path)
     pair = next((p for p in PAIRS if all(name in present for name in p)), None)
     if pair is None:
@@ -75,13 +95,16 @@ def _pair(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
     return np.asarray(found[pair[0]]), np.asarray(found[pair[1]])
 
 
-def _from_full(phi: Any, R: Any, M: Any, K: Any, options: Import) -> Deck:
-    """Modes from shapes, rigid-body motions about ``options.reference``, mass and stiffness of one set."""
+def _from_full(phi: Any, R: Any, M: Any, K: Any, options: ImportOptions) -> Deck:
+    """Modes from shapes, rigid-body motions about ``options.reference``, mass and stiffness of one
+    set.
+    """
     phi, R = (x.toarray() if hasattr(x, "toarray") else np.asarray(x) for x in (phi, R))
     n = phi.shape[0]
     if R.shape != (n, 6) or M.shape != (n, n) or K.shape != (n, n):
         raise ModalError(
-            f"shapes {phi.shape}, rigid-body motions {R.shape}, mass {M.shape}, stiffness {K.shape} do not fit"
+            f"shapes {phi.shape}, rigid-body motions {R.shape}, mass {M.shape}, stiffness {K.shape}"
+            " do not fit"
         )
     phi = normalised(phi, M)[0]
     eigenvalue = np.einsum("ij,ij->j", phi, K @ phi)
@@ -89,19 +112,22 @@ def _from_full(phi: Any, R: Any, M: Any, K: Any, options: Import) -> Deck:
 
 
 def normalised(phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mass-normalised shapes (n, s), the roots of their generalised masses (s,), and what is off the diagonal of phi^T M phi."""
+    """Mass-normalised shapes (n, s), the roots of their generalised masses (s,), and what is off
+    the diagonal of phi^T M phi.
+    """
     own = np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
     phi = phi / own
     off = float(np.abs(phi.T @ (M @ phi) - np.eye(own.size)).max())
     if not off < ORTHOGONAL:
         raise ModalError(
-            f"mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another model's, or in other"
+            f"mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another"
+            " model's, or in other"
             " units"
         )
     return phi, own, off
 
 
-def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
+def _from_reduced(path: Path, K: Any, M: Any, options: ImportOptions) -> Deck:
     """OP4 with the geometry of EXTSEOUT beside it, or with a boundary of one point, the interface."""
     geometry = _geometry_beside(path, K)
     if geometry is not None:
@@ -109,7 +135,8 @@ def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
         return _tied(K, M, boundary, points, rows)
     if not isinstance(options.interface, int):
         raise ModalError(
-            "has no geometry; give the interface as the id of the boundary grid, or put the .asm or .pch file of"
+            "has no geometry; give the interface as the id of the boundary grid, or put the .asm or"
+            " .pch file of"
             " EXTSEOUT beside it"
         )
     boundary = _boundary_of_six(K, M)
@@ -119,14 +146,18 @@ def _from_reduced(path: Path, K: Any, M: Any, options: Import) -> Deck:
 
 def _geometry_beside(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] | None:
     """What EXTSEOUT writes beside an OP4 file, the last three of ``Reduced``."""
-    name = next((x for x in (path.with_suffix(".asm"), path.with_suffix(".pch")) if x.is_file()), None)
+    name = next(
+        (x for x in (path.with_suffix(".asm"), path.with_suffix(".pch")) if x.is_file()), None
+    )
     if name is None:
         return None
     uset, _, boundary, kept = pyyeti("bulk").asm2uset(str(name), try_rdextrn="pv_only")
     if K.shape != (np.count_nonzero(kept), np.count_nonzero(kept)):
         raise ModalError(
-            f"stiffness is {K.shape}, but the geometry beside it has {np.count_nonzero(kept)} degrees of freedom; where the"
-            " boundary has some directions of a grid only, the .pch file of EXTSEOUT is needed, too, which says which"
+            f"stiffness is {K.shape}, but the geometry beside it has {np.count_nonzero(kept)}"
+            " degrees of freedom; where the"
+            " boundary has some directions of a grid only, the .pch file of EXTSEOUT is needed,"
+            " too, which says which"
         )
     return boundary[kept], uset[boundary], np.flatnonzero(kept[boundary])
 
@@ -145,16 +176,25 @@ def missing_directions(points: Any, rows: np.ndarray) -> dict[int, list[str]]:
 
 
 def _tied(K: Any, M: Any, boundary: np.ndarray, points: Any, rows: np.ndarray) -> Deck:
-    """A model whose boundary grids, in ``rows`` of their table of degrees of freedom, are tied rigidly to the interface."""
+    """A model whose boundary grids, in ``rows`` of their table of degrees of freedom, are tied
+    rigidly to the interface.
+    """
     lost = missing_directions(points, rows)
     if lost:
-        listed = "; ".join(f"grid {grid}: {', '.join(names)}" for grid, names in list(lost.items())[:6])
+        listed = "; ".join(
+            f"grid {grid}: {', '.join(names)}" for grid, names in list(lost.items())[:6]
+        )
         raise ModalError(
-            f"its boundary lacks directions of {len(lost)} grids ({listed}), so that they are not clamped; reduce the model again"
+            f"its boundary lacks directions of {len(lost)} grids ({listed}), so that they are not"
+            " clamped; reduce the model again"
             " with all six directions of each boundary grid (BSET1,123456)"
         )
-    grids = located(points)
-    said = () if len(grids) == 1 else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
+    grids = grid_coordinates(points)
+    said = (
+        ()
+        if len(grids) == 1
+        else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
+    )
     return _fixed(K, M, boundary, rigid_motion(points)[rows], ORIGIN, grids=grids, notes=said)
 
 
@@ -163,10 +203,16 @@ def _boundary_of_six(K: np.ndarray, M: np.ndarray) -> np.ndarray:
     n = len(K)
     for boundary in (np.arange(n) < 6, np.arange(n) >= n - 6):
         modal, unit = K[np.ix_(~boundary, ~boundary)], M[np.ix_(~boundary, ~boundary)]
-        if n > 6 and _diagonal(modal) and _diagonal(unit) and np.allclose(np.diag(unit), 1.0, rtol=1e-3):
+        if (
+            n > 6
+            and _diagonal(modal)
+            and _diagonal(unit)
+            and np.allclose(np.diag(unit), 1.0, rtol=1e-3)
+        ):
             return boundary
     raise ModalError(
-        f"neither the first nor the last six of {n} degrees of freedom are a boundary beside mass-normalised modes; put"
+        f"neither the first nor the last six of {n} degrees of freedom are a boundary beside"
+        " mass-normalised modes; put"
         " the .asm or .pch file of EXTSEOUT beside it"
     )
 
@@ -179,7 +225,9 @@ def _fixed(
     K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, reference: int | Point,
     *, grids: dict[int, np.ndarray], notes: tuple[str, ...],
 ) -> Deck:  # fmt: skip
-    """Fixed-interface modes and participation M_bq of a Craig-Bampton model; ``R`` (b, 6) moves its boundary rigidly."""
+    """Fixed-interface modes and participation M_bq of a Craig-Bampton model; ``R`` (b, 6) moves its
+    boundary rigidly.
+    """
     from scipy.linalg import LinAlgError, eigh
 
     for name, A in (("stiffness", K), ("mass", M)):
@@ -190,7 +238,9 @@ def _fixed(
     if not inner.any():
         raise ModalError("has a boundary, but no modes")
     if np.abs(K[np.ix_(boundary, inner)]).max() > 1e-3 * np.abs(K_qq).max():
-        raise ModalError("stiffness couples boundary and modes: this is not a model with fixed-interface modes")
+        raise ModalError(
+            "stiffness couples boundary and modes: this is not a model with fixed-interface modes"
+        )
     try:
         eigenvalue, phi = eigh(K_qq, M_qq)
     except LinAlgError:
@@ -208,12 +258,15 @@ def _check_free(stiffness: np.ndarray, mass: np.ndarray, first: float) -> None:
     frequency = float(natural_frequency(held))
     if frequency > GROUNDED * first:
         raise ModalError(
-            f"the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g} Hz; 0 Hz is expected)"
+            f"the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g}"
+            " Hz; 0 Hz is expected)"
         )
 
 
-def read_dmig(path: Path, options: Import) -> Deck:
-    """Punched Craig-Bampton model (EXTSEOUT(DMIGPCH)); a file without DMIG entries is read for forces of constraint."""
+def read_dmig(path: Path, options: ImportOptions) -> Deck:
+    """Punched Craig-Bampton model (EXTSEOUT(DMIGPCH)); a file without DMIG entries is read for
+    forces of constraint.
+    """
     if not any(line.startswith("DMIG") for line in lines_of(path)):
         return read_punched(path, options)
     K, M, boundary, whole, rows = dmig_model(path)
@@ -231,7 +284,10 @@ def dmig_model(path: Path) -> Reduced:
         raise ModalError(f"has the DMIG entries {', '.join(found).upper()}; expected KAAX and MAAX")
     stiffness = found[pair[0]]
     index = stiffness.index.union(found[pair[1]].index)
-    K, M = (found[name].reindex(index=index, columns=index, fill_value=0.0).to_numpy(dtype=float) for name in pair)
+    K, M = (
+        found[name].reindex(index=index, columns=index, fill_value=0.0).to_numpy(dtype=float)
+        for name in pair
+    )
     uset = bulk.bulk2uset(str(path))[0]
     boundary = index.get_level_values(1).to_numpy() > 0
     missing = index[boundary].difference(uset.index)
@@ -242,7 +298,9 @@ def dmig_model(path: Path) -> Reduced:
 
 
 def op4_model(path: Path) -> Reduced | None:
-    """The same of an OP4 file with the geometry of EXTSEOUT beside it; None where it holds no such model."""
+    """The same of an OP4 file with the geometry of EXTSEOUT beside it; None where it holds no such
+    model.
+    """
     pair = _pair(path)
     if pair is None:
         return None

@@ -1,4 +1,6 @@
-"""The library that reads Nastran's binary files and bulk data, its tables of degrees of freedom, and lines of text files."""
+"""The library that reads Nastran's binary files and bulk data, its tables of degrees of freedom,
+and lines of text files.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,17 @@ def lines_of(path: Path) -> Iterator[str]:
         yield from iter(lambda: stream.readline(LONGEST_LINE), "")
 
 
-def located(uset: Any) -> dict[int, np.ndarray]:
+def grid_coordinates(uset: Any) -> dict[int, np.ndarray]:
     """Coordinates in the basic frame of the grids of a table of degrees of freedom, (3,) each."""
     first = uset.loc[(slice(None), 1), ["x", "y", "z"]]
-    return {int(k): v for k, v in zip(first.index.get_level_values(0), first.to_numpy(dtype=float), strict=True)}
+    return {
+        int(k): v
+        for k, v in zip(first.index.get_level_values(0), first.to_numpy(dtype=float), strict=True)
+    }
 
 
 def rigid_motion(uset: Any) -> np.ndarray:
-    """Six rigid-body motions about the origin of the basic frame, in the output coordinate systems of the grids, (n, 6)."""
+    """Six rigid-body motions about the origin of the basic frame, in the output coordinate systems
+    of the grids, (n, 6).
+    """
     return pyyeti("n2p").rbgeom_uset(uset)

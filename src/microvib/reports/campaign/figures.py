@@ -31,7 +31,9 @@ def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     """Median, 95 % and 99 % point and largest amplitude of each line."""
     figure, ax = sheets.one_axes(1.3 + 0.27 * len(rows))
     y = np.arange(len(rows))[::-1]
-    median, p95, p99 = (1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95", "p99"))
+    median, p95, p99 = (
+        1e3 * np.array([getattr(r, name).value for r in rows]) for name in ("median", "p95", "p99")
+    )
     if np.isfinite(p95).any():
         ax.barh(y, p95 - median, left=median, height=0.5, color=LOW, label="median to 95 % point")
     ax.plot(median, y, "|", color=sheets.BLUE, markersize=13, markeredgewidth=2.2, label="median")
@@ -49,18 +51,25 @@ def _name(row: LineStatistics) -> str:
     low, high = row.frequency
     if not math.isfinite(low):
         return row.line
-    return f"{row.line}  {low:.4g} Hz" if high - low < 1e-3 * high else f"{row.line}  {low:.3g} to {high:.3g} Hz"
+    if high - low < 1e-3 * high:
+        return f"{row.line}  {low:.4g} Hz"
+    return f"{row.line}  {low:.3g} to {high:.3g} Hz"
 
 
 def _limit(ax: Axes, limit: float | None, label: str = "limit {:g} mN m") -> None:
     if limit is not None:
         height = 1e3 * limit
-        ax.axvline(height, color=sheets.RED, linestyle="-.", linewidth=1.4, label=label.format(height))
+        ax.axvline(
+            height, color=sheets.RED, linestyle="-.", linewidth=1.4, label=label.format(height)
+        )
 
 
 def _with_legend(figure: Figure, columns: int, handles: Sequence[Any] | None = None) -> Figure:
     """The figure with a legend below it: of all its axes, or of these handles."""
-    given = {} if handles is None else {"handles": handles}
+    if handles is None:
+        given = {}
+    else:
+        given = {"handles": handles}
     figure.legend(loc="outside lower center", ncols=columns, fontsize=7, frameon=False, **given)
     return figure
 
@@ -76,10 +85,14 @@ def _plain_decades(axis: Any) -> None:
 def _of_level(results: Results, level: Level) -> np.ndarray:
     """Which cases are independent draws of one level, (cases,)."""
     design = results.campaign.design
-    return statistics.independent(design) & (np.arange(design.cases) // design.samples.shape[0] == level.number)
+    return statistics.independent_cases(design) & (
+        np.arange(design.cases) // design.samples.shape[0] == level.number
+    )
 
 
-def histograms(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
+def histograms(
+    results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level
+) -> Figure:
     """Histogram of each line's amplitude over the draws of one level."""
     counted = _of_level(results, level)
     figure, axes = sheets.panels(len(lines))
@@ -91,14 +104,20 @@ def histograms(results: Results, lines: Sequence[str], limit: float | None, band
         for q, style in ((0.5, "-"), (0.95, "--"), (0.99, ":")):
             if x.size >= statistics.draws_needed(q):
                 point = float(np.quantile(x, q))
-                ax.axvline(point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %")
-        if limit is not None and 1e3 * limit < 3.0 * float(x.max(initial=0.0)):  # else the picture would shrink
+                ax.axvline(
+                    point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %"
+                )
+        if limit is not None and 1e3 * limit < 3.0 * float(
+            x.max(initial=0.0)
+        ):  # else the picture would shrink
             _limit(ax, limit, "limit")
         ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="draws")
     return _with_legend(figure, 4, axes[0].get_legend_handles_labels()[0])
 
 
-def exceedances(results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level) -> Figure:
+def exceedances(
+    results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level
+) -> Figure:
     """Part of the draws of one level in which a line is larger than an amplitude."""
     counted = _of_level(results, level)
     figure, ax = sheets.one_axes(3.4)
@@ -106,9 +125,22 @@ def exceedances(results: Results, lines: Sequence[str], limit: float | None, ban
     for k, line in enumerate(lines):
         x, part = statistics.exceedance(amplitudes(results, line, band)[counted])
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
-        ax.step(1e3 * x, part, where="post", color=colour, linestyle=styles[k % len(styles)], linewidth=1.5, label=line)
+        ax.step(
+            1e3 * x,
+            part,
+            where="post",
+            color=colour,
+            linestyle=styles[k % len(styles)],
+            linewidth=1.5,
+            label=line,
+        )
     _limit(ax, limit)
-    ax.set(yscale="log", xscale="log", xlabel="amplitude, 0-to-peak [mN m]", ylabel="fraction of the draws above it")
+    ax.set(
+        yscale="log",
+        xscale="log",
+        xlabel="amplitude, 0-to-peak [mN m]",
+        ylabel="fraction of the draws above it",
+    )
     _plain_decades(ax.xaxis)
     ax.set_ylim(0.5 / max(int(counted.sum()), 1), 1.2)
     return _with_legend(figure, 4)
@@ -129,10 +161,15 @@ def tornados(found: Sequence[Tornado]) -> Figure:
             ax.barh(y, moved, left=1e3 * item.centre, height=0.6, color=colours)
         ax.axvline(1e3 * item.centre, color="#333333", linewidth=0.9)
         ax.set_yticks(y, [e.key for e in shown], fontsize=6.5)
-        explained = f" (R² {item.explained:.2f})" if math.isfinite(item.explained) else ""
+        if math.isfinite(item.explained):
+            explained = f" (R² {item.explained:.2f})"
+        else:
+            explained = ""
         ax.set(title=f"{item.line}{explained}", xlabel="amplitude, 0-to-peak [mN m]")
     texts = {"at its low end": LOW, "at its high end": sheets.BLUE, "between its levels": BETWEEN}
-    return _with_legend(figure, 3, [Patch(color=colour, label=text) for text, colour in texts.items()])
+    return _with_legend(
+        figure, 3, [Patch(color=colour, label=text) for text, colour in texts.items()]
+    )
 
 
 def scatters(results: Results, line: str, band: Band) -> Figure | None:
@@ -154,11 +191,15 @@ def scatters(results: Results, line: str, band: Band) -> Figure | None:
 
 
 def _label(item: Varied) -> str:
-    return f"{item.key} [{pretty(item.display)}]" if item.display else item.key
+    if item.display:
+        return f"{item.key} [{pretty(item.display)}]"
+    return item.key
 
 
 def _per_display(item: Varied) -> float:
-    return 1.0 / convert(f"1 {item.display}", item.unit) if item.display and item.display != item.unit else 1.0
+    if item.display and item.display != item.unit:
+        return 1.0 / convert(f"1 {item.display}", item.unit)
+    return 1.0
 
 
 def sobol_bars(found: Sequence[Indices]) -> Figure:
@@ -173,7 +214,15 @@ def sobol_bars(found: Sequence[Indices]) -> Figure:
             chosen = [estimates[k] for k in order]
             value = np.array([e.value for e in chosen])
             ends = np.abs(np.array([[e.low for e in chosen], [e.high for e in chosen]]) - value)
-            ax.barh(y + shift, value, height=0.34, color=colour, label=label, xerr=ends, error_kw={"elinewidth": 0.9})
+            ax.barh(
+                y + shift,
+                value,
+                height=0.34,
+                color=colour,
+                label=label,
+                xerr=ends,
+                error_kw={"elinewidth": 0.9},
+            )
         ax.set_yticks(y, [item.keys[k] for k in order], fontsize=6.5)
         ax.set(title=f"{item.line}, {item.points} points", xlabel="fraction of the variance")
         ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
@@ -205,9 +254,15 @@ def _over(ax: Axes, results: Results, lines: Sequence[str], levels: Levels, band
             for of, end in ((max, np.nanmedian), (min, np.nanmin), (max, np.nanmax))
         )
         colour = sheets.COLOURS[k % len(sheets.COLOURS)]
-        ax.plot(x, median, marker="os^Dv*"[k % 6], markersize=4, color=colour, linewidth=1.2, label=line)
+        ax.plot(
+            x, median, marker="os^Dv*"[k % 6], markersize=4, color=colour, linewidth=1.2, label=line
+        )
         ax.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
     if not numeric or x.size <= 8:
         ax.set_xticks(x, [f"{v:g}" for v in x] if numeric else levels.labels)
-    ax.set(yscale="log", xlabel=_label(levels) if numeric else levels.key, ylabel="amplitude, 0-to-peak [mN m]")
+    ax.set(
+        yscale="log",
+        xlabel=_label(levels) if numeric else levels.key,
+        ylabel="amplitude, 0-to-peak [mN m]",
+    )
     _plain_decades(ax.yaxis)

@@ -16,26 +16,41 @@ from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.model.expected import is_sideband
 from microvib.model.scenario import Scenario
-from microvib.reports.blocks import drawn, study
+from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.campaign import figures
 from microvib.reports.document import Block, Document, Fact, Section, Table, Text, table
-from microvib.reports.numbers import brief_milli, count, given, plain, short, torque
+from microvib.reports.numbers import (
+    brief_milli,
+    count_text,
+    plain_number,
+    torque,
+    torque_as_given,
+    truncate,
+)
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
-from microvib.studies.campaign.statistics import ANY, AnyLevel, Estimate, LineStatistics, draws_needed
+from microvib.studies.campaign.statistics import (
+    LARGEST_LINE,
+    AnyLevel,
+    Estimate,
+    LineStatistics,
+    draws_needed,
+)
 from microvib.units import Si
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-WORST = 5
+MAX_WORST_CASES = 5
 """Worst cases that are listed for each line."""
 MAX_LEVELS = 20
 MAX_REASONS = 10
-"""Levels, those with the largest lines, that are listed in a report; all of them are in statistics.csv."""
+"""Levels, those with the largest lines, that are listed in a report; all of them are in
+statistics.csv.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +63,9 @@ class Summary:
     rows: list[LineStatistics]
     """Level by level."""
     any_level: AnyLevel | None
-    """Draws that are above the limit at one of several levels; None without a limit, or with one level."""
+    """Draws that are above the limit at one of several levels; None without a limit, or with one
+    level.
+    """
     lines: list[str]
     """Lines of the pictures."""
     worst: dict[str, list[tuple[int, float]]]
@@ -58,7 +75,9 @@ class Summary:
     @property
     def by_level(self) -> list[LineStatistics]:
         """The largest line of each level, the highest first."""
-        return sorted((row for row in self.rows if row.line == ANY), key=lambda row: -row.largest)
+        return sorted(
+            (row for row in self.rows if row.line == LARGEST_LINE), key=lambda row: -row.largest
+        )
 
     @property
     def several(self) -> bool:
@@ -71,37 +90,45 @@ def summarise(results: Results, limit: float | None, band: tuple[float, float]) 
     """Statistics, worst cases, effects and Sobol indices of merged results."""
     rows = statistics.line_statistics(results, limit, band)
     lines = statistics.main_lines(rows) or list(results.lines[:4])
-    shown = [ANY, *lines]
+    shown = [LARGEST_LINE, *lines]
     tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
     indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
-    worst = {line: statistics.worst_cases(results, line, band, WORST) for line in shown}
-    any_level = (
-        statistics.at_any_level(results, limit, band)
-        if limit is not None and len({r.level for r in rows}) > 1
-        else None
-    )
+    worst = {line: statistics.worst_cases(results, line, band, MAX_WORST_CASES) for line in shown}
+    if limit is not None and len({r.level for r in rows}) > 1:
+        any_level = statistics.at_any_level(results, limit, band)
+    else:
+        any_level = None
     return Summary(results, limit, band, rows, any_level, lines, worst, tornados, indices)
 
 
-def shown(s: Summary) -> list[LineStatistics]:
-    """Each line at the level at which it is largest: the largest of all, lines of the pictures, and what else is at least a
-    hundredth of the largest."""
-    rows = statistics.governing(s.rows)
+def shown_rows(s: Summary) -> list[LineStatistics]:
+    """Each line at the level at which it is largest: the largest of all, lines of the pictures, and
+    what else is at least a hundredth of the largest."""
+    rows = statistics.governing_levels(s.rows)
     top = rows[0].largest
-    return [r for r in rows if r.line in (ANY, *s.lines) or (not is_sideband(r.line) and r.largest > 0.01 * top)]
+    return [
+        r
+        for r in rows
+        if r.line in (LARGEST_LINE, *s.lines)
+        or (not is_sideband(r.line) and r.largest > 0.01 * top)
+    ]
 
 
-def hertz(r: LineStatistics) -> str:
+def frequency_text(r: LineStatistics) -> str:
     """Frequency of a line, or its range over the cases [Hz]."""
     low, high = r.frequency
     if not math.isfinite(low):
         return ""
-    return f"{low:.5g}" if high - low < 1e-4 * high else f"{low:.4g} to {high:.4g}"
+    if high - low < 1e-4 * high:
+        return f"{low:.5g}"
+    return f"{low:.4g} to {high:.4g}"
 
 
 def interval(e: Estimate) -> str:
     """An interval; empty where the draws are too few for it."""
-    return f"{brief_milli(e.low)} to {brief_milli(e.high)}" if math.isfinite(e.value) else ""
+    if math.isfinite(e.value):
+        return f"{brief_milli(e.low)} to {brief_milli(e.high)}"
+    return ""
 
 
 def above_limit(r: LineStatistics) -> str:
@@ -109,7 +136,11 @@ def above_limit(r: LineStatistics) -> str:
     if r.above is None:
         return ""
     if r.exceedance is None:
-        return "above" if r.above else "not judged" if r.unknown else "below"
+        if r.above:
+            return "above"
+        if r.unknown:
+            return "not judged"
+        return "below"
     e, doubt = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
     return f"{r.above} of {r.judged}{doubt}: {100 * e.value:.3g} % ({percents(e)})"
 
@@ -139,42 +170,55 @@ def draw(s: Summary) -> dict[str, Picture]:
     if not counts(results)[DONE]:
         return made  # every case failed, or none is computed
     if s.rows:
-        where = " Each line at the level at which it is largest." if s.several else ""
+        if s.several:
+            where = " Each line at the level at which it is largest."
+        else:
+            where = ""
         text = f"Median, 95 % and 99 % point where the draws carry them, and the largest amplitude.{where}"
-        made["envelopes"] = Picture("Envelopes", figures.envelopes(shown(s)[:16], s.limit), text)
+        made["envelopes"] = Picture(
+            "Envelopes", figures.envelopes(shown_rows(s)[:16], s.limit), text
+        )
     if s.rows and s.by_level[0].level.draws > 1:
         level = s.by_level[0].level
-        where = f" At {level.text}, the level with the largest line." if s.several else ""
-        given = results, [ANY, *s.lines][:6], s.limit, s.band, level
+        if s.several:
+            where = f" At {level.text}, the level with the largest line."
+        else:
+            where = ""
+        given = results, [LARGEST_LINE, *s.lines][:6], s.limit, s.band, level
         text = f"Fraction of the draws in which a line exceeds an amplitude.{where}"
         made["exceedance"] = Picture("Exceedance", figures.exceedances(*given), text)
         text = f"Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point.{where}"
         made["histograms"] = Picture("Histograms", figures.histograms(*given), text)
     if any(len(levels.values) > 1 for levels in design.levels):
         text = "Median over the levels of a key, the largest where other keys have levels too; shaded, all cases at it."
-        drawing = figures.over_levels(results, [ANY, *s.lines][:4], s.band)
+        drawing = figures.over_levels(results, [LARGEST_LINE, *s.lines][:4], s.band)
         made["levels"] = Picture("Over the levels", drawing, text)
     if s.tornados:
-        text = (
-            "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean"
-        )
+        text = "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean"
         made["tornado"] = Picture("What moves the lines", figures.tornados(s.tornados), f"{text}.")
     if s.indices:
         text = "Fraction of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
         made["sobol"] = Picture("Sobol indices", figures.sobol_bars(s.indices), text)
-    scatter = figures.scatters(results, ANY, s.band)
+    scatter = figures.scatters(results, LARGEST_LINE, s.band)
     if scatter is not None:
         made["scatter"] = Picture("Cases", scatter, "Largest line of each case over what varies.")
     return made
 
 
 def campaign_report(s: Summary, pictures: dict[str, Picture]) -> Document:
-    """The report of a campaign; its first page says what was varied, the lines against the limit, and the envelopes."""
+    """The report of a campaign; its first page says what was varied, the lines against the limit,
+    and the envelopes.
+    """
     campaign, base = s.results.campaign, s.results.campaign.design.base
-    figure = {name: drawn(drawing, title, caption) for name, (title, drawing, caption) in pictures.items()}
+    figure = {
+        name: figure_block(drawing, title, caption)
+        for name, (title, drawing, caption) in pictures.items()
+    }
     envelopes = figure.pop("envelopes", None)
     lines: list[Block] = [*([_lines(s)] if s.rows else []), *([envelopes] if envelopes else [])]
-    by_level = s.rows and s.several  # then the first page has the levels, and the lines the next one
+    by_level = (
+        s.rows and s.several
+    )  # then the first page has the levels, and the lines the next one
     first_page: list[Block] = [_levels(s)] if by_level else lines
     sections = [
         *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
@@ -183,12 +227,15 @@ def campaign_report(s: Summary, pictures: dict[str, Picture]) -> Document:
         Section("How to read the figures", (Text(_how_to_read(s)),)),
         *(Section(pictures[name].title, (block,)) for name, block in figure.items()),
         *([Section("Failed cases", _failed(s.results))] if FAILED in s.results.state else []),
-        Section("Identity", (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),)),
+        Section(
+            "Identity",
+            (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),),
+        ),
     ]
     done, cases = counts(s.results)[DONE], campaign.design.cases
     subtitle = f"{done} of {cases} cases of {base.title or campaign.design.study.scenario}"
     title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
-    return study(
+    return study_report(
         "Campaign", title, subtitle, facts=_facts(s), first_page=first_page, sections=sections, scenario=base
     )  # fmt: skip
 
@@ -196,12 +243,21 @@ def campaign_report(s: Summary, pictures: dict[str, Picture]) -> Document:
 def _facts(s: Summary) -> list[Fact]:
     found = counts(s.results)
     facts = [Fact(str(found[DONE]), "cases")]
-    facts += [Fact(str(found[FAILED]), "failed", "fail")] if found[FAILED] else []
-    facts += [Fact(str(found[MISSING]), "not computed yet", "fail")] if found[MISSING] else []
+    if found[FAILED]:
+        facts += [Fact(str(found[FAILED]), "failed", "fail")]
+    else:
+        facts += []
+    if found[MISSING]:
+        facts += [Fact(str(found[MISSING]), "not computed yet", "fail")]
+    else:
+        facts += []
     if not s.rows:
         return facts
     top = s.by_level[0]
-    at = f" at {short(top.level.text, 80)}" if s.several else ""
+    if s.several:
+        at = f" at {truncate(top.level.text, 80)}"
+    else:
+        at = ""
     if math.isfinite(top.p95.value):
         facts.append(Fact(torque(top.p95.value), f"largest line, 95 % of the draws below{at}"))
     facts.append(Fact(torque(top.largest), f"worst case, number {top.worst}{at}"))
@@ -209,23 +265,52 @@ def _facts(s: Summary) -> list[Fact]:
 
 
 def _limit_facts(s: Summary) -> list[Fact]:
-    """What may be said against the limit, of every level by itself and of units that pass through all levels."""
+    """What may be said against the limit, of every level by itself and of units that pass through
+    all levels.
+    """
     if s.limit is None:
         return []
-    allowed, facts = given(s.limit), []
-    fails, open_ones = [row for row in s.by_level if row.above], [row for row in s.by_level if row.unknown]
+    allowed, facts = torque_as_given(s.limit), []
+    fails, open_ones = (
+        [row for row in s.by_level if row.above],
+        [row for row in s.by_level if row.unknown],
+    )
     incomplete = any(row.level.failed for row in s.by_level)
-    kind: Literal["", "pass", "fail"] = "fail" if fails else "" if open_ones or incomplete else "pass"
+    if fails:
+        kind: Literal["", "pass", "fail"] = "fail"
+    elif open_ones or incomplete:
+        kind = ""
+    else:
+        kind = "pass"
     if s.several:
-        doubt = f"; cases that could not be judged at {len(open_ones)}" if open_ones else ""
-        facts.append(Fact(f"{len(fails)} of {len(s.by_level)} levels", f"with cases above {allowed}{doubt}", kind))
+        if open_ones:
+            doubt = f"; cases that could not be judged at {len(open_ones)}"
+        else:
+            doubt = ""
+        facts.append(
+            Fact(
+                f"{len(fails)} of {len(s.by_level)} levels",
+                f"with cases above {allowed}{doubt}",
+                kind,
+            )
+        )
     chance = s.any_level if s.several else s.by_level[0]
     if chance is not None and chance.exceedance is not None:
-        doubt = f", {chance.unknown} not judged" if chance.unknown else ""
-        total = chance.count if isinstance(chance, AnyLevel) else chance.judged
-        text = f"of {total} draws above {allowed}{' at one level or more' if s.several else ''}{doubt}"
+        if chance.unknown:
+            doubt = f", {chance.unknown} not judged"
+        else:
+            doubt = ""
+        if isinstance(chance, AnyLevel):
+            total = chance.count
+        else:
+            total = chance.judged
+        text = (
+            f"of {total} draws above {allowed}{' at one level or more' if s.several else ''}{doubt}"
+        )
         e = chance.exceedance
-        facts.append(Fact(f"{100 * e.value:.3g} %", f"{text} (95 % interval {percents(e)} %)", kind))
+        facts.append(
+            Fact(f"{100 * e.value:.3g} %", f"{text} (95 % interval {percents(e)} %)", kind)
+        )
     return facts or [Fact(above_limit(s.by_level[0]), allowed, kind)]
 
 
@@ -236,23 +321,39 @@ def why_not_judged(s: Summary) -> str:
     own = limit_of(s.results.campaign.design.study)
     if own != Limit(Si(s.limit), *map(Si, s.band)):
         return (
-            "Cases are judged as runs are only against the study's own limit and band; of another limit it is only known what"
+            "Cases are judged as runs are only against the study's own limit and band; of another"
+            " limit it is only known what"
             " is above it."
         )
     reasons = Counter(text for text in s.results.gaps if text)
-    total = count(reasons.total(), "case")
-    return f"{reasons.most_common(1)[0][0]} (of {total}, the commonest reason)" if reasons else ""
+    total = count_text(reasons.total(), "case")
+    if reasons:
+        return f"{reasons.most_common(1)[0][0]} (of {total}, the commonest reason)"
+    return ""
 
 
 def _lines(s: Summary) -> Table:
     header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its interval [mN m]", "P99 [mN m]", "largest [mN m]",
               "case [1]", "above the limit [1]", "at level"]  # fmt: skip
     rows = [
-        [r.line, hertz(r), brief_milli(r.median.value), brief_milli(r.p95.value), interval(r.p95), brief_milli(r.p99.value),
-         brief_milli(r.largest), str(r.worst), above_limit(r), short(r.level.text, 60)]
-        for r in shown(s)
-    ]  # fmt: skip
-    where = ", each at the level at which it is largest" if s.several else ""
+        [
+            r.line,
+            frequency_text(r),
+            brief_milli(r.median.value),
+            brief_milli(r.p95.value),
+            interval(r.p95),
+            brief_milli(r.p99.value),
+            brief_milli(r.largest),
+            str(r.worst),
+            above_limit(r),
+            truncate(r.level.text, 60),
+        ]
+        for r in shown_rows(s)
+    ]
+    if s.several:
+        where = ", each at the level at which it is largest"
+    else:
+        where = ""
     return table(header, rows, f"Lines{where}; 0-to-peak.", {0: "strong"})
 
 
@@ -260,26 +361,41 @@ def _levels(s: Summary) -> Table:
     header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]",
               "above the limit [1]"]  # fmt: skip
     rows = [
-        [short(r.level.text, 80), str(r.level.draws), brief_milli(r.median.value), brief_milli(r.p95.value),
+        [truncate(r.level.text, 80), str(r.level.draws), brief_milli(r.median.value), brief_milli(r.p95.value),
          brief_milli(r.p99.value), brief_milli(r.largest), str(r.worst), above_limit(r)]
         for r in s.by_level[:MAX_LEVELS]
     ]  # fmt: skip
     more = len(s.by_level) - len(rows)
-    rest = f" {more} more are in `statistics.csv`." if more > 0 else ""
-    return table(header, rows, f"The largest line at each level, the highest first.{rest}", {0: "strong"})
+    if more > 0:
+        rest = f" {more} more are in `statistics.csv`."
+    else:
+        rest = ""
+    return table(
+        header, rows, f"The largest line at each level, the highest first.{rest}", {0: "strong"}
+    )
 
 
 def _how_to_read(s: Summary) -> str:
-    band = "" if s.band == (0.0, math.inf) else f" Lines from {s.band[0]:g} to {s.band[1]:g} Hz."
+    if s.band == (0.0, math.inf):
+        band = ""
+    else:
+        band = f" Lines from {s.band[0]:g} to {s.band[1]:g} Hz."
     text = (
-        "P95 and P99 are amplitudes that 95 % and 99 % of the draws stay below. Intervals hold with 95 % confidence whatever the"
-        f" distribution, for independent draws. A percentile is given where the draws bound it: the median from"
+        "P95 and P99 are amplitudes that 95 % and 99 % of the draws stay below. Intervals hold with"
+        " 95 % confidence whatever the"
+        f" distribution, for independent draws. A percentile is given where the draws bound it: the"
+        " median from"
         f" {draws_needed(0.5)} on, P95 from {draws_needed(0.95)}, P99 from {draws_needed(0.99)}."
     )
     if s.several:
-        text += " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
+        text += (
+            " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
+        )
     failed, why = sum(r.level.failed for r in s.by_level), why_not_judged(s)
-    text += f" {count(failed, 'case')} without figures (failed, or not computed) are not in them." if failed else ""
+    if failed:
+        text += f" {count_text(failed, 'case')} without figures (failed, or not computed) are not in them."
+    else:
+        text += ""
     text += f" {why}" if why else ""
     return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
@@ -288,9 +404,15 @@ def _sampling(campaign: Campaign, s: Summary) -> str:
     design = campaign.design
     sampling, record = design.study.sampling, design.base.record
     points = design.samples.shape[0]
-    how = f"Sampling: {sampling.method}, {count(points, 'point')}, seed {sampling.seed}. " if design.random else ""
+    if design.random:
+        how = f"Sampling: {sampling.method}, {count_text(points, 'point')}, seed {sampling.seed}. "
+    else:
+        how = ""
     if seeds_of(design.base, 0):
-        each = "Every point has its own draw" if sampling.noise == "each" else "All cases have one draw"
+        if sampling.noise == "each":
+            each = "Every point has its own draw"
+        else:
+            each = "All cases have one draw"
         how += f"{each} of the friction's noise. "
     recorded = f"a record of {record.duration:g} s after {record.settle:g} s"
     if design.study.solve != "steady" and design.base.record.start != "steady":
@@ -300,37 +422,57 @@ def _sampling(campaign: Campaign, s: Summary) -> str:
 
 
 def integrated_text(s: Summary) -> str:
-    """How many cases have no steady state and were integrated in time, with the reasons counted; empty where all have one."""
-    why = Counter(kind_of(note) for note in s.results.notes if note)
+    """How many cases have no steady state and were integrated in time, with the reasons counted;
+    empty where all have one.
+    """
+    why = Counter(reason_without_values(note) for note in s.results.notes if note)
     if not why:
         return ""
     reasons = "; ".join(f"{number} x {kind}" for kind, number in why.most_common(MAX_REASONS))
     return f"{why.total()} of {len(s.results.notes)} cases have no steady state and were integrated from rest instead: {reasons}."
 
 
-def kind_of(reason: str) -> str:
+def reason_without_values(reason: str) -> str:
     """A reason without its figures, so that alike ones are counted together."""
     words = ["..." if any(c.isdigit() for c in word) else word for word in reason.split()]
-    return " ".join(word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "...")[:200]
+    return " ".join(
+        word for k, word in enumerate(words) if word != "..." or k == 0 or words[k - 1] != "..."
+    )[:200]
 
 
 def _varied(campaign: Campaign) -> Table:
     design = campaign.design
-    rows = [[x.key, short(f"{count(len(x.values), 'level')}: {', '.join(x.labels)}", 120)] for x in design.levels]
+    rows = [
+        [x.key, truncate(f"{count_text(len(x.values), 'level')}: {', '.join(x.labels)}", 120)]
+        for x in design.levels
+    ]
     rows += [[x.key, x.text] for x in design.uncertain]
-    rows += [[" and ".join(c.keys), f"correlation {c.coefficient:g}"] for c in design.study.correlations]
-    rows += [[f"combination {k}", short(str(item), 120)] for k, item in enumerate(design.combinations) if item]
+    rows += [
+        [" and ".join(c.keys), f"correlation {c.coefficient:g}"] for c in design.study.correlations
+    ]
+    rows += [
+        [f"combination {k}", truncate(str(item), 120)]
+        for k, item in enumerate(design.combinations)
+        if item
+    ]
     return table(["`key`", "how"], rows)
 
 
 def _worst(s: Summary) -> list[Block]:
-    """The cases with the largest lines and what is varied in them, a column each; the worst cases of every line."""
-    found = s.worst[ANY][:WORST]
+    """The cases with the largest lines and what is varied in them, a column each; the worst cases
+    of every line.
+    """
+    found = s.worst[LARGEST_LINE][:MAX_WORST_CASES]
     if not found:
         return [Text("No case has been computed yet.")]
     design = s.results.campaign.design
     labels = [design.labels(case) for case, _ in found]
-    which = {case: line for line, cases in reversed(s.worst.items()) if line != ANY for case in cases}
+    which = {
+        case: line
+        for line, cases in reversed(s.worst.items())
+        if line != LARGEST_LINE
+        for case in cases
+    }
     header = ["what", "unit", *(f"case {case} [1]" for case, _ in found), "scenario [1]"]
     rows = [
         ["largest line", "mN m", *(brief_milli(amplitude) for _, amplitude in found), ""],
@@ -352,8 +494,8 @@ def _varied_row(base: Scenario, key: str, labels: Sequence[str]) -> list[str]:
     parts = [_NUMBER.match(text) for text in texts]
     units = {m[2] or "" for m in parts if m}
     if len(units) != 1 or not all(parts):
-        return [key, "", *(short(text, 24) for text in texts)]
-    return [key, units.pop(), *(plain(float(m[1])) for m in parts if m)]
+        return [key, "", *(truncate(text, 24) for text in texts)]
+    return [key, units.pop(), *(plain_number(float(m[1])) for m in parts if m)]
 
 
 _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
@@ -364,12 +506,17 @@ def _worst_of_lines(s: Summary) -> Table:
     for what in ("worst case", "second", "third"):
         header += [f"{what} [1]", "its amplitude [mN m]"]
     for line, found in s.worst.items():
-        cells = [cell for case, amplitude in found[:3] for cell in (str(case), brief_milli(amplitude))]
+        cells = [
+            cell for case, amplitude in found[:3] for cell in (str(case), brief_milli(amplitude))
+        ]
         rows.append([line, *cells, *[""] * (6 - len(cells))])
     return table(header, rows, "The worst cases of each line.", {0: "strong"})
 
 
 def _failed(results: Results) -> tuple[Block, ...]:
     rows = [[str(case), reason] for case, reason in enumerate(results.reasons) if reason]
-    more = [Text("All of them are in `failed.csv`.")] if len(rows) > 20 else []
+    if len(rows) > 20:
+        more = [Text("All of them are in `failed.csv`.")]
+    else:
+        more = []
     return table(["case [1]", "reason"], rows[:20]), *more

@@ -40,12 +40,15 @@ def run_scenario(
 ) -> tuple[RunResult, tuple[str, ...]]:
     """``solve_run`` into a folder; the result, and the names of its files.
 
-    A record that has no room is refused before it is simulated, and nothing is written unless all of it can be.
+    A record that has no room is refused before it is simulated, and nothing is written unless all
+    of it can be.
     """
     begun = time.perf_counter()
     if not lines_only:
         _check_size(scenario, out)
-    result = solve_run(scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress)
+    result = solve_run(
+        scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress
+    )
     return result, write_run(result, out, overwrite=overwrite, limit=limit, form=form, begun=begun)
 
 
@@ -60,14 +63,17 @@ def write_run(
 ) -> tuple[str, ...]:
     """Write a run's folder, all of it or nothing, and return the names of its files.
 
-    The report judges lines by ``limit``, and is also written as ``form`` says. ``begun`` is when the run began, on the clock of
-    ``time.perf_counter``.
+    The report judges lines by ``limit``, and is also written as ``form`` says. ``begun`` is when
+    the run began, on the clock of ``time.perf_counter``.
     """
     expect(result, RunResult, "what a run found (mv.run)")
     expect_path(out)
     files: dict[str, Any] = {}
     motion, form, of_hub = result.motion, form or Form(), result.hub
-    second = None if result.second is None else result.second.table
+    if result.second is None:
+        second = None
+    else:
+        second = result.second.table
     if motion is not None:
         from microvib.reports.rendering import report_files
         from microvib.reports.run.report import run_report
@@ -75,9 +81,16 @@ def write_run(
         files = {"motion.nc": partial(write_motion, motion)}
         if motion.beside is not None:
             files[SECOND_MOTION] = partial(write_motion, motion.beside)
-        files |= report_files(run_report(motion, result.table, hub=of_hub, second=second, limit=limit), form)
-    total = {} if begun is None else {"total": time.perf_counter() - begun}
-    judged_by = {"limit": None if limit is None else asdict(limit)}  # so that the report can be made again
+        files |= report_files(
+            run_report(motion, result.table, hub=of_hub, second=second, limit=limit), form
+        )
+    if begun is None:
+        total = {}
+    else:
+        total = {"total": time.perf_counter() - begun}
+    judged_by = {
+        "limit": None if limit is None else asdict(limit)
+    }  # so that the report can be made again
     files |= run_texts(result, run_summary(result, **total) | judged_by, of_hub)
     write_folder(Path(out), files, overwrite)
     return tuple(files)
@@ -88,7 +101,9 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
     timings = {"simulate": result.solver["wall_s"], **timings}
     second = result.second
     told = summary(result.scenario, result.invariants, result.solver, result.table, **timings)
-    return told if second is None else told | {SECOND_DRIVE: numerics(second.invariants, second.solver)}
+    if second is None:
+        return told
+    return told | {SECOND_DRIVE: numerics(second.invariants, second.solver)}
 
 
 def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:
@@ -107,7 +122,10 @@ def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None
         if of_hub.los is not None:
             files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
             summed = summed | {"pointing": of_hub.summary()}
-    return files | {"scenario.yaml": dump_scenario(result.scenario), "summary.json": to_json(summed)}
+    return files | {
+        "scenario.yaml": dump_scenario(result.scenario),
+        "summary.json": to_json(summed),
+    }
 
 
 def _check_size(scenario: Scenario, out: Path) -> None:
@@ -118,8 +136,10 @@ def _check_size(scenario: Scenario, out: Path) -> None:
         available = math.inf
     if 3.0 * size > available:
         raise ScenarioError(
-            f"record: {scenario.record.samples:.3g} samples need about {3 * size / 1e9:.3g} GB of memory and"
-            f" {available / 1e9:.3g} GB are free; shorten record.duration, lower record.sample_rate, or keep the lines only",
+            f"record: {scenario.record.samples:.3g} samples need about {3 * size / 1e9:.3g} GB of"
+            " memory and"
+            f" {available / 1e9:.3g} GB are free; shorten record.duration, lower"
+            " record.sample_rate, or keep the lines only",
             remedy="lines_only",
         )
     check_room(out, 1.02 * size + 2e6)

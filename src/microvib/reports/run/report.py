@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from microvib.analysis.accuracy import KEY
-from microvib.analysis.budget import budget
+from microvib.analysis.accuracy import ERROR_ESTIMATE_KEY
+from microvib.analysis.budget import torque_budget
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import Judgement, Limit, judge
 from microvib.analysis.pointing import HubLines
@@ -16,18 +16,24 @@ from microvib.analysis.run import lines_of_second
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
-from microvib.reports.blocks import drawn, study
+from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.craft import craft_sections, pointing_facts
 from microvib.reports.document import Code, Document, Section, Table, Text, pairs, table
-from microvib.reports.numbers import count, format_number, milli
+from microvib.reports.numbers import count_text, format_number, milli
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
-from microvib.reports.run.first_page import facts, first_page, judged_cells, marks, what
-from microvib.reports.run.trust import trust_section
-from microvib.signals.line_table import FAINT, Line, LineTable
+from microvib.reports.run.first_page import (
+    first_page,
+    judged_cells,
+    leading_figures,
+    origin_and_status,
+    row_marks,
+)
+from microvib.reports.run.trust import invariants_section
+from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable
 from microvib.solve.motion import Motion
 from microvib.studies.validate import compare_with_paper, comparison_worth
 
-_NOT_SHOWN = ("wall_s", "times_real_time", KEY)
+_HIDDEN_SOLVER_KEYS = ("wall_s", "times_real_time", ERROR_ESTIMATE_KEY)
 """What of the solver's account differs from run to run, or is told in words."""
 _MAX_LINES = 3
 _ROWS = {
@@ -39,7 +45,7 @@ _ROWS = {
     "T_l": "T_l, load of the array (not in the sum)",
 }
 """Each torque, as the housing feels it."""
-_TINY = 1e-9
+_MIN_PHASE_RATIO = 1e-9
 """Part of a line's largest contribution below which a phase says nothing."""
 
 
@@ -54,21 +60,26 @@ def run_report(
 ) -> Document:
     """The report on one run; ``versions`` are those that made the motion, without them today's.
 
-    ``hub`` are the lines of a craft's hub, ``second`` those of its second wing's drive; without them they are found in the motion.
+    ``hub`` are the lines of a craft's hub, ``second`` those of its second wing's drive; without
+    them they are found in the motion.
     """
     scenario, axis = motion.scenario, motion.scenario.array.drive_axis
     again = (
         Text("In the folder of this report (the scenario there is complete):"),
         Code("microvib run scenario.yaml --out again"),
     )
-    judged = None if limit is None else judge(lines, limit, scenario, second or lines_of_second(motion, lines))
+    if limit is None:
+        judged = None
+    else:
+        judged = judge(lines, limit, scenario, second or lines_of_second(motion, lines))
     if hub is None and scenario.spacecraft is not None:
         hub = hub_lines(motion, lines)
-    return study(
+    return study_report(
         "Run report",
         scenario.title or "microvib run",
-        f"Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis ({axis}).",
-        facts=(*facts(motion, lines, judged), *pointing_facts(hub)),
+        "Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis"
+        f" ({axis}).",
+        facts=(*leading_figures(motion, lines, judged), *pointing_facts(hub)),
         first_page=first_page(motion, lines, judged),
         sections=(
             _all_lines(lines, judged),
@@ -78,10 +89,17 @@ def run_report(
             _torque_budget(motion, lines),
             *_friction_loop(motion),
             _frequencies(scenario),
-            Section("Parameters", (Text(status_sentence(scenario)), *parameter_blocks(scenario)), new_page=True),
-            Section("Derived values", (table(["quantity", "value [1]", "by"], derived_values(scenario)),)),
+            Section(
+                "Parameters",
+                (Text(status_sentence(scenario)), *parameter_blocks(scenario)),
+                new_page=True,
+            ),
+            Section(
+                "Derived values",
+                (table(["quantity", "value [1]", "by"], derived_values(scenario)),),
+            ),
             _method(motion),
-            trust_section(motion),
+            invariants_section(motion),
         ),
         scenario=scenario,
         versions=versions,
@@ -90,7 +108,9 @@ def run_report(
 
 
 def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
-    worth = {x.line for x in lines.notable()} | {m.line.line for m in (judged.margins if judged else ()) if m.fails}
+    worth = {x.line for x in lines.notable()} | {
+        m.line.line for m in (judged.margins if judged else ()) if m.fails
+    }
     shown = tuple(x for x in lines if x.line in worth)
     header = [
         "line", "expected [Hz]", "found [Hz]", "amplitude [mN m]", "phase [rad]", "nearest bin [Hz]", "nearest bin [mN m]",
@@ -98,11 +118,13 @@ def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
     ]  # fmt: skip
     rows = [[*_line_cells(x), *(judged_cells(x, judged)[::2] if judged else [])] for x in shown]
     text = (
-        "Amplitudes are 0-to-peak and do not depend on where the bins fall. Nearest bin is the figure of a rectangular window"
-        " that the paper quotes, which reads up to 36 % low between bins. A decaying line is quoted with its mean over the"
+        "Amplitudes are 0-to-peak and do not depend on where the bins fall. Nearest bin is the"
+        " figure of a rectangular window"
+        " that the paper quotes, which reads up to 36 % low between bins. A decaying line is quoted"
+        " with its mean over the"
         " record. Phases are those of a cosine at the first sample."
     )
-    listed = table(header, rows, _left_out(lines, shown), marks(shown, judged))
+    listed = table(header, rows, _omitted_lines_note(lines, shown), row_marks(shown, judged))
     return Section("All lines", (Text(text), listed, *_over_seeds(lines, shown)), new_page=True)
 
 
@@ -112,8 +134,10 @@ def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, 
     if not found:
         return ()
     text = (
-        f"Over {found[0].draws} draws of the noise, this record's and those of the following seeds. The 95 % quantile is given with"
-        " what this many draws say about it, each bound with 95 % confidence; fewer than 59 do not bound it from above."
+        f"Over {found[0].draws} draws of the noise, this record's and those of the following seeds."
+        " The 95 % quantile is given with"
+        " what this many draws say about it, each bound with 95 % confidence; fewer than 59 do not"
+        " bound it from above."
     )
     header = [
         "line",
@@ -125,24 +149,50 @@ def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, 
         "at most [mN m]",
     ]
     rows = [
-        [x.line, str(x.draws), *map(milli, (x.mean_n_m, x.deviation_n_m, x.p95_n_m, x.p95_low_n_m, x.p95_high_n_m))]
+        [
+            x.line,
+            str(x.draws),
+            *map(milli, (x.mean_n_m, x.deviation_n_m, x.p95_n_m, x.p95_low_n_m, x.p95_high_n_m)),
+        ]
         for x in found
     ]
     return Text(text), table(header, rows)
 
 
 def _line_cells(x: Line) -> list[str]:
-    phase = f"{x.phase_rad:.3f}" if math.isfinite(x.phase_rad) else ""
-    expected, found, bin_hz = (format_number(f, 7) for f in (x.expected_hz, x.frequency_hz, x.bin_frequency_hz))
-    return [x.line, expected, found, milli(x.amplitude_n_m), phase, bin_hz, milli(x.bin_amplitude_n_m), what(x)]
+    if math.isfinite(x.phase_rad):
+        phase = f"{x.phase_rad:.3f}"
+    else:
+        phase = ""
+    expected, found, bin_hz = (
+        format_number(f, 7) for f in (x.expected_hz, x.frequency_hz, x.bin_frequency_hz)
+    )
+    return [
+        x.line,
+        expected,
+        found,
+        milli(x.amplitude_n_m),
+        phase,
+        bin_hz,
+        milli(x.bin_amplitude_n_m),
+        origin_and_status(x),
+    ]
 
 
-def _left_out(lines: LineTable, shown: tuple[Line, ...]) -> str:
+def _omitted_lines_note(lines: LineTable, shown: tuple[Line, ...]) -> str:
     """A sentence on the lines that are left to the CSV file."""
-    faint = [x.line for x in lines if x.status == FAINT]
-    small = sum(x.status != FAINT for x in lines) - sum(x.status != FAINT for x in shown)
-    parts = [f"{count(small, 'small line')} more in `lines.csv`."] if small else []
-    parts += [f"Expected, but not above the floor: {', '.join(faint)}."] if faint else []
+    faint = [x.line for x in lines if x.status == BELOW_FLOOR]
+    small = sum(x.status != BELOW_FLOOR for x in lines) - sum(
+        x.status != BELOW_FLOOR for x in shown
+    )
+    if small:
+        parts = [f"{count_text(small, 'small line')} more in `lines.csv`."]
+    else:
+        parts = []
+    if faint:
+        parts += [f"Expected, but not above the floor: {', '.join(faint)}."]
+    else:
+        parts += []
     return " ".join(parts)
 
 
@@ -160,7 +210,8 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
               "paper over test [%]", "this run over test [%]"]  # fmt: skip
     text = f"All in the paper's own form, nearest bin of a rectangular window; {comparison_worth(scenario)}."
     caption = (
-        "Test and paper: Appl. Sci. 2021, 11, 9076, Tables 5 and 6 (paper: its simulation). The last columns are differences of"
+        "Test and paper: Appl. Sci. 2021, 11, 9076, Tables 5 and 6 (paper: its simulation). The"
+        " last columns are differences of"
         " amplitude."
     )
     return [Section("Beside the paper", (Text(text), table(header, rows, caption)))]
@@ -169,12 +220,18 @@ def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
 def _pictures(motion: Motion, lines: LineTable) -> tuple[Section, Section]:
     (zoom, about), (stretch, through) = (sheets.plain_sheet(height) for height in (2.6, 2.4))
     figures.draw_array_zoom(about[0, 0], motion, lines)
-    figures.draw_stretch(through[0, 0], motion)
+    figures.draw_microsteps(through[0, 0], motion)
     clamped = "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped frequency."
     sticks = "T_d through the first microsteps of the record. Grey: the output shaft sticks, its rate is exactly zero."
     return (
-        Section("About the array's modes", (drawn(zoom, "Amplitude spectrum about the array's modes", clamped),)),
-        Section("Through the microsteps", (drawn(stretch, "Disturbance torque through a few microsteps", sticks),)),
+        Section(
+            "About the array's modes",
+            (figure_block(zoom, "Amplitude spectrum about the array's modes", clamped),),
+        ),
+        Section(
+            "Through the microsteps",
+            (figure_block(stretch, "Disturbance torque through a few microsteps", sticks),),
+        ),
     )
 
 
@@ -184,24 +241,33 @@ def _friction_loop(motion: Motion) -> list[Section]:
     drawing, axes = sheets.plain_sheet(2.9, 1, 2)
     figures.draw_friction_loop(axes[0, 0], axes[0, 1], motion)
     caption = (
-        "Left: a shaft at rest before, turned slowly to and fro until all elements slide, and by less. Right: through the first"
+        "Left: a shaft at rest before, turned slowly to and fro until all elements slide, and by"
+        " less. Right: through the first"
         " microsteps of the record."
     )
-    return [Section("Friction with memory", (drawn(drawing, "Friction torque over the output's angle", caption),))]
+    return [
+        Section(
+            "Friction with memory",
+            (figure_block(drawing, "Friction torque over the output's angle", caption),),
+        )
+    ]
 
 
 def _torque_budget(motion: Motion, lines: LineTable) -> Section:
     text = (
-        "The torques on the housing, which add up to the disturbance torque, line by line as phasors:"
-        " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a cosine at the first sample."
+        "The torques on the housing, which add up to the disturbance torque, line by line as"
+        " phasors:"
+        " T_d = −T_e + T_f,m + T_f − (1 + 1/h) T_g. RMS is about the mean; phases are those of a"
+        " cosine at the first sample."
     )
     drawing, axes = sheets.plain_sheet(2.9, 1, 2)
     figures.draw_torques(axes[0, 0], axes[0, 1], motion)
     caption = (
-        "Left, torques at the output less their means: T_d on the spacecraft, T_g of the gear, T_f of friction, T_l of the array."
+        "Left, torques at the output less their means: T_d on the spacecraft, T_g of the gear, T_f"
+        " of friction, T_l of the array."
         " Right, torques at the rotor: T_e of the motor, T_f,m of friction, T_g/h of the gear."
     )
-    picture = drawn(drawing, "Torques at output and rotor through a few microsteps", caption)
+    picture = figure_block(drawing, "Torques at output and rotor through a few microsteps", caption)
     return Section("Torque budget", (Text(text), _budget(motion, _main_lines(lines)), picture))
 
 
@@ -214,17 +280,20 @@ def _main_lines(lines: LineTable) -> list[Line]:
 
 def _budget(motion: Motion, lines: list[Line]) -> Table:
     """Mean, RMS and largest value of each contribution, then its amplitude and phase at each line."""
-    shares = budget(motion, [line.frequency_hz for line in lines])
+    shares = torque_budget(motion, [line.frequency_hz for line in lines])
     felt = [shares[name].felt for name in _ROWS]
     header = ["contribution", "mean [mN m]", "RMS [mN m]", "largest [mN m]"]
     header += [text for line in lines for text in (f"{line.line} [mN m]", "phase [°]")]
-    least = [_TINY * max(abs(x.tones[k]) for x in felt) for k in range(len(lines))]
+    least = [_MIN_PHASE_RATIO * max(abs(x.tones[k]) for x in felt) for k in range(len(lines))]
     cells = []
     for text, x in zip(_ROWS.values(), felt, strict=True):
         phasors = [
             cell
             for v, small in zip(x.tones, least, strict=True)
-            for cell in (_milli(abs(v)), f"{np.degrees(np.angle(v)):+.0f}" if abs(v) > small else "")
+            for cell in (
+                _milli(abs(v)),
+                f"{np.degrees(np.angle(v)):+.0f}" if abs(v) > small else "",
+            )
         ]
         cells.append([text, _milli(x.mean), _milli(x.rms), _milli(x.peak), *phasors])
     return table(header, cells, "", {len(cells) - 2: "strong"})
@@ -233,7 +302,10 @@ def _budget(motion: Motion, lines: list[Line]) -> Table:
 def _milli(value: float) -> str:
     """A torque [N m] in mN m: four digits, and no more than a thousandth of one."""
     size = abs(1e3 * value)
-    decimals = 3 if size < 1e-3 else max(0, min(3, 3 - math.floor(math.log10(size))))
+    if size < 1e-3:
+        decimals = 3
+    else:
+        decimals = max(0, min(3, 3 - math.floor(math.log10(size))))
     return f"{1e3 * value:.{decimals}f}"
 
 
@@ -250,14 +322,21 @@ def _frequencies(scenario: Scenario) -> Section:
 def _method(motion: Motion) -> Section:
     duration = motion.scenario.record.duration
     text = (
-        "The equations of motor, current loop, microstep command, frictions, reducer and flexible array are integrated in time"
-        " with adaptive steps; stick and slip are located as events. T_d is what the angular momentum of drive"
-        " and array loses (Eq. 20). Lines come from one Hann-windowed spectrum: the lines of the step clock share one clock ratio,"
-        " array modes are fitted as decaying tones, and all amplitudes come from one least-squares fit. The record of"
+        "The equations of motor, current loop, microstep command, frictions, reducer and flexible"
+        " array are integrated in time"
+        " with adaptive steps; stick and slip are located as events. T_d is what the angular"
+        " momentum of drive"
+        " and array loses (Eq. 20). Lines come from one Hann-windowed spectrum: the lines of the"
+        " step clock share one clock ratio,"
+        " array modes are fitted as decaying tones, and all amplitudes come from one least-squares"
+        " fit. The record of"
         f" {duration:g} s has bins of {1 / duration:.4g} Hz."
     )
     account = []
     for key, value in motion.solver.items():
         name = key.removesuffix("_s").replace("_", " ") + (" [s]" if key.endswith("_s") else "")
-        account += [(name, f"{value:.4g}" if isinstance(value, float) else str(value))] if key not in _NOT_SHOWN else []
+        if key not in _HIDDEN_SOLVER_KEYS:
+            account += [(name, f"{value:.4g}" if isinstance(value, float) else str(value))]
+        else:
+            account += []
     return Section("Method", (Text(text), pairs(account)))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from microvib.analysis.limits import Limit, judge, unsettled
+from microvib.analysis.limits import Limit, judge, transient_warnings
 from microvib.analysis.run import RunResult
-from microvib.analysis.start import without_steady_state
+from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
 from microvib.reports.numbers import angle_text
@@ -14,25 +14,37 @@ from microvib.signals.line_table import LineTable
 from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
 from microvib.text_tables import text_table
 
-_COSTS = 4
+_MAX_CONTRIBUTORS = 4
 """Lines that are told of the line of sight."""
 
 
 def run_text(result: RunResult, limit: Limit | None = None) -> str:
     """What is told of a run; a ``limit`` judges its lines."""
-    return "\n".join([*_lines(result.scenario, result.table), *_trust(result, limit)])
+    return "\n".join(
+        [*_lines(result.scenario, result.table), *_integration_error_text(result, limit)]
+    )
 
 
 def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
     yield f"\n{scenario.title or 'Lines'}: amplitudes 0-to-peak\n"
     yield table.text(notable=True)
-    yield from (f"\n{sentence}" for sentence in unsettled(table, scenario))
+    yield from (f"\n{sentence}" for sentence in transient_warnings(table, scenario))
     if not any(line.seen for line in table):
         yield "No line stands out: the record is too short, its sample rate too low, or nothing moves."
     rows = compare_with_paper(scenario, table)
     if rows:
         yield f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(scenario)}:\n"
-        head = ("line", "test Hz", "paper Hz", "ours Hz", "test N m", "paper N m", "ours N m", "paper %", "ours %")
+        head = (
+            "line",
+            "test Hz",
+            "paper Hz",
+            "ours Hz",
+            "test N m",
+            "paper N m",
+            "ours N m",
+            "paper %",
+            "ours %",
+        )
         cells = [
             (r.line, f"{r.test_hz:.4f}", f"{r.paper_hz:.5f}", f"{r.ours_hz:.4f}", f"{r.test_n_m:.5f}", f"{r.paper_n_m:.6f}",
              f"{r.ours_n_m:.6f}", f"{100 * r.paper_error:+.1f}", f"{100 * r.our_error:+.1f}")
@@ -48,28 +60,35 @@ def _numerics(whose: str, result: RunResult) -> Iterator[str]:
     solver, i = result.solver, result.invariants
     if result.state is not None:
         yield (
-            f"\nSteady state{whose}: repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps); found"
-            f" with {solver['periods_evaluated']:.3g} periods; a deviation falls to {solver['multiplier']:.3g} of itself in one"
+            f"\nSteady state{whose}: repeats every {solver['period_s']:.6g} s"
+            f" ({solver['period_microsteps']} microsteps); found"
+            f" with {solver['periods_evaluated']:.3g} periods; a deviation falls to"
+            f" {solver['multiplier']:.3g} of itself in one"
             f" period, to a hundredth in {solver['settling_s']:.3g} s."
         )
     yield (
-        f"\nInvariants{whose}: torque forms {i.torque_forms:.1e}, energy beyond Joule heat {i.energy_mechanical:.1e},"
-        f" momentum {i.momentum:.1e}. {solver['simulated_s']:.4g} s simulated in {solver['wall_s']:.2g} s."
+        f"\nInvariants{whose}: torque forms {i.torque_forms:.1e}, energy beyond Joule heat"
+        f" {i.energy_mechanical:.1e},"
+        f" momentum {i.momentum:.1e}. {solver['simulated_s']:.4g} s simulated in"
+        f" {solver['wall_s']:.2g} s."
     )
     if result.accuracy is not None:
         yield f"Integration{whose}: {result.accuracy}."
 
 
-def _trust(result: RunResult, limit: Limit | None) -> Iterator[str]:
+def _integration_error_text(result: RunResult, limit: Limit | None) -> Iterator[str]:
     scenario, second = result.scenario, result.second
     for fact in pointing_facts(result.hub):
         assert result.hub is not None
         window = max(result.hub.windows)
-        costs = (f"{name} {angle_text(angle, 3)}" for name, angle in result.hub.ranking("rpe", window)[:_COSTS])
-        yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; lines that cost most, rms: {', '.join(costs)}."
+        costs = (
+            f"{name} {angle_text(angle, 3)}"
+            for name, angle in result.hub.ranking("rpe", window)[:_MAX_CONTRIBUTORS]
+        )
+        yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; largest contributors, rms: {', '.join(costs)}."
     if limit is not None:
         yield f"\n{judge(result.table, limit, scenario, None if second is None else second.table)}"
-    if told := without_steady_state(result.solver):
+    if told := steady_state_fallback_note(result.solver):
         yield f"\n{told}"
     for whose, one in result.drives.items():
         yield from _numerics(whose, one)

@@ -1,7 +1,8 @@
 """Whether a start from rest leads to a motion that was found.
 
-What a drive does follows from how it began, and every run begins at rest. A motion that repeats with the command is therefore
-taken only if a start from rest leads to it. Its deviation from the motion must die out, which is seen in one of two ways:
+What a drive does follows from how it began, and every run begins at rest. A motion that repeats
+with the command is therefore taken only if a start from rest leads to it. Its deviation from the
+motion must die out, which is seen in one of two ways:
 
 - The deviation is **as linear as a small one** (``_is_linear``): from a part of it the drive goes a part of the way, to
   much less than what decays meanwhile. A mode that friction feeds, slips that alternate or an edge that is met are none of that:
@@ -20,27 +21,33 @@ import numpy as np
 from microvib.solve.steady.from_rest import RunFromRest, rms
 from microvib.solve.steady.period import NotPeriodic
 
-ARRIVED = 0.01
+ARRIVAL_TOLERANCE = 0.01
 """Deviation of the torque, over the RMS of the torque, at which a start from rest has arrived."""
-LOOKED_AT = 0.05
-"""Decay times over which it is asked whether a deviation is linear, or a cycle of the slowest mode if that is longer."""
-LOOKS = 3
+LINEARITY_CHECK_WINDOW = 0.05
+"""Decay times over which it is asked whether a deviation is linear, or a cycle of the slowest mode
+if that is longer.
+"""
+MAX_LINEARITY_CHECKS = 3
 """How often that is asked before the deviation is waited for."""
-SMALLER = 0.1
+LINEARITY_TEST_SCALE = 0.1
 """Part of a deviation with which it is compared."""
-LINEAR = 0.3
+LINEARITY_TOLERANCE = 0.3
 """Difference between them, over what decays meanwhile, below which a deviation is linear."""
-DECAYS = 0.5
+MIN_DECAY_RATE_RATIO = 0.5
 """Rate of its decay, over that of small deviations, at least."""
 WINDOW = 0.15
-"""Decay times over which a deviation that is waited for is averaged, or a cycle of the slowest mode if that is longer."""
-REGULAR = (0.5, 2.5)
+"""Decay times over which a deviation that is waited for is averaged, or a cycle of the slowest mode
+if that is longer.
+"""
+DECAY_RATE_RATIO_RANGE = (0.5, 2.5)
 """Rate of the decay, over that of small deviations, within which a deviation may be shortened."""
 SHORTENED_BELOW = 0.5
-"""Part of its largest value below which a deviation may be shortened: above it, each start is its own."""
+"""Part of its largest value below which a deviation may be shortened: above it, each start is its
+own.
+"""
 SHORTENED_TO = 0.4
 """Part of a deviation that is left when it is shortened."""
-STALLED = (1.5, 0.8)
+STALL_CRITERION = (1.5, 0.8)
 """Decay times in which a deviation must fall at least to this part of itself."""
 LEAST_DECAY = 1e-9
 """Rate [1/s] that a decay is taken to have at least."""
@@ -51,7 +58,7 @@ class NotReached(NotPeriodic):
 
 
 @dataclass(frozen=True)
-class Found:
+class PeriodicMotion:
     """A motion that repeats with the command."""
 
     x: np.ndarray
@@ -61,25 +68,31 @@ class Found:
     decay: float
     """Rate [1/s] at which small deviations from it die out."""
     slow: np.ndarray
-    """What sees a deviation of the state along each of those that die out slowly, (k, n); there may be none."""
+    """What sees a deviation of the state along each of those that die out slowly, (k, n); there may
+    be none.
+    """
 
 
-def confirm(run: RunFromRest, found: Found, waited: bool = False) -> None:
-    """Show that a start from rest leads to the motion ``found``; NotReached where it does not, or takes too long.
+def confirm_reached_from_rest(
+    run: RunFromRest, found: PeriodicMotion, waited: bool = False
+) -> None:
+    """Show that a start from rest leads to the motion ``found``; NotReached where it does not, or
+    takes too long.
 
     ``waited``, the deviation is waited for to its end.
     """
     found = replace(found, decay=max(found.decay, LEAST_DECAY))
-    _expect_soon(run, found)
+    _check_decay_time(run, found)
     run.begin()
-    if waited or not _dies_out(run, found):
+    if waited or not _deviation_is_linear_or_gone(run, found):
         _arrive(run, found, shortened=not waited)
 
 
-def _expect_soon(run: RunFromRest, found: Found) -> None:
+def _check_decay_time(run: RunFromRest, found: PeriodicMotion) -> None:
     if _periods(run, WINDOW / found.decay) > run.longest * run.period.frequency / 8.0:
         raise NotReached(
-            f"small deviations take {1.0 / found.decay:.3g} s to die out by a factor e, too long to be waited for"
+            f"small deviations take {1.0 / found.decay:.3g} s (time constant) to decay, too long to"
+            " wait for"
         )
 
 
@@ -88,65 +101,91 @@ def _periods(run: RunFromRest, time: float) -> int:
     return math.ceil(max(run.ringing.cycle, time) * run.period.frequency - 1e-9)
 
 
-def _dies_out(run: RunFromRest, found: Found) -> bool:
-    """Whether the deviation from the motion becomes as linear as a small one before long, or has died out."""
-    periods = _periods(run, LOOKED_AT / found.decay)
-    before = rms(_deviation(run, found, math.ceil(0.5 * periods)))  # in which what decays fast does so
-    for _ in range(LOOKS):
+def _deviation_is_linear_or_gone(run: RunFromRest, found: PeriodicMotion) -> bool:
+    """Whether the deviation from the motion becomes as linear as a small one before long, or has
+    died out.
+    """
+    periods = _periods(run, LINEARITY_CHECK_WINDOW / found.decay)
+    before = rms(
+        _deviation(run, found, math.ceil(0.5 * periods))
+    )  # in which what decays fast does so
+    for _ in range(MAX_LINEARITY_CHECKS):
         begun = run.seen() - found.x
         deviation = _deviation(run, found, periods)
         away = rms(deviation)
-        if away <= ARRIVED * rms(found.T_d):
+        if away <= ARRIVAL_TOLERANCE * rms(found.T_d):
             return True
-        left = math.exp(-DECAYS * found.decay * periods / run.period.frequency)
-        falls = _along_slow(found, run.seen() - found.x, away) <= left * _along_slow(found, begun, before)
+        left = math.exp(-MIN_DECAY_RATE_RATIO * found.decay * periods / run.period.frequency)
+        falls = _slow_component(found, run.seen() - found.x, away) <= left * _slow_component(
+            found, begun, before
+        )
         if falls and _is_linear(run, found, begun, deviation):
             return True
         before = away
     return False
 
 
-def _along_slow(found: Found, deviation: np.ndarray, away: float) -> float:
-    """Size of a ``deviation`` (n,) along what dies out slowly; that of the torque, ``away``, where nothing does."""
-    return float(np.linalg.norm(found.slow @ deviation)) if len(found.slow) else away
+def _slow_component(found: PeriodicMotion, deviation: np.ndarray, away: float) -> float:
+    """Size of a ``deviation`` (n,) along what dies out slowly; that of the torque, ``away``, where
+    nothing does.
+    """
+    if len(found.slow):
+        return float(np.linalg.norm(found.slow @ deviation))
+    return away
 
 
-def _is_linear(run: RunFromRest, found: Found, begun: np.ndarray, deviation: np.ndarray) -> bool:
-    """Whether a part of the deviation of the state that the run had ``begun`` with makes that part of its ``deviation``."""
+def _is_linear(
+    run: RunFromRest, found: PeriodicMotion, begun: np.ndarray, deviation: np.ndarray
+) -> bool:
+    """Whether a part of the deviation of the state that the run had ``begun`` with makes that part
+    of its ``deviation``.
+    """
     decayed = -math.expm1(-found.decay * len(deviation) / run.period.frequency)
     here = run.place()
-    run.go_on_from(found.x + SMALLER * begun)
-    scaled = _deviation(run, found, len(deviation)) / SMALLER
+    run.go_on_from(found.x + LINEARITY_TEST_SCALE * begun)
+    scaled = _deviation(run, found, len(deviation)) / LINEARITY_TEST_SCALE
     run.go_back(here)
-    return rms(scaled - deviation) <= LINEAR * decayed * rms(deviation)
+    return rms(scaled - deviation) <= LINEARITY_TOLERANCE * decayed * rms(deviation)
 
 
-def _deviation(run: RunFromRest, found: Found, periods: int) -> np.ndarray:
+def _deviation(run: RunFromRest, found: PeriodicMotion, periods: int) -> np.ndarray:
     """Deviation of the torque [N m] over the next ``periods``, one row for each."""
     torque, _ = run.advance(periods * run.period.microsteps, run.rows)
     result: np.ndarray = torque.reshape(periods, -1) - found.T_d
     return result
 
 
-def _arrive(run: RunFromRest, found: Found, shortened: bool) -> None:
-    """Wait until the deviation has died out, or, ``shortened``, until it has done so from ever smaller ones."""
+def _arrive(run: RunFromRest, found: PeriodicMotion, shortened: bool) -> None:
+    """Wait until the deviation has died out, or, ``shortened``, until it has done so from ever
+    smaller ones.
+    """
     periods, size = _periods(run, WINDOW / found.decay), rms(found.T_d)
     time = periods / run.period.frequency
-    looked = max(math.ceil(STALLED[0] / (found.decay * time)), 3)
+    looked = max(math.ceil(STALL_CRITERION[0] / (found.decay * time)), 3)
     largest = expected = 0.0
     regular, left, history = 0, 1.0, []
     while run.simulated < run.longest:
         away = rms(_deviation(run, found, periods))
-        if away <= ARRIVED * size:
+        if away <= ARRIVAL_TOLERANCE * size:
             return
         largest = max(largest, away)
-        rate = math.log(expected / away) / time if expected else 0.0
-        regular = regular + 1 if REGULAR[0] * found.decay <= rate <= REGULAR[1] * found.decay else 0
+        if expected:
+            rate = math.log(expected / away) / time
+        else:
+            rate = 0.0
+        if (
+            DECAY_RATE_RATIO_RANGE[0] * found.decay
+            <= rate
+            <= DECAY_RATE_RATIO_RANGE[1] * found.decay
+        ):
+            regular = regular + 1
+        else:
+            regular = 0
         history.append(away / left)
-        if len(history) > looked and history[-1] > STALLED[1] * history[-1 - looked]:
+        if len(history) > looked and history[-1] > STALL_CRITERION[1] * history[-1 - looked]:
             break
         expected = away
         if shortened and regular >= 2 and away <= SHORTENED_BELOW * largest:
             run.go_on_from(found.x + SHORTENED_TO * (run.seen() - found.x))
             expected, left = SHORTENED_TO * away, SHORTENED_TO * left
-    raise NotReached("a start from rest does not lead to the motion that repeats with the command")
+    raise NotReached("a start from rest does not converge to the periodic motion that was found")

@@ -1,4 +1,6 @@
-"""A run in time from rest, counted in microsteps of the command: what every other run of the scenario does."""
+"""A run in time from rest, counted in microsteps of the command: what every other run of the
+scenario does.
+"""
 
 from __future__ import annotations
 
@@ -11,36 +13,38 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.integration import stopped
-from microvib.solve.sampling import samples_into
+from microvib.solve.integration import status_error
+from microvib.solve.sampling import sample_buffer
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 
-MOST_MICROSTEPS = 3_000_000
+MAX_MICROSTEPS = 3_000_000
 """Microsteps of a run from rest, at most."""
-MOST_STEPS = 10_000_000
+MAX_STEPS = 10_000_000
 """Steps of its integration, at most: some seconds of computing."""
-LONGEST = 3000.0
+MAX_SIMULATED_TIME = 3000.0
 """Time [s] that it simulates, at most."""
-HIGHEST = 2.0
+MIN_AVERAGES_PER_CYCLE = 2.0
 """Averages of the torque in a cycle of the fastest mode, at least."""
-SLOWEST = 1e-4
+MIN_DECAY_RATE = 1e-4
 """Rate [1/s] that a decay is taken to have at least."""
-LIGHT = 0.5
+MAX_RINGING_DAMPING_RATIO = 0.5
 """Damping ratio above which a mode does not ring."""
 
 
-class Ringing:
-    """The slowest decay [1/s] and the longest and shortest cycle [s] of what rings in a drive: (``decay``, ``cycle``, ``top``)."""
+class RingingTimes:
+    """The slowest decay [1/s] and the longest and shortest cycle [s] of what rings in a drive:
+    (``decay``, ``cycle``, ``top``).
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
-        self.decay = max(min((m.decay for m in modes), default=math.inf), SLOWEST)
-        modes = [m for m in modes if m.damping < LIGHT]
+        self.decay = max(min((m.decay for m in modes), default=math.inf), MIN_DECAY_RATE)
+        modes = [m for m in modes if m.damping < MAX_RINGING_DAMPING_RATIO]
         self.cycle = max((1.0 / m.frequency for m in modes), default=0.0)
         self.top = max((m.frequency for m in modes), default=0.0)
 
 
-class Place(NamedTuple):
+class Checkpoint(NamedTuple):
     """Where a run is, to go back to."""
 
     state: list[np.ndarray]
@@ -48,19 +52,25 @@ class Place(NamedTuple):
 
 
 class RunFromRest:
-    """A run in time under the command of a ``PeriodMap``, that begins as every run of its scenario does."""
+    """A run in time under the command of a ``PeriodMap``, that begins as every run of its scenario
+    does.
+    """
 
     def __init__(self, period: PeriodMap) -> None:
-        self.period, self.ringing = period, Ringing(period.scenario)
-        self.rows = math.ceil(max(HIGHEST * self.ringing.top * period.microstep_time, 2.0))
+        self.period, self.ringing = period, RingingTimes(period.scenario)
+        self.rows = math.ceil(
+            max(MIN_AVERAGES_PER_CYCLE * self.ringing.top * period.microstep_time, 2.0)
+        )
         """Averages of the torque in each microstep."""
         self.simulated = 0.0
         """Time [s] that was simulated."""
-        self.longest = min(MOST_MICROSTEPS * period.microstep_time, LONGEST)
+        self.longest = min(MAX_MICROSTEPS * period.microstep_time, MAX_SIMULATED_TIME)
         """Time [s] that may be simulated."""
 
     def begin(self, parts: int = 1) -> None:
-        """Go from rest to the first of the ``parts`` of a period that begins under the rate of the record."""
+        """Go from rest to the first of the ``parts`` of a period that begins under the rate of the
+        record.
+        """
         period, scenario = self.period, self.period.scenario
         period.rest()
         self._begun = int(period.packed.state.counters[kernel.STEPS])
@@ -71,26 +81,40 @@ class RunFromRest:
         self.made = part * math.ceil((since - period.start) / (part * period.microstep_time) + 1e-6)
         stop = self._time(self.made)
         given = Command(scenario)
-        if stop > LONGEST or abs(float(np.diff(given.count(np.array([0.0, stop])))[0])) > MOST_MICROSTEPS:
-            raise NotPeriodic("the rate of the record begins too late for a run from rest that shows its steady state")
+        if (
+            stop > MAX_SIMULATED_TIME
+            or abs(float(np.diff(given.count(np.array([0.0, stop])))[0])) > MAX_MICROSTEPS
+        ):
+            raise NotPeriodic(
+                "the recorded rate starts too late for a run from rest to reach its steady state"
+            )
         self._go(stop, *given.microsteps(0.0, stop))
 
     def advance(self, microsteps: int, rows: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Means of torque [N m] and of the output's stick over the next ``microsteps``, with ``rows`` in each of them."""
+        """Means of torque [N m] and of the output's stick over the next ``microsteps``, with
+        ``rows`` in each of them.
+        """
         packed, count = self.period.packed, microsteps * rows
         stop = self._time(self.made + microsteps)
         samples = None
         if count:
             buffer, now = np.zeros((count, packed.torque_columns)), self._time(self.made)
-            samples = samples_into(buffer, now, (stop - now) / count)
+            samples = sample_buffer(buffer, now, (stop - now) / count)
         self._go(stop, *self.period.command.microsteps(self._time(self.made), stop), samples)
         self.made += microsteps
-        return packed.torque_of(samples.rows) if samples is not None else (np.zeros(0), np.zeros(0))
+        if samples is not None:
+            return packed.torque_of(samples.rows)
+        return (np.zeros(0), np.zeros(0))
 
     def seen(self, period: PeriodMap | None = None, ahead: int = 0) -> np.ndarray:
-        """The state at the start of a ``period`` that begins ``ahead`` microsteps before the run's own, seen from the command."""
+        """The state at the start of a ``period`` that begins ``ahead`` microsteps before the run's
+        own, seen from the command.
+        """
         y = self.period.packed.state.y[None]
-        period = self.period if period is None else period
+        if period is None:
+            period = self.period
+        else:
+            period = period
         return period.from_command(y, period.turn([-self.made - ahead]), np.zeros_like(y))[0]
 
     def stick(self, ahead: int = 0) -> np.ndarray:
@@ -102,11 +126,11 @@ class RunFromRest:
         self.period.put(x, stick)
         self.made = 0
 
-    def place(self) -> Place:
+    def place(self) -> Checkpoint:
         """Where the run is."""
-        return Place([part.copy() for part in self.period.packed.state], self.made)
+        return Checkpoint([part.copy() for part in self.period.packed.state], self.made)
 
-    def go_back(self, place: Place) -> None:
+    def go_back(self, place: Checkpoint) -> None:
         """Go on from where the run was."""
         for part, value in zip(self.period.packed.state, place.state, strict=True):
             part[:] = value
@@ -115,17 +139,23 @@ class RunFromRest:
     def _time(self, made: int) -> float:
         return self.period.start + made * self.period.microstep_time
 
-    def _go(self, stop: float, times: np.ndarray, commands: np.ndarray, samples: object = None) -> None:
+    def _go(
+        self, stop: float, times: np.ndarray, commands: np.ndarray, samples: object = None
+    ) -> None:
         packed = self.period.packed
         begun = float(packed.state.clock[kernel.NOW])
         status = packed.advance(stop, samples or self.period.unseen, times, commands)
         now = float(packed.state.clock[kernel.NOW])
         self.simulated += now - begun
         if status != kernel.OK:
-            raise NotPeriodic(f"a start from rest does not get there: {stopped(self.period.scenario, status, now)}")
-        if packed.state.counters[kernel.STEPS] - self._begun > MOST_STEPS:
             raise NotPeriodic(
-                f"a run from rest that shows it takes too many steps, of which {self.simulated:.3g} s had {MOST_STEPS}"
+                "a start from rest does not get there:"
+                f" {status_error(self.period.scenario, status, now)}"
+            )
+        if packed.state.counters[kernel.STEPS] - self._begun > MAX_STEPS:
+            raise NotPeriodic(
+                f"a run from rest that shows it takes too many steps, of which {self.simulated:.3g}"
+                f" s had {MAX_STEPS}"
             )
 
 

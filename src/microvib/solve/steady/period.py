@@ -1,8 +1,10 @@
-"""The drive over one period of its command, as a map from the state at its start to the state at its end (Poincaré map).
+"""The drive over one period of its command, as a map from the state at its start to the state at
+its end (Poincaré map).
 
-States are compared as seen from the command: turned back by the angle that the command has advanced. The drive is unchanged when
-its motor turns by a quarter of an electrical period, because that exchanges the phases and is a period of the detent torque; so
-the state may repeat after that many microsteps. Where the phases are not equal it takes a whole electrical turn.
+States are compared as seen from the command: turned back by the angle that the command has
+advanced. The drive is unchanged when its motor turns by a quarter of an electrical period, because
+that exchanges the phases and is a period of the detent torque; so the state may repeat after that
+many microsteps. Where the phases are not equal it takes a whole electrical turn.
 """
 
 from __future__ import annotations
@@ -18,27 +20,31 @@ from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.pack import pack
 from microvib.solve.propagate import INITIAL_STEP_LEVELS
-from microvib.solve.sampling import LOBES, no_samples
+from microvib.solve.sampling import FILTER_HALF_LENGTH, empty_sample_buffer
 
-SECTION = 0.1
-"""The map starts this part of a microstep period before a microstep, when the last transient has decayed longest."""
+SECTION_PHASE = 0.1
+"""The map starts this part of a microstep period before a microstep, when the last transient has
+decayed longest.
+"""
 
 
 class NotPeriodic(SimulationError):
     """No steady state that repeats with the command was found; the message says why."""
 
 
-def repeats_after(scenario: Scenario) -> tuple[int, int]:
-    """Microsteps after which drive and command are as before, but turned; and those of the motor and its driver alone."""
+def common_period(scenario: Scenario) -> tuple[int, int]:
+    """Microsteps after which drive and command are as before, but turned; and those of the motor
+    and its driver alone.
+    """
     own = scenario.driver.repeats_after(scenario.motor)
     turn = scenario.driver.beats * scenario.driver.microsteps * scenario.motor.rotor_teeth
     orders = [e.order for e in scenario.reducer.errors if e.amplitude > 0.0]
     return math.lcm(own, *((order / turn).denominator for order in orders)), own
 
 
-class Turn(NamedTuple):
-    """Rotor angles [rad] by which drives are turned, (k,), and what turns currents and their integrals, two complex numbers each,
-    by the electrical angles, (k, 1)."""
+class CommandRotation(NamedTuple):
+    """Rotor angles [rad] by which drives are turned, (k,), and what turns currents and their
+    integrals, two complex numbers each, by the electrical angles, (k, 1)."""
 
     angle: np.ndarray
     electrical: np.ndarray
@@ -51,40 +57,54 @@ class PeriodMap:
         driver, motor = scenario.driver, scenario.motor
         f_d = scenario.driving_frequency
         if not f_d:
-            raise NotPeriodic("the rate changes in the record" if f_d is None else "the rate is zero")
+            raise NotPeriodic(
+                "the rate changes in the record" if f_d is None else "the rate is zero"
+            )
         if scenario.friction.torque_noise is not None:
             raise NotPeriodic(
-                "torque noise does not repeat with the command (friction.torque_noise: null leaves it out)"
+                "torque noise does not repeat with the command (friction.torque_noise: null leaves"
+                " it out)"
             )
         if scenario.friction.position is not None and scenario.friction.position.acts:
             raise NotPeriodic(
-                "friction that varies with the angle does not repeat with the command (friction.position: null leaves it out)"
+                "friction that varies with the angle does not repeat with the command"
+                " (friction.position: null leaves it out)"
             )
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
         self._rest = [x.copy() for x in self.packed.state]
         self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
         self.command = Command.lasting(scenario, scenario.record.settle)
-        rate = -math.copysign(f_d, (scenario.rate or 0.0) * scenario.reducer.h)  # in microsteps per second
+        rate = -math.copysign(
+            f_d, (scenario.rate or 0.0) * scenario.reducer.h
+        )  # in microsteps per second
         count = float(self.command.count(np.array([scenario.record.settle]))[0])
         turned = math.copysign(1.0, rate)
-        before = 2 + math.ceil(f_d * (LOBES + 1) / scenario.record.sample_rate)  # the record's filter begins before it
-        # The same place of the period whatever the settling time is, so that what is found does not depend on it.
+        before = 2 + math.ceil(
+            f_d * (FILTER_HALF_LENGTH + 1) / scenario.record.sample_rate
+        )  # the record's filter begins before it
+        # The same place of the period whatever the settling time is, so that what is found does not
+        # depend on it.
         gone = turned * microsteps * math.floor((round(count) * turned - before) / microsteps)
-        self.start = scenario.record.settle + (gone + (0.5 - SECTION) * turned - count) / rate
+        self.start = scenario.record.settle + (gone + (0.5 - SECTION_PHASE) * turned - count) / rate
         self.command = Command.lasting(scenario, self.start)
-        self.times, self.commands = self.command.microsteps(self.start, self.start + microsteps / f_d)
+        self.times, self.commands = self.command.microsteps(
+            self.start, self.start + microsteps / f_d
+        )
         step = driver.microstep(motor)
         self._begun, self._step = gone * step, turned * step
-        self._references = np.column_stack(self.references(self.angle(np.arange(-1, microsteps + 1))))
+        self._references = np.column_stack(
+            self.references(self.angle(np.arange(-1, microsteps + 1)))
+        )
         self.sizes = np.where(np.isfinite(self.packed.sizes), self.packed.sizes, 1.0)
         p = self.packed.drive
         self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
-        self.unseen = no_samples(self.packed.channels)._replace(width=0.0)
+        self.unseen = empty_sample_buffer(self.packed.channels)._replace(width=0.0)
         self.evaluations = 0.0
 
     def guess(self) -> np.ndarray:
-        """State just before a microstep, seen from the command, of a drive that follows its command smoothly.
+        """State just before a microstep, seen from the command, of a drive that follows its command
+        smoothly.
 
         The windup is that of the mean loads, and the currents rotate steadily.
         """
@@ -93,7 +113,9 @@ class PeriodMap:
         rate = float(scenario.rate or 0.0)
         omega, commanded = -scenario.reducer.h * rate, float(self.angle(0))
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
-        y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
+        y[kernel.TM] = (
+            commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
+        )
         y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
         load = scenario.load
         y[kernel.MODES :: 2] = -(load.V_l * rate + load.V_m * omega) / load.Lambda
@@ -119,15 +141,17 @@ class PeriodMap:
         """Commanded currents [A] at a rotor angle [rad]."""
         return self.scenario.driver.references(self.scenario.motor, self.packed.drive.z * angle)
 
-    def turn(self, microsteps: Any) -> Turn:
+    def turn(self, microsteps: Any) -> CommandRotation:
         """The turn that ``microsteps`` (k,) of the command make."""
         return self._by(self._step * np.asarray(microsteps, dtype=float))
 
-    def _by(self, angle: np.ndarray) -> Turn:
-        return Turn(angle, np.exp(1j * self.packed.drive.z * angle)[:, None])
+    def _by(self, angle: np.ndarray) -> CommandRotation:
+        return CommandRotation(angle, np.exp(1j * self.packed.drive.z * angle)[:, None])
 
-    def absolute(self, x: np.ndarray, turn: Turn) -> np.ndarray:
-        """States (k, n) of the drive from those seen from the command, which has made ``turn`` since the start of the period."""
+    def absolute(self, x: np.ndarray, turn: CommandRotation) -> np.ndarray:
+        """States (k, n) of the drive from those seen from the command, which has made ``turn``
+        since the start of the period.
+        """
         y = self._turned(x, turn)
         p = self.packed.drive
         if p.rigid:
@@ -136,13 +160,17 @@ class PeriodMap:
             y[:, kernel.WL] = -y[:, kernel.WM] * p.inv_h
         return y
 
-    def from_command(self, y: np.ndarray, turn_back: Turn, idle: np.ndarray) -> np.ndarray:
-        """States (k, n) of the drive as seen from the command; entries that are not integrated are taken from ``idle``."""
+    def from_command(
+        self, y: np.ndarray, turn_back: CommandRotation, idle: np.ndarray
+    ) -> np.ndarray:
+        """States (k, n) of the drive as seen from the command; entries that are not integrated are
+        taken from ``idle``.
+        """
         x = self._turned(y, turn_back)
         x[:, self.idle] = idle[:, self.idle]
         return x
 
-    def _turned(self, y: np.ndarray, turn: Turn) -> np.ndarray:
+    def _turned(self, y: np.ndarray, turn: CommandRotation) -> np.ndarray:
         """States with rotor, output and currents turned."""
         turned = y.copy()
         pairs = turned[:, kernel.IA : kernel.XB + 1].view(complex)
@@ -154,11 +182,15 @@ class PeriodMap:
     def put(self, x: np.ndarray, stick: np.ndarray | None = None) -> None:
         """Make ``x``, seen from the command, the state at the start of the period.
 
-        ``stick`` are the modes of all frictions and the angles at which their elements are relaxed, seen from the command
-        (``stick_turned``); without it they follow from ``x``, and elements are relaxed.
+        ``stick`` are the modes of all frictions and the angles at which their elements are relaxed,
+        seen from the command (``stick_turned``); without it they follow from ``x``, and elements
+        are relaxed.
         """
         state = self.packed.state
-        state.y[:], state.clock[:] = self.absolute(x[None], self.turn([0]))[0], self.clocks(np.array([0]))[0]
+        state.y[:], state.clock[:] = (
+            self.absolute(x[None], self.turn([0]))[0],
+            self.clocks(np.array([0]))[0],
+        )
         state.levels[:], state.energy[:] = INITIAL_STEP_LEVELS, 0.0
         if stick is None:
             kernel.initial_friction(state, self.packed.drive)
@@ -166,7 +198,9 @@ class PeriodMap:
             state.stick[:] = stick
 
     def stick_turned(self, stick: np.ndarray, microsteps: int) -> np.ndarray:
-        """Modes and memory of the frictions with the angles that elements remember turned by ``microsteps`` of the command."""
+        """Modes and memory of the frictions with the angles that elements remember turned by
+        ``microsteps`` of the command.
+        """
         turned, p = stick.copy(), self.packed.drive
         angles, by = turned[2 + len(p.elements) :], microsteps * self._step
         angles[: p.m_elements] += by
@@ -174,17 +208,22 @@ class PeriodMap:
         return turned
 
     def clocks(self, microsteps: np.ndarray) -> np.ndarray:
-        """The clocks before some ``microsteps`` (k,) of the period, with references and a ramp on its way there, (k, N_CLOCK)."""
+        """The clocks before some ``microsteps`` (k,) of the period, with references and a ramp on
+        its way there, (k, N_CLOCK).
+        """
         clock, p = np.zeros((microsteps.size, kernel.N_CLOCK)), self.packed.drive
         clock[:, kernel.NOW] = self.start + microsteps * self.microstep_time
         clock[:, kernel.NEXT_STEP] = p.max_step
         clock[:, kernel.THETA_E] = p.z * self.angle(microsteps)
         goal = clock[:, kernel.REF_A : kernel.REF_B + 1] = self._references[microsteps + 1]
         lasts = self.scenario.driver.microstep_ramp * self.microstep_time
-        left = lasts - (1.0 - SECTION) * self.microstep_time
+        left = lasts - (1.0 - SECTION_PHASE) * self.microstep_time
         if left > 0.0:
             rate = (goal - self._references[microsteps]) / lasts
-            clock[:, kernel.GOAL_A : kernel.GOAL_B + 1], clock[:, kernel.RATE_A : kernel.RATE_B + 1] = goal, rate
+            (
+                clock[:, kernel.GOAL_A : kernel.GOAL_B + 1],
+                clock[:, kernel.RATE_A : kernel.RATE_B + 1],
+            ) = goal, rate
             clock[:, kernel.REF_A : kernel.REF_B + 1] = goal - left * rate
             clock[:, kernel.RAMP_END] = clock[:, kernel.NOW] + left
         return clock
@@ -193,7 +232,9 @@ class PeriodMap:
         """State after the period, seen from the command."""
         self.put(x)
         self.go_on(samples)
-        end: np.ndarray = self.from_command(self.packed.state.y[None], self.turn([-self.microsteps]), x[None])[0]
+        end: np.ndarray = self.from_command(
+            self.packed.state.y[None], self.turn([-self.microsteps]), x[None]
+        )[0]
         return end
 
     def go_on(self, samples: Any = None) -> None:
@@ -202,18 +243,23 @@ class PeriodMap:
         status = self.packed.advance(stop, samples or self.unseen, self.times, self.commands)
         self.evaluations += 1.0
         if status != kernel.OK:
-            raise interrupted(status)
+            raise search_error(status)
 
 
-def interrupted(status: int) -> NotPeriodic:
+def search_error(status: int) -> NotPeriodic:
     """The kernel's status as an error of the search."""
     if status == kernel.LOST_SYNCHRONISM:
-        return NotPeriodic("a trial of the search lost synchronism, which says nothing about the drive itself")
+        return NotPeriodic(
+            "an iteration of the steady-state search lost synchronism (this does not mean that the"
+            " drive does)"
+        )
     return NotPeriodic("the solution is not finite, or its step became too small")
 
 
 def _turning_currents(p: Any, omega: float) -> tuple[complex, complex]:
-    """Current i_A + j i_B [A] and integral of its error [A s] seen from the command, turning at ``omega`` [rad/s] (Eq. 2, 3)."""
+    """Current i_A + j i_B [A] and integral of its error [A s] seen from the command, turning at
+    ``omega`` [rad/s] (Eq. 2, 3).
+    """
     winding = p.R + 1j * omega / p.inv_L_D
     back_emf = 1j * p.K_m * omega / p.z
     error = ((winding - p.K_V) * p.current + back_emf) / (p.K_P + p.K_I / (1j * omega) + winding)

@@ -1,4 +1,5 @@
-"""Search for the motion that repeats with the command (multiple shooting), and checks of the motion found.
+"""Search for the motion that repeats with the command (multiple shooting), and checks of the motion
+found.
 
 **Unknown** are the states x_0 ... x_(k-1) of the drive at the starts of the k segments into which the period is cut
 (``microvib.solve.steady.segments``), seen from the command and in units of what one microstep moves. **Solved** is that each
@@ -9,7 +10,8 @@ segment ends where the next one starts, and the last where the first does:
 with P_j the kernel's own integration over segment j. ``_Newton`` solves this with
 derivatives from differences (``Search._derivatives``) and Broyden's updates.
 
-A solution repeats with the command, but need not be what the drive does. Three **checks** stand against one failure each:
+A solution repeats with the command, but need not be what the drive does. Three **checks** stand
+against one failure each:
 
 - ``_check_stable``: an unstable motion solves the equations as well; the drive leaves it.
 - ``_check_settles``: a stable motion that takes minutes to settle, because friction feeds an array mode, is not what a run shows.
@@ -27,17 +29,19 @@ import numpy as np
 
 from microvib.model.record import PASSBAND
 from microvib.solve import kernel
-from microvib.solve.steady.arrival import Found, confirm
+from microvib.solve.steady.arrival import PeriodicMotion, confirm_reached_from_rest
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
-from microvib.solve.steady.segments import Ends, Segments
+from microvib.solve.steady.segments import SegmentEnds, Segments
 
 CONVERGED = 1e-5
 """Last correction, over what a microstep moves, below which a state is accepted."""
 CONVERGED_STALLED = 5e-4
 """The same where corrections have stopped falling, limited by the tolerance of the integration."""
 WARM_UP = 0.07
-"""Time [s] simulated before a search, for fast motions to settle, or MAX_SWEEPS segments if that is less."""
+"""Time [s] simulated before a search, for fast motions to settle, or MAX_SWEEPS segments if that is
+less.
+"""
 MAX_SWEEPS = 2
 SAMPLED_BELOW = 0.5
 """Correction below which the torque is sampled: the next evaluation may be the last."""
@@ -47,44 +51,58 @@ MAX_CORRECTION = 1e3
 """Correction above which the linearisation is not trusted; a period is simulated instead."""
 MAX_STEPS = 12
 """Corrections that a search may take; four or five are usual."""
-STABLE = 1.005
-"""Largest multiplier that passes for stable: an undamped mode has 1, and multipliers are measured to a thousandth."""
-UNQUANTIFIED = 10.0
+MAX_STABLE_MULTIPLIER = 1.005
+"""Largest multiplier that passes for stable: an undamped mode has 1, and multipliers are measured
+to a thousandth.
+"""
+MAX_REPORTED_MULTIPLIER = 10.0
 """Multiplier above which its value is not given, since it means nothing."""
 MAX_SETTLING = 200.0
-"""Settling time [s] too long for a run to show the motion, unless the modes' own damping is as slow."""
+"""Settling time [s] too long for a run to show the motion, unless the modes' own damping is as
+slow.
+"""
 SETTLING_RATIO = 2.0
 """Settling time, over that by the modes' own damping, above which friction feeds the modes."""
-SLOW = 0.8
-"""Multiplier above which the decay of a deviation is measured over a whole period, not taken from the derivatives."""
+SLOW_MULTIPLIER = 0.8
+"""Multiplier above which the decay of a deviation is measured over a whole period, not taken from
+the derivatives.
+"""
 DEVIATION = 0.3
 """Deviation with which that is measured, over what a microstep moves."""
-STICKING = np.array([kernel.WM, kernel.WL])
+STICKING_STATES = np.array([kernel.WM, kernel.WL])
 """States that are exactly zero while a friction sticks."""
-NUDGE = 0.03
-"""Step of the differences, over what a microstep moves: well above the solver's tolerance, below what changes the motion."""
-NOT_FOUND = "no motion was found that repeats with the command"
+DIFFERENCE_STEP = 0.03
+"""Step of the differences, over what a microstep moves: well above the solver's tolerance, below
+what changes the motion.
+"""
+NOT_FOUND = "no periodic steady state was found"
 HARMONICS = 8
 """Driving lines whose amplitudes the sampling must not disturb; see ``sample_rows``."""
 
 
-MOST_SAMPLES = 2_000_000
+MAX_PERIOD_SAMPLES = 2_000_000
 """Samples of a period beyond which driving lines are disturbed up to a third."""
 
 
-class NotShown(NotPeriodic):
-    """A motion that repeats with the command was found, but a run need not show it: there are others, or it takes too long."""
+class NotReproducedByRun(NotPeriodic):
+    """A motion that repeats with the command was found, but a run need not show it: there are
+    others, or it takes too long.
+    """
 
 
 class Search:
-    """The search; ``x`` (segments, n) are the states at the starts of all segments, in units of what a microstep moves."""
+    """The search; ``x`` (segments, n) are the states at the starts of all segments, in units of
+    what a microstep moves.
+    """
 
     def __init__(self, period: PeriodMap, confirmed: bool = False) -> None:
         self.period, self.confirmed = period, confirmed
         self.segments, self.rows = Segments(period), sample_rows(period)
 
     def run(self, warm_up: int) -> Search:
-        """Search from the mean motion, after ``warm_up`` periods of simulation; NotPeriodic where nothing is found."""
+        """Search from the mean motion, after ``warm_up`` periods of simulation; NotPeriodic where
+        nothing is found.
+        """
         x, self.distance = self._begin(warm_up), math.inf
         for step in range(MAX_STEPS):
             sampled = self.distance < SAMPLED_BELOW
@@ -106,8 +124,9 @@ class Search:
     def _begin(self, warm_up: int) -> np.ndarray:
         """States to start from, from the mean motion (``PeriodMap.guess``).
 
-        Fast motions must have settled: with ``warm_up`` whole periods they are simulated one after the other; without, each
-        segment starts from the mean motion and is simulated for WARM_UP, all at the same time.
+        Fast motions must have settled: with ``warm_up`` whole periods they are simulated one after
+        the other; without, each segment starts from the mean motion and is simulated for WARM_UP,
+        all at the same time.
         """
         period, bounds = self.period, self.segments.bounds
         start = period.guess()
@@ -131,76 +150,95 @@ class Search:
     def _derivatives(self, x: np.ndarray) -> np.ndarray:
         """Derivative of each segment's map, (segments, n, n).
 
-        Only a sixteenth of the period, or one microstep if that is more, is differentiated, by differences at ``x`` (n,) in each
-        state; a segment of m such parts has the m-th power. The parts differ only by the detent torque, which Broyden's
-        updates correct. The rate of a body that sticks at the end of a part has no influence, nor do ``idle`` states.
+        Only a sixteenth of the period, or one microstep if that is more, is differentiated, by
+        differences at ``x`` (n,) in each state; a segment of m such parts has the m-th power. The
+        parts differ only by the detent torque, which Broyden's updates correct. The rate of a body
+        that sticks at the end of a part has no influence, nor do ``idle`` states.
         """
         part, moving = self.segments.part, np.setdiff1d(np.arange(x.size), self.period.idle)
-        starts = np.vstack([x, x + NUDGE * np.eye(x.size)[moving]])
+        starts = np.vstack([x, x + DIFFERENCE_STEP * np.eye(x.size)[moving]])
         nothing = np.zeros(len(starts), dtype=int)
         ends = self._from(starts, nothing, nothing + part)
         change = np.zeros((x.size, x.size))
-        change[:, moving] = (ends.x[1:] - ends.x[0]).T / NUDGE
-        change[:, STICKING] *= np.logical_not(ends.stuck[0])
+        change[:, moving] = (ends.x[1:] - ends.x[0]).T / DIFFERENCE_STEP
+        change[:, STICKING_STATES] *= np.logical_not(ends.stuck[0])
         with np.errstate(over="ignore", invalid="ignore"):
-            result = np.array([np.linalg.matrix_power(change, m // part) for m in np.diff(self.segments.bounds)])
+            result = np.array(
+                [np.linalg.matrix_power(change, m // part) for m in np.diff(self.segments.bounds)]
+            )
         if not np.all(np.isfinite(result)):
-            raise NotPeriodic("the motion that repeats with the command is far from stable")
+            raise NotPeriodic("the periodic motion is strongly unstable")
         return result
 
-    def _from(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, rows: int = 0) -> Ends:
-        """Segments from states (k, n) at the microsteps ``first`` (k,) to the microsteps ``last``; states in units here."""
+    def _from(
+        self, x: np.ndarray, first: np.ndarray, last: np.ndarray, rows: int = 0
+    ) -> SegmentEnds:
+        """Segments from states (k, n) at the microsteps ``first`` (k,) to the microsteps ``last``;
+        states in units here.
+        """
         ends = self.segments.advance(x * self.period.sizes, first, last, rows)
         return replace(ends, x=ends.x / self.period.sizes)
 
-    def _advance(self, x: np.ndarray, rows: int = 0) -> tuple[np.ndarray, Ends]:
-        """The states as started, with the rates of what sticks at zero, and the ends of their segments."""
+    def _advance(self, x: np.ndarray, rows: int = 0) -> tuple[np.ndarray, SegmentEnds]:
+        """The states as started, with the rates of what sticks at zero, and the ends of their
+        segments.
+        """
         bounds = self.segments.bounds
         ends = self._from(x, bounds[:-1], bounds[1:], rows)
         x = x.copy()
-        x[:, STICKING] *= ~_shifted(ends.stuck)
+        x[:, STICKING_STATES] *= ~_shifted(ends.stuck)
         return x, ends
 
     def _check_stable(self) -> None:
         """Against unstable motions: no deviation may grow from period to period.
 
-        The derivatives of the search belong to the first iterates; where they say unstable, those at the solution decide.
+        The derivatives of the search belong to the first iterates; where they say unstable, those
+        at the solution decide.
         """
         self.multiplier = self._multiplier(self.newton.derivatives)
-        if self.multiplier > STABLE:
+        if self.multiplier > MAX_STABLE_MULTIPLIER:
             self.multiplier = self._multiplier(self._derivatives(self.x[0]))
-        if self.multiplier > STABLE:
-            far = "far from it" if self.multiplier > UNQUANTIFIED else f"multiplier {self.multiplier:.4g}"
+        if self.multiplier > MAX_STABLE_MULTIPLIER:
+            if self.multiplier > MAX_REPORTED_MULTIPLIER:
+                far = "far from it"
+            else:
+                far = f"multiplier {self.multiplier:.4g}"
             raise NotPeriodic(f"the motion that repeats with the command is not stable ({far})")
 
     @property
     def settling(self) -> float:
-        """Time [s] in which a small deviation falls to a hundredth; infinite where the multiplier is not below 1."""
+        """Time [s] in which a small deviation falls to a hundredth; infinite where the multiplier
+        is not below 1.
+        """
         if self.multiplier >= 1.0:
             return math.inf
         return math.log(0.01) / math.log(max(self.multiplier, 1e-9)) / self.period.frequency
 
     def _check_settles(self) -> None:
-        """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping drains it rings for minutes."""
+        """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping
+        drains it rings for minutes.
+        """
         own = math.log(100.0) / max(min(self.period.scenario.load.decay, default=math.inf), 1e-9)
         if self.settling > max(MAX_SETTLING, SETTLING_RATIO * own):
-            raise NotShown(
-                f"friction that falls with the rate keeps it ringing: deviations take {self.settling:.3g} s to fall to a hundredth,"
+            raise NotReproducedByRun(
+                "negative friction slope (Stribeck effect) sustains the ringing: deviations take"
+                f" {self.settling:.3g} s to fall to a hundredth,"
                 f" {own:.3g} s by the modes' own damping"
             )
 
     def _multiplier(self, derivatives: np.ndarray) -> float:
         """Largest part of a deviation that is left after a period.
 
-        The eigenvalues of the derivatives' product are too coarse near 1, since the derivatives are powers of one part's. For the
-        slow ones, a deviation along all their right eigenvectors is therefore simulated, and the left eigenvectors, which see
-        one direction each, read off what is left in every segment. Those at the start are kept, ``_slow``.
+        The eigenvalues of the derivatives' product are too coarse near 1, since the derivatives are
+        powers of one part's. For the slow ones, a deviation along all their right eigenvectors is
+        therefore simulated, and the left eigenvectors, which see one direction each, read off what
+        is left in every segment. Those at the start are kept, ``_slow``.
         """
         from scipy.linalg import eig  # slow to import, and runs from rest need none of it
 
         values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
-        slow = (size > SLOW) & (values.imag >= 0.0)
+        slow = (size > SLOW_MULTIPLIER) & (values.imag >= 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             self._slow = (left / np.sum(left * right.conj(), axis=0))[:, slow].conj().T
         if np.any(slow):
@@ -213,7 +251,9 @@ class Search:
             off *= DEVIATION / np.max(np.abs(off)) * (self.x != 0.0)  # what sticks stays at rest
             x, ends = self._advance(self.x + off)
             for j in range(len(x)):
-                size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(seen[j] @ (x[j] - self.x[j]))
+                size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(
+                    seen[j] @ (x[j] - self.x[j])
+                )
         return float(np.max(size))
 
     def _check_from_rest(self) -> None:
@@ -222,20 +262,27 @@ class Search:
         run = RunFromRest(period)
         T_d = self.segments.advance(self.x * period.sizes, bounds[:-1], bounds[1:], run.rows).T_d
         decay = -math.log(max(self.multiplier, 1e-9)) * period.frequency
-        confirm(run, Found(self.x[0] * period.sizes, T_d, decay, self._slow / period.sizes), waited=self.confirmed)
+        confirm_reached_from_rest(
+            run,
+            PeriodicMotion(self.x[0] * period.sizes, T_d, decay, self._slow / period.sizes),
+            waited=self.confirmed,
+        )
         self.from_rest = run.simulated
         period.evaluations += run.simulated * period.frequency
 
 
 class _Newton:
-    """Quasi-Newton for the gaps g_j = P_j(x_j) - x_(j+1): Newton's step with given derivatives D_j, then Broyden's updates.
+    """Quasi-Newton for the gaps g_j = P_j(x_j) - x_(j+1): Newton's step with given derivatives D_j,
+    then Broyden's updates.
 
-    Newton's step d solves d_(j+1) = D_j d_j + g_j. Run through the period, this leaves a system of the size of one state,
+    Newton's step d solves d_(j+1) = D_j d_j + g_j. Run through the period, this leaves a system of
+    the size of one state,
 
         (I - D_(k-1) ... D_0) d_0 = g_(k-1) + D_(k-1) g_(k-2) + ... + D_(k-1) ... D_1 g_0
 
-    and the other d_j follow by recursion. Broyden's "good" updates correct the inverse of the whole system by rank one from each
-    step and the change of the gaps that it made; they are kept as pairs of vectors and applied in turn.
+    and the other d_j follow by recursion. Broyden's "good" updates correct the inverse of the whole
+    system by rank one from each step and the change of the gaps that it made; they are kept as
+    pairs of vectors and applied in turn.
     """
 
     def __init__(self, derivatives: np.ndarray) -> None:
@@ -291,9 +338,10 @@ def _product(derivatives: np.ndarray) -> np.ndarray:
 def sample_rows(period: PeriodMap) -> int:
     """Sample intervals in one microstep.
 
-    With n interval means in a period, k/(n - k) of order n - k is aliased into order k, and torques have jumps. This makes n so
-    large that the fraction is at most a third at the end of the record's band, and a fiftieth at the driving lines.
+    With n interval means in a period, k/(n - k) of order n - k is aliased into order k, and torques
+    have jumps. This makes n so large that the fraction is at most a third at the end of the
+    record's band, and a fiftieth at the driving lines.
     """
     highest = math.ceil(PASSBAND * period.scenario.record.sample_rate / period.frequency)
-    wanted = min(50 * min(HARMONICS * period.microsteps, highest), MOST_SAMPLES)
+    wanted = min(50 * min(HARMONICS * period.microsteps, highest), MAX_PERIOD_SAMPLES)
     return math.ceil(max(4 * highest, wanted) / period.microsteps)

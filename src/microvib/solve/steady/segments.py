@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.solve import kernel
-from microvib.solve.sampling import no_samples, samples_into
-from microvib.solve.steady.period import PeriodMap, interrupted
+from microvib.solve.sampling import empty_sample_buffer, sample_buffer
+from microvib.solve.steady.period import PeriodMap, search_error
 
-MOST = 8
+MAX_SEGMENTS = 8
 """Segments of a period."""
 
 
 @dataclass(frozen=True)
-class Ends:
+class SegmentEnds:
     """Where segments ended, one row or entry for each."""
 
     x: np.ndarray
@@ -38,19 +38,25 @@ class Segments:
         self.period = period
         self.part = math.gcd(period.microsteps, max(period.microsteps // 16, 1))
         units = period.microsteps // self.part
-        self.bounds = np.rint(np.linspace(0, units, min(MOST, units) + 1)).astype(int) * self.part
-        self._unseen = no_samples(period.packed.torque_columns)._replace(width=0.0)
+        self.bounds = (
+            np.rint(np.linspace(0, units, min(MAX_SEGMENTS, units) + 1)).astype(int) * self.part
+        )
+        self._unseen = empty_sample_buffer(period.packed.torque_columns)._replace(width=0.0)
 
-    def advance(self, x: np.ndarray, first: np.ndarray, last: np.ndarray, rows: int = 0) -> Ends:
-        """From states ``x`` (k, n), seen from the command, at the microsteps ``first`` (k,) to the microsteps ``last``.
+    def advance(
+        self, x: np.ndarray, first: np.ndarray, last: np.ndarray, rows: int = 0
+    ) -> SegmentEnds:
+        """From states ``x`` (k, n), seen from the command, at the microsteps ``first`` (k,) to the
+        microsteps ``last``.
 
-        The torque is averaged over so many ``rows`` in each microstep, or not sampled. Raises NotPeriodic where a drive fails.
+        The torque is averaged over so many ``rows`` in each microstep, or not sampled. Raises
+        NotPeriodic where a drive fails.
         """
         period, packed = self.period, self.period.packed
         y, made = period.absolute(x, period.turn(first)), int(np.sum(last - first))
         samples, width = self._unseen, period.microstep_time / max(rows, 1)
         if rows:
-            samples = samples_into(np.zeros((rows * made, packed.torque_columns)), 0.0, width)
+            samples = sample_buffer(np.zeros((rows * made, packed.torque_columns)), 0.0, width)
         status, sticks, sticking = packed.advance_each(
             y,
             period.clocks(first),
@@ -61,11 +67,20 @@ class Segments:
             period.commands,
         )
         if status != kernel.OK:
-            raise interrupted(status)
+            raise search_error(status)
         period.evaluations += made / period.microsteps
-        stuck, rests = sticks == 0.0, np.column_stack([sticking[:, 0], sticking[:, 1] - sticking[:, 0]])
+        stuck, rests = (
+            sticks == 0.0,
+            np.column_stack([sticking[:, 0], sticking[:, 1] - sticking[:, 0]]),
+        )
         ever, stuck = stuck[:, :2] | stuck[:, 2:] | (rests > 0), stuck[:, 2:]
         if packed.drive.rigid:
             stuck, ever = stuck[:, [0, 0]], ever[:, [0, 0]]
         T_d, output = packed.torque_of(samples.rows)
-        return Ends(period.from_command(y, period.turn(-last), x), stuck, ever, float(np.sum(output)) * width, T_d)
+        return SegmentEnds(
+            period.from_command(y, period.turn(-last), x),
+            stuck,
+            ever,
+            float(np.sum(output)) * width,
+            T_d,
+        )

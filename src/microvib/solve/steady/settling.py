@@ -1,8 +1,9 @@
 """The motion that a run from rest settles to, where none can be searched for.
 
-The run is looked at in stretches. It has settled when the torque of the last stretch repeats, that is when it is what it was a
-period of the command before, or a few periods. Where it repeats with each period, its deviation from where it goes is shortened
-instead of waited for (``_Decaying``).
+The run is looked at in stretches. It has settled when the torque of the last stretch repeats, that
+is when it is what it was a period of the command before, or a few periods. Where it repeats with
+each period, its deviation from where it goes is shortened instead of waited for
+(``_DecayExtrapolation``).
 """
 
 from __future__ import annotations
@@ -22,12 +23,18 @@ STRETCH = 0.15
 MOST_PARTS = 64
 """Parts of a long period at whose ends it is asked whether the run has settled."""
 SETTLED = 5e-4
-"""Estimated deviation from a motion that repeats, over the RMS of the torque, at which a run has settled."""
-GIVEN_UP = (3.0, 0.8)
-"""Decay times in which what changes from period to period must fall at least to this part of itself."""
-SEEN_OVER = 0.7
-"""Decay times, at least, over which a change is looked at: what decays slowly changes little from period to period."""
-MULTIPLES = 16
+"""Estimated deviation from a motion that repeats, over the RMS of the torque, at which a run has
+settled.
+"""
+GIVE_UP_CRITERION = (3.0, 0.8)
+"""Decay times in which what changes from period to period must fall at least to this part of
+itself.
+"""
+MIN_CHANGE_WINDOW = 0.7
+"""Decay times, at least, over which a change is looked at: what decays slowly changes little from
+period to period.
+"""
+MAX_PERIOD_MULTIPLE = 16
 """Periods of the command after which the motion of a run may repeat, at most."""
 LONGEST_MULTIPLE = 300.0
 """Time [s] beyond which such multiples are not looked for."""
@@ -35,25 +42,31 @@ SETTLES_WITHIN = 12.0
 """Decay times of the slowest mode in which a run must have settled."""
 SHORTENED_WITHIN = 4.0
 """The same where deviations may be shortened."""
-REGULAR = (0.5, 2.5)
+DECAY_RATE_RATIO_RANGE = (0.5, 2.5)
 """Rate of the decay, over that of the slowest mode, within which a deviation may be shortened."""
 SHORTENED_BELOW = 0.5
-"""Part of its largest value below which a deviation may be shortened: above it, each start is its own."""
-FOLLOWED = 4
-"""States in each stretch over which a change is averaged, at most, from which it is seen where a deviation goes."""
-BROUGHT_TO = 0.2
+"""Part of its largest value below which a deviation may be shortened: above it, each start is its
+own.
+"""
+STATES_PER_STRETCH = 4
+"""States in each stretch over which a change is averaged, at most, from which it is seen where a
+deviation goes.
+"""
+EXTRAPOLATED_FRACTION = 0.2
 """Part of a deviation that is left when a run that is followed is shortened."""
 INDEPENDENT = 1e-3
 """Part of the largest singular value below which directions of a deviation are noise."""
-BETTER, MISLED = 0.6, 3
-"""Part of a change that may be left after a deviation was shortened, and how often more may be: it goes elsewhere then."""
+MAX_CHANGE_AFTER_EXTRAPOLATION, MAX_FAILED_EXTRAPOLATIONS = 0.6, 3
+"""Part of a change that may be left after a deviation was shortened, and how often more may be: it
+goes elsewhere then.
+"""
 DIED_OUT = 0.01
 """Change, over that of a run that has settled, below which nothing is shortened."""
-FARTHEST = 4.0
+MAX_EXTRAPOLATION_RATIO = 4.0
 """Distance to where a deviation goes, over what was seen of it, at most."""
 
 NOT_SETTLED = (
-    "a run from rest does not settle to a motion that repeats with the command: friction keeps a mode ringing, or slips vary from"
+    "no periodic steady state from rest: friction keeps a mode ringing, or stick-slip varies from"
     " period to period (a longer record.settle and record.duration show what they settle to)"
 )
 
@@ -81,21 +94,26 @@ class Settling:
     def __init__(self, run: RunFromRest) -> None:
         self.run, self.whole = run, 1.0 / run.period.frequency
         self.parts, self.stretch = _cut(run)
-        self.decaying = _Decaying(self) if self.parts == 1 else None
+        self.decaying = _DecayExtrapolation(self) if self.parts == 1 else None
         self.multiples = self._multiples()
         longest = max(self._lag(multiple) for multiple in self.multiples)
         kept = self.stretch + (longest + self.multiples[-1] + 1) * run.period.microsteps
         self._torque, self._kept = np.zeros(0), kept * run.rows
 
     def followed(self, rows: int) -> Settled:
-        """The motion that the run settles to, with at least ``rows`` means of the torque in each microstep.
+        """The motion that the run settles to, with at least ``rows`` means of the torque in each
+        microstep.
 
-        Raises NotPeriodic where it has not settled to one that repeats after a few periods of the command.
+        Raises NotPeriodic where it has not settled to one that repeats after a few periods of the
+        command.
         """
         most = self._most()
         self.run.begin(self.parts)
         rows = self.run.rows * math.ceil(rows / self.run.rows)
-        looked = math.ceil(GIVEN_UP[0] / (self.run.ringing.decay * self.stretch * self.run.period.microstep_time))
+        looked = math.ceil(
+            GIVE_UP_CRITERION[0]
+            / (self.run.ringing.decay * self.stretch * self.run.period.microstep_time)
+        )
         near, changes = 0, [math.inf] * looked
         while self.run.simulated < most:
             self._go_on()
@@ -104,16 +122,20 @@ class Settling:
             if near >= 2 and (found := self._period(multiple, rows)):
                 return found
             changes.append(change)
-            if self._knows_all_multiples() and change > GIVEN_UP[1] * changes[-1 - looked]:
+            if self._knows_all_multiples() and change > GIVE_UP_CRITERION[1] * changes[-1 - looked]:
                 raise NotPeriodic(NOT_SETTLED)
             if not near and self._shortened():
                 self._torque, changes = np.zeros(0), [math.inf] * looked
-        raise NotPeriodic(self._too_long(self._decays(SETTLES_WITHIN)) if most == self.run.longest else NOT_SETTLED)
+        raise NotPeriodic(
+            self._too_long(self._decays(SETTLES_WITHIN))
+            if most == self.run.longest
+            else NOT_SETTLED
+        )
 
     def _multiples(self) -> range:
         """Periods of the command after which the motion may repeat."""
         room = min(LONGEST_MULTIPLE, self.run.longest - self._expected() - 2.0 * self.whole)
-        return range(1, max(min(MULTIPLES, int(room / self.whole)), 1) + 1)
+        return range(1, max(min(MAX_PERIOD_MULTIPLE, int(room / self.whole)), 1) + 1)
 
     def _decays(self, times: float) -> float:
         """So many decay ``times`` of the slowest mode [s]."""
@@ -134,10 +156,12 @@ class Settling:
         """Why a run of so many seconds of ``decays``, or of periods, is not made."""
         period = self.run.period
         if self.whole < 0.3 * decays:
-            return f"the slowest mode needs {decays:.3g} s to die out, too long for a run from rest that shows it"
+            return f"the slowest mode needs {decays:.3g} s to decay, too long for a run from rest"
         return (
-            f"the common period of the command and all that repeats with it is {period.microsteps} microsteps"
-            f" ({self.whole:.3g} s), too long for a run from rest that shows it{_leave_out(period.scenario)}"
+            f"the common period of the command and all that repeats with it is {period.microsteps}"
+            " microsteps"
+            f" ({self.whole:.3g} s), too long for a run from rest that shows"
+            f" it{_shorter_period_hint(period.scenario)}"
         )
 
     def _go_on(self) -> None:
@@ -153,7 +177,9 @@ class Settling:
         self._torque = np.concatenate([self._torque, torque])[-self._kept :]
 
     def _knows_all_multiples(self) -> bool:
-        """Whether enough has been simulated to see a motion that repeats after as many periods as may be."""
+        """Whether enough has been simulated to see a motion that repeats after as many periods as
+        may be.
+        """
         return self.run.simulated > (self.multiples[-1] + 1) * self.whole
 
     def _shortened(self) -> bool:
@@ -164,8 +190,8 @@ class Settling:
         return self.decaying.shortened(change / rms(self._torque))
 
     def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
-        """After how many periods of the command the ``last`` of the torque repeats, 0 where it does not; and its least change, over
-        the RMS of the torque."""
+        """After how many periods of the command the ``last`` of the torque repeats, 0 where it does
+        not; and its least change, over the RMS of the torque."""
         least, size = math.inf, rms(self._torque)
         for multiple in multiples:
             at_once = self._change(last, multiple) / size
@@ -177,7 +203,9 @@ class Settling:
         return 0, least
 
     def _change(self, last: int, periods: int) -> float:
-        """Change [N m] of the ``last`` of the torque from ``periods`` before; infinite before it is known."""
+        """Change [N m] of the ``last`` of the torque from ``periods`` before; infinite before it is
+        known.
+        """
         lag = periods * self.run.period.microsteps * self.run.rows
         if lag + last > self._torque.size:
             return math.inf
@@ -185,12 +213,17 @@ class Settling:
 
     def _lag(self, multiple: int) -> int:
         """Periods of the command, a multiple of ``multiple``, over which a change shows."""
-        return multiple * math.ceil(self._decays(SEEN_OVER) / (self.whole * multiple))
+        return multiple * math.ceil(self._decays(MIN_CHANGE_WINDOW) / (self.whole * multiple))
 
     def _period(self, multiple: int, rows: int) -> Settled | None:
-        """The motion over the ``multiple`` periods that come next, if it is throughout what it was before."""
+        """The motion over the ``multiple`` periods that come next, if it is throughout what it was
+        before.
+        """
         run, own = self.run, self.run.period
-        period = own if multiple == 1 else PeriodMap(own.scenario, multiple * own.microsteps)
+        if multiple == 1:
+            period = own
+        else:
+            period = PeriodMap(own.scenario, multiple * own.microsteps)
         ahead = round((own.start - period.start) / own.microstep_time)
         self.watch((-run.made - ahead) % period.microsteps)
         begun, stick = run.seen(period, ahead), run.stick(ahead)
@@ -204,11 +237,12 @@ class Settling:
         return Settled(period, begun, stick, T_d, stuck, distance)
 
 
-class _Decaying:
-    """A run whose deviation from a motion that repeats with each period of the command is shortened where it decays regularly.
+class _DecayExtrapolation:
+    """A run whose deviation from a motion that repeats with each period of the command is shortened
+    where it decays regularly.
 
-    Where the deviation goes is seen from states at starts of periods, by reduced rank extrapolation (Sidi, Vector Extrapolation
-    Methods, 2017): exact for a motion that is linear about it.
+    Where the deviation goes is seen from states at starts of periods, by reduced rank extrapolation
+    (Sidi, Vector Extrapolation Methods, 2017): exact for a motion that is linear about it.
     """
 
     def __init__(self, settling: Settling) -> None:
@@ -223,64 +257,102 @@ class _Decaying:
     def watch(self, stretch: int) -> None:
         """Advance by a ``stretch`` of microsteps, whole periods, and keep states on the way."""
         period = self.run.period
-        pieces = _parts(stretch // period.microsteps, FOLLOWED)
+        pieces = _parts(stretch // period.microsteps, STATES_PER_STRETCH)
         self._span = stretch * period.microstep_time
         for _ in range(pieces):
             self.settling.watch(stretch // pieces)
-            self._states.append(np.append(self.run.seen() / period.sizes, period.packed.state.stick[:2]))
+            self._states.append(
+                np.append(self.run.seen() / period.sizes, period.packed.state.stick[:2])
+            )
 
     def shortened(self, change: float) -> bool:
-        """Whether the deviation was shortened, after a ``change`` of the torque from one period to the next was seen."""
-        if math.isinf(change) or self._misled >= MISLED:
+        """Whether the deviation was shortened, after a ``change`` of the torque from one period to
+        the next was seen.
+        """
+        if math.isinf(change) or self._misled >= MAX_FAILED_EXTRAPOLATIONS:
             return False
         self._note(change)
         if self._regular < 2 or not DIED_OUT * SETTLED < change <= SHORTENED_BELOW * self.largest:
             return False
-        goal = self._goal(np.array(self._states[-3 * FOLLOWED - 1 :]))
+        goal = self._goal(np.array(self._states[-3 * STATES_PER_STRETCH - 1 :]))
         if goal is None:
             return False
-        self.run.go_on_from(goal + BROUGHT_TO * (self.run.seen() - goal), self.run.stick())
+        self.run.go_on_from(
+            goal + EXTRAPOLATED_FRACTION * (self.run.seen() - goal), self.run.stick()
+        )
         self._before = change
         self._begin_anew()
         return True
 
     def _note(self, change: float) -> None:
-        """Note whether a ``change`` fell where the deviation was shortened before, and whether it falls regularly."""
-        self._misled, self._before = self._misled + (change > BETTER * self._before), math.inf
+        """Note whether a ``change`` fell where the deviation was shortened before, and whether it
+        falls regularly.
+        """
+        self._misled, self._before = (
+            self._misled + (change > MAX_CHANGE_AFTER_EXTRAPOLATION * self._before),
+            math.inf,
+        )
         self.largest = max(self.largest, change)
-        rate = math.log(self._last / change) / self._span if change > 0.0 and not math.isinf(self._last) else 0.0
-        low, high = (r * self.run.ringing.decay for r in REGULAR)
+        if change > 0.0 and not math.isinf(self._last):
+            rate = math.log(self._last / change) / self._span
+        else:
+            rate = 0.0
+        low, high = (r * self.run.ringing.decay for r in DECAY_RATE_RATIO_RANGE)
         self._regular, self._last = self._regular + 1 if low <= rate <= high else 0, change
 
     def _goal(self, states: np.ndarray) -> np.ndarray | None:
-        """The state to which ``states`` (k, n + 2) decay; None where it is not seen, or where frictions do not stay as they are."""
+        """The state to which ``states`` (k, n + 2) decay; None where it is not seen, or where
+        frictions do not stay as they are.
+        """
         x, modes = states[:, :-2], states[:, -2:]
         if len(x) < 4 or np.ptp(modes, axis=0).any():
             return None
         steps = np.diff(x, axis=0).T
-        goal = x[0] - steps[:, :-1] @ np.linalg.lstsq(np.diff(steps, axis=1), steps[:, 0], rcond=INDEPENDENT)[0]
-        if np.max(np.abs(goal - x[-1])) > FARTHEST * np.max(np.ptp(x, axis=0)):
+        goal = (
+            x[0]
+            - steps[:, :-1]
+            @ np.linalg.lstsq(np.diff(steps, axis=1), steps[:, 0], rcond=INDEPENDENT)[0]
+        )
+        if np.max(np.abs(goal - x[-1])) > MAX_EXTRAPOLATION_RATIO * np.max(np.ptp(x, axis=0)):
             return None
         result: np.ndarray = goal * self.run.period.sizes
         return result
 
 
 def _cut(run: RunFromRest) -> tuple[int, int]:
-    """Into how many parts a period is cut at whose ends the run is looked at, and the microsteps from one look to the next."""
+    """Into how many parts a period is cut at whose ends the run is looked at, and the microsteps
+    from one look to the next.
+    """
     period, ringing = run.period, run.ringing
     whole = 1.0 / period.frequency
     span = max(ringing.cycle, STRETCH / ringing.decay, whole / MOST_PARTS)
-    parts = _parts(period.microsteps, whole / span) if span < whole else 1
+    if span < whole:
+        parts = _parts(period.microsteps, whole / span)
+    else:
+        parts = 1
     return parts, period.microsteps // parts * max(math.ceil(span / whole), 1)
 
 
-def _leave_out(scenario: Scenario) -> str:
-    """What makes the common period long, as keys to leave out; empty where it is the driver's alone."""
-    keys = [f"reducer.train.{k}.errors" for k, stage in enumerate(scenario.reducer.train) if stage.errors]
-    keys += ["reducer.transmission_error"] if scenario.reducer.transmission_error else []
-    return f" ({', '.join(f'{key}: []' for key in keys)} leaves out what makes it long)" if keys else ""
+def _shorter_period_hint(scenario: Scenario) -> str:
+    """What makes the common period long, as keys to leave out; empty where it is the driver's
+    alone.
+    """
+    keys = [
+        f"reducer.train.{k}.errors"
+        for k, stage in enumerate(scenario.reducer.train)
+        if stage.errors
+    ]
+    if scenario.reducer.transmission_error:
+        keys += ["reducer.transmission_error"]
+    else:
+        keys += []
+    if keys:
+        return f" ({', '.join(f'{key}: []' for key in keys)} leaves out what makes it long)"
+    return ""
 
 
 def _parts(microsteps: int, most: float) -> int:
-    """The largest number of equal parts of whole microsteps that is at most ``most`` and MOST_PARTS."""
+    """The largest number of equal parts of whole microsteps that is at most ``most`` and
+    MOST_PARTS.
+    """
     return next(k for k in range(min(int(most), MOST_PARTS), 0, -1) if microsteps % k == 0)

@@ -1,7 +1,8 @@
 """The periodic steady state at constant rate, found directly: ``steady_state(scenario)``.
 
-It is the state that a period of the command maps to itself (``microvib.solve.steady.search``). Solving for it replaces the minute
-that array modes take to settle; friction, stick and detent are the kernel's own, because the kernel integrates the period.
+It is the state that a period of the command maps to itself (``microvib.solve.steady.search``).
+Solving for it replaces the minute that array modes take to settle; friction, stick and detent are
+the kernel's own, because the kernel integrates the period.
 """
 
 from __future__ import annotations
@@ -20,24 +21,26 @@ from microvib.solve.integration import (
     SECOND_WING,
     Progress,
     Simulation,
-    balance,
     channels_of,
-    halves,
+    compute_invariants,
+    keeps_hub_motion,
     method_of,
-    recorded,
-    shows_hub,
+    record_motion,
+    split_progress,
 )
 from microvib.solve.motion import Invariants, Motion, channel_of
-from microvib.solve.sampling import samples_into
+from microvib.solve.sampling import sample_buffer
 from microvib.solve.steady.arrival import NotReached
 from microvib.solve.steady.from_rest import RunFromRest
-from microvib.solve.steady.period import NotPeriodic, PeriodMap, repeats_after
-from microvib.solve.steady.search import NotShown, Search, sample_rows
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
+from microvib.solve.steady.search import NotReproducedByRun, Search, sample_rows
 from microvib.solve.steady.settling import Settling
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
-"""Searches in turn: periods of the command after which the motion may repeat, and such periods simulated beforehand."""
-LONGEST = 8
+"""Searches in turn: periods of the command after which the motion may repeat, and such periods
+simulated beforehand.
+"""
+MAX_PERIOD_QUARTER_TURNS = 8
 """Quarter electrical turns in a period beyond which a run from rest takes less time than a search."""
 
 MAX_MODES = 100
@@ -46,9 +49,11 @@ MAX_MODES = 100
 
 @dataclass(frozen=True)
 class SteadyState:
-    """One period of a steady motion: its torque and, on demand, all channels of a ``Motion``, as means over equal intervals.
+    """One period of a steady motion: its torque and, on demand, all channels of a ``Motion``, as
+    means over equal intervals.
 
-    They are of the first drive alone where a second wing is driven, which has a steady state of its own, ``beside``.
+    They are of the first drive alone where a second wing is driven, which has a steady state of its
+    own, ``beside``.
     """
 
     scenario: Scenario
@@ -63,25 +68,32 @@ class SteadyState:
     stuck_output: float
     """Part of the period that the output shaft sticks."""
     state: np.ndarray
-    """The kernel's state at the start of the period, seen from the command (``microvib.solve.steady.period``)."""
+    """The kernel's state at the start of the period, seen from the command
+    (``microvib.solve.steady.period``).
+    """
     distance: float
     """Estimated distance of ``state`` from the steady state, over what a microstep moves."""
     multiplier: float
-    """Largest part of a deviation that is left after a period; below 1 the motion is stable. Of a run that settled, that by the
-    damping of the slowest mode."""
+    """Largest part of a deviation that is left after a period; below 1 the motion is stable. Of a
+    run that settled, that by the damping of the slowest mode."""
     solver: dict[str, Any]
     stick: np.ndarray | None = None
-    """Modes and memory of the frictions at the start of the period, where they do not follow from ``state``."""
+    """Modes and memory of the frictions at the start of the period, where they do not follow from
+    ``state``.
+    """
 
     def __repr__(self) -> str:
         return f"Steady state of {self.scenario!r}: repeats every {1.0 / self.frequency:.6g} s"
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.T_d if name == "T_d" else channel_of(self.channels, name, self.scenario, self.time)
+        if name == "T_d":
+            return self.T_d
+        return channel_of(self.channels, name, self.scenario, self.time)
 
     @cached_property
     def beside(self) -> SteadyState | None:
-        """Steady state of the second wing's drive, found when it is first needed; None where it is not driven.
+        """Steady state of the second wing's drive, found when it is first needed; None where it is
+        not driven.
 
         Raises NotPeriodic where there is none.
         """
@@ -93,18 +105,22 @@ class SteadyState:
 
     @property
     def channels(self) -> dict[str, np.ndarray]:
-        """All channels by name, (n,) each, from one more run over the period, made when they are first needed."""
+        """All channels by name, (n,) each, from one more run over the period, made when they are
+        first needed.
+        """
         return self._sampled
 
     @cached_property
     def invariants(self) -> Invariants:
-        """Invariants of a run over the period, with the energies and both forms of the torque, in which nothing is sampled."""
+        """Invariants of a run over the period, with the energies and both forms of the torque, in
+        which nothing is sampled.
+        """
         period = PeriodMap(self.scenario, self.microsteps)
         packed = period.packed
         period.put(self.state, self.stick)
         before, momentum = packed.snapshot(), packed.momentum
         self._run(period, np.zeros((0, packed.columns)))
-        return balance(packed, before, momentum, 1.0 / self.frequency)
+        return compute_invariants(packed, before, momentum, 1.0 / self.frequency)
 
     @cached_property
     def _sampled(self) -> dict[str, np.ndarray]:
@@ -117,7 +133,7 @@ class SteadyState:
 
     def _run(self, period: PeriodMap, rows: np.ndarray) -> None:
         """The period from where it is, into ``rows`` of all channels; as many as they are."""
-        period.go_on(samples_into(rows, period.start, 1.0 / (self.frequency * self.T_d.size)))
+        period.go_on(sample_buffer(rows, period.start, 1.0 / (self.frequency * self.T_d.size)))
 
     @property
     def time(self) -> np.ndarray:
@@ -127,64 +143,95 @@ class SteadyState:
         return middles
 
     def harmonics(self, name: str = "T_d", count: int | None = None) -> np.ndarray:
-        """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0, 1, ..., (n // 2,).
+        """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0,
+        1, ..., (n // 2,).
 
-        Phases are those of cosines at the first sample of the record, ``record.settle``. The droop of interval means is corrected.
-        With a ``count`` only so many are made: of a long period most are beyond any band.
+        Phases are those of cosines at the first sample of the record, ``record.settle``. The droop
+        of interval means is corrected. With a ``count`` only so many are made: of a long period
+        most are beyond any band.
         """
         x = self[name]
         n = x.shape[0]
         k = np.arange(n // 2)[:count]
         series = np.fft.rfft(x, axis=0)[: k.size] * (2.0 / n)
         series[0] *= 0.5
-        shift = 2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
+        shift = (
+            2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
+        )
         result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
         return result
 
-    def motion(self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None) -> Motion:
+    def motion(
+        self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None
+    ) -> Motion:
         """The record of the scenario, integrated from this state instead of from rest."""
-        beside = self.beside if shows_hub(channels) else None
-        first, second = (progress, None) if beside is None else halves(progress)
+        if keeps_hub_motion(channels):
+            beside = self.beside
+        else:
+            beside = None
+        if beside is None:
+            first, second = (progress, None)
+        else:
+            first, second = split_progress(progress)
         period = PeriodMap(self.scenario, self.microsteps)
         period.put(self.state, self.stick)
-        motion = recorded(
-            Simulation(self.scenario, progress=first, channels=channels, packed=period.packed, command=period.command)
+        motion = record_motion(
+            Simulation(
+                self.scenario,
+                progress=first,
+                channels=channels,
+                packed=period.packed,
+                command=period.command,
+            )
         )
-        return motion if beside is None else replace(motion, beside=beside.motion(channels=channels, progress=second))
+        if beside is None:
+            return motion
+        return replace(motion, beside=beside.motion(channels=channels, progress=second))
 
 
 def steady_state(scenario: Scenario, *, confirmed: bool = False) -> SteadyState:
-    """The steady state that a start from rest leads to, at the rate that ``scenario`` has in its record.
+    """The steady state that a start from rest leads to, at the rate that ``scenario`` has in its
+    record.
 
-    A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions have a memory, or where the
-    search finds nothing that a start from rest leads to, it is the motion that a run from rest settles to. ``confirmed``, the run
-    that shows that a start from rest leads there is waited for to its end.
+    A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions
+    have a memory, or where the search finds nothing that a start from rest leads to, it is the
+    motion that a run from rest settles to. ``confirmed``, the run that shows that a start from rest
+    leads there is waited for to its end.
 
-    Raises NotPeriodic, with the reason, where the rate changes or is zero, where something does not repeat with the command or
-    takes too long to, where there are more than MAX_MODES modes, or where a run from rest does not settle.
+    Raises NotPeriodic, with the reason, where the rate changes or is zero, where something does not
+    repeat with the command or takes too long to, where there are more than MAX_MODES modes, or
+    where a run from rest does not settle.
     """
     begun = clock_time.perf_counter()
     if scenario.load.H.size > MAX_MODES:
-        raise NotPeriodic(f"there are more than {MAX_MODES} modes, for which time integration is faster")
-    repeat, quarter = repeats_after(scenario)
-    attempts = () if scenario.has_memory or repeat > LONGEST * quarter else ATTEMPTS
+        raise NotPeriodic(
+            f"there are more than {MAX_MODES} modes, for which time integration is faster"
+        )
+    repeat, quarter = common_period(scenario)
+    attempts = (
+        () if scenario.has_memory or repeat > MAX_PERIOD_QUARTER_TURNS * quarter else ATTEMPTS
+    )
     spent = 0.0
     for multiple, warm_up in attempts:
         period = PeriodMap(scenario, multiple * repeat)
         try:
             search = Search(period, confirmed).run(warm_up)
-            return _found(search, spent, clock_time.perf_counter() - begun)
-        except NotShown:
+            return _result_of_search(search, spent, clock_time.perf_counter() - begun)
+        except NotReproducedByRun:
             raise
         except NotPeriodic as problem:
             spent += period.evaluations / period.frequency
             if isinstance(problem, NotReached):
                 break
-    return _settled(PeriodMap(scenario, repeat), spent, begun)
+    return _result_of_settling(PeriodMap(scenario, repeat), spent, begun)
 
 
-def find_steady(scenario: Scenario, *, whole: bool = True, confirmed: bool = False) -> tuple[SteadyState | None, str]:
-    """The steady state of ``scenario``, or None and why there is none: ``whole``, that of a second wing that is driven, too."""
+def find_steady(
+    scenario: Scenario, *, whole: bool = True, confirmed: bool = False
+) -> tuple[SteadyState | None, str]:
+    """The steady state of ``scenario``, or None and why there is none: ``whole``, that of a second
+    wing that is driven, too.
+    """
     try:
         found = steady_state(scenario, confirmed=confirmed)
         if whole:
@@ -194,7 +241,7 @@ def find_steady(scenario: Scenario, *, whole: bool = True, confirmed: bool = Fal
     return found, ""
 
 
-def _settled(period: PeriodMap, spent: float, begun: float) -> SteadyState:
+def _result_of_settling(period: PeriodMap, spent: float, begun: float) -> SteadyState:
     """The motion that a run from rest settles to, after searches simulated ``spent`` [s] in vain."""
     run = RunFromRest(period)
     found = Settling(run).followed(sample_rows(period))
@@ -227,7 +274,7 @@ def _settled(period: PeriodMap, spent: float, begun: float) -> SteadyState:
     )
 
 
-def _found(search: Search, spent: float, seconds: float) -> SteadyState:
+def _result_of_search(search: Search, spent: float, seconds: float) -> SteadyState:
     """The result of a search, after others simulated ``spent`` [s] in vain."""
     period = search.period
     simulated = spent + period.evaluations / period.frequency

@@ -11,11 +11,21 @@ from pyfe3d.shellprop_utils import laminated_plate
 
 from microvib.structures.array_design import ArrayDesign, Hinge, Sandwich, Tube, Yoke
 from microvib.structures.fem.modes import Modes
-from microvib.structures.fem.structure import Link, Lump, Mesh, Section, Spring, Structure, StructureError
+from microvib.structures.fem.structure import (
+    Link,
+    Lump,
+    Mesh,
+    Section,
+    Spring,
+    Structure,
+    StructureError,
+)
 from microvib.structures.simulator_design import Material
 
 LARGEST = 2_000_000  # degrees of freedom of the largest mesh that is tried
-_HONEYCOMB_MODULUS = 1e3  # Pa; a core carries shear only, and the laminate theory wants some modulus
+_HONEYCOMB_MODULUS = (
+    1e3  # Pa; a core carries shear only, and the laminate theory wants some modulus
+)
 
 
 KINDS = {
@@ -30,7 +40,10 @@ KINDS = {
 
 def structure_of(design: ArrayDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large or cannot be made."""
-    check_size(6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2, design.mesh)
+    check_size(
+        6.0 * design.panels.count * design.panels.span * design.panels.chord / design.mesh**2,
+        design.mesh,
+    )
     mesh = Mesh()
     drive = interface = mesh.node(0.0, 0.0, 0.0)
     if design.shaft is not None:
@@ -52,14 +65,22 @@ def check_size(dof: float, size: float) -> None:
     """StructureError where elements of ``size`` [m] would make far too many degrees of freedom."""
     if dof > LARGEST:
         raise StructureError(
-            f"mesh: elements of {size:g} m make about {dof:.3g} degrees of freedom; at most {LARGEST:.0e} are tried"
+            f"mesh: elements of {size:g} m make about {dof:.3g} degrees of freedom; at most"
+            f" {LARGEST:.0e} are tried"
         )
 
 
 def laminate_of(sandwich: Sandwich) -> Any:
-    """The library's laminate: plies of both faces, mirrored about the core, shear stiffness from equilibrium."""
+    """The library's laminate: plies of both faces, mirrored about the core, shear stiffness from
+    equilibrium.
+    """
     plies = [
-        (p.angle, p.thickness, p.density, (p.modulus_1, p.modulus_2, p.poisson, *[p.shear_modulus] * 3))
+        (
+            p.angle,
+            p.thickness,
+            p.density,
+            (p.modulus_1, p.modulus_2, p.poisson, *[p.shear_modulus] * 3),
+        )
         for p in sandwich.face
     ]
     core, E = sandwich.core, _HONEYCOMB_MODULUS
@@ -87,7 +108,9 @@ def tube_section(tube: Tube, material: Yoke | Material) -> Section:
     E, rho = material.modulus, material.density
     G = E / (2.0 * (1.0 + material.poisson))
     # y of the section lies along the normal
-    return Section(E, G, rho, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A)
+    return Section(
+        E, G, rho, A, I_yy=edge, I_zz=flat, J=J, shear_y=2 * h * t / A, shear_z=2 * b * t / A
+    )
 
 
 def _yoke(mesh: Mesh, design: ArrayDesign, drive: int) -> dict[float, int]:
@@ -120,9 +143,14 @@ def _panel(mesh: Mesh, design: ArrayDesign, number: int) -> Panel:
     end = start + panels.span
     before, after = hinges.root if number == 1 else hinges.between, hinges.between
     x = grid_lines(
-        [start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)], design.mesh
+        [start, end, *(start + h.footprint for h in before), *(end - h.footprint for h in after)],
+        design.mesh,
     )
-    edges = [h.position + side * h.footprint / 2.0 for h in (*hinges.root, *hinges.between) for side in (-1, 1)]
+    edges = [
+        h.position + side * h.footprint / 2.0
+        for h in (*hinges.root, *hinges.between)
+        for side in (-1, 1)
+    ]
     y = grid_lines([-panels.chord / 2.0, panels.chord / 2.0, *edges], design.mesh)
     return mesh.rectangle(f"panel {number}", x, y, design.offset, laminate_of(design.sandwich))
 
@@ -140,8 +168,18 @@ def grid_lines(breaks: list[float], size: float) -> np.ndarray:
 def _root_hinges(mesh: Mesh, design: ArrayDesign, seats: dict[float, int], first: Panel) -> None:
     x = design.yoke.length
     for hinge in design.hinges.root:
-        node = _footprint(mesh, "root hinge", first, hinge, (x, hinge.position, 0.0), start=x, end=x + hinge.footprint)
-        mesh.parts.append(Spring("root hinge", (seats[hinge.position], node), hinge.stiffness.values))
+        node = _footprint(
+            mesh,
+            "root hinge",
+            first,
+            hinge,
+            (x, hinge.position, 0.0),
+            start=x,
+            end=x + hinge.footprint,
+        )
+        mesh.parts.append(
+            Spring("root hinge", (seats[hinge.position], node), hinge.stiffness.values)
+        )
 
 
 def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, after: Panel) -> None:
@@ -157,11 +195,17 @@ def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, aft
         mesh.parts.append(Spring(name, (a, b), hinge.stiffness.values))
 
 
-def _footprint(mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, *, start: float, end: float) -> int:
+def _footprint(
+    mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, *, start: float, end: float
+) -> int:
     """A node at ``place``, rigidly linked to the panel's nodes in the hinge's footprint."""
     index, xyz = panel
     half = hinge.footprint / 2.0 + 1e-6
-    inside = (xyz[:, 0] > start - 1e-6) & (xyz[:, 0] < end + 1e-6) & (np.abs(xyz[:, 1] - hinge.position) < half)
+    inside = (
+        (xyz[:, 0] > start - 1e-6)
+        & (xyz[:, 0] < end + 1e-6)
+        & (np.abs(xyz[:, 1] - hinge.position) < half)
+    )
     node = mesh.node(*place)
     mesh.parts.append(Link(name, node, index[inside]))
     return node
@@ -181,8 +225,8 @@ def _masses(mesh: Mesh, design: ArrayDesign, panels: list[Panel]) -> None:
 def kinds(modes: Modes) -> tuple[str, ...]:
     """Kind of each mode, a key of ``KINDS``.
 
-    The motion along the normal is split, at each station along the axis, into what the station does as a whole (bending), its
-    turning about the axis (torsion) and the rest.
+    The motion along the normal is split, at each station along the axis, into what the station does
+    as a whole (bending), its turning about the axis (torsion) and the rest.
     """
     m, u = modes.node_masses, modes.shapes
     xyz = modes.structure.xyz - modes.structure.xyz[modes.structure.interface]
@@ -209,7 +253,7 @@ def kinds(modes: Modes) -> tuple[str, ...]:
     return tuple(names[k] for k in np.argmax(np.array(list(energies.values())), axis=0))
 
 
-def questions(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
+def unit_warnings(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
     """What looks like a wrong unit, as questions."""
     areal, first = design.sandwich.areal_mass, float(modes.frequency[0])
     weight = f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?"

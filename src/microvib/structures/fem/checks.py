@@ -6,9 +6,17 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from microvib.structures.fem.structure import Link, Part, Shells, Spring, Structure, StructureError, nodes_of
+from microvib.structures.fem.structure import (
+    Link,
+    Part,
+    Shells,
+    Spring,
+    Structure,
+    StructureError,
+    nodes_of,
+)
 
-LOOSE = 0.002  # frequency [Hz] below which a mode is taken for a mechanism
+MAX_MECHANISM_FREQUENCY = 0.002  # frequency [Hz] below which a mode is taken for a mechanism
 
 
 def check_structure(structure: Structure) -> None:
@@ -23,11 +31,14 @@ def check_structure(structure: Structure) -> None:
     loose = [part.name for part in structure.parts if np.any(component[nodes_of(part)] != held)]
     if loose:
         raise StructureError(
-            f"{structure.title}: {', '.join(dict.fromkeys(loose))}: not connected to the interface; every part must be held by"
+            f"{structure.title}: {', '.join(dict.fromkeys(loose))}: not connected to the interface;"
+            " every part must be held by"
             " hinges or links, directly or through other parts"
         )
     if np.any(component != held):
-        raise StructureError(f"{structure.title}: {np.sum(component != held)} nodes belong to no part")
+        raise StructureError(
+            f"{structure.title}: {np.sum(component != held)} nodes belong to no part"
+        )
 
 
 def _edges(part: Part) -> np.ndarray:
@@ -43,13 +54,19 @@ def _edges(part: Part) -> np.ndarray:
 
 def _check_links(structure: Structure) -> None:
     links = structure.of(Link)
-    slaves = np.concatenate([link.slaves for link in links]) if links else np.zeros(0, dtype=int)
+    if links:
+        slaves = np.concatenate([link.slaves for link in links])
+    else:
+        slaves = np.zeros(0, dtype=int)
     for link in links:
         if link.master in slaves or structure.interface in link.slaves:
-            raise StructureError(f"{structure.title}: {link.name}: its reference point hangs on another rigid link")
+            raise StructureError(
+                f"{structure.title}: {link.name}: its reference node depends on another rigid link"
+            )
     if len(np.unique(slaves)) != len(slaves):
         raise StructureError(
-            f"{structure.title}: two rigid links share a node; make footprints smaller or farther apart"
+            f"{structure.title}: two rigid links share a node; make footprints smaller or farther"
+            " apart"
         )
 
 
@@ -58,21 +75,25 @@ def _check_numbers(structure: Structure) -> None:
         h, density = part.laminate.h, part.laminate.intrho
         if not (h > 0.0 and density > 0.0 and part.laminate.D11 > 0.0):
             raise StructureError(
-                f"{structure.title}: {part.name}: thickness {h:g} m and mass {density:g} kg/m^2 must be greater than 0"
+                f"{structure.title}: {part.name}: thickness {h:g} m and mass {density:g} kg/m^2"
+                " must be greater than 0"
             )
 
 
-def check_mechanisms(structure: Structure, frequency: np.ndarray, shapes: np.ndarray, masses: np.ndarray) -> None:
+def check_mechanisms(
+    structure: Structure, frequency: np.ndarray, shapes: np.ndarray, masses: np.ndarray
+) -> None:
     """StructureError naming the part that moves most where a mode has no stiffness.
 
     ``frequency`` (s,) [Hz], ``shapes`` (n, 6, s), ``masses`` of the nodes (n,) [kg].
     """
-    loose = np.flatnonzero(frequency < LOOSE)
+    loose = np.flatnonzero(frequency < MAX_MECHANISM_FREQUENCY)
     if not loose.size:
         return
     texts = [_what_moves(structure, shapes[:, :, k], masses) for k in loose[:3]]
     raise StructureError(
-        f"{structure.title}: {loose.size} mode{'s' if loose.size > 1 else ''} without stiffness (below {LOOSE:g} Hz) with the"
+        f"{structure.title}: {loose.size} mode{'s' if loose.size > 1 else ''} without stiffness"
+        f" (below {MAX_MECHANISM_FREQUENCY:g} Hz) with the"
         f" interface clamped: {'; '.join(texts)}; give the hinges or the shaft stiffness there"
     )
 
@@ -80,7 +101,9 @@ def check_mechanisms(structure: Structure, frequency: np.ndarray, shapes: np.nda
 def _what_moves(structure: Structure, shape: np.ndarray, masses: np.ndarray) -> str:
     energy = masses[:, None] * shape[:, :3] ** 2
     moving = {
-        part.name: energy[nodes_of(part)].sum() for part in structure.parts if not isinstance(part, (Link, Spring))
+        part.name: energy[nodes_of(part)].sum()
+        for part in structure.parts
+        if not isinstance(part, (Link, Spring))
     }
     name = max(moving, key=lambda key: moving[key])
     return f"{name} moves along {'xyz'[int(np.argmax(energy.sum(axis=0)))]}"

@@ -14,8 +14,11 @@ class Coupling:
     """Structural coupling of modes that turn about the drive axis, for a rate of 1 rad/s."""
 
     F: np.ndarray  # Coriolis coupling F_omega: sum of m phi_i . (e x phi_j), antisymmetric (s, s)
-    N: np.ndarray  # centrifugal coupling -F_omega_omega: sum of m phi_i . phi_j across the axis, (s, s)
-    C: np.ndarray  # centrifugal load H_omega about the axis: sum of m rho . phi_i across the axis [kg^0.5 m], (s,)
+    N: (
+        np.ndarray
+    )  # centrifugal coupling -F_omega_omega: sum of m phi_i . phi_j across the axis, (s, s)
+    # centrifugal load H_omega about the axis: sum of m rho . phi_i across the axis [kg^0.5 m], (s,)
+    C: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,8 +47,10 @@ def coupling(modes: Modes, axis: int = 0) -> Coupling:
     )
 
 
-def size(modes: Modes, rate: float, damping: np.ndarray, axis: int = 0) -> Size:
-    """Size of the second-order terms at a steady ``rate`` [rad/s]; ``damping`` are the modes' ratios, (s,)."""
+def coupling_size(modes: Modes, rate: float, damping: np.ndarray, axis: int = 0) -> Size:
+    """Size of the second-order terms at a steady ``rate`` [rad/s]; ``damping`` are the modes'
+    ratios, (s,).
+    """
     terms = coupling(modes, axis)
     Omega = 2.0 * np.pi * modes.frequency
     turning = rotating_frequencies(terms, Omega, rate)
@@ -60,7 +65,9 @@ def size(modes: Modes, rate: float, damping: np.ndarray, axis: int = 0) -> Size:
 
 
 def rotating_frequencies(terms: Coupling, Omega: np.ndarray, rate: float) -> np.ndarray:
-    """Angular natural frequencies, (s,) ascending, of modes that turn at ``rate``, undamped, the shaft at a steady rate."""
+    """Angular natural frequencies, (s,) ascending, of modes that turn at ``rate``, undamped, the
+    shaft at a steady rate.
+    """
     s = Omega.size
     stiffness = np.diag(Omega**2) - rate**2 * terms.N
     first_order = np.block([[np.zeros((s, s)), np.eye(s)], [-stiffness, -2.0 * rate * terms.F]])
@@ -70,7 +77,9 @@ def rotating_frequencies(terms: Coupling, Omega: np.ndarray, rate: float) -> np.
 def _response(
     terms: Coupling, modes: Modes, Omega: np.ndarray, damping: np.ndarray, rate: float, axis: int
 ) -> np.ndarray:
-    """Torque over acceleration of the shaft [kg m^2] about a steady rate, with the deflection that it holds."""
+    """Torque over acceleration of the shaft [kg m^2] about a steady rate, with the deflection that
+    it holds.
+    """
     stiffness = np.diag(Omega**2) - rate**2 * terms.N
     held = np.linalg.solve(stiffness, rate**2 * terms.C)
     H = modes.participation[3 + axis] + terms.F @ held
@@ -78,7 +87,11 @@ def _response(
     J = modes.mass[3 + axis, 3 + axis] + 2.0 * terms.C @ held + held @ terms.N @ held
     out = []
     for p in 2j * np.pi * np.geomspace(0.01, 200.0, 2000):
-        dynamic = p**2 * np.eye(Omega.size) + p * (np.diag(2.0 * damping * Omega) + 2.0 * rate * terms.F) + stiffness
+        dynamic = (
+            p**2 * np.eye(Omega.size)
+            + p * (np.diag(2.0 * damping * Omega) + 2.0 * rate * terms.F)
+            + stiffness
+        )
         eta = np.linalg.solve(dynamic, -(H - 2.0 * rate * C / p))
         out.append(J + (H * p**2 + 2.0 * rate * C * p) @ eta)
     return np.array(out)

@@ -15,22 +15,29 @@ Description = ArrayDesign | SimulatorDesign
 
 
 def _mesh(design: Description) -> ModuleType:
-    return array_mesh if isinstance(design, ArrayDesign) else simulator_mesh
+    if isinstance(design, ArrayDesign):
+        return array_mesh
+    return simulator_mesh
 
 
 @lru_cache(maxsize=16)
-def solved(design: Description, count: int) -> Modes:
+def solve_design(design: Description, count: int) -> Modes:
     """Lowest ``count`` modes of a description; kept in memory."""
     return solve(_mesh(design).structure_of(design), count)
 
 
 def modal_model(design: Description, count: int) -> ModalModel:
     """Modal model of a description, with the questions that its numbers raise."""
-    found = solved(design, count)
+    found = solve_design(design, count)
     xi = design.damping.of(found.frequency)
-    notes = array_mesh.questions(design, found) if isinstance(design, ArrayDesign) else ()
+    if isinstance(design, ArrayDesign):
+        notes = array_mesh.unit_warnings(design, found)
+    else:
+        notes = ()
     title = found.structure.title
-    return ModalModel(found.frequency, xi, found.participation, found.mass, design.drive_axis, title, notes)
+    return ModalModel(
+        found.frequency, xi, found.participation, found.mass, design.drive_axis, title, notes
+    )
 
 
 def kinds(design: Description, solution: Modes) -> tuple[str, ...]:
@@ -38,6 +45,6 @@ def kinds(design: Description, solution: Modes) -> tuple[str, ...]:
     return _mesh(design).kinds(solution)
 
 
-def meanings(design: Description) -> dict[str, str]:
+def mode_kind_labels(design: Description) -> dict[str, str]:
     """What the kinds of modes stand for."""
     return _mesh(design).KINDS

@@ -18,7 +18,9 @@ from microvib.structures.modal import natural_frequency
 
 
 def free_modes(design: HubDesign, count: int) -> FreeModes:
-    """The six rigid modes and the lowest ``count`` flexible ones at the named points; StructureError where it cannot be meshed."""
+    """The six rigid modes and the lowest ``count`` flexible ones at the named points;
+    StructureError where it cannot be meshed.
+    """
     structure, points = structure_of(design)
     check_structure(structure)
     system = assemble(structure, clamped=False)
@@ -38,10 +40,12 @@ def structure_of(design: HubDesign) -> tuple[Structure, dict[str, int]]:
     mesh = Mesh()
     box = _box(mesh, bus, design.mesh)
     for unit in design.equipment:
-        node = _held(mesh, unit.name, unit.position, unit.position, box, unit.reach)
+        node = _rigid_footprint(mesh, unit.name, unit.position, unit.position, box, unit.reach)
         mesh.parts.append(Lump(unit.name, node, unit.mass))
     points = {
-        fitting.name: _held(mesh, fitting.name, fitting.position, fitting.position, box, fitting.reach)
+        fitting.name: _rigid_footprint(
+            mesh, fitting.name, fitting.position, fitting.position, box, fitting.reach
+        )
         for fitting in design.points
     }
     points[BENCH_POINT] = _bench(mesh, bench, 0.5 * bus.height, box, design.mesh)
@@ -74,12 +78,18 @@ def _box(mesh: Mesh, bus: Bus, size: float) -> np.ndarray:
     return np.array(list(nodes.values()))
 
 
-def _held(mesh: Mesh, name: str, at: Position, around: Position, nodes: np.ndarray, reach: float) -> int:
-    """A new node ``at`` a place, with which all ``nodes`` within ``reach`` of the place ``around`` move rigidly."""
+def _rigid_footprint(
+    mesh: Mesh, name: str, at: Position, around: Position, nodes: np.ndarray, reach: float
+) -> int:
+    """A new node ``at`` a place, with which all ``nodes`` within ``reach`` of the place ``around``
+    move rigidly.
+    """
     xyz = np.concatenate(mesh.points)
     near = nodes[np.linalg.norm(xyz[nodes] - around, axis=1) <= reach * (1.0 + 1e-9)]
     if not near.size:
-        raise StructureError(f"{name}: no place of the mesh lies within {reach:g} m of it; a larger reach is needed")
+        raise StructureError(
+            f"{name}: no place of the mesh lies within {reach:g} m of it; a larger reach is needed"
+        )
     node = mesh.node(*at)
     mesh.parts.append(Link(name, node, near))
     return node
@@ -92,12 +102,23 @@ def _bench(mesh: Mesh, bench: Bench, top: float, box: np.ndarray, size: float) -
     plate, _ = mesh.rectangle("bench", x, y, level, laminate_of(bench.panel))
     for k, mount in enumerate(bench.mounts):
         here = (mount.x, mount.y, level)
-        foot = _held(mesh, f"foot {k + 1}", here, (mount.x, mount.y, top), box, mount.reach)
-        seat = _held(mesh, f"seat {k + 1}", here, here, plate, mount.reach)
+        foot = _rigid_footprint(
+            mesh, f"foot {k + 1}", here, (mount.x, mount.y, top), box, mount.reach
+        )
+        seat = _rigid_footprint(mesh, f"seat {k + 1}", here, here, plate, mount.reach)
         across, about = mount.lateral, mount.rotational
-        mesh.parts.append(Spring(f"mount {k + 1}", (foot, seat), (across, across, mount.axial, about, about, about)))
-    node = _held(
-        mesh, BENCH_POINT, (0.0, 0.0, level + bench.payload_above), (0.0, 0.0, level), plate, bench.payload_reach
+        mesh.parts.append(
+            Spring(
+                f"mount {k + 1}", (foot, seat), (across, across, mount.axial, about, about, about)
+            )
+        )
+    node = _rigid_footprint(
+        mesh,
+        BENCH_POINT,
+        (0.0, 0.0, level + bench.payload_above),
+        (0.0, 0.0, level),
+        plate,
+        bench.payload_reach,
     )
     mesh.parts.append(Lump(BENCH_POINT, node, bench.payload_mass, bench.payload_inertia))
     return node

@@ -1,4 +1,6 @@
-"""Mesh of a simulator: beams for shaft and frame, shells for the plate, eight springs under tension, bearing, lumped weights."""
+"""Mesh of a simulator: beams for shaft and frame, shells for the plate, eight springs under
+tension, bearing, lumped weights.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +22,23 @@ KINDS = {
     "S": "sway across the drive axis",
     "F": "frame or plate in itself",
 }
-"""What a mode mostly is: the rigid motion about the drive axis that has most of its kinetic energy, or none."""
+"""What a mode mostly is: the rigid motion about the drive axis that has most of its kinetic energy,
+or none.
+"""
 _SIDES = (-1.0, 1.0)
 _RIGID = 0.5  # least share of a rigid motion in a mode's kinetic energy that names the mode
 
 
 def structure_of(design: SimulatorDesign) -> Structure:
     """Mesh of a description; StructureError where it would be too large."""
-    check_size(6.0 * (design.plate.length / design.mesh) * (design.plate.width / design.mesh), design.mesh)
+    check_size(
+        6.0 * (design.plate.length / design.mesh) * (design.plate.width / design.mesh), design.mesh
+    )
     mesh = Mesh()
     interface = mesh.node(0.0, 0.0, 0.0)
-    mesh.parts.append(_disc("connector", interface, design.shaft.connector_mass, design.shaft.connector_diameter))
+    mesh.parts.append(
+        _disc("connector", interface, design.shaft.connector_mass, design.shaft.connector_diameter)
+    )
     seat, bearing = _shaft(mesh, design, interface)
     sliders = _plate(mesh, design, seat)
     nodes = _frame(mesh, design)
@@ -66,7 +74,15 @@ def shaft_section(design: SimulatorDesign, shaft: Shaft) -> Section:
     D, d, m = shaft.diameter, shaft.bore, design.material
     area, second = math.pi / 4.0 * (D**2 - d**2), math.pi / 64.0 * (D**4 - d**4)
     return Section(
-        m.modulus, m.shear_modulus, m.density, area, second, second, 2.0 * second, shear_y=0.89, shear_z=0.89
+        m.modulus,
+        m.shear_modulus,
+        m.density,
+        area,
+        second,
+        second,
+        2.0 * second,
+        shear_y=0.89,
+        shear_z=0.89,
     )
 
 
@@ -76,15 +92,23 @@ def _plate(mesh: Mesh, design: SimulatorDesign, seat: int) -> dict[tuple[float, 
     half, arm, level = p.slider_width / 2.0, design.arm, p.level
     ends = (p.length / 2.0, p.hub / 2.0, arm - half, arm + half)
     x = grid_lines([side * e for e in ends for side in _SIDES], design.mesh)
-    y = grid_lines([side * e for e in (p.width / 2.0, p.hub / 2.0, half) for side in _SIDES], design.mesh)
+    y = grid_lines(
+        [side * e for e in (p.width / 2.0, p.hub / 2.0, half) for side in _SIDES], design.mesh
+    )
     laminate = isotropic_plate(p.thickness, m.modulus, m.poisson, rho=m.density)
     index, xyz = mesh.rectangle("plate", x, y, z, laminate)
     mesh.parts.append(Link("plate hub", seat, index[_inside(xyz, 0.0, p.hub / 2.0)]))
     hooks: dict[tuple[float, float, float], int] = {}
     for sx in _SIDES:
         node = mesh.node(sx * arm, 0.0, z)
-        own = {(sx, sy, sz): mesh.node(sx * arm, sy * p.hook, z + sz * level) for sy in _SIDES for sz in _SIDES}
-        mesh.parts.append(Link("slider", node, np.append(index[_inside(xyz, sx * arm, half)], list(own.values()))))
+        own = {
+            (sx, sy, sz): mesh.node(sx * arm, sy * p.hook, z + sz * level)
+            for sy in _SIDES
+            for sz in _SIDES
+        }
+        mesh.parts.append(
+            Link("slider", node, np.append(index[_inside(xyz, sx * arm, half)], list(own.values())))
+        )
         turning = 2.0 * p.slider_mass * level**2
         mesh.parts.append(Lump("slider", node, 2.0 * p.slider_mass, (turning, turning, 0.0)))
         hooks |= own
@@ -114,7 +138,9 @@ def _frame(mesh: Mesh, design: SimulatorDesign) -> Nodes:
     return nodes
 
 
-def _chain(mesh: Mesh, design: SimulatorDesign, nodes: Nodes, name: str, places: list[tuple[float, float]]) -> None:
+def _chain(
+    mesh: Mesh, design: SimulatorDesign, nodes: Nodes, name: str, places: list[tuple[float, float]]
+) -> None:
     section = tube_section(design.frame.tube, design.material)
     for place in places:
         if place not in nodes:
@@ -128,9 +154,15 @@ def _bridge(mesh: Mesh, design: SimulatorDesign, nodes: Nodes, bearing: int) -> 
     f, k = design.frame, design.bearing
     h, b, m = f.bridge / 2.0, f.rail, f.bridge_mass
     node = mesh.node(0.0, 0.0, design.shaft.bearing_at)
-    mesh.parts.append(Link("bridge", node, np.array([nodes[s * h, t * b] for s in _SIDES for t in _SIDES])))
-    mesh.parts.append(Lump("bridge", node, m, (m * b**2 / 3.0, m * h**2 / 3.0, m * (h**2 + b**2) / 3.0)))
-    mesh.parts.append(Spring("bearing", (bearing, node), (k.radial, k.radial, k.axial, k.rocking, k.rocking, 0.0)))
+    mesh.parts.append(
+        Link("bridge", node, np.array([nodes[s * h, t * b] for s in _SIDES for t in _SIDES]))
+    )
+    mesh.parts.append(
+        Lump("bridge", node, m, (m * b**2 / 3.0, m * h**2 / 3.0, m * (h**2 + b**2) / 3.0))
+    )
+    mesh.parts.append(
+        Spring("bearing", (bearing, node), (k.radial, k.radial, k.axial, k.rocking, k.rocking, 0.0))
+    )
     return node
 
 
@@ -139,24 +171,39 @@ def _counterweights(mesh: Mesh, design: SimulatorDesign, nodes: Nodes) -> None:
     w, b, z = design.counterweight, design.frame.rail, design.shaft.plate_at
     seat = design.frame.weight_seat_mass
     about = seat * b**2 / 3.0  # the seat is a bar from rail to rail
-    for k, (x, y) in enumerate([(w.radius, 0.0), (-w.radius, 0.0), (0.0, w.radius), (0.0, -w.radius)], 1):
+    for k, (x, y) in enumerate(
+        [(w.radius, 0.0), (-w.radius, 0.0), (0.0, w.radius), (0.0, -w.radius)], 1
+    ):
         node = mesh.node(x, y, z)
-        places = [(x, s * b) for s in _SIDES] if y == 0.0 else [(s * b, y) for s in _SIDES]
+        if y == 0.0:
+            places = [(x, s * b) for s in _SIDES]
+        else:
+            places = [(s * b, y) for s in _SIDES]
         mesh.parts.append(Link(f"seat {k}", node, np.array([nodes[p] for p in places])))
         mesh.parts.append(_disc(f"counterweight {k}", node, w.mass, w.diameter, w.height))
         mesh.parts.append(
-            Lump(f"seat {k}", node, seat, (about if y == 0.0 else 0.0, about if x == 0.0 else 0.0, about))
+            Lump(
+                f"seat {k}",
+                node,
+                seat,
+                (about if y == 0.0 else 0.0, about if x == 0.0 else 0.0, about),
+            )
         )
 
 
 def _springs(
-    mesh: Mesh, design: SimulatorDesign, hooks: dict[tuple[float, float, float], int], nodes: Nodes, interface: int
+    mesh: Mesh,
+    design: SimulatorDesign,
+    hooks: dict[tuple[float, float, float], int],
+    nodes: Nodes,
+    interface: int,
 ) -> None:
     """Eight springs under tension, half of their mass at either end.
 
-    Tension F over the length holds the ends across. It also pulls on the levers from the middle line to the ends, which takes
-    F end from the stiffness against turning the outer end and adds F hook at the inner one, against the ground, here the
-    clamped interface: together nothing resists turning both ends as one body.
+    Tension F over the length holds the ends across. It also pulls on the levers from the middle
+    line to the ends, which takes F end from the stiffness against turning the outer end and adds F
+    hook at the inner one, against the ground, here the clamped interface: together nothing resists
+    turning both ends as one body.
     """
     k, F, end = design.spring.rate, design.spring_force, design.hook_end
     across = F / (end - design.plate.hook)
@@ -171,12 +218,16 @@ def _springs(
             inner = hooks[sx, sy, sz]
             mesh.parts.append(Spring("spring", (inner, outer), (across, k, across, 0.0, 0.0, 0.0)))
             for node, lever in ((inner, F * design.plate.hook), (outer, -F * end)):
-                mesh.parts.append(Spring("tension", (interface, node), (0.0, 0.0, 0.0, lever, 0.0, lever)))
+                mesh.parts.append(
+                    Spring("tension", (interface, node), (0.0, 0.0, 0.0, lever, 0.0, lever))
+                )
                 mesh.parts.append(Lump("spring", node, half))
 
 
 def kinds(found: Modes) -> tuple[str, ...]:
-    """Kind of each mode, a key of ``KINDS``: share of the best-fitting rigid motions in the kinetic energy of the nodes."""
+    """Kind of each mode, a key of ``KINDS``: share of the best-fitting rigid motions in the kinetic
+    energy of the nodes.
+    """
     m, xyz = found.node_masses, found.structure.xyz
     x, y, z = (xyz - np.average(xyz, axis=0, weights=m)).T
     zero, one = np.zeros(len(xyz)), np.ones(len(xyz))

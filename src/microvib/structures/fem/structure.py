@@ -26,7 +26,9 @@ class Shells:
 
 @dataclass(frozen=True)
 class Section:
-    """Cross-section of a beam, axes through its centroid; y lies in the plane of the beam and its ``up`` vector."""
+    """Cross-section of a beam, axes through its centroid; y lies in the plane of the beam and its
+    ``up`` vector.
+    """
 
     E: float
     G: float
@@ -51,7 +53,9 @@ class Beams:
 
 @dataclass(frozen=True)
 class Spring:
-    """Six springs between two nodes at one place: stiffness along [N/m] and about [N m/rad] the axes x, y, z."""
+    """Six springs between two nodes at one place: stiffness along [N/m] and about [N m/rad] the
+    axes x, y, z.
+    """
 
     name: str
     nodes: tuple[int, int]
@@ -137,17 +141,31 @@ class Mesh:
         self.shells(name, index.reshape(X.shape), laminate)
         return index, xyz
 
-    def shells(self, name: str, grid: np.ndarray, laminate: Any, *along: tuple[float, float, float]) -> None:
+    def shells(
+        self, name: str, grid: np.ndarray, laminate: Any, *along: tuple[float, float, float]
+    ) -> None:
         """Shells between the nodes of a ``grid`` (m, n) of indices."""
         corners = (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
-        self.parts.append(Shells(name, np.column_stack([c.ravel() for c in corners]), laminate, *along))
+        self.parts.append(
+            Shells(name, np.column_stack([c.ravel() for c in corners]), laminate, *along)
+        )
 
-    def line(self, name: str, ends: tuple[int, int], section: Section, size: float, up: Any = (0.0, 0.0, 1.0)) -> None:
+    def line(
+        self,
+        name: str,
+        ends: tuple[int, int],
+        section: Section,
+        size: float,
+        up: Any = (0.0, 0.0, 1.0),
+    ) -> None:
         """Beams of at most ``size`` [m] between two nodes."""
         xyz = np.concatenate(self.points)
         a, b = xyz[ends[0]], xyz[ends[1]]
         n = max(int(np.ceil(np.linalg.norm(b - a) / size - 1e-9)), 1)
-        inner = self.add(a + np.arange(1, n)[:, None] / n * (b - a)) if n > 1 else np.array([], dtype=int)
+        if n > 1:
+            inner = self.add(a + np.arange(1, n)[:, None] / n * (b - a))
+        else:
+            inner = np.array([], dtype=int)
         chain = np.r_[ends[0], inner, ends[1]]
         self.parts.append(Beams(name, np.column_stack([chain[:-1], chain[1:]]), section, tuple(up)))
 

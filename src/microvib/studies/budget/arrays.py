@@ -1,4 +1,6 @@
-"""Whether drives that are given as scenarios of their own are on one craft: each must carry the arrays of the others, too."""
+"""Whether drives that are given as scenarios of their own are on one craft: each must carry the
+arrays of the others, too.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.model.coupling import craft_in
+from microvib.model.coupling import require_craft
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import DRIVE, SAME_PLACE, Interface
+from microvib.model.spacecraft import DRIVE_GROUPS, SAME_POINT_DISTANCE, Interface
 
 _NEAR = 1e-6
 """Distance of unit vectors, and of angles [rad], up to which they are the same."""
@@ -18,26 +20,33 @@ _INSTEAD = "or give one scenario of both with spacecraft.second_wing.drive: driv
 
 def check_places(name: str, scenario: Scenario, other_name: str, other: Scenario) -> None:
     """MicrovibError where two drives are at one interface point."""
-    here, there = (craft_in(one).spacecraft.interface for one in (scenario, other))
-    if _distance(here, there) <= SAME_PLACE:
+    here, there = (require_craft(one).spacecraft.interface for one in (scenario, other))
+    if _distance(here, there) <= SAME_POINT_DISTANCE:
         at = ", ".join(f"{x:g}" for x in here.position)
         raise MicrovibError(
-            f"{name}: spacecraft.interface.position: [{at}] m is also where {other_name} is; two drives need places of their own"
+            f"{name}: spacecraft.interface.position: [{at}] m is also where {other_name} is; two"
+            " drives need places of their own"
             " (a second wing that is driven is not given once more as a scenario)"
         )
 
 
 def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[str]:
-    """What the craft of a drive lacks of that of an ``other`` drive, whose array changes how the hub moves; without a stop."""
+    """What the craft of a drive lacks of that of an ``other`` drive, whose array changes how the
+    hub moves; without a stop.
+    """
     mounted = scenario.mounted
-    wing = None if mounted is None else mounted.second_wing
-    theirs = craft_in(other).spacecraft
-    if wing is None or _distance(wing.interface, theirs.interface) > SAME_PLACE:
+    if mounted is None:
+        wing = None
+    else:
+        wing = mounted.second_wing
+    theirs = require_craft(other).spacecraft
+    if wing is None or _distance(wing.interface, theirs.interface) > SAME_POINT_DISTANCE:
         full = ""
         if wing is not None:
             full = ", and a craft has no more than two arrays"
         yield (
-            f"the hub is without the array of {other_name}{full}, which changes how it moves; put each wing into"
+            f"the hub is without the array of {other_name}{full}, which changes how it moves; put"
+            " each wing into"
             f" spacecraft.second_wing of the other's scenario, {_INSTEAD}"
         )
         return
@@ -47,18 +56,26 @@ def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[st
 
 
 def _unlike(scenario: Scenario, other: Scenario) -> Iterator[str]:
-    """Keys in which the second wing on the craft of a drive is not the wing of an ``other`` drive; friction apart, whose noise is
-    drawn anew for each."""
-    mounted, theirs = scenario.mounted, craft_in(other).spacecraft
-    wing = None if mounted is None else mounted.second_wing
+    """Keys in which the second wing on the craft of a drive is not the wing of an ``other`` drive;
+    friction apart, whose noise is drawn anew for each."""
+    mounted, theirs = scenario.mounted, require_craft(other).spacecraft
+    if mounted is None:
+        wing = None
+    else:
+        wing = mounted.second_wing
     assert wing is not None
     if not _turned_alike(wing.interface, theirs.interface):
         yield "interface"
-    if wing.array_angle is None or abs(np.exp(1j * (wing.array_angle - theirs.array_angle)) - 1.0) > _NEAR:
+    if (
+        wing.array_angle is None
+        or abs(np.exp(1j * (wing.array_angle - theirs.array_angle)) - 1.0) > _NEAR
+    ):
         yield "array_angle"
-    for key in DRIVE:
+    for key in DRIVE_GROUPS:
         mine, given = getattr(wing, key), getattr(other, key)
-        if key == "driver" and mine is not None:  # when it steps makes no difference to how it holds
+        if (
+            key == "driver" and mine is not None
+        ):  # when it steps makes no difference to how it holds
             mine = mine.model_copy(update={"delay": given.delay})
         if key != "friction" and mine != given:
             yield key
@@ -71,4 +88,6 @@ def _distance(one: Interface, other: Interface) -> float:
 def _turned_alike(one: Interface, other: Interface) -> bool:
     """Whether two interfaces have one drive axis and one reference."""
     along, across = (np.array(x.reference) / np.linalg.norm(x.reference) for x in (one, other))
-    return bool(np.linalg.norm(one.axis - other.axis) <= _NEAR and np.linalg.norm(along - across) <= _NEAR)
+    return bool(
+        np.linalg.norm(one.axis - other.axis) <= _NEAR and np.linalg.norm(along - across) <= _NEAR
+    )

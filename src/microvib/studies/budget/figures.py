@@ -1,4 +1,6 @@
-"""The figure that a requirement asks for, of lines and densities; between what it lies where they are known in part."""
+"""The figure that a requirement asks for, of lines and densities; between what it lies where they
+are known in part.
+"""
 
 from __future__ import annotations
 
@@ -8,36 +10,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.analysis.margins import frequency_doubt
-from microvib.analysis.pointing import SAME
+from microvib.analysis.margins import frequency_error_bound
+from microvib.analysis.pointing import FREQUENCY_TOLERANCE
 from microvib.signals.in_step import SLOW, in_step
 from microvib.signals.pointing import (
-    EVERYWHERE,
-    MIDDLES,
+    MIDPOINT_INSTANTS,
+    UNIFORM_INSTANTS,
     Distribution,
-    bound,
+    confidence_level_angle,
     distribution,
-    in_window,
-    level,
     mean_square_of_density,
     mean_square_of_lines,
-    weight,
+    metric_weight,
+    windowed_amplitudes,
+    worst_case_angle,
 )
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.sources import Contribution, Gap
-from microvib.units import inside as in_band
+from microvib.studies.budget.sources import Contribution, Unobserved
+from microvib.units import within_band as in_band
 
-ALONE = -1
+INCOHERENT = -1
 AXES = {"x": [0], "y": [1], "radial": [0, 1]}
-_OFF = np.r_[0.0, np.sin(np.arange(100.0) ** 2)]
-"""Parts of what a frequency may be off that are tried, unlike each other: after many periods they decide where a window ends."""
-RISES = 0.95
-"""Confidence from which what nothing bounds is left out of a level's least; below, it may take lines from their crests."""
+_FREQUENCY_SAMPLES = np.r_[0.0, np.sin(np.arange(100.0) ** 2)]
+"""Parts of what a frequency may be off that are tried, unlike each other: after many periods they
+decide where a window ends.
+"""
+MIN_MONOTONE_CONFIDENCE = 0.95
+"""Confidence from which what nothing bounds is left out of a level's least; below, it may take
+lines from their crests.
+"""
 
 
 @dataclass(frozen=True)
-class Tones:
-    """Lines of all sources, one for each frequency: amplitudes [rad], (k, 2), with best, given and worst phases."""
+class CombinedLines:
+    """Lines of all sources, one for each frequency: amplitudes [rad], (k, 2), with best, given and
+    worst phases.
+    """
 
     frequency: np.ndarray
     least: np.ndarray
@@ -46,7 +54,9 @@ class Tones:
     turn: np.ndarray
     """Phase of the largest of those of one frequency, exp(j phase), (k, 2)."""
     clock: np.ndarray
-    """Its clock, by number, (k, 2): harmonics of one clock keep their phases to each other; ALONE for those that keep none."""
+    """Its clock, by number, (k, 2): harmonics of one clock keep their phases to each other; ALONE
+    for those that keep none.
+    """
     off: np.ndarray
     """By how much frequencies may be off [Hz], (k,)."""
 
@@ -56,7 +66,7 @@ class Tones:
         return np.array([self.frequency - self.off, self.frequency + self.off])
 
 
-def figure(
+def evaluate_metric(
     requirement: Requirement,
     frequency: np.ndarray,
     amplitude: np.ndarray,
@@ -65,14 +75,16 @@ def figure(
     surely: bool = False,
     clock: np.ndarray | None = None,
 ) -> float:
-    """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and densities.
+    """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and
+    densities.
 
-    What both axes reach together is a bound, since they need not do so at once; ``surely`` it is what one of them does. A level
-    depends on the phases that lines of one ``clock`` (k, 2) keep, of complex amplitudes; those of all others count as unrelated.
+    What both axes reach together is a bound, since they need not do so at once; ``surely`` it is
+    what one of them does. A level depends on the phases that lines of one ``clock`` (k, 2) keep, of
+    complex amplitudes; those of all others count as unrelated.
     """
     r, axes = requirement, AXES[requirement.axis]
     window = _window(r)
-    counts = inside(r, frequency)
+    counts = counts_in_band(r, frequency)
     f, tones = frequency[counts], amplitude[counts]
     A = np.abs(tones)
     squares = np.array(_noise(r, densities))[axes]
@@ -81,75 +93,112 @@ def figure(
         return math.sqrt(total + float(squares.sum()))
     if r.statistic == "bound":
         each = [
-            bound(in_window(r.metric, f, A[:, k], window, r.apart, EVERYWHERE), math.sqrt(s))
+            worst_case_angle(
+                windowed_amplitudes(r.metric, f, A[:, k], window, r.apart, UNIFORM_INSTANTS),
+                math.sqrt(s),
+            )
             for k, s in zip(axes, squares, strict=True)
         ]
     else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
         part = 1.0 - (1.0 - r.confidence) / len(axes)
-        of = np.full(A.shape, ALONE) if clock is None else clock[counts]
-        halves = np.r_[-MIDDLES[::-1], MIDDLES] if np.any(of != ALONE) else MIDDLES
+        if clock is None:
+            of = np.full(A.shape, INCOHERENT)
+        else:
+            of = clock[counts]
+        if np.any(of != INCOHERENT):
+            halves = np.r_[-MIDPOINT_INSTANTS[::-1], MIDPOINT_INSTANTS]
+        else:
+            halves = MIDPOINT_INSTANTS
         each = []
         for k, s in zip(axes, squares, strict=True):
-            rows = in_window(r.metric, f, tones[:, k], window, r.apart, halves)
-            each.append(level(rows, math.sqrt(s), part, frequency=f, clock=of[:, k]))
-    return max(each) if surely else math.hypot(*each)
+            rows = windowed_amplitudes(r.metric, f, tones[:, k], window, r.apart, halves)
+            each.append(
+                confidence_level_angle(rows, math.sqrt(s), part, frequency=f, clock=of[:, k])
+            )
+    if surely:
+        return max(each)
+    return math.hypot(*each)
 
 
-def of_tones(r: Requirement, tones: Tones, densities: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> float:
+def evaluate_lines(
+    r: Requirement, tones: CombinedLines, densities: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+) -> float:
     """The figure that is required of what the sources are given as."""
-    return figure(r, tones.frequency, tones.value * tones.turn, densities, clock=tones.clock)
+    return evaluate_metric(
+        r, tones.frequency, tones.value * tones.turn, densities, clock=tones.clock
+    )
 
 
-def ends(
+def metric_bounds(
     r: Requirement,
-    tones: Tones,
-    gaps: Sequence[Gap],
+    tones: CombinedLines,
+    gaps: Sequence[Unobserved],
     densities: Sequence[tuple[np.ndarray, np.ndarray]],
-    moving: Moving | None = None,
+    moving: SweptLines | None = None,
 ) -> tuple[float, float]:
     """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
     if r.statistic == "level":
-        return _ends_of_level(r, tones, gaps, densities, moving or Moving(tones))
-    lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
-    hidden_at, hidden = _hidden(gaps)
-    least = figure(r, lower, tones.least, densities, surely=True)
+        return _level_bounds(r, tones, gaps, densities, moving or SweptLines(tones))
+    lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
+    hidden_at, hidden = _unobserved_lines(gaps)
+    least = evaluate_metric(r, lower, tones.least, densities, surely=True)
     if not np.all(np.isfinite(hidden)):
         return least, math.inf
     if moving is not None and r.statistic == "bound":
-        return least, _crests(r, moving, Gap("", 0.0, math.inf, hidden_at, hidden), densities)
+        return least, _crest_bound(
+            r, moving, Unobserved("", 0.0, math.inf, hidden_at, hidden), densities
+        )
     f, most = np.concatenate([upper, hidden_at]), np.vstack([tones.most, hidden])
-    return least, figure(r, f, most, densities)
+    return least, evaluate_metric(r, f, most, densities)
 
 
 @dataclass(frozen=True)
-class Moving:
-    """Lines of which some are at one of several places, such as those of a wheel at a speed: what crests there may be at most."""
+class SweptLines:
+    """Lines of which some are at one of several places, such as those of a wheel at a speed: what
+    crests there may be at most.
+    """
 
-    others: Tones
+    others: CombinedLines
     """Lines of all sources that are at one place."""
     x: float = 0.0
     y: float = 0.0
     together: float = 0.0
-    """Most that lines of the others reach about either axis and about the required ones together, wherever they are [rad]."""
+    """Most that lines of the others reach about either axis and about the required ones together,
+    wherever they are [rad].
+    """
 
-    def beside(self, axes: Sequence[int], of_others: Callable[[Sequence[float]], list[float]]) -> float:
-        """Most of all lines about ``axes``; ``of_others`` is that of the others about each, by what is beside them."""
+    def beside(
+        self, axes: Sequence[int], of_others: Callable[[Sequence[float]], list[float]]
+    ) -> float:
+        """Most of all lines about ``axes``; ``of_others`` is that of the others about each, by what
+        is beside them.
+        """
         crests = [(self.x, self.y)[k] for k in axes]
-        return min(math.hypot(*of_others(crests)), math.hypot(*of_others([0.0 for _ in axes])) + self.together)
+        return min(
+            math.hypot(*of_others(crests)),
+            math.hypot(*of_others([0.0 for _ in axes])) + self.together,
+        )
 
 
-def _crests(r: Requirement, moving: Moving, hidden: Gap, densities: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+def _crest_bound(
+    r: Requirement,
+    moving: SweptLines,
+    hidden: Unobserved,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> float:
     """The bound of all lines and densities, wherever those are that move."""
-    upper = _shifted(r, moving.others, np.argmax)
+    upper = _extreme_frequencies(r, moving.others, np.argmax)
     frequency = np.concatenate([upper, hidden.frequency])
     amplitude = np.vstack([moving.others.most, hidden.most])
     each = [r.model_copy(update={"axis": "xy"[k]}) for k in AXES[r.axis]]
-    found = [figure(one, frequency, amplitude, densities) for one in each]
+    found = [evaluate_metric(one, frequency, amplitude, densities) for one in each]
     return moving.beside(AXES[r.axis], lambda more: np.add(found, more).tolist())
 
 
-def _hidden(gaps: Sequence[Gap]) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (m,) [Hz] of the lines that gaps may hide, and their largest amplitudes (m, 2) [rad]."""
+def _unobserved_lines(gaps: Sequence[Unobserved]) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (m,) [Hz] of the lines that gaps may hide, and their largest amplitudes (m, 2)
+    [rad].
+    """
     at = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
     return at, np.vstack([np.zeros((0, 2)), *(gap.most for gap in gaps)])
 
@@ -157,56 +206,66 @@ def _hidden(gaps: Sequence[Gap]) -> tuple[np.ndarray, np.ndarray]:
 # ---- Levels: between which they lie over all phases that nobody stated ----
 
 
-def _ends_of_level(
+def _level_bounds(
     r: Requirement,
-    tones: Tones,
-    gaps: Sequence[Gap],
+    tones: CombinedLines,
+    gaps: Sequence[Unobserved],
     densities: Sequence[tuple[np.ndarray, np.ndarray]],
-    moving: Moving,
+    moving: SweptLines,
 ) -> tuple[float, float]:
     """Least and most of a level.
 
-    Harmonics of one clock keep their phases. Of all others neither phases nor the exact ratios of frequencies are known: they may
-    crest together or make each other's crests lower. So the largest group of known phases has its distribution, and everything
-    beside it adds its crests in *most* and takes them off in *least*. What is beside may be as large as the group; then the mean
-    square tells more, which does not depend on phases: above x for a part 1 - c of the time it is (1 - c) x^2 at the least.
+    Harmonics of one clock keep their phases. Of all others neither phases nor the exact ratios of
+    frequencies are known: they may crest together or make each other's crests lower. So the largest
+    group of known phases has its distribution, and everything beside it adds its crests in *most*
+    and takes them off in *least*. What is beside may be as large as the group; then the mean square
+    tells more, which does not depend on phases: above x for a part 1 - c of the time it is (1 - c)
+    x^2 at the least.
     """
-    at, hidden = _hidden([gap for gap in gaps if not gap.of_squares])
+    at, hidden = _unobserved_lines([gap for gap in gaps if not gap.of_squares])
     bounded = np.all(np.isfinite(hidden), axis=1)
-    if r.confidence < RISES and not bounded.all():
+    if r.confidence < MIN_MONOTONE_CONFIDENCE and not bounded.all():
         return 0.0, math.inf
     axes = AXES[r.axis]
     both_within = 1.0 - (1.0 - r.confidence) / len(axes)
-    known = Gap("", 0.0, math.inf, at[bounded], hidden[bounded])
-    found = [_by_largest_group(r, tones, known, densities, k) for k in axes]
+    known = Unobserved("", 0.0, math.inf, at[bounded], hidden[bounded])
+    found = [_largest_group_distribution(r, tones, known, densities, k) for k in axes]
     least = max(spread.within(r.confidence, -beside) for spread, beside in found)
-    least = max(least, _by_mean_square(r, tones, known, densities))
+    least = max(least, _mean_square_floor(r, tones, known, densities))
     if not bounded.all():
         return least, math.inf
-    _, squares = ends(r.model_copy(update={"statistic": "rms"}), tones, gaps, densities)
+    _, squares = metric_bounds(r.model_copy(update={"statistic": "rms"}), tones, gaps, densities)
     if moving.together:
-        found = [_by_largest_group(r, moving.others, known, densities, k) for k in axes]
+        found = [_largest_group_distribution(r, moving.others, known, densities, k) for k in axes]
     most = moving.beside(
         axes,
-        lambda more: [spread.within(both_within, beside + x) for x, (spread, beside) in zip(more, found, strict=True)],
+        lambda more: [
+            spread.within(both_within, beside + x)
+            for x, (spread, beside) in zip(more, found, strict=True)
+        ],
     )
     return least, min(most, squares / math.sqrt(1.0 - r.confidence))
 
 
-def _by_largest_group(
-    r: Requirement, tones: Tones, hidden: Gap, densities: Sequence[tuple[np.ndarray, np.ndarray]], axis: int
+def _largest_group_distribution(
+    r: Requirement,
+    tones: CombinedLines,
+    hidden: Unobserved,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    axis: int,
 ) -> tuple[Distribution, np.ndarray]:
-    """The largest group of lines with known phases, or the largest line, with noise; and what is beside it at most, (n,) [rad].
+    """The largest group of lines with known phases, or the largest line, with noise; and what is
+    beside it at most, (n,) [rad].
 
     Rows are instants in a window.
     """
-    halves = np.r_[-MIDDLES[::-1], MIDDLES]
+    halves = np.r_[-MIDPOINT_INSTANTS[::-1], MIDPOINT_INSTANTS]
 
     def moved(f: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-        rows = in_window(r.metric, f, amplitude[:, axis], _window(r), r.apart, halves)
-        return rows * inside(r, f)
+        rows = windowed_amplitudes(r.metric, f, amplitude[:, axis], _window(r), r.apart, halves)
+        return rows * counts_in_band(r, f)
 
-    lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
+    lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     given = moved(tones.frequency, tones.value * tones.turn)
     low, high = np.abs(moved(lower, tones.least)), np.abs(moved(upper, tones.most))
     crest = high.max(axis=0, initial=0.0)
@@ -216,40 +275,50 @@ def _by_largest_group(
     beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
     sigma = math.sqrt(_noise(r, densities)[axis])
     clock = np.zeros(int(group.sum()), dtype=int)
-    return distribution(given[:, group], sigma, frequency=tones.frequency[group], clock=clock), beside
+    return distribution(
+        given[:, group], sigma, frequency=tones.frequency[group], clock=clock
+    ), beside
 
 
 def _largest_group(clock: np.ndarray, crest: np.ndarray) -> np.ndarray:
-    """Which lines (k,) are of the ``clock`` (k,) with the largest sum of crests (k,); or the largest line, where that is larger."""
+    """Which lines (k,) are of the ``clock`` (k,) with the largest sum of crests (k,); or the
+    largest line, where that is larger.
+    """
     if not crest.size:
         return np.zeros(0, dtype=bool)
-    groups = [clock == one for one in np.unique(clock[clock != ALONE])]
+    groups = [clock == one for one in np.unique(clock[clock != INCOHERENT])]
     groups.append(np.arange(crest.size) == np.argmax(crest))
     return max(groups, key=lambda group: float(crest[group].sum()))
 
 
-def _by_mean_square(
-    r: Requirement, tones: Tones, hidden: Gap, densities: Sequence[tuple[np.ndarray, np.ndarray]]
+def _mean_square_floor(
+    r: Requirement,
+    tones: CombinedLines,
+    hidden: Unobserved,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> float:
     """Below which no level is, whatever the phases [rad].
 
-    Lines of other frequencies have the mean square R^2 together. While the sum s of lines is beyond a level x, a part 1 - c of the
-    time, it has no more than its crests S, and the noise n what it has beyond its own level:
-    R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + sqrt(T) sigma)^2. Nor is a level below that of the noise alone.
+    Lines of other frequencies have the mean square R^2 together. While the sum s of lines is beyond
+    a level x, a part 1 - c of the time, it has no more than its crests S, and the noise n what it
+    has beyond its own level: R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + sqrt(T) sigma)^2. Nor is a
+    level below that of the noise alone.
     """
     from scipy.special import ndtri
 
     z = float(ndtri(0.5 * (1.0 + r.confidence)))
     rest = 1.0 - r.confidence
     tail = rest + 2.0 * z * math.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
-    lower, upper = (_shifted(r, tones, extreme) for extreme in (np.argmin, np.argmax))
+    lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     f, most = np.concatenate([upper, hidden.frequency]), np.vstack([tones.most, hidden.most])
     noise, found = _noise(r, densities), []
     for axis in {"x", "y", "radial"} if r.axis == "radial" else {r.axis}:
         own = r.model_copy(update={"axis": axis})
         squares = float(sum(noise[k] for k in AXES[axis]))
-        lines = figure(own.model_copy(update={"statistic": "rms"}), lower, tones.least) ** 2
-        crests = figure(own.model_copy(update={"statistic": "bound"}), f, most)
+        lines = (
+            evaluate_metric(own.model_copy(update={"statistic": "rms"}), lower, tones.least) ** 2
+        )
+        crests = evaluate_metric(own.model_copy(update={"statistic": "bound"}), f, most)
         beyond = (math.sqrt(rest) * crests + math.sqrt(tail * squares)) ** 2
         found.append(math.sqrt(max(lines + squares - beyond, 0.0) / r.confidence))
     return max(*found, z * math.sqrt(max(noise[k] for k in AXES[r.axis])))
@@ -261,35 +330,51 @@ def _window(r: Requirement) -> float:
 
 def _noise(r: Requirement, densities: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
     """Mean squares [rad^2] of densities about both axes."""
-    return [sum((_of_density(r, _window(r), f, S[:, k]) for f, S in densities), 0.0) for k in range(2)]
+    return [
+        sum((_density_mean_square(r, _window(r), f, S[:, k]) for f, S in densities), 0.0)
+        for k in range(2)
+    ]
 
 
-def _shifted(r: Requirement, tones: Tones, extreme: Callable[..., np.ndarray]) -> np.ndarray:
-    """Frequencies (k,) of lines, off by what they may be, such that they count least or most: between the zeros of a weight there
-    may be no more than that, and at an end of the band they may be on either side of it."""
+def _extreme_frequencies(
+    r: Requirement, tones: CombinedLines, extreme: Callable[..., np.ndarray]
+) -> np.ndarray:
+    """Frequencies (k,) of lines, off by what they may be, such that they count least or most:
+    between the zeros of a weight there may be no more than that, and at an end of the band they may
+    be on either side of it."""
     f = tones.frequency
-    off = f[:, None] + tones.off[:, None] * _OFF
-    at = extreme(weight(r.metric, off, r.window or r.apart or 1.0, r.apart), axis=1)
+    off = f[:, None] + tones.off[:, None] * _FREQUENCY_SAMPLES
+    at = extreme(metric_weight(r.metric, off, r.window or r.apart or 1.0, r.apart), axis=1)
     low, high = tones.ends
     if extreme is np.argmin:
         shifted = off[np.arange(f.size), at]
-        outside = np.where(inside(r, low), np.where(inside(r, high), shifted, high), low)
-        return np.where(inside(r, f), outside, f)
-    shifted = np.clip(off[np.arange(f.size), at], r.lowest, math.inf if r.highest is None else r.highest)
+        outside = np.where(
+            counts_in_band(r, low), np.where(counts_in_band(r, high), shifted, high), low
+        )
+        return np.where(counts_in_band(r, f), outside, f)
+    shifted = np.clip(
+        off[np.arange(f.size), at], r.lowest, math.inf if r.highest is None else r.highest
+    )
     return np.where((shifted >= low) & (shifted <= high), shifted, f)
 
 
-def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Contribution]) -> Iterator[Gap]:
-    """What lines that ``moving`` takes through a range of frequencies add where they meet a line of another source.
+def crossing_bounds(
+    r: Requirement, moving: Contribution, contributions: Iterable[Contribution]
+) -> Iterator[Unobserved]:
+    """What lines that ``moving`` takes through a range of frequencies add where they meet a line of
+    another source.
 
-    Two lines of amplitudes A and a are one of A + a at most where they meet, by A a more than their mean squares.
+    Two lines of amplitudes A and a are one of A + a at most where they meet, by A a more than their
+    mean squares.
     """
     if not moving.alternatives or r.statistic == "bound":
         return  # in a bound amplitudes add anyway
     before = True
     for other in contributions:
         before = before and other is not moving
-        if other is moving or (before and other.alternatives):  # of two that move, the first has told what both add
+        if other is moving or (
+            before and other.alternatives
+        ):  # of two that move, the first has told what both add
             continue
         if other.sweep is not None:
             f, A = (np.concatenate(each) for each in zip(*other.sweep.swept(), strict=True))
@@ -298,52 +383,76 @@ def crossings(r: Requirement, moving: Contribution, contributions: Iterable[Cont
             f = np.concatenate([one.frequency for one in lines])
             A = np.vstack([np.abs(one.los) * one.settled[:, None] for one in lines])
         why = f"its lines may meet those of {other.source}, in any phase"
-        for swept, size in _swept(moving):
-            met, a = _meeting(r, swept, size, f)
+        for swept, size in _swept_lines(moving):
+            met, a = _swept_frequencies_met(r, swept, size, f)
             if met.any() and r.curve is not None:
-                yield Gap(why, 0.0, math.inf, f[met], A[met] + a)
+                yield Unobserved(why, 0.0, math.inf, f[met], A[met] + a)
             elif met.any():
-                by = weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
+                by = metric_weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
                 worst = [int(np.argmax(by * np.sum((A[met] * a)[:, AXES[r.axis]], axis=1)))]
                 more, apart = np.sqrt(2.0 * A[met] * a)[worst], r.statistic == "level"
-                yield Gap(why, 0.0, math.inf, f[met][worst], more, of_squares=apart)
+                yield Unobserved(why, 0.0, math.inf, f[met][worst], more, of_squares=apart)
 
 
-def beats(r: Requirement, one: Contribution, others: Iterable[Contribution]) -> Iterator[Gap]:
-    """What lines of ``one`` source and of ``others`` add while those nearer than SLOW are in step; as ``crossings``.
+def beat_bounds(
+    r: Requirement, one: Contribution, others: Iterable[Contribution]
+) -> Iterator[Unobserved]:
+    """What lines of ``one`` source and of ``others`` add while those nearer than SLOW are in step;
+    as ``crossing_bounds``.
 
-    Those of two sources may be nearer than they are given, even of one frequency, by what their clocks may be off.
+    Those of two sources may be nearer than they are given, even of one frequency, by what their
+    clocks may be off.
     """
     if r.statistic == "bound":
         return
     for other in others:
         f, g = np.meshgrid(one.frequency, other.frequency, indexing="ij")
         apart = g - f if other is one else np.abs(g - f)  # of one source each pair once
-        reach = np.maximum(SLOW, nearer_by(one, other)) if other is not one else SLOW
-        near = (apart > SAME * f) & (apart < reach) & inside(r, f) & np.outer(one.settled, other.settled)
+        if other is not one:
+            reach = np.maximum(SLOW, frequency_approach(one, other))
+        else:
+            reach = SLOW
+        near = (
+            (apart > FREQUENCY_TOLERANCE * f)
+            & (apart < reach)
+            & counts_in_band(r, f)
+            & np.outer(one.settled, other.settled)
+        )
         i, j = np.nonzero(near)
         if not i.size:
             continue
         A, a = np.abs(one.los[i]), np.abs(other.los[j])
-        most = A + a if r.curve is not None else np.sqrt(2.0 * A * a)
-        whom = "each other" if other is one else f"those of {other.source}"
+        if r.curve is not None:
+            most = A + a
+        else:
+            most = np.sqrt(2.0 * A * a)
+        if other is one:
+            whom = "each other"
+        else:
+            whom = f"those of {other.source}"
         why = f"its lines beat with {whom}, more slowly than once in {1.0 / SLOW:g} s"
         if np.any(apart[near] >= SLOW):
-            why = f"its lines may be of one frequency with {whom}, by what frequencies may be off"
+            why = (
+                f"its lines may coincide in frequency with {whom}, within the frequency uncertainty"
+            )
         # in a level crests are counted anyway, for no two that beat so slowly are in step
-        yield Gap(why, 0.0, math.inf, f[near], most, of_squares=r.statistic == "level")
+        yield Unobserved(why, 0.0, math.inf, f[near], most, of_squares=r.statistic == "level")
 
 
-def nearer_by(one: Contribution, other: Contribution) -> np.ndarray:
-    """By how much lines of two sources may be nearer to each other [Hz], (k, j), than they are given: of one clock by what is not
-    the clock's."""
+def frequency_approach(one: Contribution, other: Contribution) -> np.ndarray:
+    """By how much lines of two sources may be nearer to each other [Hz], (k, j), than they are
+    given: of one clock by what is not the clock's."""
     f, g = np.meshgrid(one.frequency, other.frequency, indexing="ij")
     off = np.add.outer(one.off, other.off)
-    return off - frequency_doubt(f) - frequency_doubt(g) if one.clock and one.clock == other.clock else off
+    if one.clock and one.clock == other.clock:
+        return off - frequency_error_bound(f) - frequency_error_bound(g)
+    return off
 
 
-def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Of each line of a source with alternatives its frequencies, ascending (n,) [Hz], and amplitudes (n, 2) [rad]."""
+def _swept_lines(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of each line of a source with alternatives its frequencies, ascending (n,) [Hz], and
+    amplitudes (n, 2) [rad].
+    """
     if moving.sweep is not None:
         yield from (each for each in moving.sweep.swept() if each[0].size > 1)
         return
@@ -354,22 +463,27 @@ def _swept(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         yield f[order, k], size[order, k]
 
 
-def _meeting(r: Requirement, swept: np.ndarray, size: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, or comes so near to that the two add for as
-    long as any window lasts, and its amplitudes there."""
-    near = np.maximum(SLOW, frequency_doubt(f))
-    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & inside(r, f)
+def _swept_frequencies_met(
+    r: Requirement, swept: np.ndarray, size: np.ndarray, f: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, or comes so
+    near to that the two add for as long as any window lasts, and its amplitudes there."""
+    near = np.maximum(SLOW, frequency_error_bound(f))
+    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & counts_in_band(r, f)
     right = np.clip(np.searchsorted(swept, f[met]), 1, swept.size - 1)
     return met, np.maximum(size[right - 1], size[right])
 
 
-def inside(r: Requirement, frequency: np.ndarray) -> np.ndarray:
+def counts_in_band(r: Requirement, frequency: np.ndarray) -> np.ndarray:
     """Which frequencies [Hz] count."""
     return np.asarray(in_band(frequency, r.lowest, math.inf if r.highest is None else r.highest))
 
 
-def _of_density(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
-    low, high = max(r.lowest, float(f[0])), min(math.inf if r.highest is None else r.highest, float(f[-1]))
+def _density_mean_square(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
+    low, high = (
+        max(r.lowest, float(f[0])),
+        min(math.inf if r.highest is None else r.highest, float(f[-1])),
+    )
     if low >= high:
         return 0.0
     grid = np.union1d(f[(f > low) & (f < high)], [low, high])

@@ -1,4 +1,6 @@
-"""The two files of a pointing budget: what is required, and what moves the line of sight besides the drives."""
+"""The two files of a pointing budget: what is required, and what moves the line of sight besides
+the drives.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from microvib.io.named import read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part
 from microvib.model.rigid import Direction, Position
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.signals.pointing import Metric
 from microvib.units import Quantity
 
@@ -22,32 +24,51 @@ Statistic = Literal["rms", "level", "bound"]
 
 
 class CurvePoint(Part):
-    """A point of a curve of allowed amplitudes; between points it is straight on logarithmic scales."""
+    """A point of a curve of allowed amplitudes; between points it is straight on logarithmic
+    scales.
+    """
 
     frequency: Annotated[float, Quantity("Hz", "frequency", gt=0)]
-    amplitude: Annotated[float, Quantity("rad", "largest amplitude of a line, 0-to-peak", gt=0, display="urad")]
+    amplitude: Annotated[
+        float, Quantity("rad", "largest amplitude of a line, 0-to-peak", gt=0, display="urad")
+    ]
 
 
 class Requirement(Part):
     """What one figure of the line of sight may be at most."""
 
-    name: str = Field(default="", max_length=200, description="its number or name in the specification")
-    metric: Metric = Field(default="ape", description="what is required: of the error itself, or in a window")
+    name: str = Field(
+        default="", max_length=200, description="its number or name in the specification"
+    )
+    metric: Metric = Field(
+        default="ape", description="what is required: of the error itself, or in a window"
+    )
     window: (
-        Annotated[float, Quantity("s", "exposure T; all metrics but ape and stability need it", gt=0, display="ms")]
+        Annotated[
+            float,
+            Quantity(
+                "s", "exposure T; all metrics but ape and stability need it", gt=0, display="ms"
+            ),
+        ]
         | None
     ) = None
     apart: (
-        Annotated[float, Quantity("s", "T_s of stability and pde; without it the window", gt=0, display="ms")] | None
+        Annotated[
+            float,
+            Quantity("s", "T_s of stability and pde; without it the window", gt=0, display="ms"),
+        ]
+        | None
     ) = None
     axis: Literal["x", "y", "radial"] = Field(
         default="radial", description="axis of the line of sight, or both together"
     )
     statistic: Statistic = Field(
         default="rms",
-        description="rms; level, within which the error is for a part confidence of the time; bound, all lines at their crests",
+        description="rms; level, within which the error is for a part confidence of the time; bound, all lines peaking together",
     )
-    confidence: Annotated[float, Quantity("", "part of the time", ge=0.5, display="percent", le=0.999999)] = 0.997
+    confidence: Annotated[
+        float, Quantity("", "part of the time", ge=0.5, display="percent", le=0.999999)
+    ] = 0.997
     percentile: (
         Annotated[
             float,
@@ -57,10 +78,16 @@ class Requirement(Part):
         | None
     ) = None  # fmt: skip
     lowest: Annotated[float, Quantity("Hz", "frequency below which nothing counts", ge=0)] = 0.0
-    highest: Annotated[float, Quantity("Hz", "frequency above which nothing counts", ge=0)] | None = None
-    limit: Annotated[float, Quantity("rad", "largest value allowed", gt=0, display="urad")] | None = None
+    highest: (
+        Annotated[float, Quantity("Hz", "frequency above which nothing counts", ge=0)] | None
+    ) = None
+    limit: (
+        Annotated[float, Quantity("rad", "largest value allowed", gt=0, display="urad")] | None
+    ) = None
     curve: tuple[CurvePoint, ...] | None = Field(
-        default=None, max_length=1000, description="in place of limit, for each line: amplitudes allowed over frequency"
+        default=None,
+        max_length=1000,
+        description="in place of limit, for each line: amplitudes allowed over frequency",
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -84,29 +111,55 @@ class Requirement(Part):
         if self.metric == "ape":
             return ""
         if self.metric == "stability":
-            return "" if self.apart or self.window else "apart"
-        return "" if self.window else "window"
+            if self.apart or self.window:
+                return ""
+            return "apart"
+        if self.window:
+            return ""
+        return "window"
 
     @property
     def text(self) -> str:
         """What is required, in words."""
-        window = "" if self.window is None or self.metric == "ape" else f" {_time(self.window)}"
-        apart = f" after {_time(self.apart)}" if self.apart and self.metric in ("stability", "pde") else ""
-        axis = "" if self.curve and self.axis == "radial" else f", {self.axis}"
-        level = f"{100 * self.confidence:g} % {self.statistic}" if self.statistic == "level" else self.statistic
-        ensemble = "" if self.percentile is None else f", P{100 * self.percentile:g}"
-        kind = "lines" if self.curve else f"{self.metric.upper()}{window}{apart}"
+        if self.window is None or self.metric == "ape":
+            window = ""
+        else:
+            window = f" {_time(self.window)}"
+        if self.apart and self.metric in ("stability", "pde"):
+            apart = f" after {_time(self.apart)}"
+        else:
+            apart = ""
+        if self.curve and self.axis == "radial":
+            axis = ""
+        else:
+            axis = f", {self.axis}"
+        if self.statistic == "level":
+            level = f"{100 * self.confidence:g} % {self.statistic}"
+        else:
+            level = self.statistic
+        if self.percentile is None:
+            ensemble = ""
+        else:
+            ensemble = f", P{100 * self.percentile:g}"
+        if self.curve:
+            kind = "lines"
+        else:
+            kind = f"{self.metric.upper()}{window}{apart}"
         return f"{kind}{axis}, {'amplitude over frequency' if self.curve else level}{ensemble}"
 
 
 def _time(seconds: float) -> str:
-    return f"{seconds:g} s" if seconds >= 1.0 else f"{1e3 * seconds:g} ms"
+    if seconds >= 1.0:
+        return f"{seconds:g} s"
+    return f"{1e3 * seconds:g} ms"
 
 
 class Requirements(Part):
     """A requirement file."""
 
-    title: str = Field(default="", max_length=500, description="what is required of what, in a few words")
+    title: str = Field(
+        default="", max_length=500, description="what is required of what, in a few words"
+    )
     source: str = Field(default="", max_length=2000, description="specification that it comes from")
     requirements: tuple[Requirement, ...] = Field(max_length=200, description="what is required")
 
@@ -119,13 +172,21 @@ _PER_SPEED = {"force": "N*s^2/rad^2", "torque": "N*m*s^2/rad^2"}
 
 
 class WheelHarmonic(Part):
-    """Disturbance of a wheel at ``order`` times its speed: coefficient times the square of the speed."""
+    """Disturbance of a wheel at ``order`` times its speed: coefficient times the square of the
+    speed.
+    """
 
     order: Annotated[float, Quantity("", "cycles per turn", gt=0, le=100)]
-    radial_force: Annotated[float, Quantity(_PER_SPEED["force"], "rotating force across the axis", ge=0)] = 0.0
-    radial_torque: Annotated[float, Quantity(_PER_SPEED["torque"], "rotating torque across the axis", ge=0)] = 0.0
+    radial_force: Annotated[
+        float, Quantity(_PER_SPEED["force"], "rotating force across the axis", ge=0)
+    ] = 0.0
+    radial_torque: Annotated[
+        float, Quantity(_PER_SPEED["torque"], "rotating torque across the axis", ge=0)
+    ] = 0.0
     axial_force: Annotated[float, Quantity(_PER_SPEED["force"], "force along the axis", ge=0)] = 0.0
-    axial_torque: Annotated[float, Quantity(_PER_SPEED["torque"], "torque about the axis", ge=0)] = 0.0
+    axial_torque: Annotated[
+        float, Quantity(_PER_SPEED["torque"], "torque about the axis", ge=0)
+    ] = 0.0
 
 
 class Wheel(Part):
@@ -133,7 +194,12 @@ class Wheel(Part):
 
     speed: Annotated[float, Quantity("rad/s", "speed", gt=0, display="rpm")]
     speed_to: (
-        Annotated[float, Quantity("rad/s", "end of a range of speeds, the worst of which counts", gt=0, display="rpm")]
+        Annotated[
+            float,
+            Quantity(
+                "rad/s", "end of a range of speeds, the worst of which counts", gt=0, display="rpm"
+            ),
+        ]
         | None
     ) = None
     axis: Direction = Field(description="spin axis, hub axes")
@@ -154,14 +220,19 @@ class OtherSource(Part):
     name: str = Field(min_length=1, max_length=100, description="what it is")
     wheel: Wheel | None = None
     lines: str | None = Field(
-        default=None, max_length=1000, description="CSV file of lines of loads, or of the line of sight"
+        default=None,
+        max_length=1000,
+        description="CSV file of lines of loads, or of the line of sight",
     )
     density: str | None = Field(
         default=None, max_length=1000, description="CSV file of one-sided densities of the same"
     )
-    point: str | None = Field(default=None, max_length=60, description="where loads act: a named point of the hub")
+    point: str | None = Field(
+        default=None, max_length=60, description="where loads act: a named point of the hub"
+    )
     position: Position | None = Field(
-        default=None, description="where loads act on a rigid hub, from its centre of mass, hub axes"
+        default=None,
+        description="where loads act on a rigid hub, from its centre of mass, hub axes",
     )
     clock: str = Field(
         default="",
@@ -183,7 +254,9 @@ class OtherSource(Part):
 class Sources(Part):
     """A file of sources."""
 
-    sources: tuple[OtherSource, ...] = Field(max_length=200, description="sources besides the drives")
+    sources: tuple[OtherSource, ...] = Field(
+        max_length=200, description="sources besides the drives"
+    )
 
     def _misfits(self) -> Iterator[str]:
         names = [one.name for one in self.sources]
@@ -198,5 +271,8 @@ Kind = TypeVar("Kind", Requirements, Sources)
 
 def read_file(path: Path, kind: type[Kind]) -> Kind:
     """A requirement file or a file of sources; ScenarioError with one sentence per problem."""
-    what = "requirement" if kind is Requirements else "source"
-    return validated(kind, parse_yaml(read_text(path, what, ()), str(path)), origin=str(path))
+    if kind is Requirements:
+        what = "requirement"
+    else:
+        what = "source"
+    return validate_part(kind, parse_yaml(read_text(path, what, ()), str(path)), origin=str(path))

@@ -8,75 +8,111 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.analysis.margins import frequency_doubt
-from microvib.errors import MicrovibError, error_context, shown
+from microvib.analysis.margins import frequency_error_bound
+from microvib.errors import MicrovibError, error_context, quoted_value
 from microvib.io.file_access import FileAccess
-from microvib.io.tables import dict_rows, finite
-from microvib.model.coupling import about_modes, craft_in, receiver_of, transfer_from
-from microvib.model.rigid import motion_of
+from microvib.io.tables import dict_rows, parse_finite
+from microvib.model.coupling import (
+    line_of_sight_transfer,
+    receiver_of,
+    require_craft,
+    resonance_frequency_grid,
+)
+from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.budget.files import AXES, OtherSource
 from microvib.studies.budget.sources import (
     Contribution,
-    Gap,
-    below,
-    doubt_by_response,
-    held_anywhere,
+    Unobserved,
+    held_drive_variants,
+    low_frequency_gap,
     natural_frequencies,
     open_gap,
+    response_uncertainty,
     unseen_axes,
 )
-from microvib.studies.budget.wheels import WheelOnCraft, in_any_phase
+from microvib.studies.budget.wheels import WheelOnCraft, bound_over_phases
 
 _LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
 _LOS_DENSITIES = ("los_x_rad2_hz", "los_y_rad2_hz")
-_PHASES = (*(f"{name.split('_')[0]}_phase_rad" for name in LOAD_COLUMNS), "los_x_phase_rad", "los_y_phase_rad")
+_PHASES = (
+    *(f"{name.split('_')[0]}_phase_rad" for name in LOAD_COLUMNS),
+    "los_x_phase_rad",
+    "los_y_phase_rad",
+)
 _METRIC_COLUMNS = rf"({'|'.join(METRICS)})_[0-9.e+-]+(s|ms|us)_[xy]_rad"
 """Rms in windows, which ``pointing.csv`` of a run has beside the amplitudes that it follows from."""
 
 
-def of_other(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
-    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; its tables are taken from ``files``."""
+def contribution_of_other(
+    source: OtherSource, scenario: Scenario, files: FileAccess
+) -> Contribution:
+    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; its
+    tables are taken from ``files``.
+    """
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
-            return WheelOnCraft(source.name, source.wheel, scenario, _place(source, scenario)).contribution()
-        return _of_lines(source, scenario, files) if source.lines else _of_density(source, scenario, files)
+            return WheelOnCraft(
+                source.name, source.wheel, scenario, _load_point_motion(source, scenario)
+            ).contribution()
+        if source.lines:
+            return _of_lines(source, scenario, files)
+        return _of_density(source, scenario, files)
 
 
-def _place(source: OtherSource, scenario: Scenario) -> np.ndarray:
+def _load_point_motion(source: OtherSource, scenario: Scenario) -> np.ndarray:
     """Motion of the place where loads act by the hub's coordinates, (6, n)."""
-    craft = craft_in(scenario)
+    craft = require_craft(scenario)
     n = receiver_of(scenario).root.shape[1]
     if source.point is not None:
         if source.point not in craft.spacecraft.points:
             raise MicrovibError(
-                f"point: '{source.point}' is not on the hub; there are {', '.join(craft.spacecraft.points)}"
+                f"point: '{source.point}' is not on the hub; there are"
+                f" {', '.join(craft.spacecraft.points)}"
             )
         return craft.at(source.point)[:, :n]
     if source.position is None:
-        raise MicrovibError("position: missing; loads need their place on the hub, position or point")
+        raise MicrovibError(
+            "position: missing; loads need their place on the hub, position or point"
+        )
     if n > 6:
         known = ", ".join(craft.spacecraft.points)
-        raise MicrovibError(f"position: a flexible hub moves only where it has points; give point, one of {known}")
-    return motion_of(np.array(source.position))
+        raise MicrovibError(
+            f"position: a flexible hub moves only where it has points; give point, one of {known}"
+        )
+    return rigid_motion_at(np.array(source.position))
 
 
 def _table(
-    path: Path, what: str, choices: Sequence[tuple[str, ...]], also: Sequence[str] = (), ignored: str = "(?!)"
+    path: Path,
+    what: str,
+    choices: Sequence[tuple[str, ...]],
+    also: Sequence[str] = (),
+    ignored: str = "(?!)",
 ) -> tuple[list[dict[str, str]], tuple[str, ...]]:
-    """Rows of a CSV file, and which of the ``choices`` of columns it has; ``also`` are columns that may be there beside."""
-    rows = dict_rows(path, ("frequency_hz", *(name for c in choices for name in c), *also), what=what, ignored=ignored)
+    """Rows of a CSV file, and which of the ``choices`` of columns it has; ``also`` are columns that
+    may be there beside.
+    """
+    rows = dict_rows(
+        path,
+        ("frequency_hz", *(name for c in choices for name in c), *also),
+        what=what,
+        ignored=ignored,
+    )
     head = rows[0] if rows else {}
     chosen = [c for c in choices if any(name in head for name in c)]
     if not chosen or "frequency_hz" not in head:
         either = " or ".join(", ".join(c) for c in choices)
-        raise MicrovibError(f"{path}: is not a table of {what}: columns frequency_hz and {either} are expected")
+        raise MicrovibError(
+            f"{path}: is not a table of {what}: columns frequency_hz and {either} are expected"
+        )
     if len(chosen) > 1:
         loads, angles = (next(name for name in c if name in head) for c in chosen)
         raise MicrovibError(
-            f"{path}: has both loads ({loads}) and what they do to the line of sight ({angles}), of which only one counts;"
+            f"{path}: has both loads ({loads}) and what they do to the line of sight ({angles}), of"
+            " which only one counts;"
             " make a source of either, or leave one out"
         )
     return rows, chosen[0]
@@ -86,7 +122,7 @@ def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> 
     """Numbers of columns, (rows, columns), 0 where a column is missing; nan where a cell is empty."""
     with error_context(path):
         return np.array(
-            [[finite(f"row {k}: {n}", row[n]) if row.get(n) else math.nan if n in row else 0.0 for n in names]
+            [[parse_finite(f"row {k}: {n}", row[n]) if row.get(n) else math.nan if n in row else 0.0 for n in names]
              for k, row in enumerate(rows, 2)]
         )  # fmt: skip
 
@@ -94,71 +130,93 @@ def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> 
 def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
     path = files.under("lines").path(source.lines)
     rows, chosen = _table(
-        path, "lines", (LOAD_COLUMNS, LOS_COLUMNS), ("line", "source", "settled", *_PHASES), _METRIC_COLUMNS
+        path,
+        "lines",
+        (LOAD_COLUMNS, LOS_COLUMNS),
+        ("line", "source", "settled", *_PHASES),
+        _METRIC_COLUMNS,
     )
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
-    of_phases = tuple(name for name, what in zip(_PHASES, (*LOAD_COLUMNS, *LOS_COLUMNS), strict=True) if what in chosen)
+    of_phases = tuple(
+        name
+        for name, what in zip(_PHASES, (*LOAD_COLUMNS, *LOS_COLUMNS), strict=True)
+        if what in chosen
+    )
     phases = _columns(path, rows, of_phases)
     phases[:, [name not in rows[0] for name in of_phases]] = np.nan
     phased = ~np.any(np.isnan(phases) & (np.nan_to_num(sizes) != 0.0), axis=1)
     if source.clock and not np.all(phased):
         raise MicrovibError(
-            f"clock: its lines are added with their phases, and {path.name} lacks some of {', '.join(of_phases)}"
+            f"clock: its lines are added with their phases, and {path.name} lacks some of"
+            f" {', '.join(of_phases)}"
         )
     if not np.all(f > 0.0):
         raise MicrovibError(f"{path}: frequency_hz: frequencies greater than 0 Hz are expected")
     tones, doubt = sizes * np.exp(1j * np.nan_to_num(phases)), np.zeros((2, f.size, 2))
     lost = np.isnan(sizes).any(axis=1)
     if chosen == LOAD_COLUMNS:
-        loads, place = tones, _place(source, scenario)
+        loads, place = tones, _load_point_motion(source, scenario)
 
         def moved(on: Scenario, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Line of sight by the loads of the lines at frequencies (k n,), and by which part it may be smaller and larger."""
+            """Line of sight by the loads of the lines at frequencies (k n,), and by which part it
+            may be smaller and larger.
+            """
             each = np.repeat(loads, at.size // f.size, axis=0)
-            parts = np.einsum("fkc,fc->cfk", transfer_from(on, at, place), each)
-            most, unsure = in_any_phase(np.abs(parts))
+            parts = np.einsum("fkc,fc->cfk", line_of_sight_transfer(on, at, place), each)
+            most, unsure = bound_over_phases(np.abs(parts))
             together = np.repeat(phased, at.size // f.size)[:, None]
             return np.where(together, parts.sum(axis=0), most), np.where(together, 0.0, unsure)
 
         tones, doubt = moved(scenario, f)
-        stands = held_anywhere(scenario)
-        doubt = doubt + doubt_by_response(
+        stands = held_drive_variants(scenario)
+        doubt = doubt + response_uncertainty(
             [lambda at, on=on: np.abs(moved(on, at)[0]) for on in stands],  # type: ignore[misc]
             f,
-            np.asarray(frequency_doubt(f)),
+            np.asarray(frequency_error_bound(f)),
             np.concatenate([natural_frequencies(on) for on in stands]),
         )
     names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
-    gaps = tuple(open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k])) for k in np.flatnonzero(lost))
-    gaps += below(bool(np.isnan(tones[~lost]).any())) + _axes_left_out(rows, chosen)
+    gaps = tuple(
+        open_gap(f"{names[k]} has an empty cell", float(f[k]), float(f[k]))
+        for k in np.flatnonzero(lost)
+    )
+    gaps += low_frequency_gap(bool(np.isnan(tones[~lost]).any())) + _missing_axes_gap(rows, chosen)
     rings = None
     if "settled" in rows[0]:  # as a budget's own lines.csv says it
-        rings = np.array([not _truth(f"{path}, row {k}", row["settled"]) for k, row in enumerate(rows, 2)])
-    how = f"lines of {path.name}{_loads_left_out(rows, chosen)}"
+        rings = np.array(
+            [not _parse_bool(f"{path}, row {k}", row["settled"]) for k, row in enumerate(rows, 2)]
+        )
+    how = f"lines of {path.name}{_missing_loads_note(rows, chosen)}"
     return Contribution(
         source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, doubt=np.nan_to_num(doubt),
         phased=bool(np.all(phased)), rings=rings,
     )  # fmt: skip
 
 
-def _truth(where: str, text: str) -> bool:
+def _parse_bool(where: str, text: str) -> bool:
     if text.strip().lower() not in ("true", "false"):
-        raise MicrovibError(f"{where}: settled is {shown(text)}; True or False is expected")
+        raise MicrovibError(f"{where}: settled is {quoted_value(text)}; True or False is expected")
     return text.strip().lower() == "true"
 
 
-def _axes_left_out(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) -> tuple[Gap, ...]:
+def _missing_axes_gap(
+    rows: Sequence[Mapping[str, str]], chosen: Sequence[str]
+) -> tuple[Unobserved, ...]:
     """The gap of an axis of the line of sight about which a table says nothing."""
     missing = [axis for axis in AXES[:2] if not any(f"los_{axis}_" in name for name in rows[0])]
-    return unseen_axes(missing, "a column of it is missing") if chosen[0].startswith("los_") else ()
+    if chosen[0].startswith("los_"):
+        return unseen_axes(missing, "a column of it is missing")
+    return ()
 
 
-def _loads_left_out(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) -> str:
+def _missing_loads_note(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) -> str:
     """What is said of a table of loads: which are there, if not all."""
     if chosen[0].startswith("los_"):
         return ""
     given = [name for name in chosen if name in rows[0]]
-    return ", loads on the hub" + ("" if len(given) == len(chosen) else f" ({', '.join(given)}; the others count as 0)")
+    return ", loads on the hub" + (
+        "" if len(given) == len(chosen) else f" ({', '.join(given)}; the others count as 0)"
+    )
 
 
 def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
@@ -167,18 +225,21 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
     f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
     if f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0 or np.any(~(S >= 0.0)):
         raise MicrovibError(
-            f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or more"
+            f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or"
+            " more"
         )
-    gaps = _axes_left_out(rows, chosen)
+    gaps = _missing_axes_gap(rows, chosen)
     if chosen == _LOAD_DENSITIES:
-        f, S = _finer(f, S, about_modes(scenario))
-        by = transfer_from(scenario, np.maximum(f, 1e-6), _place(source, scenario))
-        gaps = below(bool(np.isnan(by).any()))
+        f, S = _refine_density(f, S, resonance_frequency_grid(scenario))
+        by = line_of_sight_transfer(
+            scenario, np.maximum(f, 1e-6), _load_point_motion(source, scenario)
+        )
+        gaps = low_frequency_gap(bool(np.isnan(by).any()))
         S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
         source.name,
-        f"density of {path.name}{_loads_left_out(rows, chosen)}",
+        f"density of {path.name}{_missing_loads_note(rows, chosen)}",
         (),
         np.zeros(0),
         none,
@@ -187,14 +248,21 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
     )
 
 
-_FINER = 2e-3
+_GRID_SPACING = 2e-3
 """Relative distance of a grid's frequencies, apart from resonances."""
 
 
-def _finer(f: np.ndarray, S: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear between what was given."""
+def _refine_density(
+    f: np.ndarray, S: np.ndarray, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A density on a grid that resolves the craft's resonances by frequencies ``near`` them, linear
+    between what was given.
+    """
     grid = np.union1d(
-        np.r_[f, near], np.geomspace(max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / _FINER) + 2)
+        np.r_[f, near],
+        np.geomspace(
+            max(f[0], 1e-3), f[-1], int(math.log(f[-1] / max(f[0], 1e-3)) / _GRID_SPACING) + 2
+        ),
     )
     grid = grid[(grid >= f[0]) & (grid <= f[-1])]
     return grid, np.array([np.interp(grid, f, column) for column in S.T]).T

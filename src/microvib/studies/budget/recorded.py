@@ -1,4 +1,6 @@
-"""What the six loads of a recording hold beyond the lines that a budget counts and their floor, as the line of sight sees it."""
+"""What the six loads of a recording hold beyond the lines that a budget counts and their floor, as
+the line of sight sees it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.analysis.lines import expected_in
-from microvib.model.coupling import into_hub, short_way
+from microvib.model.coupling import blocked_load_method, rotation_to_hub_axes
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
@@ -21,7 +23,9 @@ from microvib.testdata.recording import Recording
 
 
 class Unaccounted(NamedTuple):
-    """What a band may hold: why, its ends [Hz] and the largest amplitude of the line of sight about both axes [rad]."""
+    """What a band may hold: why, its ends [Hz] and the largest amplitude of the line of sight about
+    both axes [rad].
+    """
 
     why: str
     low: float
@@ -32,7 +36,9 @@ class Unaccounted(NamedTuple):
 def unaccounted(
     scenario: Scenario, recording: Recording, rows: Mapping[str, LineTable], counted: set[str]
 ) -> Iterator[Unaccounted]:
-    """Bands in which a recording holds more than the lines ``counted``, which ``rows`` has of each channel, and its floor."""
+    """Bands in which a recording holds more than the lines ``counted``, which ``rows`` has of each
+    channel, and its floor.
+    """
     found: list[tuple[str, Excess]] = []
     for channel, table in rows.items():
         beside = _beside(scenario, recording[channel], recording.sample_rate, table)
@@ -62,11 +68,15 @@ def _beside(scenario: Scenario, x: np.ndarray, sample_rate: float, clock: LineTa
 
 
 def _seen(scenario: Scenario, channel: str, one: Excess) -> np.ndarray:
-    """What of a channel's excess the line of sight may see at most, where in the band it sees most, (2,) [rad]."""
-    modes = [mode.frequency for mode in coupled_modes(scenario) if one.low < mode.frequency < one.high]
+    """What of a channel's excess the line of sight may see at most, where in the band it sees most,
+    (2,) [rad].
+    """
+    modes = [
+        mode.frequency for mode in coupled_modes(scenario) if one.low < mode.frequency < one.high
+    ]
     f = np.array([*np.geomspace(one.low, one.high, 9), *modes])
-    column = into_hub(scenario)[:, COMPONENTS.index(channel)]
-    los = short_way(scenario, f, np.tile(column, (f.size, 1))).los
+    column = rotation_to_hub_axes(scenario)[:, COMPONENTS.index(channel)]
+    los = blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los
     assert los is not None
     size: np.ndarray = np.nan_to_num(np.abs(los)).max(axis=0) * one.amplitude
     return size

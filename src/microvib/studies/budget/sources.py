@@ -1,4 +1,6 @@
-"""What drives do to the line of sight, by their runs or by a recording, and what is not known of it."""
+"""What drives do to the line of sight, by their runs or by a recording, and what is not known of
+it.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +12,32 @@ from typing import Protocol
 
 import numpy as np
 
-from microvib.analysis.accuracy import unsound
+from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.lines import clock_doubts, expected_in, lines_of_recording
-from microvib.analysis.margins import BEYOND, STIRS, amplitude_doubt, frequency_doubt, may_ring
-from microvib.analysis.pointing import SAME, HubLines
+from microvib.analysis.lines import clock_warnings, expected_in, lines_of_recording
+from microvib.analysis.margins import (
+    ABOVE_PASSBAND_FACTOR,
+    RINGING_FACTOR,
+    amplitude_error_bound,
+    frequency_error_bound,
+    may_ring,
+)
+from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import RunResult
-from microvib.analysis.start import has_calmed, or_steady, rounded_up, still_held
-from microvib.analysis.unseen import unseen
+from microvib.analysis.start import (
+    mode_has_decayed,
+    not_moving_reason,
+    rounded_up,
+    steady_start_advice,
+)
+from microvib.analysis.unseen import out_of_band_lines
 from microvib.model.coupling import (
-    MEANINGLESS,
-    craft_in,
-    density_of_noise,
-    into_hub,
+    MIN_FREQUENCY_WITHOUT_CONTROL,
+    blocked_load_method,
+    line_of_sight_noise_spectrum,
     receiver_of,
-    short_way,
+    require_craft,
+    rotation_to_hub_axes,
     source_of,
 )
 from microvib.model.drive_matrices import coordinates
@@ -34,22 +47,24 @@ from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import DETECTION, DRIVEN, FAINT, Line, LineTable
+from microvib.signals.line_table import BELOW_FLOOR, DETECTION_RATIO, NOISE_DRIVEN, Line, LineTable
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.recorded import unaccounted
-from microvib.testdata.recording import Recording, fault
+from microvib.testdata.recording import Recording, channel_fault
 
-SHORT_WAY_DOUBT = 0.03
-"""Relative doubt of lines that went the short way, for a drive that is not quite the scenario's; assumed. What detent torque,
-friction and current loop change as the hub yields comes on top, from runs of the scenario (``study.with_doubt``)."""
-HELD_DOUBT = 0.03
-"""Relative doubt of lines of a craft on which another drive holds its wing, for its friction; assumed. What its detent torque
-changes comes on top, by the angles at which it may stand (``held_anywhere``) or by its steps (``with_mixing``)."""
-_FREE = f"below {MEANINGLESS:g} Hz, where without spacecraft.attitude_control lines mean nothing"
+BLOCKED_LOAD_UNCERTAINTY = 0.03
+"""Relative doubt of lines that went the short way, for a drive that is not quite the scenario's;
+assumed. What detent torque, friction and current loop change as the hub yields comes on top, from
+runs of the scenario (``study.with_method_error``)."""
+HELD_DRIVE_UNCERTAINTY = 0.03
+"""Relative doubt of lines of a craft on which another drive holds its wing, for its friction;
+assumed. What its detent torque changes comes on top, by the angles at which it may stand
+(``held_drive_variants``) or by its steps (``with_detent_mixing``)."""
+_FREE_BODY_REASON = f"below {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz, where without spacecraft.attitude_control lines mean nothing"
 
 
 @dataclass(frozen=True)
-class Gap:
+class Unobserved:
     """What is not known of a source: why, where, and how large a line it may be at most."""
 
     why: str
@@ -61,51 +76,66 @@ class Gap:
     most: np.ndarray
     """Their largest amplitudes [rad], (m, 2); infinite where nothing bounds them."""
     between: bool = False
-    """Whether lines between these, ascending, are no larger than their neighbours; else there are none."""
+    """Whether lines between these, ascending, are no larger than their neighbours; else there are
+    none.
+    """
     of_squares: bool = False
-    """Whether they add to mean squares alone, since their crests are those of lines that are counted anyway."""
+    """Whether they add to mean squares alone, since their crests are those of lines that are
+    counted anyway.
+    """
 
-    def inside(self, low: float, high: float) -> Gap:
+    def inside(self, low: float, high: float) -> Unobserved:
         """What it may hide from ``low`` to ``high`` [Hz]."""
         if not self.between:
             return self
         near = slice(
-            max(np.searchsorted(self.frequency, low) - 1, 0), np.searchsorted(self.frequency, high, "right") + 1
+            max(np.searchsorted(self.frequency, low) - 1, 0),
+            np.searchsorted(self.frequency, high, "right") + 1,
         )
-        return replace(self, frequency=np.clip(self.frequency[near], low, high), most=self.most[near])
+        return replace(
+            self, frequency=np.clip(self.frequency[near], low, high), most=self.most[near]
+        )
 
-    def about(self, axes: Sequence[int]) -> Gap:
+    def about(self, axes: Sequence[int]) -> Unobserved:
         """What it may hide about ``axes`` of the line of sight, 0 and 1."""
         return replace(self, most=np.where(np.isin([0, 1], axes), self.most, 0.0))
 
 
-def open_gap(why: str, low: float = 0.0, high: float = math.inf) -> Gap:
+def open_gap(why: str, low: float = 0.0, high: float = math.inf) -> Unobserved:
     """A gap in which nothing bounds what there may be."""
-    return Gap(why, low, high, np.array([low]), np.full((1, 2), math.inf))
+    return Unobserved(why, low, high, np.array([low]), np.full((1, 2), math.inf))
 
 
-def unseen_axes(axes: Sequence[str], why: str) -> tuple[Gap, ...]:
+def unseen_axes(axes: Sequence[str], why: str) -> tuple[Unobserved, ...]:
     """The gap of ``axes`` of the line of sight, ``x`` and ``y``, about which nothing is known."""
     most = np.array([[math.inf if axis in axes else 0.0 for axis in "xy"]])
     said = f"nothing is known of the line of sight about {' and '.join(axes)}: {why}"
-    return (Gap(said, 0.0, math.inf, np.zeros(1), most),) if axes else ()
+    if axes:
+        return (Unobserved(said, 0.0, math.inf, np.zeros(1), most),)
+    return ()
 
 
 class Sweep(Protocol):
-    """A source whose lines pass ranges of frequencies together, such as a wheel with a range of speeds."""
+    """A source whose lines pass ranges of frequencies together, such as a wheel with a range of
+    speeds.
+    """
 
     def worst(self, r: Requirement, figure: Callable[[Contribution], float]) -> Contribution:
         """Its lines where they are worst for a requirement, of which ``figure`` is the figure."""
         ...
 
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each line the frequencies that it passes, ascending (n,) [Hz], and amplitudes (n, 2) [rad]."""
+        """Of each line the frequencies that it passes, ascending (n,) [Hz], and amplitudes (n, 2)
+        [rad].
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one source does to the line of sight: lines, complex and 0-to-peak, and a one-sided density."""
+    """What one source does to the line of sight: lines, complex and 0-to-peak, and a one-sided
+    density.
+    """
 
     source: str
     how: str
@@ -116,35 +146,47 @@ class Contribution:
     los: np.ndarray
     """[rad], (k, 2)."""
     clock: str = ""
-    """Sources of one clock: their lines of one frequency keep their phases to each other; empty where there is none."""
+    """Sources of one clock: their lines of one frequency keep their phases to each other; empty
+    where there is none.
+    """
     unlocked: np.ndarray | None = None
-    """Which lines are not the clock's, (k,): their phases to the others are those of one record; None where all are."""
+    """Which lines are not the clock's, (k,): their phases to the others are those of one record;
+    None where all are.
+    """
     rings: np.ndarray | None = None
     """Which lines ring and die away, or are driven by noise, (k,): no part of the settled motion."""
     density: tuple[np.ndarray, np.ndarray] | None = None
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
-    gaps: tuple[Gap, ...] = ()
+    gaps: tuple[Unobserved, ...] = ()
     doubt: float | np.ndarray = 0.0
-    """Relative doubt of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where less and more do."""
+    """Relative doubt of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
+    less and more do.
+    """
     frequency_doubt: np.ndarray | None = None
     """By how much its frequencies may be off [Hz], (k,), where that is more than clocks are."""
     crests: tuple[float, float, float] | None = None
-    """Of one of several the most that lines of any reach about x, about y and about both as required [rad], at any instant of a
-    window; None where its own lines tell that."""
+    """Of one of several the most that lines of any reach about x, about y and about both as
+    required [rad], at any instant of a window; None where its own lines tell that."""
     phased: bool = True
-    """Whether its lines have phases; those that have none keep none to each other, whatever is asked for."""
+    """Whether its lines have phases; those that have none keep none to each other, whatever is
+    asked for.
+    """
     scenario: Scenario | None = None
     cases: np.ndarray | None = None
-    """Amplitudes of its lines over the cases of a campaign, (cases, j, 2): the first k are those above, the others of lines that
-    only cases have."""
+    """Amplitudes of its lines over the cases of a campaign, (cases, j, 2): the first k are those
+    above, the others of lines that only cases have."""
     cases_frequency: np.ndarray | None = None
     """Their frequencies [Hz], (cases, j), where cases do not all have the nominal ones."""
     cases_lack: str = ""
     """What the campaign does not say of its cases, in words; no percentile is judged then."""
     recorded: tuple[np.ndarray, np.ndarray] | None = None
-    """Amplitudes of the recorded loads of its lines on ground that does not move, and floors, array's axes, (k, 6) [N, N m]."""
+    """Amplitudes of the recorded loads of its lines on ground that does not move, and floors,
+    array's axes, (k, 6) [N, N m].
+    """
     alternatives: tuple[Contribution, ...] = ()
-    """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most counts."""
+    """Where it is one of several, such as speeds of a wheel, all of them; the one that costs most
+    counts.
+    """
     sweep: Sweep | None = None
     """What finds the worst between the alternatives, too."""
 
@@ -156,24 +198,33 @@ class Contribution:
     @property
     def off(self) -> np.ndarray:
         """By how much its frequencies may be off [Hz], (k,)."""
-        return np.asarray(frequency_doubt(self.frequency)) if self.frequency_doubt is None else self.frequency_doubt
+        if self.frequency_doubt is None:
+            return np.asarray(frequency_error_bound(self.frequency))
+        return self.frequency_doubt
 
     @property
     def clocks(self) -> list[str]:
         """Of each line the clock to which it keeps its phase; empty where it keeps none."""
-        loose = np.zeros(len(self.names), dtype=bool) if self.unlocked is None else self.unlocked
+        if self.unlocked is None:
+            loose = np.zeros(len(self.names), dtype=bool)
+        else:
+            loose = self.unlocked
         return ["" if x else self.clock for x in loose.tolist()]
 
     @property
     def settled(self) -> np.ndarray:
         """Which lines belong to the settled motion, (k,)."""
-        return np.ones(len(self.names), dtype=bool) if self.rings is None else ~self.rings
+        if self.rings is None:
+            return np.ones(len(self.names), dtype=bool)
+        return ~self.rings
 
 
-def of_run(
+def contribution_of_run(
     name: str, scenario: Scenario, result: RunResult, *, other_steps: bool = False
 ) -> tuple[Contribution, HubLines]:
-    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps; and all lines of its loads."""
+    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps;
+    and all lines of its loads.
+    """
     source = result.state or result.motion
     assert source is not None
     found = hub_lines(source, result.table)
@@ -181,12 +232,17 @@ def of_run(
     rows = {line.line: line for line in result.table}
     own = [rows[name] for name in found.names]
     broken = [name for drive in result.drives.values() for name in drive.table.broken]
-    unknown = unsound(broken, scenario)
-    doubt = _doubt_of_run(scenario, result.table, own) + _beside_modes(scenario, own, found.frequency, other_steps)
+    unknown = failed_invariants_reason(broken, scenario)
+    doubt = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
+        scenario, own, found.frequency, other_steps
+    )
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
-    # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by the mode's damping.
+    # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by
+    # the mode's damping.
     T, decay = result.table.duration, {m.name: m.decay for m in coupled_modes(scenario)}
-    falls = (x if x.status == "decaying" else replace(x, decay_per_s=decay.get(x.line, 0.0)) for x in own)
+    falls = (
+        x if x.status == "decaying" else replace(x, decay_per_s=decay.get(x.line, 0.0)) for x in own
+    )
     start = [x.starting(T) / x.amplitude_n_m if x.amplitude_n_m > 0.0 else 1.0 for x in falls]
     return Contribution(
         name,
@@ -196,57 +252,74 @@ def of_run(
         np.nan_to_num(found.los) * np.where(rings, np.nan_to_num(start, nan=1.0), 1.0)[:, None],
         unlocked=np.array([not x.of_clock for x in own], dtype=bool),
         rings=rings,
-        density=density_of_noise(scenario),
+        density=line_of_sight_noise_spectrum(scenario),
         gaps=(*([open_gap(unknown)] if unknown else ()), *_gaps(scenario, result.table, found, result.state is not None)),
         doubt=np.maximum(doubt, 1.0) if unknown else doubt,
-        frequency_doubt=frequency_doubt(
+        frequency_doubt=frequency_error_bound(
             found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty_hz for x in own])
         ),
         scenario=scenario,
     ), found  # fmt: skip
 
 
-def _doubt_of_run(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
-    """Relative doubt of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and of a floor that hides them."""
-    T, held = table.duration, HELD_DOUBT if craft_in(scenario).second else 0.0
-    stirs = (x for x in table if x.status == DRIVEN or (x.seen and may_ring(x, table, scenario)))
-    rings = STIRS * sum(x.amplitude_n_m if x.status == DRIVEN else x.starting(T) for x in stirs)
+def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
+    """Relative doubt of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and
+    of a floor that hides them.
+    """
+    T, held = table.duration, HELD_DRIVE_UNCERTAINTY if require_craft(scenario).second else 0.0
+    stirs = (
+        x for x in table if x.status == NOISE_DRIVEN or (x.seen and may_ring(x, table, scenario))
+    )
+    rings = RINGING_FACTOR * sum(
+        x.amplitude_n_m if x.status == NOISE_DRIVEN else x.starting(T) for x in stirs
+    )
     size = np.maximum([x.amplitude_n_m for x in lines], 1e-300)
     hidden = np.array([x.hidden_n_m for x in lines])
     own = (
-        np.array([amplitude_doubt(x, table) for x in lines]) / size
+        np.array([amplitude_error_bound(x, table) for x in lines]) / size
     )  # of small lines, too, as the run's own verdict has it
-    more = own + held + np.minimum(rings / size, STIRS) + np.maximum(hidden / size - 1.0, 0.0)
+    more = (
+        own + held + np.minimum(rings / size, RINGING_FACTOR) + np.maximum(hidden / size - 1.0, 0.0)
+    )
     less = np.where(hidden > 0.0, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
 
-def _beside_modes(scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, steps: bool) -> np.ndarray:
-    """Relative doubt of lines of the clock, (2, k, 2), by the response at frequencies that they may have; of a second drive that
-    does not step, also by where it may stand."""
-    each = [scenario] if steps else held_anywhere(scenario)
-    found = _doubt_of_drive(each, frequency)
+def _resonance_uncertainty(
+    scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, steps: bool
+) -> np.ndarray:
+    """Relative doubt of lines of the clock, (2, k, 2), by the response at frequencies that they may
+    have; of a second drive that does not step, also by where it may stand."""
+    if steps:
+        each = [scenario]
+    else:
+        each = held_drive_variants(scenario)
+    found = _drive_uncertainty(each, frequency)
     return found * np.array([line.of_clock for line in lines])[:, None]
 
 
-def _doubt_of_drive(each: Sequence[Scenario], frequency: np.ndarray) -> np.ndarray:
-    """Relative doubt of lines that a torque on the rotor makes, (2, k, 2), in the first of several scenarios."""
-    return doubt_by_response(
-        [partial(by_rotor, one) for one in each],
+def _drive_uncertainty(each: Sequence[Scenario], frequency: np.ndarray) -> np.ndarray:
+    """Relative doubt of lines that a torque on the rotor makes, (2, k, 2), in the first of several
+    scenarios.
+    """
+    return response_uncertainty(
+        [partial(los_per_rotor_torque, one) for one in each],
         frequency,
-        np.asarray(frequency_doubt(frequency)),
+        np.asarray(frequency_error_bound(frequency)),
         np.concatenate([natural_frequencies(one) for one in each]),
     )
 
 
-_STANDS = np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
+_DETENT_STIFFNESS_RATIOS = np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
 """Parts of its detent torque's stiffness that a drive may have where it stands."""
 
 
-def held_anywhere(scenario: Scenario) -> list[Scenario]:
-    """A scenario, and the same with a second wing's drive that holds wherever it may stand between two zeros of its detent torque.
+def held_drive_variants(scenario: Scenario) -> list[Scenario]:
+    """A scenario, and the same with a second wing's drive that holds wherever it may stand between
+    two zeros of its detent torque.
 
-    There the detent torque is a spring beside the electromagnetic one, of either sign. The angle is not known: all are looked at.
+    There the detent torque is a spring beside the electromagnetic one, of either sign. The angle is
+    not known: all are looked at.
     """
     other = scenario.other_wing
     if other is None or other.motor.detent_torque == 0.0:
@@ -255,23 +328,25 @@ def held_anywhere(scenario: Scenario) -> list[Scenario]:
     part = motor.detent_stiffness / motor.electromagnetic_stiffness
     key = "spacecraft.second_wing.motor"
     return [scenario] + [
-        scenario.with_si({key: motor.model_copy(update={"current": motor.current * max(1.0 + x * part, 1e-3)})})
-        for x in _STANDS
+        scenario.with_si(
+            {key: motor.model_copy(update={"current": motor.current * max(1.0 + x * part, 1e-3)})}
+        )
+        for x in _DETENT_STIFFNESS_RATIOS
     ]
 
 
-def by_rotor(scenario: Scenario, f: np.ndarray) -> np.ndarray:
+def los_per_rotor_torque(scenario: Scenario, f: np.ndarray) -> np.ndarray:
     """Line of sight by a torque on the rotor at frequencies (m,) [Hz], (m, 2) [rad/(N m)]."""
     return _by_torque(scenario, f)
 
 
-def by_output(scenario: Scenario, f: np.ndarray) -> np.ndarray:
+def los_per_output_torque(scenario: Scenario, f: np.ndarray) -> np.ndarray:
     """Line of sight by a torque on the output at frequencies (m,) [Hz], (m, 2) [rad/(N m)]."""
     return _by_torque(scenario, f, coordinates(scenario.reducer, len(scenario.array.modes))[1])
 
 
 def _by_torque(scenario: Scenario, f: np.ndarray, on: np.ndarray | None = None) -> np.ndarray:
-    los = short_way(scenario, f, source_of(scenario).blocked(f, np.ones(f.size), on)).los
+    los = blocked_load_method(scenario, f, source_of(scenario).blocked(f, np.ones(f.size), on)).los
     assert los is not None
     return np.abs(los)
 
@@ -281,14 +356,18 @@ def natural_frequencies(scenario: Scenario) -> np.ndarray:
     return np.array([mode.frequency for mode in coupled_modes(scenario)])
 
 
-_NEAR = np.linspace(-1.0, 1.0, 17)
+_FREQUENCY_OFFSETS = np.linspace(-1.0, 1.0, 17)
 """Parts of what a frequency may be off at which responses are looked at, besides resonances."""
 
 
-def doubt_by_response(
-    responses: Sequence[Callable[[np.ndarray], np.ndarray]], frequency: np.ndarray, off: np.ndarray, modes: np.ndarray
+def response_uncertainty(
+    responses: Sequence[Callable[[np.ndarray], np.ndarray]],
+    frequency: np.ndarray,
+    off: np.ndarray,
+    modes: np.ndarray,
 ) -> np.ndarray:
-    """By which part lines may be smaller and larger since they, or the resonance beside them, may lie elsewhere.
+    """By which part lines may be smaller and larger since they, or the resonance beside them, may
+    lie elsewhere.
 
     Parameters
     ----------
@@ -308,20 +387,28 @@ def doubt_by_response(
     f = np.asarray(frequency, dtype=float)
     if not f.size:
         return np.zeros((2, 0, 2))
-    nearest = modes[np.argmin(np.abs(modes - f[:, None]), axis=1)] if modes.size else f
-    at = np.column_stack([f, f[:, None] + off[:, None] * _NEAR, np.clip(nearest, f - off, f + off)])
-    size = np.concatenate([np.nan_to_num(each(at.ravel())).reshape(*at.shape, 2) for each in responses], axis=1)
+    if modes.size:
+        nearest = modes[np.argmin(np.abs(modes - f[:, None]), axis=1)]
+    else:
+        nearest = f
+    at = np.column_stack(
+        [f, f[:, None] + off[:, None] * _FREQUENCY_OFFSETS, np.clip(nearest, f - off, f + off)]
+    )
+    size = np.concatenate(
+        [np.nan_to_num(each(at.ravel())).reshape(*at.shape, 2) for each in responses], axis=1
+    )
     own = size[:, 0]
     ratio = np.divide(size, own[:, None], out=np.ones_like(size), where=own[:, None] > 0.0)
     return np.array([1.0 - ratio.min(axis=1), ratio.max(axis=1) - 1.0])
 
 
-def with_mixing(one: Contribution, scenario: Scenario, other: Scenario) -> Contribution:
+def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -> Contribution:
     """Lines of a drive, with what the detent torque of a second drive that steps adds to them.
 
-    The hub's motion by a line turns the second rotor, whose detent torque is then a spring that changes with its steps: it makes
-    torques at the line's frequency less and plus that of the detent. By the linearised drives they are bounded to first order, and
-    by a factor for those of higher order. What falls on a line is its doubt, the rest is a gap.
+    The hub's motion by a line turns the second rotor, whose detent torque is then a spring that
+    changes with its steps: it makes torques at the line's frequency less and plus that of the
+    detent. By the linearised drives they are bounded to first order, and by a factor for those of
+    higher order. What falls on a line is its doubt, the rest is a gap.
 
     Parameters
     ----------
@@ -331,81 +418,121 @@ def with_mixing(one: Contribution, scenario: Scenario, other: Scenario) -> Contr
         Of each drive, with the other's wing held.
     """
     motor, rate = other.motor, other.rate
-    hub, f, moves = receiver_of(scenario), one.frequency, one.settled & (one.frequency > MEANINGLESS)
+    hub, f, moves = (
+        receiver_of(scenario),
+        one.frequency,
+        one.settled & (one.frequency > MIN_FREQUENCY_WITHOUT_CONTROL),
+    )
     part = motor.detent_stiffness / motor.electromagnetic_stiffness
     if not rate or part == 0.0 or not moves.any() or hub.second is None or hub.second_root is None:
         return one
     if part >= 1.0:
-        return replace(one, gaps=(*one.gaps, open_gap("the other drive's detent torque is stiffer than its motor")))
+        return replace(
+            one,
+            gaps=(
+                *one.gaps,
+                open_gap("the detent stiffness of the other drive exceeds its motor stiffness"),
+            ),
+        )
     at = f[moves]
-    free = short_way(scenario, at, source_of(scenario).blocked(at, np.ones(at.size)))
+    free = blocked_load_method(scenario, at, source_of(scenario).blocked(at, np.ones(at.size)))
     moved = np.einsum("mnk,mk->mn", hub.moved(at), free.loads)
     there = -((2.0 * np.pi * at[:, None]) ** 2) * (moved @ hub.second_root.T)
     rotor = np.abs(hub.second.stirred(at, there)[:, 0])
     assert free.los is not None
-    torque = np.linalg.norm(one.los[moves], axis=1) / np.maximum(np.linalg.norm(np.abs(free.los), axis=1), 1e-300)
+    torque = np.linalg.norm(one.los[moves], axis=1) / np.maximum(
+        np.linalg.norm(np.abs(free.los), axis=1), 1e-300
+    )
     pull = 0.5 * motor.detent_stiffness / (1.0 - part) * rotor * torque
-    detent = motor.detent_periods * motor.rotor_teeth * abs(rate * other.reducer.h) / (2.0 * math.pi)
+    detent = (
+        motor.detent_periods * motor.rotor_teeth * abs(rate * other.reducer.h) / (2.0 * math.pi)
+    )
     products = np.abs(np.concatenate([at - detent, at + detent]))
-    size = by_rotor(other, np.maximum(products, MEANINGLESS)) * np.tile(pull, 2)[:, None]
-    near = np.abs(products[:, None] - f) <= SAME * np.maximum(f, products[:, None])
+    size = (
+        los_per_rotor_torque(other, np.maximum(products, MIN_FREQUENCY_WITHOUT_CONTROL))
+        * np.tile(pull, 2)[:, None]
+    )
+    near = np.abs(products[:, None] - f) <= FREQUENCY_TOLERANCE * np.maximum(f, products[:, None])
     added = np.array([size[column].sum(axis=0) for column in near.T]).reshape(-1, 2)
     own = np.abs(one.los)
     doubt = np.divide(added, own, out=np.zeros_like(own), where=own > 0.0)
     less, more = one.doubts
-    left = ~near.any(axis=1) & (products > MEANINGLESS)
-    gap = Gap("what the other drive's detent torque mixes", 0.0, math.inf, products[left], size[left])
-    return replace(one, doubt=np.array([np.minimum(less + doubt, 1.0), more + doubt]), gaps=(*one.gaps, gap))
+    left = ~near.any(axis=1) & (products > MIN_FREQUENCY_WITHOUT_CONTROL)
+    gap = Unobserved(
+        "what the other drive's detent torque mixes", 0.0, math.inf, products[left], size[left]
+    )
+    return replace(
+        one, doubt=np.array([np.minimum(less + doubt, 1.0), more + doubt]), gaps=(*one.gaps, gap)
+    )
 
 
-def _gaps(scenario: Scenario, table: LineTable, found: HubLines, steady: bool) -> Iterator[Gap]:
+def _gaps(
+    scenario: Scenario, table: LineTable, found: HubLines, steady: bool
+) -> Iterator[Unobserved]:
     """What a run does not say of the line of sight."""
-    spacecraft, record = craft_in(scenario).spacecraft, scenario.record
+    spacecraft, record = require_craft(scenario).spacecraft, scenario.record
     expected = expected_in(scenario, record.sample_rate)
-    slow = [line.name for line in expected if line.frequency < MEANINGLESS]
+    slow = [line.name for line in expected if line.frequency < MIN_FREQUENCY_WITHOUT_CONTROL]
     if spacecraft.attitude_control is None and slow:
-        yield open_gap(f"{slow[0]}, {_FREE}", 0.0, MEANINGLESS)
+        yield open_gap(f"{slow[0]}, {_FREE_BODY_REASON}", 0.0, MIN_FREQUENCY_WITHOUT_CONTROL)
     for line in table:
-        if line.line in found.unknown and not steady and not has_calmed(line, scenario):
+        if line.line in found.unknown and not steady and not mode_has_decayed(line, scenario):
             f = line.expected_hz
-            yield open_gap(f"{line.line} ({line.status}; a longer record.duration{or_steady(scenario)})", f, f)
-    if not steady and (held := still_held(scenario)):
+            yield open_gap(
+                f"{line.line} ({line.status}; a longer"
+                f" record.duration{steady_start_advice(scenario)})",
+                f,
+                f,
+            )
+    if not steady and (held := not_moving_reason(scenario)):
         yield open_gap(held)
     for key, band in noise_bands(scenario).items():
         yield open_gap(
-            f"{key} is taken through the linearised drive as if it never stuck; a run is one draw of many", *band
+            f"{key} is propagated through the linearised drive without stiction; a run is a single"
+            " noise draw",
+            *band,
         )
     if scenario.rate is None:
-        yield open_gap("the rate changes within the record, so that there are no lines of the step clock")
+        yield open_gap(
+            "the rate changes within the record, so that there are no lines of the step clock"
+        )
     if table.rest is None:
         yield open_gap("lines that are not in the table were not sought")
     elif table.rest.frequency.size:
         at, peaks = table.rest.frequency, table.rest.amplitude
         known = at >= receiver_of(scenario).lowest
-        yield Gap(
-            "peaks of T_d that no line accounts for",
+        yield Unobserved(
+            "unexplained peaks of T_d",
             0.0,
             math.inf,
             at[known],
-            (_seen_of_torque(scenario, at) * peaks[:, None])[known],
+            (_los_over_torque(scenario, at) * peaks[:, None])[known],
             between=True,
         )
-    yield from _slow(scenario, table)
-    yield from _above(scenario, table, PASSBAND * record.sample_rate)
+    yield from _low_frequency_gaps(scenario, table)
+    yield from _above_passband_gaps(scenario, table, PASSBAND * record.sample_rate)
 
 
-_COUNTS = 0.01
+_SIGNIFICANT_RATIO = 0.01
 """Part of the largest of some lines above the passband from which a record is to show them."""
 
 
-def _above(scenario: Scenario, table: LineTable, top: float) -> Iterator[Gap]:
-    """What the drive may have above ``top``, the edge of the passband of the lines in the ``table``."""
-    few = ", where not even two driving lines are seen" if top < 2.0 * (scenario.driving_frequency or 0.0) else ""
+def _above_passband_gaps(scenario: Scenario, table: LineTable, top: float) -> Iterator[Unobserved]:
+    """What the drive may have above ``top``, the edge of the passband of the lines in the
+    ``table``.
+    """
+    if top < 2.0 * (scenario.driving_frequency or 0.0):
+        few = ", where not even two driving lines are seen"
+    else:
+        few = ""
     found, reaches = [], dict[str, float]()
-    for one in unseen(scenario, table, top, math.inf):
+    for one in out_of_band_lines(scenario, table, top, math.inf):
         if not one.frequency.size:
             continue
-        by = by_output(scenario, one.frequency) if one.on_output else by_rotor(scenario, one.frequency)
+        if one.on_output:
+            by = los_per_output_torque(scenario, one.frequency)
+        else:
+            by = los_per_rotor_torque(scenario, one.frequency)
         with np.errstate(invalid="ignore"):
             most = np.where(by > 0.0, by * one.pull[:, None], 0.0)
         if (
@@ -414,38 +541,52 @@ def _above(scenario: Scenario, table: LineTable, top: float) -> Iterator[Gap]:
             beside = np.pad(most, ((1, 1), (0, 0)), mode="edge")
             most = np.max([beside[:-2], most, beside[2:]], axis=0) * one.number[:, None]
         size = most.max(axis=1)
-        counts = np.flatnonzero(size >= _COUNTS * size.max())
+        counts = np.flatnonzero(size >= _SIGNIFICANT_RATIO * size.max())
         what = f"{one.what} at {one.frequency[0]:.4g} Hz"
         highest = float(one.frequency[counts[-1]]) + 0.5 * (scenario.driving_frequency or 0.0)
-        reaches[what] = max(highest, reaches.get(what, 0.0))  # what may act on either shaft is told once, for both
-        found.append((what, Gap("", top, math.inf, one.frequency, most, between=one.between)))
+        reaches[what] = max(
+            highest, reaches.get(what, 0.0)
+        )  # what may act on either shaft is told once, for both
+        found.append(
+            (what, Unobserved("", top, math.inf, one.frequency, most, between=one.between))
+        )
     for what, gap in found:
         remedy = f"record.sample_rate >= {rounded_up(reaches[what] / PASSBAND)} Hz"
         yield replace(gap, why=f"what is above {top:.4g} Hz{few}, such as {what} ({remedy})")
 
 
-def _slow(scenario: Scenario, table: LineTable) -> Iterator[Gap]:
+def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobserved]:
     """What is below the lowest frequency that a record's length resolves."""
     if table.rest is None or table.rest.slow <= 0.0 or not table.rest.frequency.size:
         return
     lowest = float(table.rest.frequency.min())
     f = np.geomspace(1e-3, 1.0, 31) * lowest
-    most = _seen_of_torque(scenario, f) * BEYOND * table.rest.slow
+    most = _los_over_torque(scenario, f) * ABOVE_PASSBAND_FACTOR * table.rest.slow
     known = f >= receiver_of(scenario).lowest
     why = f"what is below {lowest:.3g} Hz, for which the record is too short (a longer record.duration)"
     k = int(np.argmax(np.hypot(*np.where(known[:, None], most, 0.0).T)))
-    yield Gap(why, 0.0, lowest, f[[k]], most[[k]])
+    yield Unobserved(why, 0.0, lowest, f[[k]], most[[k]])
 
 
-def _seen_of_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
-    """Line of sight (m, 2) over T_d, both made by the shaft's motion, at each ``frequency`` (m,) [Hz] [rad/(N m)]."""
-    craft = craft_in(scenario)
-    torque = np.maximum(np.abs(craft.transfer(craft.loads(), frequency)[:, :, 0] @ craft.axis), 1e-300)
-    return np.asarray(np.abs(craft.transfer(craft.line_of_sight(), frequency)[:, :, 0]) / torque[:, None])
+def _los_over_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
+    """Line of sight (m, 2) over T_d, both made by the shaft's motion, at each ``frequency`` (m,)
+    [Hz] [rad/(N m)].
+    """
+    craft = require_craft(scenario)
+    torque = np.maximum(
+        np.abs(craft.transfer(craft.loads(), frequency)[:, :, 0] @ craft.axis), 1e-300
+    )
+    return np.asarray(
+        np.abs(craft.transfer(craft.line_of_sight(), frequency)[:, :, 0]) / torque[:, None]
+    )
 
 
-def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics: int) -> Contribution:
-    """A drive by its loads on a force table, in the array's axes at angle 0, the short way to the craft of the scenario."""
+def contribution_of_recording(
+    name: str, scenario: Scenario, recording: Recording, harmonics: int
+) -> Contribution:
+    """A drive by its loads on a force table, in the array's axes at angle 0, the short way to the
+    craft of the scenario.
+    """
     axis, recording = "M" + scenario.array.drive_axis, recording.in_si()
     table = lines_of_recording(recording, axis, scenario, harmonics=harmonics)
     ratio = table.clock_ratio or 1.0
@@ -456,50 +597,76 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     ]
     missing = [channel for channel in COMPONENTS if channel not in recording.channels]
     loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
-    faults = {channel: fault(recording, channel) for channel in COMPONENTS if channel in recording.channels}
+    faults = {
+        channel: channel_fault(recording, channel)
+        for channel in COMPONENTS
+        if channel in recording.channels
+    }
     every: dict[str, LineTable] = {}
     for k, channel in enumerate(COMPONENTS):
         if channel in recording.channels:
-            rows = every[channel] = lines_at_known_clock(recording[channel], recording.sample_rate, expected)
-            loads[:, k] = [rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected]
-            floors[:, k] = [DETECTION * rows[x.name].floor_n_m for x in expected]
+            rows = every[channel] = lines_at_known_clock(
+                recording[channel], recording.sample_rate, expected
+            )
+            loads[:, k] = [
+                rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected
+            ]
+            floors[:, k] = [DETECTION_RATIO * rows[x.name].floor_n_m for x in expected]
     of_axis = {line.line: line for line in table}
     found = [of_axis.get(x.name) for x in expected]
-    seen = np.array([x is not None and x.status == "ok" for x in found]) & np.all(np.isfinite(loads), axis=1)
-    turn, f = into_hub(scenario), np.array([x.frequency for x in expected])
-    los = short_way(scenario, f, np.nan_to_num(loads) @ turn.T).los
+    seen = np.array([x is not None and x.status == "ok" for x in found]) & np.all(
+        np.isfinite(loads), axis=1
+    )
+    turn, f = rotation_to_hub_axes(scenario), np.array([x.frequency for x in expected])
+    los = blocked_load_method(scenario, f, np.nan_to_num(loads) @ turn.T).los
     assert los is not None
-    by_one = (short_way(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T)
+    by_one = (
+        blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T
+    )
     by_each = np.abs(np.array([one for one in by_one if one is not None]))  # (6, k, 2)
     noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, np.nan_to_num(floors) ** 2))
     most = np.einsum("jka,kj->ka", by_each, np.abs(np.nan_to_num(loads))) + noise
     known = np.all(np.isfinite(los), axis=1)
-    faint = np.array([x is not None and x.status == FAINT for x in found]) & np.all(np.isfinite(floors), axis=1) & known
-    gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")] if missing else []
+    faint = (
+        np.array([x is not None and x.status == BELOW_FLOOR for x in found])
+        & np.all(np.isfinite(floors), axis=1)
+        & known
+    )
+    if missing:
+        gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")]
+    else:
+        gaps = []
     gaps += [open_gap(f"channel {channel} {told}") for channel, told in faults.items() if told]
     single = {channel: recording.glitch(channel) for channel in faults}
     gaps += [open_gap(f"channel {channel} {told}") for channel, told in single.items() if told]
-    gaps += [open_gap(told) for told in clock_doubts(table)]
+    gaps += [open_gap(told) for told in clock_warnings(table)]
     if faint.any():
-        gaps.append(Gap("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint]))
+        gaps.append(
+            Unobserved("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint])
+        )
     gaps += [
         open_gap(f"{x.name} ({'not in the table' if row is None else row.status}; a longer recording)", x.frequency, x.frequency)
         for x, row, ok in zip(expected, found, seen | faint, strict=True) if not ok
     ]  # fmt: skip
-    gaps += below(not np.all(known))
-    gaps += list(_above(scenario, table, PASSBAND * recording.sample_rate))
+    gaps += low_frequency_gap(not np.all(known))
+    gaps += list(_above_passband_gaps(scenario, table, PASSBAND * recording.sample_rate))
     kept = seen & known
-    spread = np.array([_relative(row) for row in found])
-    doubt = SHORT_WAY_DOUBT + 2.0 * float(np.max(spread[kept], initial=0.0)) + noise[kept] / np.abs(los[kept])
+    spread = np.array([_relative_uncertainty(row) for row in found])
+    doubt = (
+        BLOCKED_LOAD_UNCERTAINTY
+        + 2.0 * float(np.max(spread[kept], initial=0.0))
+        + noise[kept] / np.abs(los[kept])
+    )
     names = tuple(x.name for x, ok in zip(expected, kept, strict=True) if ok)
     gaps += [
-        Gap(why, low, high, np.array([math.sqrt(low * high)]), most[None, :], between=True)
+        Unobserved(why, low, high, np.array([math.sqrt(low * high)]), most[None, :], between=True)
         for why, low, high, most in unaccounted(scenario, recording, every, set(names))
     ]
     how = f"clock lines of the recording {recording.title}, the short way"
-    # Its lines keep their phases to each other, not to those of a run, which starts at another instant.
+    # Its lines keep their phases to each other, not to those of a run, which starts at another
+    # instant.
     clock = f"{name}, recorded"
-    beside = _doubt_of_drive(held_anywhere(scenario), f[kept])
+    beside = _drive_uncertainty(held_drive_variants(scenario), f[kept])
     doubt = np.broadcast_to(doubt, beside.shape) + beside
     recorded = np.abs(np.nan_to_num(loads[kept])), np.nan_to_num(floors[kept])
     return Contribution(
@@ -507,12 +674,19 @@ def of_recording(name: str, scenario: Scenario, recording: Recording, harmonics:
     )  # fmt: skip
 
 
-def _relative(line: object) -> float:
+def _relative_uncertainty(line: object) -> float:
     """Relative standard uncertainty of a line's amplitude."""
-    amplitude, spread = getattr(line, "amplitude_n_m", math.nan), getattr(line, "amplitude_uncertainty_n_m", math.nan)
-    return spread / amplitude if amplitude > 0.0 and math.isfinite(spread) else 0.0
+    amplitude, spread = (
+        getattr(line, "amplitude_n_m", math.nan),
+        getattr(line, "amplitude_uncertainty_n_m", math.nan),
+    )
+    if amplitude > 0.0 and math.isfinite(spread):
+        return spread / amplitude
+    return 0.0
 
 
-def below(any_lost: bool) -> tuple[Gap, ...]:
+def low_frequency_gap(any_lost: bool) -> tuple[Unobserved, ...]:
     """The gap below MEANINGLESS, where figures are lost there."""
-    return (open_gap(_FREE, 0.0, MEANINGLESS),) if any_lost else ()
+    if any_lost:
+        return (open_gap(_FREE_BODY_REASON, 0.0, MIN_FREQUENCY_WITHOUT_CONTROL),)
+    return ()

@@ -10,17 +10,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.hub_lines import together
-from microvib.analysis.margins import Verdict, frequency_doubt
-from microvib.analysis.pointing import SAME, HubLines
+from microvib.analysis.hub_lines import combine_wings
+from microvib.analysis.margins import Verdict, frequency_error_bound
+from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import solve_run
-from microvib.analysis.short_way import BlockedLines, Difference, differences, short_way_of
-from microvib.analysis.start import without_steady_state
-from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, shown
+from microvib.analysis.short_way import (
+    BlockedLines,
+    Difference,
+    blocked_load_solution,
+    method_differences,
+)
+from microvib.analysis.start import steady_state_fallback_note
+from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, quoted_value
 from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.scenario_file import load_scenario
-from microvib.model.coupling import craft_in, into_hub, source_of
-from microvib.model.coupling import short_way as short_way_of_loads
+from microvib.model.coupling import blocked_load_method as short_way_of_loads
+from microvib.model.coupling import require_craft, rotation_to_hub_axes, source_of
 from microvib.model.expected import is_unlisted
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario, expect_scenario
@@ -28,18 +33,26 @@ from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
 from microvib.studies.budget.arrays import check_places, lacking
-from microvib.studies.budget.figures import Tones, figure
+from microvib.studies.budget.figures import CombinedLines, evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
-from microvib.studies.budget.other_sources import of_other
-from microvib.studies.budget.sources import Contribution, Gap, of_recording, of_run, open_gap, unseen_axes, with_mixing
-from microvib.studies.budget.sums import Judged, Rule, costliest, judged, merged
+from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.sources import (
+    Contribution,
+    Unobserved,
+    contribution_of_recording,
+    contribution_of_run,
+    open_gap,
+    unseen_axes,
+    with_detent_mixing,
+)
+from microvib.studies.budget.sums import Assessment, Rule, assess, combine_lines, worst_alternative
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import DONE, Results, open_results
-from microvib.studies.campaign.statistics import independent
+from microvib.studies.campaign.statistics import independent_cases
 from microvib.testdata.recording import Recording
 
 RULES: tuple[Rule, ...] = ("rss", "coherent", "bound")
-_SAME = ("motor", "driver", "reducer", "friction", "array", "tracking", "spacecraft")
+_COMPARED_GROUPS = ("motor", "driver", "reducer", "friction", "array", "tracking", "spacecraft")
 """Groups of a scenario in which a campaign must agree with it."""
 FAINT_LINE = 1e-3
 """Part of the largest line from which a line must be in all cases of a campaign."""
@@ -47,7 +60,9 @@ FAINT_LINE = 1e-3
 
 @dataclass(frozen=True)
 class Window:
-    """One metric in one window: rms of all sources [rad] about both axes and radial; lines, densities, and both."""
+    """One metric in one window: rms of all sources [rad] about both axes and radial; lines,
+    densities, and both.
+    """
 
     metric: Metric
     window: float
@@ -65,19 +80,25 @@ class Budget:
     requirements: Requirements | None
     rule: Rule
     contributions: tuple[Contribution, ...]
-    tones: Tones
-    judged: tuple[Judged, ...]
+    tones: CombinedLines
+    judged: tuple[Assessment, ...]
     windows: tuple[Window, ...]
     short_way: tuple[Difference, ...] = ()
-    """The short way against the coupled run of the first drive, line by line, where that was asked for."""
+    """The short way against the coupled run of the first drive, line by line, where that was asked
+    for.
+    """
     angles: tuple[float, ...] = ()
-    """Angles of the first drive's array [rad] that were judged, of which each requirement has its worst; empty for one angle."""
+    """Angles of the first drive's array [rad] that were judged, of which each requirement has its
+    worst; empty for one angle.
+    """
     orbit: bool = False
     """Whether these stand for all angles between them, too."""
     notes: tuple[str, ...] = ()
     """What is to be known of an orbit, in sentences."""
     without_steady: tuple[str, ...] = ()
-    """Of each drive that was to start in its steady state and has none, a sentence that says why, and what was done instead."""
+    """Of each drive that was to start in its steady state and has none, a sentence that says why,
+    and what was done instead.
+    """
 
     def __repr__(self) -> str:
         names = ", ".join(one.source for one in self.contributions)
@@ -87,15 +108,17 @@ class Budget:
     def holds_at(self) -> str:
         """For which angles of the array this holds, in words."""
         if not self.angles:
-            return f"at an array angle of {_degrees(craft_in(self.scenario).spacecraft.array_angle)} deg only"
+            return f"at an array angle of {_degrees(require_craft(self.scenario).spacecraft.array_angle)} deg only"
         first, last = _degrees(self.angles[0]), _degrees(self.angles[-1])
         if self.orbit:
             return f"the worst over an orbit, judged at {len(self.angles)} array angles from {first} to {last} deg"
         return f"the worst of {len(self.angles)} array angles from {first} to {last} deg, and at these only"
 
-    def angle_of(self, one: Judged) -> float:
+    def angle_of(self, one: Assessment) -> float:
         """Angle of the array [deg] at which a requirement was judged."""
-        return math.degrees(craft_in(self.scenario).spacecraft.array_angle if one.angle is None else one.angle)
+        return math.degrees(
+            require_craft(self.scenario).spacecraft.array_angle if one.angle is None else one.angle
+        )
 
     @property
     def verdict(self) -> Verdict:
@@ -103,7 +126,9 @@ class Budget:
         verdicts = {one.verdict for one in self.judged}
         if "fail" in verdicts:
             return "fail"
-        return "pass" if verdicts == {"pass"} else "not judged"
+        if verdicts == {"pass"}:
+            return "pass"
+        return "not judged"
 
 
 def pointing_budget(
@@ -121,64 +146,85 @@ def pointing_budget(
     names: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Budget:
-    """The budget of the line of sight of one craft: ``scenarios`` are its drives, each with the craft as its own array sees it.
+    """The budget of the line of sight of one craft: ``scenarios`` are its drives, each with the
+    craft as its own array sees it.
 
-    A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where both have one clock. Of several
-    scenarios each has the other's wing as its ``second_wing``, or nothing is judged: arrays change how the hub moves.
-    ``sources`` move it besides: a file of sources, or a list. ``campaign`` is the folder of a merged campaign of the first
-    scenario, for medians and percentiles, in which both wings count as one source; ``recording`` holds the first drive's loads on a
-    force table, which then takes the short way. ``rule`` says how lines of one frequency in several sources add
-    (``studies.budget.sums``); with ``one_clock`` the drives step together and keep their phases; ``names`` are theirs. ``steady``
-    starts runs in the steady state; ``short_way`` compares it with the first drive's coupled run.
+    A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where
+    both have one clock. Of several scenarios each has the other's wing as its ``second_wing``, or
+    nothing is judged: arrays change how the hub moves. ``sources`` move it besides: a file of
+    sources, or a list. ``campaign`` is the folder of a merged campaign of the first scenario, for
+    medians and percentiles, in which both wings count as one source; ``recording`` holds the first
+    drive's loads on a force table, which then takes the short way. ``rule`` says how lines of one
+    frequency in several sources add (``studies.budget.sums``); with ``one_clock`` the drives step
+    together and keep their phases; ``names`` are theirs. ``steady`` starts runs in the steady
+    state; ``short_way`` compares it with the first drive's coupled run.
 
     Raises MicrovibError and what ``simulate`` raises.
     """
     if rule not in RULES:
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
     whole, drives = _drives(scenarios, names, steady)
-    first, two = drives[0], len(drives) > 1 and drives[1].name == _second(drives[0].name)
-    required = (
-        requirements if isinstance(requirements, Requirements | None) else read_file(Path(requirements), Requirements)
-    )
+    first, two = drives[0], len(drives) > 1 and drives[1].name == _second_wing_drive(drives[0].name)
+    if isinstance(requirements, Requirements | None):
+        required = requirements
+    else:
+        required = read_file(Path(requirements), Requirements)
     # What can be refused is looked at before anything is simulated.
-    beside = _others(sources, first.scenario)
+    beside = _other_contributions(sources, first.scenario)
     if two and campaign is not None and recording is not None:
         raise OptionError(
-            "campaign", "holds what both wings do together, and a recording has one of them; leave one out"
+            "campaign",
+            "holds what both wings do together, and a recording has one of them; leave one out",
         )
-    ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
+    if campaign is None:
+        ensemble = None
+    else:
+        ensemble = ensemble_of(whole, Path(campaign))
     for drive in drives:
         source_of(drive.scenario)
-    measured = None if recording is None else of_recording(first.name, first.scenario, recording, harmonics)
-    if measured is not None:  # of the settled drive; the run beside it tells what the short way misses
+    if recording is None:
+        measured = None
+    else:
+        measured = contribution_of_recording(first.name, first.scenario, recording, harmonics)
+    if (
+        measured is not None
+    ):  # of the settled drive; the run beside it tells what the short way misses
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
-    results = [solve_run(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives]
+    results = [
+        solve_run(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
+    ]
     runs = [
-        of_run(drive.name, drive.scenario, result, other_steps=two)
+        contribution_of_run(drive.name, drive.scenario, result, other_steps=two)
         for drive, result in zip(drives, results, strict=True)
     ]
-    told = [(drive.name, without_steady_state(result.solver)) for drive, result in zip(drives, results, strict=True)]
+    told = [
+        (drive.name, steady_state_fallback_note(result.solver))
+        for drive, result in zip(drives, results, strict=True)
+    ]
     if two:
         runs[:2] = [
-            (with_mixing(lines, drives[k].scenario, drives[1 - k].scenario), hub)
+            (with_detent_mixing(lines, drives[k].scenario, drives[1 - k].scenario), hub)
             for k, (lines, hub) in enumerate(runs[:2])
         ]
     compared: tuple[Difference, ...] = ()
     if short_way or measured is not None:
-        by_short_way = short_way_of(drives[0].scenario, harmonics=harmonics, progress=progress)
-        compared = tuple(differences(*by_short_way, runs[0][1]))
+        by_short_way = blocked_load_solution(
+            drives[0].scenario, harmonics=harmonics, progress=progress
+        )
+        compared = tuple(method_differences(*by_short_way, runs[0][1]))
 
     found = [
-        replace(one, clock="drives" if one_clock else drive.clock) for (one, _), drive in zip(runs, drives, strict=True)
+        replace(one, clock="drives" if one_clock else drive.clock)
+        for (one, _), drive in zip(runs, drives, strict=True)
     ]
     if measured is not None:
-        found[0] = with_size_checked(with_doubt(measured, compared), by_short_way[0])
+        found[0] = with_load_check(with_method_error(measured, compared), by_short_way[0])
     if ensemble is not None:
         if two:
             found[:2] = [both_wings(whole, found[0], found[1], *(lines for _, lines in runs[:2]))]
         found[0] = with_campaign(found[0], ensemble)
-    found[0] = replace(found[0], gaps=(*found[0].gaps, *_unseen(first.scenario)))
+    found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
     found, without = _with_lacking(found, drives)
     found += beside
     return Budget(
@@ -186,8 +232,10 @@ def pointing_budget(
         required,
         rule,
         tuple(found),
-        merged(found, rule, doubtful=False),
-        () if required is None else tuple(_undecided(judged(r, found, rule), without) for r in required.requirements),
+        combine_lines(found, rule, doubtful=False),
+        ()
+        if required is None
+        else tuple(_undecided(assess(r, found, rule), without) for r in required.requirements),
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
         without_steady=tuple(f"{name}: {why}" for name, why in told if why),
@@ -211,28 +259,50 @@ class _Drive(NamedTuple):
 def _drives(
     given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
 ) -> tuple[Scenario, list[_Drive]]:
-    """The first scenario, and the drives of all, which are on one hub. Two driven wings are two drives."""
+    """The first scenario, and the drives of all, which are on one hub. Two driven wings are two
+    drives.
+    """
     if not isinstance(given, Scenario | str):
         expect_list(given, "scenario", "[scenario, other]")
-    each = [given] if isinstance(given, Scenario | str) else list(given)
+    if isinstance(given, Scenario | str):
+        each = [given]
+    else:
+        each = list(given)
     if not each:
-        raise OptionError("scenario", "missing; the drive on its craft is expected, such as examples/spacecraft.yaml")
+        raise OptionError(
+            "scenario",
+            "missing; the drive on its craft is expected, such as examples/spacecraft.yaml",
+        )
     found: list[_Drive] = []
     whole: list[Scenario] = []
     for k, one in enumerate(each, 1):
-        scenario = load_scenario(one) if isinstance(one, str) else one
+        if isinstance(one, str):
+            scenario = load_scenario(one)
+        else:
+            scenario = one
         expect_scenario(scenario)
-        name = names[k - 1] if names else Path(one).stem if isinstance(one, str) else f"drive {k}"
-        name = f"{name} {k}" if any(name == drive.name for drive in found) else name
+        if names:
+            name = names[k - 1]
+        elif isinstance(one, str):
+            name = Path(one).stem
+        else:
+            name = f"drive {k}"
+        if any(name == drive.name for drive in found):
+            name = f"{name} {k}"
+        else:
+            name = name
         if steady:
             scenario = scenario.with_({"record.start": "steady"})
         _check_craft(name, scenario, found)
         whole.append(scenario)
         found.append(_Drive(name, scenario.alone, name, k))
-        other, wing = scenario.driven_wing, craft_in(scenario).spacecraft.second_wing
+        other, wing = scenario.driven_wing, require_craft(scenario).spacecraft.second_wing
         if other is not None and wing is not None:
-            clock = name if wing.clock_ratio == 1.0 else _second(name)
-            found.append(_Drive(_second(name), other, clock, k))
+            if wing.clock_ratio == 1.0:
+                clock = name
+            else:
+                clock = _second_wing_drive(name)
+            found.append(_Drive(_second_wing_drive(name), other, clock, k))
     for drive, other_drive in _of_two_scenarios(found):
         check_places(drive.name, drive.scenario, other_drive.name, other_drive.scenario)
     return whole[0], found
@@ -246,7 +316,9 @@ def _of_two_scenarios(drives: Sequence[_Drive]) -> Iterator[tuple[_Drive, _Drive
 def _with_lacking(
     found: Sequence[Contribution], drives: Sequence[_Drive]
 ) -> tuple[list[Contribution], tuple[str, ...]]:
-    """Lines of drives, with the gap that their crafts lack arrays of others; and the reasons, by the names of the drives."""
+    """Lines of drives, with the gap that their crafts lack arrays of others; and the reasons, by
+    the names of the drives.
+    """
     told = [
         (one.name, why)
         for one, other in _of_two_scenarios(drives)
@@ -257,58 +329,87 @@ def _with_lacking(
     return with_gaps, tuple(f"{name}: {why}" for name, why in told)
 
 
-def _undecided(one: Judged, why: Sequence[str]) -> Judged:
-    """What was found for a requirement where the craft is not that of all drives: no verdict, for all may move by more or less."""
+def _undecided(one: Assessment, why: Sequence[str]) -> Assessment:
+    """What was found for a requirement where the craft is not that of all drives: no verdict, for
+    all may move by more or less.
+    """
     if not why:
         return one
-    return replace(one, least=0.0, most=math.inf, verdict="not judged", why=tuple(dict.fromkeys([*why, *one.why])))
+    return replace(
+        one,
+        least=0.0,
+        most=math.inf,
+        verdict="not judged",
+        why=tuple(dict.fromkeys([*why, *one.why])),
+    )
 
 
 def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> None:
-    """MicrovibError where a craft has no line of sight, or is another than that of the drives ``before``."""
-    spacecraft = craft_in(scenario).spacecraft
+    """MicrovibError where a craft has no line of sight, or is another than that of the drives
+    ``before``.
+    """
+    spacecraft = require_craft(scenario).spacecraft
     if spacecraft.line_of_sight is None:
-        raise MicrovibError(f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it")
+        raise MicrovibError(
+            f"{name}: spacecraft.line_of_sight: missing; a pointing budget needs it"
+        )
     for first in before[:1]:
         for key in ("hub", "line_of_sight", "attitude_control"):
-            if getattr(craft_in(first.scenario).spacecraft, key) != getattr(spacecraft, key):
+            if getattr(require_craft(first.scenario).spacecraft, key) != getattr(spacecraft, key):
                 raise MicrovibError(
-                    f"{name}: spacecraft.{key}: is another than that of {first.name}; all drives are on one craft"
+                    f"{name}: spacecraft.{key}: is another than that of {first.name}; all drives"
+                    " are on one craft"
                 )
 
 
-def _others(sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario) -> list[Contribution]:
-    """What moves the line of sight besides: of a file, whose own files are relative to it, or of a list."""
+def _other_contributions(
+    sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario
+) -> list[Contribution]:
+    """What moves the line of sight besides: of a file, whose own files are relative to it, or of a
+    list.
+    """
     if sources is None:
         return []
     if not isinstance(sources, str | Path):
-        expect_list(sources, "sources", "[OtherSource(name='wheel', wheel=...)], or the name of a file of sources")
+        expect_list(
+            sources,
+            "sources",
+            "[OtherSource(name='wheel', wheel=...)], or the name of a file of sources",
+        )
         for source in sources:
             if not isinstance(source, OtherSource):
-                raise ObjectError(f"sources: {shown(source)} is not an OtherSource; one for each source is expected")
-        return [of_other(source, scenario, WORKING_FOLDER) for source in sources]
+                raise ObjectError(
+                    f"sources: {quoted_value(source)} is not an OtherSource; one for each source is"
+                    " expected"
+                )
+        return [contribution_of_other(source, scenario, WORKING_FOLDER) for source in sources]
     path = Path(sources)
-    return [of_other(source, scenario, WORKING_FOLDER.beside(str(path))) for source in read_file(path, Sources).sources]
+    return [
+        contribution_of_other(source, scenario, WORKING_FOLDER.beside(str(path)))
+        for source in read_file(path, Sources).sources
+    ]
 
 
-def _second(name: str) -> str:
+def _second_wing_drive(name: str) -> str:
     """The drive of the second wing of the craft that is called ``name``."""
     return f"{name} {SECOND_DRIVE}"
 
 
-def with_doubt(recorded: Contribution, compared: Sequence[Difference]) -> Contribution:
-    """Lines of a recording, doubted besides by what the short way misses in each of the scenario's own; of others by the most."""
+def with_method_error(recorded: Contribution, compared: Sequence[Difference]) -> Contribution:
+    """Lines of a recording, doubted besides by what the short way misses in each of the scenario's
+    own; of others by the most.
+    """
     missed = {d.line: d.los_error * d.los[1] / max(d.los[0], 1e-300) for d in compared}
     most = max(missed.values(), default=0.0)
     each = np.array([missed.get(name, most) for name in recorded.names])
     return replace(recorded, doubt=recorded.doubt + np.tile(each[:, None], 2))
 
 
-_UNLIKE = 4.0
-"""Factor between a recording's loads and the scenario's own from which one of them is wrong; assumed. Friction, gains and the array
-seldom change the loads of all lines together by more."""
+_MAX_LOAD_RATIO = 4.0
+"""Factor between a recording's loads and the scenario's own from which one of them is wrong;
+assumed. Friction, gains and the array seldom change the loads of all lines together by more."""
 _FACTORS = {
-    1e-6: "a unit or scale of micro too much",
+    1e-6: "a spurious factor of one millionth in unit or scale",
     1e-3: "N or N*m labelled as mN or mN*m",
     1.0 / 9.80665: "kgf taken for N",
     1.0 / 4.4482: "lbf taken for N",
@@ -322,27 +423,36 @@ _FACTORS = {
 """What a recording's loads are of the scenario's where a unit is wrong, and which."""
 
 
-def with_size_checked(recorded: Contribution, own: BlockedLines) -> Contribution:
-    """Lines of a recording, of which nothing is known where its loads are of another size than the scenario's ``own``.
+def with_load_check(recorded: Contribution, own: BlockedLines) -> Contribution:
+    """Lines of a recording, of which nothing is known where its loads are of another size than the
+    scenario's ``own``.
 
-    Channels are compared one by one over the lines that both have, those of which more than a tenth of the line of sight's motion
-    may come. A wrong unit or scale makes a verdict of any kind wrong, so that nothing bounds these lines then, above or below.
+    Channels are compared one by one over the lines that both have, those of which more than a tenth
+    of the line of sight's motion may come. A wrong unit or scale makes a verdict of any kind wrong,
+    so that nothing bounds these lines then, above or below.
     """
     scenario, lines = recorded.scenario, recorded.recorded
-    both = [(k, own.names.index(name)) for k, name in enumerate(recorded.names) if name in own.names]
+    both = [
+        (k, own.names.index(name)) for k, name in enumerate(recorded.names) if name in own.names
+    ]
     if scenario is None or lines is None or not both:
         return recorded
     mine, theirs = np.array(both).T
-    turn, f = into_hub(scenario), recorded.frequency[mine]
-    each = np.array([short_way_of_loads(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T])
-    by_load = np.linalg.norm(np.nan_to_num(each), axis=2).T  # (k, 6), of the line of sight by one of each load
+    turn, f = rotation_to_hub_axes(scenario), recorded.frequency[mine]
+    each = np.array(
+        [short_way_of_loads(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T]
+    )
+    by_load = np.linalg.norm(
+        np.nan_to_num(each), axis=2
+    ).T  # (k, 6), of the line of sight by one of each load
     amplitude, floor = (x[mine] for x in lines)
     wanted = np.abs(own.loads[theirs] @ turn)
     large, small, size = (
-        np.linalg.norm(by_load * x, axis=0) for x in (np.maximum(amplitude - floor, 0.0), amplitude + floor, wanted)
+        np.linalg.norm(by_load * x, axis=0)
+        for x in (np.maximum(amplitude - floor, 0.0), amplitude + floor, wanted)
     )
     counts = np.maximum(large, size) > 0.1 * np.max([large, size])
-    unlike = counts & ((large > _UNLIKE * size) | (_UNLIKE * small < size))
+    unlike = counts & ((large > _MAX_LOAD_RATIO * size) | (_MAX_LOAD_RATIO * small < size))
     if not unlike.any():
         return recorded
     ratio = np.linalg.norm(by_load * amplitude, axis=0) / np.maximum(size, 1e-300)
@@ -350,30 +460,49 @@ def with_size_checked(recorded: Contribution, own: BlockedLines) -> Contribution
     whole = float(np.exp(np.mean(np.log(np.maximum(ratio[unlike], 1e-300)))))
     near = min(_FACTORS, key=lambda factor: abs(math.log(factor / whole)))
     explains = abs(math.log(near / whole)) < math.log(2.0)
-    cause = f"a factor of {near:.4g} would explain it, {_FACTORS[near]}" if explains else "check units, rate and array"
+    if explains:
+        cause = f"a factor of {near:.4g} would explain it, {_FACTORS[near]}"
+    else:
+        cause = "check units, rate and array"
     why = f"its lines in {told} times those of the scenario's own run ({cause})"
     doubt = recorded.doubts + np.array([1.0, 0.0])[:, None, None]
-    return replace(recorded, gaps=(*recorded.gaps, open_gap(why)), doubt=np.minimum(doubt, [[[1.0]], [[math.inf]]]))
+    return replace(
+        recorded,
+        gaps=(*recorded.gaps, open_gap(why)),
+        doubt=np.minimum(doubt, [[[1.0]], [[math.inf]]]),
+    )
 
 
-def _unseen(scenario: Scenario) -> tuple[Gap, ...]:
+def _unobserved_axes(scenario: Scenario) -> tuple[Unobserved, ...]:
     """The gap of an axis of the line of sight to which no motion of the hub is assigned."""
-    los = craft_in(scenario).spacecraft.line_of_sight
+    los = require_craft(scenario).spacecraft.line_of_sight
     assert los is not None
     seen = {row.axis for row in los.rows or () if any(row.by)}
-    missing = [] if los.rows is None else [axis for axis in "xy" if axis not in seen]
-    return unseen_axes(missing, f"spacecraft.line_of_sight.rows has no sensitivity of {' and '.join(missing)}")
+    if los.rows is None:
+        missing = []
+    else:
+        missing = [axis for axis in "xy" if axis not in seen]
+    return unseen_axes(
+        missing, f"spacecraft.line_of_sight.rows has no sensitivity of {' and '.join(missing)}"
+    )
 
 
-def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *tables: HubLines) -> Contribution:
-    """Both drives of one craft as the one source whose cases a campaign keeps: lines of one frequency with their phases.
+def both_wings(
+    scenario: Scenario, first: Contribution, second: Contribution, *tables: HubLines
+) -> Contribution:
+    """Both drives of one craft as the one source whose cases a campaign keeps: lines of one
+    frequency with their phases.
 
-    ``tables`` are the lines of each drive, in the order of the contributions, ``scenario`` is that of both.
+    ``tables`` are the lines of each drive, in the order of the contributions, ``scenario`` is that
+    of both.
     """
 
     def added(of: Callable[[Contribution], np.ndarray]) -> HubLines:
-        return together(
-            *(replace(t, los=of(one).astype(complex)) for t, one in zip(tables, (first, second), strict=True))
+        return combine_wings(
+            *(
+                replace(t, los=of(one).astype(complex))
+                for t, one in zip(tables, (first, second), strict=True)
+            )
         )
 
     def amplitude(lines: HubLines) -> np.ndarray:
@@ -381,10 +510,17 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
 
     lines = added(lambda one: one.los)
     assert lines.los is not None
-    less, more = (lambda one: one.doubts[0] * np.abs(one.los)), (lambda one: one.doubts[1] * np.abs(one.los))
+    less, more = (
+        (lambda one: one.doubts[0] * np.abs(one.los)),
+        (lambda one: one.doubts[1] * np.abs(one.los)),
+    )
     doubt = np.array([amplitude(added(less)), amplitude(added(more))])
     rings = amplitude(added(lambda one: np.abs(one.los) * ~one.settled[:, None]))
-    loose = amplitude(added(lambda one: np.abs(one.los) * np.array([x != first.clock for x in one.clocks])[:, None]))
+    loose = amplitude(
+        added(
+            lambda one: np.abs(one.los) * np.array([x != first.clock for x in one.clocks])[:, None]
+        )
+    )
     size = amplitude(lines)
     return replace(
         first,
@@ -400,9 +536,11 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
                     (
                         float(one.off[k])
                         for one in (first, second)
-                        for k in np.flatnonzero(np.abs(one.frequency - f) <= SAME * f)
+                        for k in np.flatnonzero(
+                            np.abs(one.frequency - f) <= FREQUENCY_TOLERANCE * f
+                        )
                     ),
-                    default=float(frequency_doubt(f)),
+                    default=float(frequency_error_bound(f)),
                 )
                 for f in lines.frequency
             ]
@@ -415,17 +553,20 @@ def both_wings(scenario: Scenario, first: Contribution, second: Contribution, *t
 
 
 def ensemble_of(scenario: Scenario, folder: Path) -> Results:
-    """Results of a merged campaign of a ``scenario`` over distributions alone; MicrovibError where it is none."""
+    """Results of a merged campaign of a ``scenario`` over distributions alone; MicrovibError where
+    it is none.
+    """
     campaign = open_campaign(folder)
-    for key in _SAME:
+    for key in _COMPARED_GROUPS:
         if getattr(campaign.design.base, key) != getattr(scenario, key):
             raise MicrovibError(f"{folder}: is a campaign of another scenario: {key} differs")
     if campaign.design.cases != campaign.design.samples.shape[0]:
         raise MicrovibError(
-            f"{folder}: has levels, which are no ensemble; a campaign of distributions alone is expected"
+            f"{folder}: has levels, which are no ensemble; a campaign of distributions alone is"
+            " expected"
         )
     results = open_results(campaign)
-    if not np.any(independent(campaign.design) & (results.state == DONE)):
+    if not np.any(independent_cases(campaign.design) & (results.state == DONE)):
         raise MicrovibError(f"{folder}: has no independent case that was computed")
     return results
 
@@ -433,15 +574,18 @@ def ensemble_of(scenario: Scenario, folder: Path) -> Results:
 def with_campaign(drive: Contribution, results: Results) -> Contribution:
     """A drive with the amplitudes of all its lines over the independent cases of a campaign.
 
-    Lines that were found and not expected are numbered by size in each case: they are the drive's where frequencies agree, and
-    lines of their own beside them where not.
+    Lines that were found and not expected are numbered by size in each case: they are the drive's
+    where frequencies agree, and lines of their own beside them where not.
     """
-    counted = independent(results.campaign.design)
+    counted = independent_cases(results.campaign.design)
     drawn = counted & (results.state == DONE)
     n, width = int(drawn.sum()), len(drive.names)
     listed = [name for name in drive.names if not is_unlisted(name) and name in results.lines]
     others = [name for name in results.lines if name not in listed]
-    los = {name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T for name in results.lines}
+    los = {
+        name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T
+        for name in results.lines
+    }
     f = {name: results.of(name, "frequency")[drawn] for name in results.lines}
     found = np.full((n, width + len(others), 2), np.nan)
     at = np.full((n, width + len(others)), np.nan)
@@ -450,24 +594,35 @@ def with_campaign(drive: Contribution, results: Results) -> Contribution:
             found[:, k], at[:, k] = los[name], f[name]
     for k in (k for k, name in enumerate(drive.names) if is_unlisted(name)):
         for j in (j for j, name in enumerate(others, width) if is_unlisted(name)):
-            same = np.abs(at[:, j] - drive.frequency[k]) <= SAME * drive.frequency[k]
+            same = np.abs(at[:, j] - drive.frequency[k]) <= FREQUENCY_TOLERANCE * drive.frequency[k]
             found[same, k], found[same, j] = found[same, j], np.nan
     kept = np.append(np.ones(width, dtype=bool), np.nan_to_num(found[:, width:]).any(axis=(0, 2)))
-    nominal = np.append(drive.frequency, [_usual(x) for x in at[:, width:].T])
+    nominal = np.append(drive.frequency, [_median_frequency(x) for x in at[:, width:].T])
     at = np.where(np.isfinite(at), at, nominal)[:, kept]
-    lack = [f"{int(np.sum(counted & ~drawn))} cases have no result"] if np.any(counted & ~drawn) else []
-    lack += _lack_of_lines(drive, los, results, drawn)
-    return replace(drive, cases=np.nan_to_num(found[:, kept]), cases_frequency=at, cases_lack="; ".join(lack))
+    if np.any(counted & ~drawn):
+        lack = [f"{int(np.sum(counted & ~drawn))} cases have no result"]
+    else:
+        lack = []
+    lack += _missing_line_reasons(drive, los, results, drawn)
+    return replace(
+        drive, cases=np.nan_to_num(found[:, kept]), cases_frequency=at, cases_lack="; ".join(lack)
+    )
 
 
-def _lack_of_lines(
+def _missing_line_reasons(
     drive: Contribution, los: dict[str, np.ndarray], results: Results, drawn: np.ndarray
 ) -> Iterator[str]:
-    """Which lines of the line of sight, ``los`` (cases, 2) [rad] each, the ``drawn`` cases do not tell; a sentence each."""
+    """Which lines of the line of sight, ``los`` (cases, 2) [rad] each, the ``drawn`` cases do not
+    tell; a sentence each.
+    """
     size = np.hypot(*np.abs(drive.los).T)
     least = FAINT_LINE * size.max()
     large = [name for k, name in enumerate(drive.names) if drive.settled[k] and size[k] > least]
-    large += [name for name in los if name not in drive.names and np.nanmax(los[name], initial=0.0) > least]
+    large += [
+        name
+        for name in los
+        if name not in drive.names and np.nanmax(los[name], initial=0.0) > least
+    ]
     missing = [x for x in large if not is_unlisted(x) and (x not in los or np.isnan(los[x]).any())]
     if missing:
         yield f"{', '.join(missing[:3])} is not in all cases"
@@ -480,16 +635,22 @@ def _lack_of_lines(
         yield f"an unlisted line rings or is driven by noise in {int(ringing.sum())} cases ({remedy})"
 
 
-def _usual(frequency: np.ndarray) -> float:
-    """Median of a line's frequencies (cases,) [Hz], for cases that do not have it; any where none has."""
+def _median_frequency(frequency: np.ndarray) -> float:
+    """Median of a line's frequencies (cases,) [Hz], for cases that do not have it; any where none
+    has.
+    """
     known = frequency[np.isfinite(frequency)]
-    return float(np.median(known)) if known.size else 1.0
+    if known.size:
+        return float(np.median(known))
+    return 1.0
 
 
-def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Rule) -> Iterator[Window]:
+def _windows(
+    scenario: Scenario, contributions: Sequence[Contribution], rule: Rule
+) -> Iterator[Window]:
     """Rms of each metric in each window of the line of sight."""
     densities = [one.density for one in contributions if one.density is not None]
-    los = craft_in(scenario).spacecraft.line_of_sight
+    los = require_craft(scenario).spacecraft.line_of_sight
     assert los is not None
     for window in los.windows:
         for metric in METRICS:
@@ -497,11 +658,17 @@ def _windows(scenario: Scenario, contributions: Sequence[Contribution], rule: Ru
                 Requirement.model_construct(metric=metric, window=window, apart=window, axis=axis)
                 for axis in ("x", "y", "radial")
             ]
-            tones = merged([costliest(asked[-1], one) for one in contributions], rule, doubtful=False)
-            lines = [figure(r, tones.frequency, tones.value) for r in asked]
-            noise = [figure(r, np.zeros(0), np.zeros((0, 2)), densities) for r in asked]
+            tones = combine_lines(
+                [worst_alternative(asked[-1], one) for one in contributions], rule, doubtful=False
+            )
+            lines = [evaluate_metric(r, tones.frequency, tones.value) for r in asked]
+            noise = [evaluate_metric(r, np.zeros(0), np.zeros((0, 2)), densities) for r in asked]
             both = np.hypot(lines, noise)
-            yield Window(metric, window, *((float(x[0]), float(x[1]), float(x[2])) for x in (lines, noise, both)))
+            yield Window(
+                metric,
+                window,
+                *((float(x[0]), float(x[1]), float(x[2])) for x in (lines, noise, both)),
+            )
 
 
 def summary(budget: Budget) -> dict[str, Any]:
@@ -510,7 +677,7 @@ def summary(budget: Budget) -> dict[str, Any]:
         "verdict": budget.verdict,
         "holds": budget.holds_at,
         "array_angles_deg": [
-            math.degrees(x) for x in budget.angles or (craft_in(budget.scenario).spacecraft.array_angle,)
+            math.degrees(x) for x in budget.angles or (require_craft(budget.scenario).spacecraft.array_angle,)
         ],
         "notes": [*budget.notes, *budget.without_steady],
         "sum": budget.rule,
@@ -540,7 +707,7 @@ def summary(budget: Budget) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _row(one: Judged) -> dict[str, Any]:
+def _row(one: Assessment) -> dict[str, Any]:
     spread = one.spread or ()
     return {
         "name": one.requirement.name, "requirement": one.requirement.text, "limit_rad": one.limit, "value_rad": one.value,

@@ -1,8 +1,10 @@
-"""How sources add up, and verdicts: a figure of the line of sight between what it is at least and what it may be at most.
+"""How sources add up, and verdicts: a figure of the line of sight between what it is at least and
+what it may be at most.
 
-Lines of unrelated frequencies add as mean squares. Lines of one frequency in several sources add by a rule: ``rss``, the mean over
-unknown phases, ``coherent``, with their phases, or ``bound``, with the worst. Sources of one clock keep their phases under every
-rule. A requirement is passed only if the figure is within it with the worst phases, with what still rings and with all that was not
+Lines of unrelated frequencies add as mean squares. Lines of one frequency in several sources add by
+a rule: ``rss``, the mean over unknown phases, ``coherent``, with their phases, or ``bound``, with
+the worst. Sources of one clock keep their phases under every rule. A requirement is passed only if
+the figure is within it with the worst phases, with what still rings and with all that was not
 looked at, and failed only if it is above it with the best phases and without them.
 """
 
@@ -17,34 +19,36 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from microvib.analysis.margins import Verdict
-from microvib.analysis.pointing import SAME
-from microvib.analysis.start import or_steady
+from microvib.analysis.pointing import FREQUENCY_TOLERANCE
+from microvib.analysis.start import steady_start_advice
 from microvib.signals.in_step import LOCKED, SLOW, bases
-from microvib.signals.pointing import EVERYWHERE, in_window, mean_square_of_lines
+from microvib.signals.pointing import UNIFORM_INSTANTS, mean_square_of_lines, windowed_amplitudes
 from microvib.studies.budget.figures import (
-    ALONE,
     AXES,
-    Moving,
-    Tones,
-    beats,
-    crossings,
-    ends,
-    figure,
-    inside,
-    of_tones,
+    INCOHERENT,
+    CombinedLines,
+    SweptLines,
+    beat_bounds,
+    counts_in_band,
+    crossing_bounds,
+    evaluate_lines,
+    evaluate_metric,
+    metric_bounds,
 )
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution
-from microvib.studies.campaign.statistics import NONE, Estimate, draws_needed, quantile
+from microvib.studies.campaign.statistics import NO_ESTIMATE, Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
-WORTH = 0.01
+SIGNIFICANT_PART = 0.01
 """Part of a figure's square from which what it leaves open is told."""
 
 
 @dataclass(frozen=True)
-class Cost:
-    """What one line or source adds to a figure: its own rms [rad], and its part of the sum of squares, of a curve of the limit."""
+class Share:
+    """What one line or source adds to a figure: its own rms [rad], and its part of the sum of
+    squares, of a curve of the limit.
+    """
 
     source: str
     line: str
@@ -54,7 +58,7 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Assessment:
     """One requirement, and what was found; angles [rad]."""
 
     requirement: Requirement
@@ -71,21 +75,25 @@ class Judged:
     verdict: Verdict
     why: tuple[str, ...]
     """Why it is not judged."""
-    sources: tuple[Cost, ...]
-    ranking: tuple[Cost, ...]
+    sources: tuple[Share, ...]
+    ranking: tuple[Share, ...]
     """Lines of all sources, the most costly first."""
     spread: tuple[Estimate, Estimate, Estimate] | None = None
     """Median, P95 and P99 over the cases of a campaign."""
     angle: float | None = None
-    """Angle of the array [rad] at which this holds, where several were looked at: the worst; None for that of the scenario."""
+    """Angle of the array [rad] at which this holds, where several were looked at: the worst; None
+    for that of the scenario.
+    """
 
     @property
     def margin(self) -> float:
         """Limit over value."""
-        return self.limit / self.value if self.value > 0.0 else math.inf
+        if self.value > 0.0:
+            return self.limit / self.value
+        return math.inf
 
 
-class _Part(NamedTuple):
+class _SourceLine(NamedTuple):
     """A line of a source."""
 
     frequency: float
@@ -101,11 +109,13 @@ class _Part(NamedTuple):
     source: int
 
 
-def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True) -> Tones:
+def combine_lines(
+    contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True
+) -> CombinedLines:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
     own = count()
     parts = [
-        _Part(
+        _SourceLine(
             float(f),
             one.los[k],
             _clock_of(one, k, rule) or next(own),
@@ -119,22 +129,34 @@ def merged(contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool 
         for k, f in enumerate(one.frequency)
     ]
     parts.sort(key=lambda part: part.frequency)
-    groups: list[list[_Part]] = []
+    groups: list[list[_SourceLine]] = []
     for part in parts:
-        if groups and part.frequency - groups[-1][0].frequency <= SAME * part.frequency:
+        if (
+            groups
+            and part.frequency - groups[-1][0].frequency <= FREQUENCY_TOLERANCE * part.frequency
+        ):
             groups[-1].append(part)
         else:
             groups.append([part])
-    found = [_of_group(group, rule) for group in groups]
+    found = [_group_amplitudes(group, rule) for group in groups]
     rows = np.array([one.sizes for one in found]).reshape(-1, 3, 2)
     tones = np.array([one.largest for one in found], dtype=complex).reshape(-1, 2)
     whose = [clock for one in found for clock in one.clocks]
-    numbers = {clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))}
-    clock = np.array([numbers.get(x, ALONE) if isinstance(x, str) else ALONE for x in whose], dtype=int).reshape(-1, 2)
+    numbers = {
+        clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))
+    }
+    clock = np.array(
+        [numbers.get(x, INCOHERENT) if isinstance(x, str) else INCOHERENT for x in whose], dtype=int
+    ).reshape(-1, 2)
     frequency = np.array([one.frequency for one in found])
     off = np.array([max(part.off for part in group) for group in groups])
-    least = _least_of_meeting(groups, rows[:, 0], rows[:, 2]) if doubtful else rows[:, 0]
-    return Tones(frequency, least, rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off)
+    if doubtful:
+        least = _least_of_coinciding(groups, rows[:, 0], rows[:, 2])
+    else:
+        least = rows[:, 0]
+    return CombinedLines(
+        frequency, least, rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off
+    )
 
 
 def _clock_of(one: Contribution, k: int, rule: Rule) -> str:
@@ -144,22 +166,28 @@ def _clock_of(one: Contribution, k: int, rule: Rule) -> str:
     return one.clocks[k]
 
 
-def _least_of_meeting(groups: Sequence[Sequence[_Part]], least: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """Least amplitudes (k, 2) of lines, of which those of several sources may be of one frequency, and cancel.
+def _least_of_coinciding(
+    groups: Sequence[Sequence[_SourceLine]], least: np.ndarray, most: np.ndarray
+) -> np.ndarray:
+    """Least amplitudes (k, 2) of lines, of which those of several sources may be of one frequency,
+    and cancel.
 
-    Of lines that may meet, one after another, the largest counts, less what those may have that may meet it.
+    Of lines that may meet, one after another, the largest counts, less what those may have that may
+    meet it.
     """
-    frequency, off = (np.array([getattr(group[0], key) for group in groups]) for key in ("frequency", "off"))
+    frequency, off = (
+        np.array([getattr(group[0], key) for group in groups]) for key in ("frequency", "off")
+    )
     off = np.maximum(off, [max(part.off for part in group) for group in groups])
     meets: list[list[int]] = []
     for k, group in enumerate(groups):
         near = np.flatnonzero(np.abs(frequency - frequency[k]) <= off + off[k])
-        meets.append([j for j in near.tolist() if j != k and _may_meet(group, groups[j])])
+        meets.append([j for j in near.tolist() if j != k and _may_coincide(group, groups[j])])
     found, told = least.copy(), set[int]()
     for k in range(len(groups)):
         if k in told or not meets[k]:
             continue
-        cluster = _reached(k, meets)
+        cluster = _connected_lines(k, meets)
         told.update(cluster)
         left = np.array([least[j] - most[meets[j]].sum(axis=0) for j in cluster])
         found[cluster] = 0.0
@@ -168,7 +196,7 @@ def _least_of_meeting(groups: Sequence[Sequence[_Part]], least: np.ndarray, most
     return found
 
 
-def _reached(start: int, meets: Sequence[Sequence[int]]) -> list[int]:
+def _connected_lines(start: int, meets: Sequence[Sequence[int]]) -> list[int]:
     """Numbers of lines that ``start`` meets, those that these meet, and so on."""
     found, new = [start], [start]
     while new:
@@ -177,10 +205,14 @@ def _reached(start: int, meets: Sequence[Sequence[int]]) -> list[int]:
     return found
 
 
-def _may_meet(one: Sequence[_Part], other: Sequence[_Part]) -> bool:
-    """Whether lines of two sources may be of one frequency, by what these may be off; of one clock they are known."""
+def _may_coincide(one: Sequence[_SourceLine], other: Sequence[_SourceLine]) -> bool:
+    """Whether lines of two sources may be of one frequency, by what these may be off; of one clock
+    they are known.
+    """
     return any(
-        a.source != b.source and a.clock != b.clock and abs(a.frequency - b.frequency) <= a.off + b.off
+        a.source != b.source
+        and a.clock != b.clock
+        and abs(a.frequency - b.frequency) <= a.off + b.off
         for a in one
         for b in other
     )
@@ -199,7 +231,7 @@ class _Sum(NamedTuple):
     """Whose it is; None where it is not quite of the frequency."""
 
 
-def _of_group(group: Sequence[_Part], rule: Rule) -> _Sum:
+def _group_amplitudes(group: Sequence[_SourceLine], rule: Rule) -> _Sum:
     """The sum of lines of one frequency; what rings counts in the largest only."""
     clocks: dict[tuple[str | int, float], np.ndarray] = {}
     doubt, ringing = np.zeros((2, 2)), np.zeros(2)
@@ -207,12 +239,20 @@ def _of_group(group: Sequence[_Part], rule: Rule) -> _Sum:
         los, size = part.los, np.abs(part.los)
         # Those of one clock that are not quite of one frequency drift against each other.
         f = next((f for _, f in clocks if abs(part.frequency - f) <= LOCKED * f), part.frequency)
-        clocks[part.clock, f] = clocks.get((part.clock, f), 0.0) + (los if part.settled else 0.0 * los)
-        doubt, ringing = doubt + part.doubts * size, ringing + (0.0 * size if part.settled else size)
+        clocks[part.clock, f] = clocks.get((part.clock, f), 0.0) + (
+            los if part.settled else 0.0 * los
+        )
+        doubt, ringing = (
+            doubt + part.doubts * size,
+            ringing + (0.0 * size if part.settled else size),
+        )
     given = np.abs(list(clocks.values()))
     total = given.sum(axis=0)
     least = np.maximum(2.0 * given.max(axis=0) - total - doubt[0], 0.0)
-    value = total if rule == "bound" else np.sqrt(np.sum(given**2, axis=0))
+    if rule == "bound":
+        value = total
+    else:
+        value = np.sqrt(np.sum(given**2, axis=0))
     largest = np.argmax(given, axis=0)
     of = [list(clocks)[k] for k in largest]
     _, frequency = list(clocks)[int(np.argmax(given.max(axis=1)))]
@@ -224,28 +264,54 @@ def _of_group(group: Sequence[_Part], rule: Rule) -> _Sum:
     )
 
 
-def judged(requirement: Requirement, contributions: Sequence[Contribution], rule: Rule) -> Judged:
+def assess(
+    requirement: Requirement, contributions: Sequence[Contribution], rule: Rule
+) -> Assessment:
     """A requirement against the sum of all sources."""
     if requirement.incomplete:
         key = requirement.incomplete
-        return Judged(requirement, math.nan, math.nan, math.nan, math.nan, math.nan, requirement.limit or math.nan, "not judged",
-                      (f"{key}: missing; {requirement.metric} needs it, such as {key}: 10 ms",), (), ())  # fmt: skip
-    chosen = [costliest(requirement, one) for one in contributions]
+        return Assessment(
+            requirement,
+            math.nan,
+            math.nan,
+            math.nan,
+            math.nan,
+            math.nan,
+            requirement.limit or math.nan,
+            "not judged",
+            (f"{key}: missing; {requirement.metric} needs it, such as {key}: 10 ms",),
+            (),
+            (),
+        )
+    chosen = [worst_alternative(requirement, one) for one in contributions]
     if requirement.curve is not None:
-        return _by_curve(requirement, chosen, contributions, rule)
-    tones = merged(chosen, rule)
+        return _assess_by_curve(requirement, chosen, contributions, rule)
+    tones = combine_lines(chosen, rule)
     densities = [one.density for one in chosen if one.density is not None]
     chosen = _with_gaps(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
-    value = of_tones(requirement, tones, densities)
-    least, most = ends(requirement, tones, gaps, densities, _moving(chosen, rule))
-    cases = _values(requirement, chosen, rule, densities)
-    lacking = _lacking(requirement, chosen, cases)
-    why = [*_reasons(requirement, chosen, value), *_not_in_step(requirement, chosen, rule, value), *lacking]
-    spread = None if cases is None else (quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99))
+    value = evaluate_lines(requirement, tones, densities)
+    least, most = metric_bounds(requirement, tones, gaps, densities, _swept_sources(chosen, rule))
+    cases = _case_values(requirement, chosen, rule, densities)
+    lacking = _percentile_gaps(requirement, chosen, cases)
+    why = [
+        *_open_reasons(requirement, chosen, value),
+        *_unknown_phase_reasons(requirement, chosen, rule, value),
+        *lacking,
+    ]
+    if cases is None:
+        spread = None
+    else:
+        spread = (quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99))
     if requirement.percentile is not None:
-        wanted = NONE if lacking or cases is None else quantile(cases, requirement.percentile)
-        scale = wanted.value / value if value > 0.0 else 1.0
+        if lacking or cases is None:
+            wanted = NO_ESTIMATE
+        else:
+            wanted = quantile(cases, requirement.percentile)
+        if value > 0.0:
+            scale = wanted.value / value
+        else:
+            scale = 1.0
         least, most = (
             least * (wanted.low / value if value > 0.0 else 1.0),
             most * (wanted.high / value if value > 0.0 else 1.0),
@@ -254,54 +320,81 @@ def judged(requirement: Requirement, contributions: Sequence[Contribution], rule
         if not math.isfinite(value):
             least, most = math.nan, math.nan
     limit = requirement.limit or math.nan
-    verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
-    return Judged(
-        requirement, value, least, most, of_tones(requirement, tones) if densities else value,
-        figure(requirement, np.zeros(0), np.zeros((0, 2)), densities), limit, verdict,
-        tuple(why or [NEAR]) if verdict == "not judged" else (), *_costs(requirement, chosen), spread=spread,
+    if most <= limit:
+        verdict: Verdict = "pass"
+    elif least > limit:
+        verdict = "fail"
+    else:
+        verdict = "not judged"
+    return Assessment(
+        requirement, value, least, most, evaluate_lines(requirement, tones) if densities else value,
+        evaluate_metric(requirement, np.zeros(0), np.zeros((0, 2)), densities), limit, verdict,
+        tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (), *_rank_shares(requirement, chosen), spread=spread,
     )  # fmt: skip
 
 
-def _moving(chosen: Sequence[Contribution], rule: Rule) -> Moving | None:
+def _swept_sources(chosen: Sequence[Contribution], rule: Rule) -> SweptLines | None:
     """What is known of those sources whose lines are at one of several places; None without any."""
     crests = [one.crests for one in chosen if one.crests is not None]
     if not crests:
         return None
     x, y, together = np.sum(crests, axis=0).tolist()
-    return Moving(merged([one for one in chosen if one.crests is None], rule), x, y, together)
+    return SweptLines(
+        combine_lines([one for one in chosen if one.crests is None], rule), x, y, together
+    )
 
 
-def costliest(requirement: Requirement, one: Contribution) -> Contribution:
+def worst_alternative(requirement: Requirement, one: Contribution) -> Contribution:
     """Of a source's alternatives the one that costs most."""
     if not one.alternatives or requirement.incomplete:
         return one
     if one.sweep is not None:
-        return one.sweep.worst(requirement, lambda x: _figure_alone(requirement, x))
+        return one.sweep.worst(requirement, lambda x: _metric_of_source(requirement, x))
     if requirement.curve is not None:
-        return max(one.alternatives, key=lambda x: _over(requirement, x.frequency, np.abs(x.los)).max(initial=0.0))
-    rms, most = _of_each(requirement, one.alternatives)
+        return max(
+            one.alternatives,
+            key=lambda x: _ratio_to_curve(requirement, x.frequency, np.abs(x.los)).max(initial=0.0),
+        )
+    rms, most = _rms_and_bounds(requirement, one.alternatives)
     if requirement.statistic != "level":
         return one.alternatives[int(np.argmax(rms if requirement.statistic == "rms" else most))]
     # A level lies between both, and takes long: it is computed of those that come first in either.
     near = {int(k) for sizes in (rms, most) for k in np.argsort(-sizes)[:3]}
-    return max((one.alternatives[k] for k in near), key=lambda x: figure(requirement, x.frequency, np.abs(x.los)))
+    return max(
+        (one.alternatives[k] for k in near),
+        key=lambda x: evaluate_metric(requirement, x.frequency, np.abs(x.los)),
+    )
 
 
-def _figure_alone(r: Requirement, one: Contribution) -> float:
-    """What a requirement asks of the lines of one source; of a curve the largest part of what it allows."""
+def _metric_of_source(r: Requirement, one: Contribution) -> float:
+    """What a requirement asks of the lines of one source; of a curve the largest part of what it
+    allows.
+    """
     if r.curve is not None:
-        return float(_over(r, one.frequency, np.abs(one.los)).max(initial=0.0))
-    return figure(r, one.frequency, np.abs(one.los))
+        return float(_ratio_to_curve(r, one.frequency, np.abs(one.los)).max(initial=0.0))
+    return evaluate_metric(r, one.frequency, np.abs(one.los))
 
 
-def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.ndarray, np.ndarray]:
+def _rms_and_bounds(
+    r: Requirement, alternatives: Sequence[Contribution]
+) -> tuple[np.ndarray, np.ndarray]:
     """Rms and bound of each of a source's alternatives [rad], (n,) each."""
     f = np.concatenate([one.frequency for one in alternatives])
-    A = np.abs(np.concatenate([one.los for one in alternatives]))[:, AXES[r.axis]] * inside(r, f)[:, None]
-    starts, window = np.cumsum([0, *(len(one.names) for one in alternatives[:-1])]), r.window or r.apart or 1.0
+    A = (
+        np.abs(np.concatenate([one.los for one in alternatives]))[:, AXES[r.axis]]
+        * counts_in_band(r, f)[:, None]
+    )
+    starts, window = (
+        np.cumsum([0, *(len(one.names) for one in alternatives[:-1])]),
+        r.window or r.apart or 1.0,
+    )
     squares = mean_square_of_lines(r.metric, f, A, window, r.apart).sum(axis=1)
     crests = [
-        np.add.reduceat(np.abs(in_window(r.metric, f, column, window, r.apart, EVERYWHERE)), starts, axis=1).max(axis=0)
+        np.add.reduceat(
+            np.abs(windowed_amplitudes(r.metric, f, column, window, r.apart, UNIFORM_INSTANTS)),
+            starts,
+            axis=1,
+        ).max(axis=0)
         for column in A.T
     ]
     return np.sqrt(np.add.reduceat(squares, starts)), np.sqrt(np.sum(np.square(crests), axis=0))
@@ -310,10 +403,16 @@ def _of_each(r: Requirement, alternatives: Sequence[Contribution]) -> tuple[np.n
 def _with_gaps(
     r: Requirement, chosen: Sequence[Contribution], contributions: Sequence[Contribution]
 ) -> list[Contribution]:
-    """Those that were chosen, with what is not known of them in the band, and what their lines may meet on the way."""
+    """Those that were chosen, with what is not known of them in the band, and what their lines may
+    meet on the way.
+    """
     highest, found = math.inf if r.highest is None else r.highest, []
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
-        gaps = (*one.gaps, *crossings(r, source, contributions), *beats(r, one, chosen[k:]))
+        gaps = (
+            *one.gaps,
+            *crossing_bounds(r, source, contributions),
+            *beat_bounds(r, one, chosen[k:]),
+        )
         there = (
             gap.inside(r.lowest, highest).about(AXES[r.axis])
             for gap in gaps
@@ -323,38 +422,53 @@ def _with_gaps(
     return found
 
 
-def _reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> list[str]:
+def _open_reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> list[str]:
     """What may turn the verdict round, a sentence without a stop each."""
     found = []
     for one in chosen:
         for gap in one.gaps:
             bounded = np.all(np.isfinite(gap.most))
-            if not (bounded and figure(r, gap.frequency, gap.most) ** 2 < WORTH * value**2):
+            if not (
+                bounded
+                and evaluate_metric(r, gap.frequency, gap.most) ** 2 < SIGNIFICANT_PART * value**2
+            ):
                 found.append(f"{one.source}: {gap.why}")
-        at_edge = one.settled & (inside(r, one.frequency - one.off) != inside(r, one.frequency + one.off))
-        size = figure(r.model_copy(update={"lowest": 0.0, "highest": None}), one.frequency[at_edge], one.los[at_edge])
-        if size**2 > WORTH * value**2:
+        at_edge = one.settled & (
+            counts_in_band(r, one.frequency - one.off) != counts_in_band(r, one.frequency + one.off)
+        )
+        size = evaluate_metric(
+            r.model_copy(update={"lowest": 0.0, "highest": None}),
+            one.frequency[at_edge],
+            one.los[at_edge],
+        )
+        if size**2 > SIGNIFICANT_PART * value**2:
             names = ", ".join(np.array(one.names)[at_edge])
-            found.append(f"{one.source}: {names} at an end of the band, by less than frequencies are known")
-        ringing = ~one.settled & inside(r, one.frequency)
-        size = figure(r, one.frequency[ringing], np.abs(one.los[ringing]))
-        if size**2 > WORTH * value**2:
+            found.append(f"{one.source}: {names} within frequency uncertainty of a band edge")
+        ringing = ~one.settled & counts_in_band(r, one.frequency)
+        size = evaluate_metric(r, one.frequency[ringing], np.abs(one.los[ringing]))
+        if size**2 > SIGNIFICANT_PART * value**2:
             names = ", ".join(np.array(one.names)[ringing])
-            remedy = f"a longer record.settle{or_steady(one.scenario)}"
+            remedy = f"a longer record.settle{steady_start_advice(one.scenario)}"
             found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")
     return list(dict.fromkeys(found))
 
 
-def _not_in_step(r: Requirement, chosen: Sequence[Contribution], rule: Rule, value: float) -> list[str]:
-    """Why a level is not known where lines have no known phases to each other, a sentence without a stop each."""
+def _unknown_phase_reasons(
+    r: Requirement, chosen: Sequence[Contribution], rule: Rule, value: float
+) -> list[str]:
+    """Why a level is not known where lines have no known phases to each other, a sentence without a
+    stop each.
+    """
     if r.statistic != "level":
         return []
     whose: dict[str | int, list[tuple[str, float, float]]] = {}
     own = count()
     for one in chosen:
-        for k in np.flatnonzero(one.settled & inside(r, one.frequency)):
-            size = figure(r.model_copy(update={"statistic": "bound"}), one.frequency[[k]], one.los[[k]])
-            if size**2 > WORTH * value**2:
+        for k in np.flatnonzero(one.settled & counts_in_band(r, one.frequency)):
+            size = evaluate_metric(
+                r.model_copy(update={"statistic": "bound"}), one.frequency[[k]], one.los[[k]]
+            )
+            if size**2 > SIGNIFICANT_PART * value**2:
                 clock = _clock_of(one, int(k), rule) or next(own)
                 whose.setdefault(clock, []).append((one.source, float(one.frequency[k]), size))
     why = []
@@ -362,8 +476,10 @@ def _not_in_step(r: Requirement, chosen: Sequence[Contribution], rule: Rule, val
         sources, frequencies, sizes = zip(*lines, strict=True)
         if len(bases(np.array(frequencies), np.array(sizes))) > 1:
             why.append(
-                f"{', '.join(dict.fromkeys(sources))}: frequencies of one clock that are not whole multiples of one of {SLOW:g} Hz"
-                f" or more, within {LOCKED:g} of each; phases drift, and all may crest together (give harmonics with all digits;"
+                f"{', '.join(dict.fromkeys(sources))}: frequencies of one clock that are not whole"
+                f" multiples of one of {SLOW:g} Hz"
+                f" or more, within {LOCKED:g} of each; phases drift, and all may crest together"
+                " (give harmonics with all digits;"
                 " statistic: rms does not depend on phases)"
             )
     if len(whose) < 2:
@@ -371,25 +487,32 @@ def _not_in_step(r: Requirement, chosen: Sequence[Contribution], rule: Rule, val
     names = ", ".join(dict.fromkeys(lines[0][0] for lines in whose.values()))
     return [
         *why,
-        f"{names}: phases between lines are not known, and all may crest together"
+        f"{names}: relative phases of the lines are unknown, and all peaks may coincide"
         " (give phases and a clock where they are known; statistic: rms does not depend on them)",
     ]
 
 
-NEAR = "nearer to the limit than phases, amplitudes and frequencies are known"
+WITHIN_UNCERTAINTY = "within the uncertainty of phases, amplitudes and frequencies of the limit"
 
 
-def _costs(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, ...], tuple[Cost, ...]]:
+def _rank_shares(
+    r: Requirement, chosen: Sequence[Contribution]
+) -> tuple[tuple[Share, ...], tuple[Share, ...]]:
     """Sources, and their lines, by what they add to the mean square of the required metric."""
     plain = r.model_copy(update={"statistic": "rms"})
     sources, lines = [], []
     for one in chosen:
         A = np.abs(one.los) * one.settled[:, None]
-        own = [] if one.density is None else [one.density]
-        sources.append(Cost(one.source, one.how, math.nan, figure(plain, one.frequency, A, own), 0.0))
+        if one.density is None:
+            own = []
+        else:
+            own = [one.density]
+        sources.append(
+            Share(one.source, one.how, math.nan, evaluate_metric(plain, one.frequency, A, own), 0.0)
+        )
         for k, name in enumerate(one.names):
-            rms = figure(plain, one.frequency[[k]], A[[k]])
-            lines.append(Cost(one.source, name, float(one.frequency[k]), rms, 0.0))
+            rms = evaluate_metric(plain, one.frequency[[k]], A[[k]])
+            lines.append(Share(one.source, name, float(one.frequency[k]), rms, 0.0))
     whole = sum(x.rms**2 for x in sources) or 1.0
     shared = [
         tuple(replace(x, share=x.rms**2 / whole) for x in sorted(each, key=lambda x: -x.rms))
@@ -401,36 +524,55 @@ def _costs(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, 
 # ---- Curves over frequency ----
 
 
-def _costs_by_curve(r: Requirement, chosen: Sequence[Contribution]) -> tuple[tuple[Cost, ...], tuple[Cost, ...]]:
-    """Sources by their lines, for densities do not count; lines by their part of what the curve allows each."""
-    sources, lines = _costs(r, [replace(one, density=None) for one in chosen])
+def _rank_shares_by_curve(
+    r: Requirement, chosen: Sequence[Contribution]
+) -> tuple[tuple[Share, ...], tuple[Share, ...]]:
+    """Sources by their lines, for densities do not count; lines by their part of what the curve
+    allows each.
+    """
+    sources, lines = _rank_shares(r, [replace(one, density=None) for one in chosen])
     of = {(one.source, name): k for one in chosen for k, name in enumerate(one.names)}
-    over = {one.source: _over(r, one.frequency, np.abs(one.los) * one.settled[:, None]) for one in chosen}
+    over = {
+        one.source: _ratio_to_curve(r, one.frequency, np.abs(one.los) * one.settled[:, None])
+        for one in chosen
+    }
     parts = (replace(x, share=float(over[x.source][of[x.source, x.line]])) for x in lines)
     return sources, tuple(sorted(parts, key=lambda x: -x.share))
 
 
-def _over(r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, surely: bool = False) -> np.ndarray:
-    """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band; ``surely`` as in ``figure``."""
+def _ratio_to_curve(
+    r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, surely: bool = False
+) -> np.ndarray:
+    """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band;
+    ``surely`` as in ``figure``.
+    """
     curve = r.curve or ()
-    f, allowed = (np.log([getattr(point, name) for point in curve]) for name in ("frequency", "amplitude"))
+    f, allowed = (
+        np.log([getattr(point, name) for point in curve]) for name in ("frequency", "amplitude")
+    )
     size = {
         "x": amplitude[:, 0],
         "y": amplitude[:, 1],
         "radial": amplitude.max(axis=1) if surely else np.hypot(*amplitude.T),
     }[r.axis]
     at = np.log(np.maximum(frequency, 1e-300))
-    counts = inside(r, frequency) & (at >= f[0]) & (at <= f[-1])
+    counts = counts_in_band(r, frequency) & (at >= f[0]) & (at <= f[-1])
     return np.where(counts, size / np.exp(np.interp(at, f, allowed)), 0.0)
 
 
-def _by_curve(
-    r: Requirement, chosen: Sequence[Contribution], contributions: Sequence[Contribution], rule: Rule
-) -> Judged:
-    tones = merged(chosen, rule)
+def _assess_by_curve(
+    r: Requirement,
+    chosen: Sequence[Contribution],
+    contributions: Sequence[Contribution],
+    rule: Rule,
+) -> Assessment:
+    tones = combine_lines(chosen, rule)
     curve = r.curve or ()
     own = r.model_copy(
-        update={"lowest": max(r.lowest, curve[0].frequency), "highest": min(r.highest or math.inf, curve[-1].frequency)}
+        update={
+            "lowest": max(r.lowest, curve[0].frequency),
+            "highest": min(r.highest or math.inf, curve[-1].frequency),
+        }
     )
     chosen = _with_gaps(own, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
@@ -438,34 +580,76 @@ def _by_curve(
     low, high = tones.ends
     maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
     over = [
-        np.min([_over(r, f, tones.least, surely=True) for f in maybe], axis=0),
-        _over(r, tones.frequency, tones.value),
-        np.max([_over(r, f, tones.most) for f in maybe], axis=0),
+        np.min([_ratio_to_curve(r, f, tones.least, surely=True) for f in maybe], axis=0),
+        _ratio_to_curve(r, tones.frequency, tones.value),
+        np.max([_ratio_to_curve(r, f, tones.most) for f in maybe], axis=0),
     ]
-    hidden = [_over(r, gap.frequency, np.nan_to_num(gap.most, posinf=0.0)).max(initial=0.0) for gap in gaps]
+    hidden = [
+        _ratio_to_curve(r, gap.frequency, np.nan_to_num(gap.most, posinf=0.0)).max(initial=0.0)
+        for gap in gaps
+    ]
     unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
-    worst = int(np.argmax(over[1])) if tones.frequency.size else -1
-    ratio = float(over[1][worst]) if worst >= 0 else 0.0
-    size = (
-        figure(own.model_copy(update={"statistic": "bound"}), tones.frequency[[worst]], tones.value[[worst]])
-        if ratio
-        else 0.0
-    )
-    limit = size / ratio if ratio else float(min(point.amplitude for point in curve))
+    if tones.frequency.size:
+        worst = int(np.argmax(over[1]))
+    else:
+        worst = -1
+    if worst >= 0:
+        ratio = float(over[1][worst])
+    else:
+        ratio = 0.0
+    if ratio:
+        size = evaluate_metric(
+            own.model_copy(update={"statistic": "bound"}),
+            tones.frequency[[worst]],
+            tones.value[[worst]],
+        )
+    else:
+        size = 0.0
+    if ratio:
+        limit = size / ratio
+    else:
+        limit = float(min(point.amplitude for point in curve))
     least, most = (limit * float(x.max(initial=0.0)) for x in (over[0], over[2]))
-    most = math.inf if unbounded else max(most, limit * max(hidden, default=0.0))
-    verdict: Verdict = "pass" if most <= limit else "fail" if least > limit else "not judged"
-    why = (_reasons(own, chosen, size) or [NEAR]) if verdict == "not judged" else []
-    return Judged(r, size, least, most, size, math.nan, limit, verdict, tuple(why), *_costs_by_curve(own, chosen))
+    if unbounded:
+        most = math.inf
+    else:
+        most = max(most, limit * max(hidden, default=0.0))
+    if most <= limit:
+        verdict: Verdict = "pass"
+    elif least > limit:
+        verdict = "fail"
+    else:
+        verdict = "not judged"
+    if verdict == "not judged":
+        why = _open_reasons(own, chosen, size) or [WITHIN_UNCERTAINTY]
+    else:
+        why = []
+    return Assessment(
+        r,
+        size,
+        least,
+        most,
+        size,
+        math.nan,
+        limit,
+        verdict,
+        tuple(why),
+        *_rank_shares_by_curve(own, chosen),
+    )
 
 
 # ---- Campaigns ----
 
 
-def _values(
-    r: Requirement, chosen: Sequence[Contribution], rule: Rule, densities: Sequence[tuple[np.ndarray, np.ndarray]]
+def _case_values(
+    r: Requirement,
+    chosen: Sequence[Contribution],
+    rule: Rule,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> np.ndarray | None:
-    """The figure of each case of a campaign, (cases,), with the phases of the nominal one; None without one, and of levels."""
+    """The figure of each case of a campaign, (cases,), with the phases of the nominal one; None
+    without one, and of levels.
+    """
     k, drawn = next(((k, one) for k, one in enumerate(chosen) if one.cases is not None), (0, None))
     if drawn is None or drawn.cases is None or r.statistic == "level":
         return None
@@ -479,15 +663,21 @@ def _values(
         doubt=0.0,
         frequency_doubt=None,  # of the nominal lines alone, and a case counts as it was found
     )
-    at = [drawn.frequency] * len(drawn.cases) if drawn.cases_frequency is None else drawn.cases_frequency
+    at = (
+        [drawn.frequency] * len(drawn.cases)
+        if drawn.cases_frequency is None
+        else drawn.cases_frequency
+    )
     for f, case in zip(at, drawn.cases, strict=True):
         one = replace(own, frequency=f, los=case * phases)
-        tones = merged([*chosen[:k], one, *chosen[k + 1 :]], rule, doubtful=False)
-        found.append(figure(r, tones.frequency, tones.value, densities))
+        tones = combine_lines([*chosen[:k], one, *chosen[k + 1 :]], rule, doubtful=False)
+        found.append(evaluate_metric(r, tones.frequency, tones.value, densities))
     return np.array(found)
 
 
-def _lacking(r: Requirement, chosen: Sequence[Contribution], cases: np.ndarray | None) -> list[str]:
+def _percentile_gaps(
+    r: Requirement, chosen: Sequence[Contribution], cases: np.ndarray | None
+) -> list[str]:
     """Why a percentile that is required cannot be judged."""
     if r.percentile is None:
         return []
@@ -496,5 +686,8 @@ def _lacking(r: Requirement, chosen: Sequence[Contribution], cases: np.ndarray |
     why = [f"percentile: {one.cases_lack}" for one in chosen if one.cases_lack]
     if len(cases) < draws_needed(r.percentile):
         needed = draws_needed(r.percentile)
-        why += [f"percentile: P{100 * r.percentile:g} needs {needed} cases, and the campaign has {len(cases)}"]
+        why += [
+            f"percentile: P{100 * r.percentile:g} needs {needed} cases, and the campaign has"
+            f" {len(cases)}"
+        ]
     return why

@@ -1,9 +1,11 @@
-"""Reaction wheels: their lines at a speed, and the worst of a range of speeds for each requirement, with a bound on what it may be.
+"""Reaction wheels: their lines at a speed, and the worst of a range of speeds for each requirement,
+with a bound on what it may be.
 
-The range is divided at every speed at which something may change at once: where an order passes an end of a band or a point of a
-curve. Of each interval an upper bound is formed, from the largest amplitude of each order in it and the largest weight of the
-metric; intervals whose bound is above the largest figure found are halved until none is left, so that what lies between the speeds
-that were tried is known to ``TOLERANCE``.
+The range is divided at every speed at which something may change at once: where an order passes an
+end of a band or a point of a curve. Of each interval an upper bound is formed, from the largest
+amplitude of each order in it and the largest weight of the metric; intervals whose bound is above
+the largest figure found are halved until none is left, so that what lies between the speeds that
+were tried is known to ``TOLERANCE``.
 """
 
 from __future__ import annotations
@@ -15,45 +17,47 @@ from functools import cached_property
 
 import numpy as np
 
-from microvib.analysis.margins import CLOCK, frequency_doubt
-from microvib.model.coupling import transfer_from
+from microvib.analysis.margins import CLOCK_UNCERTAINTY, frequency_error_bound
+from microvib.model.coupling import line_of_sight_transfer
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.pointing import EVERYWHERE, Metric, in_window, weight
+from microvib.signals.pointing import UNIFORM_INSTANTS, Metric, metric_weight, windowed_amplitudes
 from microvib.studies.budget.files import Requirement, Wheel
 from microvib.studies.budget.sources import (
     Contribution,
-    Gap,
-    below,
-    doubt_by_response,
-    held_anywhere,
+    Unobserved,
+    held_drive_variants,
+    low_frequency_gap,
     natural_frequencies,
+    response_uncertainty,
 )
-from microvib.units import inside as in_band
+from microvib.units import within_band as in_band
 
 SPEEDS = 101
 """Speeds that tables show of a range, besides those at which an order meets a mode."""
 TOLERANCE = 0.005
 """Part by which the figure of a range of speeds may be above the largest that was found."""
 _ENVELOPE = 0.002
-"""Part by which amplitudes may be above the larger of two neighbours of the grid on which they are known."""
+"""Part by which amplitudes may be above the larger of two neighbours of the grid on which they are
+known.
+"""
 _GRID = 2e-3
 """Relative distance of frequencies of that grid apart from resonances."""
-_ROUNDS = 40
+_MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
-_LARGEST: dict[Metric, float] = {
+_MAX_METRIC_GAIN: dict[Metric, float] = {
     "ape": 1.0, "mpe": 1.0, "rpe": 2.0, "smear": 1.31, "jitter": 3.31, "stability": 2.0, "pde": 2.0,
 }  # fmt: skip
 """No amplitude in a window is larger than the line's own by more than this factor."""
-_LARGEST_WEIGHT: dict[Metric, float] = {
+_MAX_METRIC_WEIGHT: dict[Metric, float] = {
     "ape": 1.0, "mpe": 1.0, "rpe": 1.0, "smear": 0.5705, "jitter": 1.0, "stability": 4.0, "pde": 4.0,
 }  # fmt: skip
 
 
-def in_any_phase(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest amplitudes (...) that parts (p, ...) of a line make whose phases to each other are not known, and by which part of
-    them the line may be smaller and larger, (2, ...)."""
+def bound_over_phases(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest amplitudes (...) that parts (p, ...) of a line make whose phases to each other are
+    not known, and by which part of them the line may be smaller and larger, (2, ...)."""
     most = np.sum(sizes, axis=0)
     least = np.maximum(2.0 * np.max(sizes, axis=0) - most, 0.0)
     less = np.divide(most - least, most, out=np.zeros_like(most), where=most > 0.0)
@@ -82,7 +86,10 @@ class WheelOnCraft:
         first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         first /= np.linalg.norm(first)
         turning = first - 1j * np.cross(axis, first)
-        shapes = [("radial_force", np.r_[turning, 0, 0, 0]), ("radial_torque", np.r_[0, 0, 0, turning])]
+        shapes = [
+            ("radial_force", np.r_[turning, 0, 0, 0]),
+            ("radial_torque", np.r_[0, 0, 0, turning]),
+        ]
         shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
         parts = [
             getattr(h, key) * shape * (self.orders == h.order)[:, None]
@@ -93,9 +100,13 @@ class WheelOnCraft:
 
     def _sizes(self, frequency: np.ndarray) -> np.ndarray:
         """Amplitudes [rad] of the parts of each order at its frequencies (o, n) [Hz], (p, o, n, 2)."""
-        by = transfer_from(self.scenario, frequency.ravel(), self.place).reshape(*frequency.shape, 2, 6)
+        by = line_of_sight_transfer(self.scenario, frequency.ravel(), self.place).reshape(
+            *frequency.shape, 2, 6
+        )
         speed = 2.0 * np.pi * frequency / self.orders[:, None]
-        return np.asarray(np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2)
+        return np.asarray(
+            np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2
+        )
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -109,24 +120,28 @@ class WheelOnCraft:
     def at(self, speeds: np.ndarray) -> tuple[Contribution, ...]:
         """Its lines at each of the speeds (n,) [rad/s]."""
         f = self.frequencies(speeds)
-        los, doubt = in_any_phase(self._sizes(f.T).transpose(0, 2, 1, 3))
+        los, doubt = bound_over_phases(self._sizes(f.T).transpose(0, 2, 1, 3))
         names = tuple(f"order {order:g}" for order in self.orders)
         return tuple(
             Contribution(
                 self.name, f"wheel at {_rpm(speed):.5g} rpm", names, f[k], np.nan_to_num(los[k]),
-                gaps=below(bool(np.isnan(los[k]).any())), doubt=np.nan_to_num(doubt[:, k]), phased=False,
+                gaps=low_frequency_gap(bool(np.isnan(los[k]).any())), doubt=np.nan_to_num(doubt[:, k]), phased=False,
                 frequency_doubt=np.zeros(self.orders.size),
             )
             for k, speed in enumerate(speeds)
         )  # fmt: skip
 
     def contribution(self) -> Contribution:
-        """At its speed, known as well as speeds are; or of a range, of which each requirement takes the worst."""
+        """At its speed, known as well as speeds are; or of a range, of which each requirement takes
+        the worst.
+        """
         low, high = self.speeds
         if low == high:
             (one,) = self.at(np.array([low]))
-            off = np.asarray(frequency_doubt(one.frequency))
-            return replace(one, doubt=one.doubt + self._beside(one.frequency, off), frequency_doubt=off)
+            off = np.asarray(frequency_error_bound(one.frequency))
+            return replace(
+                one, doubt=one.doubt + self._beside(one.frequency, off), frequency_doubt=off
+            )
         # what tables and pictures show: a grid, and where an order meets a mode
         modes = [
             m.frequency * (1.0 + max(m.damping, 1e-5) * x)
@@ -140,14 +155,18 @@ class WheelOnCraft:
         return replace(largest, how=how, alternatives=each, sweep=self)
 
     def _beside(self, frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Relative doubt of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a drive that holds may stand."""
-        each = [replace(self, scenario=one) for one in held_anywhere(self.scenario)]
+        """Relative doubt of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
+        drive that holds may stand.
+        """
+        each = [replace(self, scenario=one) for one in held_drive_variants(self.scenario)]
         modes = np.concatenate([natural_frequencies(one.scenario) for one in each])
-        return doubt_by_response([one._response for one in each], frequency, off, modes)
+        return response_uncertainty([one._response for one in each], frequency, off, modes)
 
     def _response(self, at: np.ndarray) -> np.ndarray:
         """Amplitudes (o n, 2) at frequencies (o n,) of one order after another."""
-        return np.asarray(in_any_phase(self._sizes(at.reshape(self.orders.size, -1)))[0].reshape(-1, 2))
+        return np.asarray(
+            bound_over_phases(self._sizes(at.reshape(self.orders.size, -1)))[0].reshape(-1, 2)
+        )
 
     # ---- A range of speeds ----
 
@@ -155,27 +174,32 @@ class WheelOnCraft:
     def grid(self) -> np.ndarray:
         """Frequencies [Hz] that resolve every resonance, ascending, (m,)."""
         low, high = (float(x) for x in self.frequencies(np.array(self.speeds))[[0, 1], [0, -1]])
-        low, high = low * (1.0 - 2.0 * CLOCK), high * (1.0 + 2.0 * CLOCK)
+        low, high = low * (1.0 - 2.0 * CLOCK_UNCERTAINTY), high * (1.0 + 2.0 * CLOCK_UNCERTAINTY)
         found = [np.geomspace(low, high, int(math.log(high / low) / _GRID) + 3), self._ends]
         for mode in coupled_modes(self.scenario):
             damping = max(mode.damping, 1e-6)
             reach = math.asinh(max(30.0, 2.0 * _GRID / damping))
             found.append(
-                mode.frequency * (1.0 + damping * np.sinh(np.linspace(-reach, reach, 2 * int(10.0 * reach) + 1)))
+                mode.frequency
+                * (1.0 + damping * np.sinh(np.linspace(-reach, reach, 2 * int(10.0 * reach) + 1)))
             )
         grid = np.unique(np.concatenate(found))
         return grid[(grid >= low) & (grid <= high)]
 
     @property
     def _ends(self) -> np.ndarray:
-        """Frequencies [Hz] at which an order begins and ends, and how far they may be off: two ranges may meet just there."""
+        """Frequencies [Hz] at which an order begins and ends, and how far they may be off: two
+        ranges may meet just there.
+        """
         ends = self.frequencies(np.array(self.speeds)).ravel()
-        return np.concatenate([ends * (1.0 - CLOCK), ends, ends * (1.0 + CLOCK)])
+        return np.concatenate(
+            [ends * (1.0 - CLOCK_UNCERTAINTY), ends, ends * (1.0 + CLOCK_UNCERTAINTY)]
+        )
 
     @cached_property
     def amplitudes(self) -> np.ndarray:
         """Amplitudes of each order over the grid [rad], (o, m, 2), 0 where they mean nothing."""
-        by = transfer_from(self.scenario, self.grid, self.place)
+        by = line_of_sight_transfer(self.scenario, self.grid, self.place)
         found = np.zeros((self.orders.size, self.grid.size, 2))
         for part in self._parts:
             found += np.abs(np.einsum("mkc,oc->omk", np.nan_to_num(by), part))
@@ -183,33 +207,45 @@ class WheelOnCraft:
         return found * speed[:, :, None] ** 2
 
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each order the frequencies that it passes, (n,) [Hz], and its amplitudes there, (n, 2) [rad]."""
+        """Of each order the frequencies that it passes, (n,) [Hz], and its amplitudes there, (n, 2)
+        [rad].
+        """
         found = []
         for order, size in zip(self.orders, self.amplitudes, strict=True):
             low, high = (speed * order / (2.0 * math.pi) for speed in self.speeds)
-            passed = in_band(self.grid, low, high, frequency_doubt(self.grid))
+            passed = in_band(self.grid, low, high, frequency_error_bound(self.grid))
             found.append((self.grid[passed], size[passed]))
         return found
 
     def worst(self, r: Requirement, figure: Callable[[Contribution], float]) -> Contribution:
-        """The speed that is worst for a requirement, with the doubt of what lies between the speeds that were tried.
+        """The speed that is worst for a requirement, with the doubt of what lies between the speeds
+        that were tried.
 
         ``figure`` is what the requirement asks of lines, or for a curve their largest part of it.
         """
         scores: list[_Score] = []
         if r.curve is not None:
-            scores = [_OverCurve(self, r)]
+            scores = [_CurveRatio(self, r)]
         else:
-            scores = [_Rms(self, r)] if r.statistic != "bound" else []
-            scores += [_Crest(self, r)] if r.statistic != "rms" else []
-        found = [_maximum(self, score) for score in scores]
+            if r.statistic != "bound":
+                scores = [_Rms(self, r)]
+            else:
+                scores = []
+            if r.statistic != "rms":
+                scores += [_Crest(self, r)]
+            else:
+                scores += []
+        found = [_maximise_over_speed(self, score) for score in scores]
         each = self.at(np.unique(np.concatenate([one.speeds for one in found])))
         sizes = [figure(one) for one in each]
         best = each[int(np.argmax(sizes))]
         if max(sizes) == 0.0:
             best = replace(best, gaps=(*best.gaps, *self._beyond(figure)))
         own = float(scores[0].at(self.frequencies(np.array([self._speed_of(best)])))[0])
-        ratio = found[0].upper / own if own > 0.0 else 1.0 + TOLERANCE
+        if own > 0.0:
+            ratio = found[0].upper / own
+        else:
+            ratio = 1.0 + TOLERANCE
         less, more = best.doubts + self._beside(best.frequency, np.zeros(self.orders.size))
         if r.curve is None and r.statistic != "rms":
             best = replace(best, crests=self._crests(r, 1.0 + more.max(axis=0, initial=0.0)))
@@ -220,23 +256,31 @@ class WheelOnCraft:
         return float(2.0 * np.pi * one.frequency[0] / self.orders[0])
 
     def _crests(self, r: Requirement, factor: np.ndarray) -> tuple[float, float, float]:
-        """Most that its lines reach at any speed and instant about x, about y and both [rad], times a ``factor`` for either axis.
+        """Most that its lines reach at any speed and instant about x, about y and both [rad], times
+        a ``factor`` for either axis.
 
-        What is worst for all sources together need not be so for the wheel alone: nor its speed, nor the axis, nor the instant.
+        What is worst for all sources together need not be so for the wheel alone: nor its speed,
+        nor the axis, nor the instant.
         """
         found = [0.0, 0.0]
         for axis in _AXES[r.axis]:
             score = _Crest(self, r.model_copy(update={"axis": "xy"[axis]}))
-            found[axis] = float(factor[axis]) * _maximum(self, score).upper
-        together = float(factor.max()) * _maximum(self, _Crest(self, r)).upper
+            found[axis] = float(factor[axis]) * _maximise_over_speed(self, score).upper
+        together = float(factor.max()) * _maximise_over_speed(self, _Crest(self, r)).upper
         return found[0], found[1], together
 
-    def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Gap, ...]:
+    def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Unobserved, ...]:
         """What lines add that are in the band only at a speed just beyond the range."""
         low, high = self.speeds
-        each = [one for one in self.at(np.array([low * (1.0 - CLOCK), high * (1.0 + CLOCK)])) if figure(one) > 0.0]
-        why = f"its range of speeds ends nearer to the band than speeds are known ({CLOCK:g})"
-        return tuple(Gap(why, 0.0, math.inf, one.frequency, np.abs(one.los)) for one in each)
+        each = [
+            one
+            for one in self.at(
+                np.array([low * (1.0 - CLOCK_UNCERTAINTY), high * (1.0 + CLOCK_UNCERTAINTY)])
+            )
+            if figure(one) > 0.0
+        ]
+        why = f"its range of speeds ends nearer to the band than speeds are known ({CLOCK_UNCERTAINTY:g})"
+        return tuple(Unobserved(why, 0.0, math.inf, one.frequency, np.abs(one.los)) for one in each)
 
 
 def _rpm(speed: float) -> float:
@@ -244,7 +288,7 @@ def _rpm(speed: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _WorstSpeed:
     speeds: np.ndarray
     """The best that were tried, within the range [rad/s], and others near the best of all."""
     value: float
@@ -279,7 +323,9 @@ class _Score:
         return found * in_band(f, self.low, self.high)[:, :, None]
 
     def largest(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Bound on the amplitudes of each order between frequencies ``f`` and ``g`` (n, o), (n, o, axes); 0 outside of the band."""
+        """Bound on the amplitudes of each order between frequencies ``f`` and ``g`` (n, o), (n, o,
+        axes); 0 outside of the band.
+        """
         last = self.wheel.grid.size - 1
         found = np.empty((*f.shape, len(self.axes)))
         first = np.clip(np.searchsorted(self.wheel.grid, f) - 1, 0, last)
@@ -292,9 +338,13 @@ class _Score:
         return found * (1.0 + _ENVELOPE) * touches[:, :, None]
 
     def steepest(self, f: np.ndarray, g: np.ndarray, *, crest: bool) -> np.ndarray:
-        """Largest change with frequency [1/Hz], from ``f`` to ``g``, of a line of 1 in a window: of its rms, or at any instant."""
+        """Largest change with frequency [1/Hz], from ``f`` to ``g``, of a line of 1 in a window: of
+        its rms, or at any instant.
+        """
         last, first = np.pi * g * self.window, np.maximum(np.pi * f * self.window, 1e-12)
-        mean = np.minimum(0.44, 1.0 / first + 1.0 / first**2)  # of the spherical Bessel function j_0, and of 3 j_1
+        mean = np.minimum(
+            0.44, 1.0 / first + 1.0 / first**2
+        )  # of the spherical Bessel function j_0, and of 3 j_1
         slope = np.minimum(1.0, 3.0 / first + 6.0 / first**2 + 6.0 / first**3)
         by_window, by_change = np.zeros_like(first), np.zeros_like(first)
         match self.r.metric:
@@ -305,10 +355,17 @@ class _Score:
             case "smear":
                 by_window = slope * (1.0 if crest else math.sqrt(1.0 / 3.0))
             case "jitter":
-                by_window = np.minimum(2.44, 0.9 * last) if crest else np.minimum(math.sqrt(1.0 / 3.0), 0.35 * last)
+                if crest:
+                    by_window = np.minimum(2.44, 0.9 * last)
+                else:
+                    by_window = np.minimum(math.sqrt(1.0 / 3.0), 0.35 * last)
         if self.r.metric in ("stability", "pde"):
-            by_change = 2.0 * (np.minimum(1.0, 1.0 / first) if self.r.metric == "pde" else np.ones_like(first))
-        return np.asarray(math.pi * (by_window * self.window + by_change * (self.r.apart or self.window)))
+            by_change = 2.0 * (
+                np.minimum(1.0, 1.0 / first) if self.r.metric == "pde" else np.ones_like(first)
+            )
+        return np.asarray(
+            math.pi * (by_window * self.window + by_change * (self.r.apart or self.window))
+        )
 
     def at(self, f: np.ndarray) -> np.ndarray:
         """The figure of orders at frequencies (n, o), (n,)."""
@@ -321,14 +378,18 @@ class _Score:
 
 class _Rms(_Score):
     def at(self, f: np.ndarray) -> np.ndarray:
-        w = weight(self.r.metric, f, self.window, self.r.apart)
+        w = metric_weight(self.r.metric, f, self.window, self.r.apart)
         return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.amplitude(f) ** 2)))
 
     def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
         middle, half = 0.5 * (f + g), 0.5 * (g - f)
         # a weight is the mean square of an amplitude: its root changes no faster than that
-        root = np.sqrt(np.maximum(weight(self.r.metric, middle, self.window, self.r.apart), 0.0))
-        w = np.minimum((root + self.steepest(f, g, crest=False) * half) ** 2, _LARGEST_WEIGHT[self.r.metric])
+        root = np.sqrt(
+            np.maximum(metric_weight(self.r.metric, middle, self.window, self.r.apart), 0.0)
+        )
+        w = np.minimum(
+            (root + self.steepest(f, g, crest=False) * half) ** 2, _MAX_METRIC_WEIGHT[self.r.metric]
+        )
         return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.largest(f, g) ** 2)))
 
 
@@ -339,7 +400,16 @@ class _Crest(_Score):
 
     def _factors(self, f: np.ndarray) -> np.ndarray:
         """Amplitudes in the window of lines of 1, at its instants, (t, n, o)."""
-        found = np.abs(in_window(self.r.metric, f.ravel(), np.ones(f.size), self.window, self.r.apart, EVERYWHERE[::5]))
+        found = np.abs(
+            windowed_amplitudes(
+                self.r.metric,
+                f.ravel(),
+                np.ones(f.size),
+                self.window,
+                self.r.apart,
+                UNIFORM_INSTANTS[::5],
+            )
+        )
         return found.reshape(-1, *f.shape)
 
     def _total(self, factors: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -351,16 +421,18 @@ class _Crest(_Score):
 
     def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
         factors = self._factors(0.5 * (f + g)) + self.steepest(f, g, crest=True) * 0.5 * (g - f)
-        return self._total(np.minimum(factors, _LARGEST[self.r.metric]), self.largest(f, g))
+        return self._total(np.minimum(factors, _MAX_METRIC_GAIN[self.r.metric]), self.largest(f, g))
 
 
-class _OverCurve(_Score):
+class _CurveRatio(_Score):
     """Largest part of what a curve allows."""
 
     def __init__(self, wheel: WheelOnCraft, r: Requirement) -> None:
         super().__init__(wheel, r)
         curve = r.curve or ()
-        self._f, self._allowed = (np.array([getattr(p, name) for p in curve]) for name in ("frequency", "amplitude"))
+        self._f, self._allowed = (
+            np.array([getattr(p, name) for p in curve]) for name in ("frequency", "amplitude")
+        )
         self.low, self.high = max(self.low, float(self._f[0])), min(self.high, float(self._f[-1]))
 
     def breaks(self) -> Sequence[float]:
@@ -378,10 +450,12 @@ class _OverCurve(_Score):
         return np.asarray(np.maximum(self._over(f, sizes), self._over(g, sizes)).max(axis=1))
 
 
-def _maximum(wheel: WheelOnCraft, score: _Score) -> _Found:
-    """The largest figure of a range of speeds: where, what was found and a bound above which it is not."""
+def _maximise_over_speed(wheel: WheelOnCraft, score: _Score) -> _WorstSpeed:
+    """The largest figure of a range of speeds: where, what was found and a bound above which it is
+    not.
+    """
     low, high = wheel.speeds
-    ends = np.array([low * (1.0 - CLOCK), low, high, high * (1.0 + CLOCK)])
+    ends = np.array([low * (1.0 - CLOCK_UNCERTAINTY), low, high, high * (1.0 + CLOCK_UNCERTAINTY)])
     breaks = np.outer(2.0 * np.pi * np.array(score.breaks()), 1.0 / wheel.orders).ravel()
     edges = np.unique(np.concatenate([ends, np.geomspace(low, high, SPEEDS), breaks]))
     edges = edges[(edges >= ends[0]) & (edges <= ends[-1])]
@@ -389,10 +463,11 @@ def _maximum(wheel: WheelOnCraft, score: _Score) -> _Found:
     values = score.at(wheel.frequencies(tried))
     starts, stops = edges[:-1], edges[1:]
     bounds = score.between(wheel.frequencies(starts), wheel.frequencies(stops))
-    # just beyond the range, where speeds may be off, nothing is chosen, but halving what is known there would gain nothing
+    # just beyond the range, where speeds may be off, nothing is chosen, but halving what is known
+    # there would gain nothing
     beyond = float(score.at(wheel.frequencies(ends[[0, -1]])).max())
     closed = 0.0  # largest bound of intervals that need no halving
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_BISECTIONS):
         best = max(float(values.max()), beyond)
         open_ = bounds > best * (1.0 + TOLERANCE)
         closed = max(closed, float(bounds[~open_].max(initial=0.0)))
@@ -414,4 +489,4 @@ def _maximum(wheel: WheelOnCraft, score: _Score) -> _Found:
     order, place = np.sort(tried), np.argsort(-values)
     k = int(np.searchsorted(order, tried[place[0]]))
     near = np.linspace(order[max(k - 1, 0)], order[min(k + 1, order.size - 1)], 25)
-    return _Found(np.r_[tried[place[:8]], near], value, upper)
+    return _WorstSpeed(np.r_[tried[place[:8]], near], value, upper)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.accuracy import unsound
+from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import judge
 from microvib.analysis.lines import lines as lines_of
@@ -23,13 +23,13 @@ from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.batch import Torque, simulate_torques
-from microvib.solve.integration import SECOND_WING, from_rest
-from microvib.solve.on_craft import OF_STATES
+from microvib.solve.integration import SECOND_WING, simulate_from_rest
+from microvib.solve.on_craft import LINE_OF_SIGHT_ACCELERATIONS
 from microvib.solve.steady.state import find_steady
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.study_file import Study
 
-TOGETHER = 32
+BATCH_SIZE = 32
 """Cases that are simulated together; bounds the memory of a worker."""
 _OF_LINE = {
     "amplitude": "amplitude_n_m", "frequency": "frequency_hz", "bin_amplitude": "bin_amplitude_n_m", "phase": "phase_rad",
@@ -39,14 +39,18 @@ FIGURES = tuple(_OF_LINE)
 """What is kept of every line."""
 LINE_OF_SIGHT = ("los_x", "los_y")
 """What is kept besides where the craft has a line of sight."""
-MIN_TIME = 60.0
+BASE_TIME_LIMIT = 60.0
 """Time [s] that any case may take, in addition to what it simulates."""
-STARTING = 120.0
-"""Time [s] on top for the cases that are computed together, the first of which may have to wait for a compiler (docs/design.md)."""
+STARTUP_ALLOWANCE = 120.0
+"""Time [s] on top for the cases that are computed together, the first of which may have to wait for
+a compiler (docs/design.md).
+"""
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
 SCALARS = ("peak", "rms", "stuck_output")
-"""What is kept of every case: largest and RMS torque of the record [N m], part of the time that the shaft sticks."""
+"""What is kept of every case: largest and RMS torque of the record [N m], part of the time that the
+shaft sticks.
+"""
 
 
 class Label(NamedTuple):
@@ -59,7 +63,7 @@ class Label(NamedTuple):
     """The campaign's manifest, from which a lost one is made again."""
 
 
-class Work(NamedTuple):
+class WorkPackage(NamedTuple):
     """Cases to compute, complete in itself: it needs no file."""
 
     study: Study
@@ -67,7 +71,9 @@ class Work(NamedTuple):
     changes: tuple[dict[str, Any], ...]
     label: Label
     deadly: tuple[int, ...] = ()
-    """Positions of cases that ended the worker when they were tried alone; they are not tried again."""
+    """Positions of cases that ended the worker when they were tried alone; they are not tried
+    again.
+    """
 
     @property
     def steady(self) -> bool:
@@ -82,7 +88,9 @@ class Chunk:
     label: Label
     lines: tuple[str, ...]
     figures: dict[str, np.ndarray]
-    """Of every line, (cases, lines) each; nan where a case has no such line. With LINE_OF_SIGHT where a craft has one."""
+    """Of every line, (cases, lines) each; nan where a case has no such line. With LINE_OF_SIGHT
+    where a craft has one.
+    """
     status: np.ndarray
     """Index of the line's status in ``statuses``, (cases, lines)."""
     statuses: tuple[str, ...]
@@ -101,7 +109,10 @@ class Chunk:
 
     def to_bytes(self) -> bytes:
         """The same chunk gives the same bytes."""
-        texts = {key: list(getattr(self, key)) for key in ("label", "lines", "statuses", "gaps", "reasons", "notes")}
+        texts = {
+            key: list(getattr(self, key))
+            for key in ("label", "lines", "statuses", "gaps", "reasons", "notes")
+        }
         arrays = {f"figure_{name}": values for name, values in self.figures.items()}
         arrays |= {f"scalar_{name}": values for name, values in self.scalars.items()}
         arrays |= {f"history_{k}": values for k, values in self.histories.items()}
@@ -115,14 +126,22 @@ class Chunk:
         """Raises whatever the reader of the archive does where the data are not whole."""
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             named = dict(file)
-        texts = {key: tuple(values) for key, values in json.loads(named.pop("texts").tobytes()).items()}
+        texts = {
+            key: tuple(values) for key, values in json.loads(named.pop("texts").tobytes()).items()
+        }
         return cls(
             label=Label(*texts.pop("label")),
-            figures={name[7:]: values for name, values in named.items() if name.startswith("figure_")},
+            figures={
+                name[7:]: values for name, values in named.items() if name.startswith("figure_")
+            },
             status=named["status"],
             scalars={name: named[f"scalar_{name}"] for name in SCALARS},
             verdict=named["verdict"],
-            histories={int(name[8:]): values for name, values in named.items() if name.startswith("history_")},
+            histories={
+                int(name[8:]): values
+                for name, values in named.items()
+                if name.startswith("history_")
+            },
             **texts,
         )
 
@@ -142,31 +161,37 @@ class _Result:
     """Amplitudes of both angles of the line of sight [rad] and frequency [Hz], (3,), by line."""
 
 
-DEADLY = _Result(
+WORKER_DIED = _Result(
     reason="its worker died each time it was computed (memory exhausted, killed, crashed, or slower than time_limit)"
 )
 
 
-def compute(work: Work, begin: Callable[[float], None] = lambda seconds: None) -> Chunk:
+def compute(work: WorkPackage, begin: Callable[[float], None] = lambda seconds: None) -> Chunk:
     """Compute cases. A case that cannot be computed has its reason and does not stop the others.
 
-    The figures of a case do not depend on what it is computed with. ``begin`` is told, before some cases are computed
-    together, what time [s] they may take. MicrovibError where another version made the campaign.
+    The figures of a case do not depend on what it is computed with. ``begin`` is told, before some
+    cases are computed together, what time [s] they may take. MicrovibError where another version
+    made the campaign.
     """
-    made_by, here = json.loads(work.label.manifest)["versions"]["microvib"], package_versions()["microvib"]
+    made_by, here = (
+        json.loads(work.label.manifest)["versions"]["microvib"],
+        package_versions()["microvib"],
+    )
     if made_by != here:
         raise MicrovibError(
-            f"this is microvib {here}, but the campaign was made by {made_by}; one version must compute all of it"
+            f"this is microvib {here}, but the campaign was made by {made_by}; one version must"
+            " compute all of it"
         )
-    cases, together = range(len(work.changes)), 1 if work.steady else TOGETHER
-    parts = [_some(work, cases[k : k + together], begin) for k in cases[::together]]
+    cases, together = range(len(work.changes)), 1 if work.steady else BATCH_SIZE
+    parts = [_run_batch(work, cases[k : k + together], begin) for k in cases[::together]]
     return gather([result for part in parts for result in part], work.label)
 
 
-def compute_bytes(work: Work) -> bytes:
+def compute_bytes(work: WorkPackage) -> bytes:
     """The chunk of ``compute`` as bytes, which pass between processes and machines and into a file.
 
-    The process ends where cases take longer than they may: compiled code cannot be interrupted from within.
+    The process ends where cases take longer than they may: compiled code cannot be interrupted from
+    within.
     """
     watch = _Watch()
     try:
@@ -176,14 +201,16 @@ def compute_bytes(work: Work) -> bytes:
 
 
 class _Watch:
-    """Ends the process unless it is told in time that the next cases have begun, or that all are through."""
+    """Ends the process unless it is told in time that the next cases have begun, or that all are
+    through.
+    """
 
     def __init__(self) -> None:
         self._timer: threading.Timer | None = None
 
     def begin(self, seconds: float) -> None:
         self.stop()
-        self._timer = threading.Timer(STARTING + seconds, _end)
+        self._timer = threading.Timer(STARTUP_ALLOWANCE + seconds, _kill_process)
         self._timer.daemon = True
         self._timer.start()
 
@@ -192,22 +219,24 @@ class _Watch:
             self._timer.cancel()
 
 
-def _end() -> None:
+def _kill_process() -> None:
     os._exit(1)
 
 
-def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) -> list[_Result]:
+def _run_batch(
+    work: WorkPackage, positions: Sequence[int], begin: Callable[[float], None]
+) -> list[_Result]:
     """Cases that run together, one after the other, or one that is solved alone."""
-    results = {k: DEADLY for k in positions if k in work.deadly}
+    results = {k: WORKER_DIED for k in positions if k in work.deadly}
     scenarios: dict[int, Scenario] = {}
     for k in (k for k in positions if k not in results):
         try:
             scenarios[k] = work.base.with_si(work.changes[k])
         except MicrovibError as error:
             results[k] = _failed(error)
-    own = [MIN_TIME + s.record.settle + s.record.duration for s in scenarios.values()]
+    own = [BASE_TIME_LIMIT + s.record.settle + s.record.duration for s in scenarios.values()]
     begin(sum(own) if work.study.time_limit is None else len(own) * work.study.time_limit)
-    alone = work.steady or _looks(work.base)
+    alone = work.steady or _has_line_of_sight(work.base)
     torques = [None] * len(scenarios) if alone else _torques(list(scenarios.values()))
     for (k, scenario), torque in zip(scenarios.items(), torques, strict=True):
         results[k] = _solved(work, scenario, torque)
@@ -215,7 +244,9 @@ def _some(work: Work, positions: Sequence[int], begin: Callable[[float], None]) 
 
 
 def _torques(scenarios: list[Scenario]) -> list[Torque | Exception]:
-    """Torques of cases together or, where they fail together, one by one: one case may want more memory than there is."""
+    """Torques of cases together or, where they fail together, one by one: one case may want more
+    memory than there is.
+    """
     try:
         return list(simulate_torques(scenarios, balanced=True))
     except Exception as error:
@@ -228,38 +259,53 @@ def _failed(error: MicrovibError) -> _Result:
     return _Result(reason=" ".join(str(error).splitlines()))
 
 
-def _solved(work: Work, scenario: Scenario, torque: Torque | Exception | None) -> _Result:
+def _solved(work: WorkPackage, scenario: Scenario, torque: Torque | Exception | None) -> _Result:
     """A case with its torque, or what came of it; without one its steady state is searched."""
     try:
         if isinstance(torque, Exception):
             raise torque
         if torque is not None:
             table = lines_of(torque, harmonics=work.study.harmonics)
-            second = _second(work, scenario)
-            return _result(work.study, scenario, table, torque.T_d, torque.stuck_output, second=second)
-        if _looks(scenario):
+            second = _second_wing_lines(work, scenario)
+            return _result(
+                work.study, scenario, table, torque.T_d, torque.stuck_output, second=second
+            )
+        if _has_line_of_sight(scenario):
             return _with_line_of_sight(work, scenario)
         found = steady(scenario, harmonics=work.study.harmonics)
-        stuck = found.state.stuck_output if found.state is not None else math.nan
-        second = _second(work, scenario)
+        if found.state is not None:
+            stuck = found.state.stuck_output
+        else:
+            stuck = math.nan
+        second = _second_wing_lines(work, scenario)
         return _result(
-            work.study, scenario, found.lines, found.source["T_d"], stuck, note=found.fallback, second=second
+            work.study,
+            scenario,
+            found.lines,
+            found.source["T_d"],
+            stuck,
+            note=found.fallback,
+            second=second,
         )
     except MicrovibError as error:
         return _failed(error)
     except MemoryError:
-        return _Result(reason="memory is exhausted: record.duration is too long, or record.sample_rate too high")
+        return _Result(
+            reason="memory is exhausted: record.duration is too long, or record.sample_rate too high"
+        )
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
 
 
-def _looks(scenario: Scenario) -> bool:
+def _has_line_of_sight(scenario: Scenario) -> bool:
     """Whether it has a line of sight."""
     return scenario.spacecraft is not None and scenario.spacecraft.line_of_sight is not None
 
 
-def _second(work: Work, scenario: Scenario) -> LineTable | None:
-    """Lines of the second wing's drive, by its torque alone, where it is driven and a limit judges them."""
+def _second_wing_lines(work: WorkPackage, scenario: Scenario) -> LineTable | None:
+    """Lines of the second wing's drive, by its torque alone, where it is driven and a limit judges
+    them.
+    """
     other = scenario.driven_wing
     if other is None or limit_of(work.study) is None:
         return None
@@ -272,18 +318,32 @@ def _second(work: Work, scenario: Scenario) -> LineTable | None:
         return lines_of(torque, harmonics=work.study.harmonics)
 
 
-def _with_line_of_sight(work: Work, scenario: Scenario) -> _Result:
+def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
     """A case of a craft, with the lines of its line of sight."""
     harmonics = work.study.harmonics
-    state, fallback = find_steady(scenario) if work.steady else (None, "")
-    kept = ("T_d", "stuck_output", "alpha_l", "alpha_m", *OF_STATES)
-    source = state or from_rest(scenario, channels=kept, balanced=False)
+    if work.steady:
+        state, fallback = find_steady(scenario)
+    else:
+        state, fallback = (None, "")
+    kept = ("T_d", "stuck_output", "alpha_l", "alpha_m", *LINE_OF_SIGHT_ACCELERATIONS)
+    source = state or simulate_from_rest(scenario, channels=kept, balanced=False)
     table = lines_of(source, harmonics=harmonics)
-    stuck = float(np.mean(source["stuck_output"])) if state is None else state.stuck_output
+    if state is None:
+        stuck = float(np.mean(source["stuck_output"]))
+    else:
+        stuck = state.stuck_output
     on_hub = hub_lines(source, table, los_only=True)
-    los = dict(zip(on_hub.names, np.column_stack([on_hub.amplitude, on_hub.frequency]), strict=True))
-    second = None if source.beside is None else lines_of(source.beside, harmonics=harmonics)
-    return replace(_result(work.study, scenario, table, source["T_d"], stuck, note=fallback, second=second), los=los)
+    los = dict(
+        zip(on_hub.names, np.column_stack([on_hub.amplitude, on_hub.frequency]), strict=True)
+    )
+    if source.beside is None:
+        second = None
+    else:
+        second = lines_of(source.beside, harmonics=harmonics)
+    return replace(
+        _result(work.study, scenario, table, source["T_d"], stuck, note=fallback, second=second),
+        los=los,
+    )
 
 
 def _result(
@@ -296,11 +356,14 @@ def _result(
     note: str = "",
     second: LineTable | None = None,
 ) -> _Result:
-    """A case whose lines are known, with those of a ``second`` wing's drive, judged as its run would be.
+    """A case whose lines are known, with those of a ``second`` wing's drive, judged as its run
+    would be.
 
     One whose motion is not sound has failed: it counts as a case of which nothing is known.
     """
-    if why := unsound((*table.broken, *(() if second is None else second.broken)), scenario):
+    if why := failed_invariants_reason(
+        (*table.broken, *(() if second is None else second.broken)), scenario
+    ):
         return _Result(reason=why)
     verdict, gaps, limit = 0, "", limit_of(study)
     if limit is not None:
@@ -311,17 +374,23 @@ def _result(
 
 
 def gather(results: Sequence[_Result], label: Label) -> Chunk:
-    """Results of single cases as one chunk; unexpected lines by their rank in the case (``other_1`` is the largest)."""
+    """Results of single cases as one chunk; unexpected lines by their rank in the case (``other_1``
+    is the largest).
+    """
     found = {i: tuple(r.table) for i, r in enumerate(results) if r.table is not None}
     names = dict.fromkeys(x.line for lines in found.values() for x in lines)
-    names |= dict.fromkeys(name for r in results for name in r.los or ())  # of a second wing's drive
-    statuses = tuple(sorted({_brief(x.status) for lines in found.values() for x in lines}))
+    names |= dict.fromkeys(
+        name for r in results for name in r.los or ()
+    )  # of a second wing's drive
+    statuses = tuple(
+        sorted({_status_without_values(x.status) for lines in found.values() for x in lines})
+    )
     column, number = ({text: k for k, text in enumerate(texts)} for texts in (names, statuses))
     figures = {name: np.full((len(results), len(names)), math.nan) for name in FIGURES}
     status = np.full((len(results), len(names)), -1, dtype=np.int16)
     for i, lines in found.items():
         here = [column[x.line] for x in lines]
-        status[i, here] = [number[_brief(x.status)] for x in lines]
+        status[i, here] = [number[_status_without_values(x.status)] for x in lines]
         for name, values in figures.items():
             values[i, here] = [getattr(x, _OF_LINE[name]) for x in lines]
     if any(r.los is not None for r in results):
@@ -330,7 +399,7 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
             for i, result in enumerate(results):
                 for line, found_there in (result.los or {}).items():
                     figures[name][i, column[line]] = found_there[k]
-        _of_the_second_wing(figures["frequency"], results, column)
+        _fill_second_wing_frequencies(figures["frequency"], results, column)
     return Chunk(
         label=label, lines=tuple(names), figures=figures, status=status, statuses=statuses,
         scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},
@@ -340,14 +409,18 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
     )  # fmt: skip
 
 
-def _of_the_second_wing(frequency: np.ndarray, results: Sequence[_Result], column: dict[str, int]) -> None:
-    """Fill in frequencies (cases, lines) [Hz] of lines of the line of sight that are no lines of the first drive's torque."""
+def _fill_second_wing_frequencies(
+    frequency: np.ndarray, results: Sequence[_Result], column: dict[str, int]
+) -> None:
+    """Fill in frequencies (cases, lines) [Hz] of lines of the line of sight that are no lines of
+    the first drive's torque.
+    """
     for i, result in enumerate(results):
         for line, (_, _, f) in (result.los or {}).items():
             if math.isnan(frequency[i, column[line]]):
                 frequency[i, column[line]] = f
 
 
-def _brief(status: str) -> str:
+def _status_without_values(status: str) -> str:
     """A status without the figures of its case, so that a million cases share a few."""
     return status.partition(":")[0].partition(";")[0]

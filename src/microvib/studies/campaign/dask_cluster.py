@@ -1,7 +1,9 @@
-"""A Dask cluster that only its own coordinator can use: TLS with a certificate of its own, no HTTP servers, loopback addresses.
+"""A Dask cluster that only its own coordinator can use: TLS with a certificate of its own, no HTTP
+servers, loopback addresses.
 
-Whoever can send a message to a scheduler or a worker of Dask runs code as their user, and any user of the machine reaches
-loopback addresses. Dask's own local cluster takes messages from anybody, and opens an HTTP server for each process.
+Whoever can send a message to a scheduler or a worker of Dask runs code as their user, and any user
+of the machine reaches loopback addresses. Dask's own local cluster takes messages from anybody, and
+opens an HTTP server for each process.
 """
 
 from __future__ import annotations
@@ -41,8 +43,9 @@ class QuietWorker(_Quiet, Worker):
 def private_cluster(count: int) -> Iterator[Client]:
     """Client of a new cluster of ``count`` worker processes on this machine.
 
-    The key of its TLS is kept in memory, made for this cluster alone; scheduler and workers take nobody without it. What workers
-    write lies in a folder that only its owner can read. Raises MicrovibError where ``cryptography`` is missing.
+    The key of its TLS is kept in memory, made for this cluster alone; scheduler and workers take
+    nobody without it. What workers write lies in a folder that only its owner can read. Raises
+    MicrovibError where ``cryptography`` is missing.
     """
     library("cryptography")
     quiet_tracker()

@@ -17,23 +17,32 @@ from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.named import read_text
 from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.part import plain
+from microvib.model.part import to_plain_data
 from microvib.model.scenario import Scenario
-from microvib.model.sentences import validated
+from microvib.model.sentences import validate_part
 from microvib.studies.campaign.study_file import Correlation, Study
-from microvib.studies.campaign.variation import ARRAY, Levels, Uncertain, is_number, keys_of, variation
+from microvib.studies.campaign.variation import (
+    ARRAY,
+    Levels,
+    Uncertain,
+    is_number,
+    keys_of,
+    variation,
+)
 from microvib.units import Quantity, Si
 
 MAX_CASES = 10_000_000
-CHECKED = (0.001, 0.999)
+TRIAL_QUANTILES = (0.001, 0.999)
 """Quantiles of a distribution at which the scenario is tried when the campaign is made."""
-ENDS = (0.05, 0.95)
+ONE_AT_A_TIME_QUANTILES = (0.05, 0.95)
 """Quantiles that one-at-a-time sampling goes to."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """All cases of a campaign. Case numbers run over combinations, then levels, then samples, the last fastest."""
+    """All cases of a campaign. Case numbers run over combinations, then levels, then samples, the
+    last fastest.
+    """
 
     study: Study
     base: Scenario
@@ -60,23 +69,37 @@ class Design:
 
     def changes(self, case: int) -> dict[str, Any]:
         """Dotted key of the scenario to value of one case, in SI."""
-        parts: dict[str, Levels | Uncertain] = {x.key: x for x in self.levels} | {x.key: x for x in self.uncertain}
+        parts: dict[str, Levels | Uncertain] = {x.key: x for x in self.levels} | {
+            x.key: x for x in self.uncertain
+        }
         drawn = self.study.sampling.noise == "each"
-        changed: dict[str, Any] = {**seeds_of(self.base, case % self.samples.shape[0])} if drawn else {}
+        if drawn:
+            changed: dict[str, Any] = {**seeds_of(self.base, case % self.samples.shape[0])}
+        else:
+            changed = {}
         for key, value in self.values(case).items():
-            changed |= parts[key].changes(value) if key in parts else _given(self.base, key, value)
+            if key in parts:
+                changed |= parts[key].changes(value)
+            else:
+                changed |= _given(self.base, key, value)
         return changed
 
     def values(self, case: int) -> dict[str, Any]:
-        """What varies, by its name in the study, to its value in one case, in SI; a factor to the factor."""
+        """What varies, by its name in the study, to its value in one case, in SI; a factor to the
+        factor.
+        """
         combination, *numbers, point = np.unravel_index(case, self.shape)
         chosen = {x.key: x.values[k] for x, k in zip(self.levels, numbers, strict=True)}
         sampled = zip((x.key for x in self.uncertain), self.samples[point].tolist(), strict=True)
         return {**self.combinations[combination], **chosen, **dict(sampled)}
 
     def labels(self, case: int) -> dict[str, str]:
-        """Dotted key to what a person reads of one case: levels as given, sampled values in their display unit."""
-        shows: dict[str, Quantity | Uncertain | None] = {name: quantity for name, _, quantity in self.base.entries()}
+        """Dotted key to what a person reads of one case: levels as given, sampled values in their
+        display unit.
+        """
+        shows: dict[str, Quantity | Uncertain | None] = {
+            name: quantity for name, _, quantity in self.base.entries()
+        }
         shows |= {x.key: x for x in self.uncertain}
         named: dict[str, dict[Any, str]] = {
             x.key: dict(zip(map(_hashable, x.values), x.labels, strict=True)) for x in self.levels
@@ -86,17 +109,23 @@ class Design:
             if key in named:
                 return named[key][_hashable(value)]
             quantity = shows.get(key)
-            return quantity.show(value) if quantity is not None and isinstance(value, float) else str(value)
+            if quantity is not None and isinstance(value, float):
+                return quantity.show(value)
+            return str(value)
 
         return {key: text(key, value) for key, value in self.values(case).items()}
 
     def level_text(self, number: int) -> str:
-        """A combination of levels as a person reads it, of all that there are; empty where there is only one."""
+        """A combination of levels as a person reads it, of all that there are; empty where there is
+        only one.
+        """
         points = self.samples.shape[0]
         if self.cases == points:
             return ""
         sampled = {x.key for x in self.uncertain}
-        chosen = {key: text for key, text in self.labels(number * points).items() if key not in sampled}
+        chosen = {
+            key: text for key, text in self.labels(number * points).items() if key not in sampled
+        }
         return ", ".join(f"{key} {text}" for key, text in chosen.items())
 
     def scenario(self, case: int) -> Scenario:
@@ -109,7 +138,9 @@ class Design:
         return self._along(1 + k, np.arange(self.shape[1 + k]))
 
     def column(self, key: str) -> np.ndarray:
-        """Value of one key in every case, (cases,): SI numbers, or texts where they are not all numbers."""
+        """Value of one key in every case, (cases,): SI numbers, or texts where they are not all
+        numbers.
+        """
         for k, uncertain in enumerate(self.uncertain):
             if uncertain.key == key:
                 return self._along(-1, self.samples[:, k])
@@ -117,11 +148,15 @@ class Design:
             if levels.key == key:
                 return self._along(1 + k, _column(levels.values, levels.labels))
         values = [item.get(key) for item in self.combinations]
-        return self._along(0, _column(values, ["" if value is None else str(value) for value in values]))
+        return self._along(
+            0, _column(values, ["" if value is None else str(value) for value in values])
+        )
 
     def _along(self, axis: int, values: np.ndarray) -> np.ndarray:
         """Of every case the value that it has along one axis of the grid, (cases,)."""
-        return np.moveaxis(np.broadcast_to(values, (*np.delete(self.shape, axis), values.size)), -1, axis).ravel()
+        return np.moveaxis(
+            np.broadcast_to(values, (*np.delete(self.shape, axis), values.size)), -1, axis
+        ).ravel()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -131,21 +166,29 @@ class Design:
 
 
 def _column(values: Sequence[Any], labels: Sequence[str]) -> np.ndarray:
-    return np.array(values, dtype=float) if all(map(is_number, values)) else np.array(labels, dtype=object)
+    if all(map(is_number, values)):
+        return np.array(values, dtype=float)
+    return np.array(labels, dtype=object)
 
 
 def _hashable(value: Any) -> Any:
-    return str(value) if isinstance(value, (dict, list)) else value
+    if isinstance(value, (dict, list)):
+        return str(value)
+    return value
 
 
 def read_design(file: Path) -> Design:
     """Design of a study file; ScenarioError with one sentence per problem."""
     data = parse_yaml(read_text(file, "study", ()), str(file))
-    return design(validated(Study, data, origin=str(file)), WORKING_FOLDER.beside(str(file)), str(file))
+    return design(
+        validate_part(Study, data, origin=str(file)), WORKING_FOLDER.beside(str(file)), str(file)
+    )
 
 
 def limit_of(study: Study) -> Limit | None:
-    """The limit that a study's cases are judged by; ScenarioError where its band is none, or it has a band and no limit."""
+    """The limit that a study's cases are judged by; ScenarioError where its band is none, or it has
+    a band and no limit.
+    """
     try:
         return Limit.of(None if study.limit is None else Si(study.limit), study.band)
     except OptionError as error:
@@ -153,17 +196,19 @@ def limit_of(study: Study) -> Limit | None:
 
 
 def design(study: Study, files: FileAccess = WORKING_FOLDER, origin: str = "study") -> Design:
-    """Draw the cases of a study; its scenario, and arrays that vary, are names of the catalog or of ``files``.
+    """Draw the cases of a study; its scenario, and arrays that vary, are names of the catalog or of
+    ``files``.
 
-    Every level and the ends of every distribution are tried, one by one, so that what cannot be computed is known now.
+    Every level and the ends of every distribution are tried, one by one, so that what cannot be
+    computed is known now.
     """
     file = files.under("scenario").path(study.scenario)
     base = load_scenario(str(file) if file.is_file() else study.scenario, dict(study.set))
     with error_context(origin):
-        return _drawn(study, base, files)
+        return _draw_cases(study, base, files)
 
 
-def _drawn(study: Study, base: Scenario, files: FileAccess) -> Design:
+def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
     limit_of(study)
     parts = [_variation(base, key, spec, files) for key, spec in study.vary.items()]
     levels = tuple(x for x in parts if isinstance(x, Levels))
@@ -171,7 +216,8 @@ def _drawn(study: Study, base: Scenario, files: FileAccess) -> Design:
     each = study.sampling.noise == "each"
     if each and not seeds_of(base, 0):
         raise ScenarioError(
-            "sampling.noise: the scenario has none; a friction.torque_noise is expected, or no draws of it"
+            "sampling.noise: the scenario has none; a friction.torque_noise is expected, or no"
+            " draws of it"
         )
     if not parts and not study.cases and not each:
         raise ScenarioError("vary: missing; at least one key to vary, or cases, is expected")
@@ -183,26 +229,36 @@ def _drawn(study: Study, base: Scenario, files: FileAccess) -> Design:
     twice = {key for key in named if named.count(key) > 1}
     if twice:
         raise ScenarioError(f"{min(twice)} stands in vary twice; one place is expected")
-    both = {key for item in combinations for pattern in item for key in keys_of(base, pattern)} & set(named)
+    both = {
+        key for item in combinations for pattern in item for key in keys_of(base, pattern)
+    } & set(named)
     if both:
         raise ScenarioError(f"{min(both)} stands in vary and in cases; one place is expected")
-    total = max(len(combinations), 1) * math.prod(len(x.values) for x in levels) * _points(study, len(uncertain))
+    total = (
+        max(len(combinations), 1)
+        * math.prod(len(x.values) for x in levels)
+        * _points(study, len(uncertain))
+    )
     if total > MAX_CASES:
         raise ScenarioError(f"makes {total:.3g} cases; at most {MAX_CASES:.0e} are computed")
-    _try(base, parts)
-    return Design(study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain))
+    _validate_scenario(base, parts)
+    return Design(
+        study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain)
+    )
 
 
 def _variation(base: Scenario, key: str, spec: Any, files: FileAccess) -> Levels | Uncertain:
     if key not in ARRAY:
         return variation(base, key, spec)
     if not isinstance(spec, list) or not spec:
-        raise ScenarioError(f"vary.{key}: {spec!r} is not allowed; a list of files or names is expected")
+        raise ScenarioError(
+            f"vary.{key}: {spec!r} is not allowed; a list of files or names is expected"
+        )
     from microvib.io.array_files import with_array
 
     arrays = []
     for name in spec:
-        data = plain(base, text=True) | {"array": {key.split(".")[1]: str(name)}}
+        data = to_plain_data(base, text=True) | {"array": {key.split(".")[1]: str(name)}}
         arrays.append(with_array(data, files, f"vary.{key}")["array"])
     return Levels("array", tuple(arrays), tuple(str(name) for name in spec))
 
@@ -219,9 +275,12 @@ def _given(base: Scenario, key: str, value: Any) -> dict[str, Any]:
     return dict.fromkeys(keys_of(base, key), value)
 
 
-def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
+def _validate_scenario(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
     for part in parts:
-        values: Sequence[Any] = part.values if isinstance(part, Levels) else part.quantile(np.array(CHECKED)).tolist()
+        if isinstance(part, Levels):
+            values: Sequence[Any] = part.values
+        else:
+            values = part.quantile(np.array(TRIAL_QUANTILES)).tolist()
         if len(values) > 64 and isinstance(values[0], float):
             values = values[:: len(values) - 1]
         with error_context(f"vary.{part.key}"):
@@ -232,7 +291,9 @@ def _try(base: Scenario, parts: Sequence[Levels | Uncertain]) -> None:
 def _points(study: Study, keys: int) -> int:
     count = study.sampling.count
     special = {"sobol-indices": count * (keys + 2), "one-at-a-time": 1 + 2 * keys}
-    return special.get(study.sampling.method, count) if keys or study.sampling.noise == "each" else 1
+    if keys or study.sampling.noise == "each":
+        return special.get(study.sampling.method, count)
+    return 1
 
 
 def _sample(study: Study, uncertain: Sequence[Uncertain]) -> np.ndarray:
@@ -253,34 +314,42 @@ def _probabilities(study: Study, d: int) -> np.ndarray:
     rng = np.random.default_rng(sampling.seed)
     if sampling.method == "one-at-a-time":
         u = np.full((1 + 2 * d, d), 0.5)
-        u[np.arange(1, 1 + 2 * d), np.repeat(np.arange(d), 2)] = np.tile(ENDS, d)
+        u[np.arange(1, 1 + 2 * d), np.repeat(np.arange(d), 2)] = np.tile(ONE_AT_A_TIME_QUANTILES, d)
         return u
     if sampling.method == "sobol-indices":
         return _decomposition(study, d, rng)
     if sampling.method == "random":
         return rng.random((sampling.count, d))
     if sampling.method == "sobol":  # a balanced set is a power of two; its first points are taken
-        points = qmc.Sobol(d, rng=rng).random_base2((sampling.count - 1).bit_length())[: sampling.count]
+        points = qmc.Sobol(d, rng=rng).random_base2((sampling.count - 1).bit_length())[
+            : sampling.count
+        ]
     else:
         points = qmc.LatinHypercube(d, rng=rng).random(sampling.count)
-    return _inside(points)
+    return _clip_probabilities(points)
 
 
-def _inside(u: np.ndarray) -> np.ndarray:
+def _clip_probabilities(u: np.ndarray) -> np.ndarray:
     """Probabilities kept off 0 and 1, where an unbounded distribution has no value."""
     return np.clip(u, 1e-12, 1.0 - 1e-12)
 
 
 def _decomposition(study: Study, d: int, rng: np.random.Generator) -> np.ndarray:
-    """A, B, and A with one column of B each (A. Saltelli et al., Comput. Phys. Commun. 181, 2010), (n (d + 2), d)."""
+    """A, B, and A with one column of B each (A. Saltelli et al., Comput. Phys. Commun. 181, 2010),
+    (n (d + 2), d).
+    """
     from scipy.stats import qmc
 
     n = study.sampling.count
     if study.correlations:
-        raise ScenarioError("sampling.method: sobol-indices needs independent keys; leave out correlations")
+        raise ScenarioError(
+            "sampling.method: sobol-indices needs independent keys; leave out correlations"
+        )
     if n < 2 or n & (n - 1):
-        raise ScenarioError(f"sampling.count: {n} is not allowed; sobol-indices needs a power of 2, such as 128")
-    both = _inside(qmc.Sobol(2 * d, rng=rng).random_base2(n.bit_length() - 1))
+        raise ScenarioError(
+            f"sampling.count: {n} is not allowed; sobol-indices needs a power of 2, such as 128"
+        )
+    both = _clip_probabilities(qmc.Sobol(2 * d, rng=rng).random_base2(n.bit_length() - 1))
     A, B = both[:, :d], both[:, d:]
     mixed = [np.where(np.arange(d) == k, B, A) for k in range(d)]
     return np.concatenate([A, B, *mixed])
@@ -296,9 +365,11 @@ def _correlated(u: np.ndarray, study: Study, uncertain: Sequence[Uncertain]) -> 
     try:
         L = np.linalg.cholesky(R + 1e-12 * np.eye(R.shape[0]))
     except np.linalg.LinAlgError:
-        raise ScenarioError("correlations: contradict each other; no distribution has them all") from None
+        raise ScenarioError(
+            "correlations: contradict each other; no distribution has them all"
+        ) from None
     joined: np.ndarray = ndtr(ndtri(u) @ L.T)
-    return _inside(joined)
+    return _clip_probabilities(joined)
 
 
 def _matrix(correlations: Sequence[Correlation], keys: list[str]) -> np.ndarray:
@@ -306,9 +377,13 @@ def _matrix(correlations: Sequence[Correlation], keys: list[str]) -> np.ndarray:
     for item in correlations:
         for key in item.keys:
             if key not in keys:
-                raise ScenarioError(f"correlations: {key} has no distribution; allowed are {', '.join(keys)}")
+                raise ScenarioError(
+                    f"correlations: {key} has no distribution; allowed are {', '.join(keys)}"
+                )
         a, b = (keys.index(key) for key in item.keys)
         if a == b:
-            raise ScenarioError(f"correlations: {item.keys[0]} is named twice; two keys are expected")
+            raise ScenarioError(
+                f"correlations: {item.keys[0]} is named twice; two keys are expected"
+            )
         R[a, b] = R[b, a] = item.coefficient
     return R

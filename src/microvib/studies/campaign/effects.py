@@ -1,4 +1,6 @@
-"""What a campaign says of its keys: what each does to a line (tornado), and its part of the variance (Sobol indices)."""
+"""What a campaign says of its keys: what each does to a line (tornado), and its part of the
+variance (Sobol indices).
+"""
 
 from __future__ import annotations
 
@@ -7,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.campaign.design import ENDS, Design
+from microvib.studies.campaign.design import ONE_AT_A_TIME_QUANTILES, Design
 from microvib.studies.campaign.results import Results
 from microvib.studies.campaign.statistics import CONFIDENCE, Estimate, amplitudes
 from microvib.studies.campaign.variation import Levels
 
-RESAMPLES = 200
+BOOTSTRAP_SAMPLES = 200
 """Of the bootstrap."""
 MIN_CASES = 4
 """Draws per parameter below which no regression is made."""
@@ -20,9 +22,11 @@ MIN_CASES = 4
 
 @dataclass(frozen=True)
 class Effect:
-    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as they are.
+    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as
+    they are.
 
-    With ``levels`` they are the lowest and the highest of the means over its levels, in whatever order these come.
+    With ``levels`` they are the lowest and the highest of the means over its levels, in whatever
+    order these come.
     """
 
     key: str
@@ -61,8 +65,8 @@ class Indices:
 def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado | None:
     """Effect of every key on a line. None where the cases are too few.
 
-    A sampled key goes from its 5 % to its 95 % point: directly in a one-at-a-time sample, else along the plane fitted to all
-    cases. A key with levels goes from its lowest to its highest mean.
+    A sampled key goes from its 5 % to its 95 % point: directly in a one-at-a-time sample, else
+    along the plane fitted to all cases. A key with levels goes from its lowest to its highest mean.
     """
     design = results.campaign.design
     y = amplitudes(results, line, band)
@@ -73,12 +77,14 @@ def tornado(results: Results, line: str, band: tuple[float, float]) -> Tornado |
     if design.uncertain and design.study.sampling.method == "one-at-a-time":
         effects += _one_at_a_time(design, y)
     elif design.uncertain:
-        planes = _plane(design, y)
+        planes = _regression_effects(design, y)
         if planes is None:
             return None
         effects += planes[0]
         explained = planes[1]
-    effects.sort(key=lambda effect: (not math.isfinite(effect.size), -effect.size))  # what is not known comes last
+    effects.sort(
+        key=lambda effect: (not math.isfinite(effect.size), -effect.size)
+    )  # what is not known comes last
     return Tornado(line, float(np.nanmean(y)), tuple(effects), explained)
 
 
@@ -91,11 +97,15 @@ def _between_levels(design: Design, levels: Levels, y: np.ndarray) -> Effect:
 def _one_at_a_time(design: Design, y: np.ndarray) -> list[Effect]:
     """Means over all levels of what each key does alone; a case that failed leaves its end out."""
     means = _means(y.reshape(-1, design.samples.shape[0]).T)
-    return [Effect(x.key, means[1 + 2 * k], means[2 + 2 * k]) for k, x in enumerate(design.uncertain)]
+    return [
+        Effect(x.key, means[1 + 2 * k], means[2 + 2 * k]) for k, x in enumerate(design.uncertain)
+    ]
 
 
-def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
-    """Effects along the plane through all cases, levels taken out by their means, and the variance that it explains."""
+def _regression_effects(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
+    """Effects along the plane through all cases, levels taken out by their means, and the variance
+    that it explains.
+    """
     d, points = len(design.uncertain), design.samples.shape[0]
     table = y.reshape(-1, points)
     centred = table - np.array(_means(table))[:, None]
@@ -104,14 +114,21 @@ def _plane(design: Design, y: np.ndarray) -> tuple[list[Effect], float] | None:
     X = np.tile(spread / np.where(scale > 0.0, scale, 1.0), (table.shape[0], 1))
     target = centred.ravel()
     good = np.isfinite(target)
-    if good.reshape(table.shape).any(axis=0).sum() < MIN_CASES * (d + 1):  # a draw seen at many levels is one draw
+    if good.reshape(table.shape).any(axis=0).sum() < MIN_CASES * (
+        d + 1
+    ):  # a draw seen at many levels is one draw
         return None
     slopes, *_ = np.linalg.lstsq(X[good], target[good], rcond=None)
     total = float(np.sum(target[good] ** 2))
-    explained = 1.0 - float(np.sum((target[good] - X[good] @ slopes) ** 2)) / total if total > 0.0 else math.nan
+    if total > 0.0:
+        explained = 1.0 - float(np.sum((target[good] - X[good] @ slopes) ** 2)) / total
+    else:
+        explained = math.nan
     centre, effects = float(np.nanmean(y)), []
     for k, x in enumerate(design.uncertain):
-        ends = (x.quantile(np.array(ENDS)) - design.samples[:, k].mean()) / scale[k]
+        ends = (
+            x.quantile(np.array(ONE_AT_A_TIME_QUANTILES)) - design.samples[:, k].mean()
+        ) / scale[k]
         effects.append(Effect(x.key, *(centre + slopes[k] * ends)))
     return effects, explained
 
@@ -122,10 +139,11 @@ def _means(rows: np.ndarray) -> list[float]:
 
 
 def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | None:
-    """Sobol indices of a line's amplitude (estimator of SciPy); None where the sample is not made for them.
+    """Sobol indices of a line's amplitude (estimator of SciPy); None where the sample is not made
+    for them.
 
-    Where a case failed, its point is left out, and then points down to a power of two. With levels the variances are added over
-    the combinations.
+    Where a case failed, its point is left out, and then points down to a power of two. With levels
+    the variances are added over the combinations.
     """
     design = results.campaign.design
     if design.study.sampling.method != "sobol-indices" or not design.uncertain:
@@ -134,7 +152,10 @@ def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | N
     d, n = len(design.uncertain), design.study.sampling.count
     tables = y.reshape(-1, d + 2, n)
     good = np.isfinite(tables).all(axis=(0, 1))
-    points = 1 << (int(good.sum()).bit_length() - 1) if good.sum() >= 2 else 0
+    if good.sum() >= 2:
+        points = 1 << (int(good.sum()).bit_length() - 1)
+    else:
+        points = 0
     if points < 2:
         return None
     kept = tables[:, :, np.flatnonzero(good)[:points]]
@@ -143,9 +164,14 @@ def sobol(results: Results, line: str, band: tuple[float, float]) -> Indices | N
 
 
 def _indices(tables: np.ndarray, points: int) -> list[tuple[Estimate, ...]]:
-    """First and total order of ``tables`` (combinations, 2 + keys, points), with bootstrap intervals; the same each time."""
+    """First and total order of ``tables`` (combinations, 2 + keys, points), with bootstrap
+    intervals; the same each time.
+    """
     rng = np.random.default_rng(1)
-    drawn = [_first_and_total(tables[:, :, rng.integers(points, size=points)], points) for _ in range(RESAMPLES)]
+    drawn = [
+        _first_and_total(tables[:, :, rng.integers(points, size=points)], points)
+        for _ in range(BOOTSTRAP_SAMPLES)
+    ]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.percentile(drawn, [tail, 100.0 - tail], axis=0)  # (2, keys) each
     ends = np.stack([_first_and_total(tables, points), low, high], axis=-1)
@@ -159,6 +185,9 @@ def _first_and_total(tables: np.ndarray, points: int) -> np.ndarray:
     f_A, f_B, f_AB = tables[:, 0, :], tables[:, 1, :], np.moveaxis(tables[:, 2:, :], 1, 0)
     found = sobol_indices(func={"f_A": f_A, "f_B": f_B, "f_AB": f_AB}, n=points)
     weight = np.var(np.concatenate([f_A, f_B], axis=1), axis=1)
-    weight = weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
+    if weight.sum() > 0.0:
+        weight = weight / weight.sum()
+    else:
+        weight = np.full(weight.size, 1.0 / weight.size)
     shape = (weight.size, -1)
     return np.stack([weight @ x.reshape(shape) for x in (found.first_order, found.total_order)])

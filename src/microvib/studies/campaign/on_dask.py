@@ -1,4 +1,6 @@
-"""A campaign on Dask: a cluster of this machine, or one that runs already. Workers need no file of the campaign."""
+"""A campaign on Dask: a cluster of this machine, or one that runs already. Workers need no file of
+the campaign.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ from typing import Any
 from microvib.errors import OptionError
 from microvib.studies.workers import Backend
 
-CONNECT = "10s"
+CONNECT_TIMEOUT = "10s"
 
 
 @dataclass
@@ -25,19 +27,24 @@ class _Dask:
 
     def executor(self) -> Executor:
         """The cluster mends itself: it is the same after a worker died."""
-        submitting: Executor = self.client.get_executor(pure=False)  # each chunk is computed, though alike another
+        submitting: Executor = self.client.get_executor(
+            pure=False
+        )  # each chunk is computed, though alike another
         return submitting
 
     def watch(self) -> None:
-        """The scheduler does: it gives up workers that are silent for five minutes (its ``worker-ttl``)."""
+        """The scheduler does: it gives up workers that are silent for five minutes (its
+        ``worker-ttl``).
+        """
 
 
 @contextmanager
 def dask(workers: int | None = None, scheduler: str | None = None) -> Iterator[Backend]:
-    """A cluster of ``workers`` processes on this machine, which nobody else can use, or the one at the address ``scheduler``.
+    """A cluster of ``workers`` processes on this machine, which nobody else can use, or the one at
+    the address ``scheduler``.
 
-    That one is reached with the credentials of Dask's own configuration (``distributed.comm.tls``). MicrovibError where no
-    scheduler answers there, or it has no workers.
+    That one is reached with the credentials of Dask's own configuration (``distributed.comm.tls``).
+    MicrovibError where no scheduler answers there, or it has no workers.
     """
     from distributed import Client
     from distributed.scheduler import KilledWorker
@@ -50,11 +57,15 @@ def dask(workers: int | None = None, scheduler: str | None = None) -> Iterator[B
             yield _Dask(client, count, (KilledWorker,))
         return
     try:
-        client = Client(scheduler, timeout=CONNECT)
+        client = Client(scheduler, timeout=CONNECT_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
-        raise OptionError("scheduler", f"no Dask scheduler answers there: {error}", scheduler) from None
+        raise OptionError(
+            "scheduler", f"no Dask scheduler answers there: {error}", scheduler
+        ) from None
     with client:
         count = len(client.scheduler_info()["workers"])
         if not count:
-            raise OptionError("scheduler", f"has no workers; start some with: dask worker {scheduler}", scheduler)
+            raise OptionError(
+                "scheduler", f"has no workers; start some with: dask worker {scheduler}", scheduler
+            )
         yield _Dask(client, count, (KilledWorker,))

@@ -1,4 +1,6 @@
-"""Results of a campaign as one labelled data set, written chunk by chunk so that memory stays bounded."""
+"""Results of a campaign as one labelled data set, written chunk by chunk so that memory stays
+bounded.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from microvib.studies.campaign.variation import keys_of
 RESULTS = "results.nc"
 MISSING, DONE, FAILED = 0, 1, 2
 """States of a case."""
-_KEPT = {
+_VARIABLES = {
     "amplitude": ("N*m", "amplitude of the line, 0-to-peak"),
     "frequency": ("Hz", "frequency of the line"),
     "bin_amplitude": ("N*m", "amplitude of the nearest bin, rectangular window"),
@@ -37,13 +39,13 @@ _KEPT = {
     "los_y": ("rad", "amplitude of the second angle of the line of sight, 0-to-peak"),
 }
 """What is kept of lines and cases: unit and meaning."""
-_TEXTS = {
+_TEXT_VARIABLES = {
     "reasons": ("reason", "why the case failed; empty where it did not"),
     "notes": ("note", "notes on the case"),
     "gaps": ("gaps", "what of the case could not be judged against the study's limit"),
 }
 """Texts of each case in a chunk: their variable in the file, and its meaning."""
-_ROWS = 4096
+_CASES_PER_BLOCK = 4096
 """Cases of one block of the file."""
 
 
@@ -59,20 +61,28 @@ class Merged:
 
 
 def merge(campaign: Campaign) -> Merged:
-    """Write ``results.nc`` of all chunks that are there; the same results give the same numbers whoever computed them.
+    """Write ``results.nc`` of all chunks that are there; the same results give the same numbers
+    whoever computed them.
 
-    Cases that are not computed yet are marked as missing. OutputError where the file cannot be written.
+    Cases that are not computed yet are marked as missing. OutputError where the file cannot be
+    written.
     """
     lines = tuple(dict.fromkeys(name for _, chunk in campaign.results() for name in chunk.lines))
     statuses = tuple(sorted({text for _, chunk in campaign.results() for text in chunk.statuses}))
     path = campaign.folder / RESULTS
     state = np.full(campaign.design.cases, MISSING, dtype=np.int8)
     write_file(path, lambda new: _write(campaign, new, lines, statuses, state), overwrite=True)
-    return Merged(campaign.design.cases, int(np.sum(state == DONE)), int(np.sum(state == FAILED)), lines, path)
+    return Merged(
+        campaign.design.cases, int(np.sum(state == DONE)), int(np.sum(state == FAILED)), lines, path
+    )
 
 
 def _write(
-    campaign: Campaign, path: Path, lines: tuple[str, ...], statuses: tuple[str, ...], state: np.ndarray
+    campaign: Campaign,
+    path: Path,
+    lines: tuple[str, ...],
+    statuses: tuple[str, ...],
+    state: np.ndarray,
 ) -> None:
     """Write the merged file and fill in ``state`` of each case, (cases,)."""
     design = campaign.design
@@ -84,11 +94,15 @@ def _write(
         _text(f, "line", "line", np.array(lines, dtype=object), "name of the line")
         _parameters(f, campaign)
         kept = {*FIGURES, *(name for _, chunk in campaign.results() for name in chunk.figures)}
-        table = {name: _variable(f, name, ("case", "line")) for name in (*FIGURES, *LINE_OF_SIGHT) if name in kept}
+        table = {
+            name: _variable(f, name, ("case", "line"))
+            for name in (*FIGURES, *LINE_OF_SIGHT)
+            if name in kept
+        }
         columns = {name: _variable(f, name, ("case",)) for name in SCALARS}
         status = _variable(f, "status", ("case", "line"), np.int16, -1)
         status.attrs["flag_meanings"] = _flags(statuses) or "none"
-        texts = {name: np.full(design.cases, "", dtype=object) for name in _TEXTS}
+        texts = {name: np.full(design.cases, "", dtype=object) for name in _TEXT_VARIABLES}
         verdict = np.zeros(design.cases, dtype=np.int8)
         position = {name: k for k, name in enumerate(lines)}
         for cases, chunk in campaign.results():
@@ -99,14 +113,19 @@ def _write(
             verdict[here] = chunk.verdict
             where = [position[name] for name in chunk.lines]
             for name, values in chunk.figures.items():
-                table[name][here, :] = _spread(values, where, len(lines), np.nan)
-            numbers = np.array([*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16)
-            status[here, :] = _spread(numbers[chunk.status], where, len(lines), -1)
+                table[name][here, :] = _scatter_columns(values, where, len(lines), np.nan)
+            numbers = np.array(
+                [*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16
+            )
+            status[here, :] = _scatter_columns(numbers[chunk.status], where, len(lines), -1)
             for name in SCALARS:
                 columns[name][here] = chunk.scalars[name]
-        for name, (variable, meaning) in _TEXTS.items():
+        for name, (variable, meaning) in _TEXT_VARIABLES.items():
             _text(f, variable, "case", texts[name], meaning)
-        for name, data, flags in (("verdict", verdict, VERDICTS), ("state", state, ("not computed", "done", "failed"))):
+        for name, data, flags in (
+            ("verdict", verdict, VERDICTS),
+            ("state", state, ("not computed", "done", "failed")),
+        ):
             f.create_variable(name, ("case",), data=data).attrs["flag_meanings"] = _flags(flags)
 
 
@@ -114,7 +133,7 @@ def _flags(meanings: Iterable[str]) -> str:
     return "; ".join(f"{k}: {text}" for k, text in enumerate(meanings))
 
 
-def _spread(values: np.ndarray, where: list[int], width: int, empty: float) -> np.ndarray:
+def _scatter_columns(values: np.ndarray, where: list[int], width: int, empty: float) -> np.ndarray:
     """Columns of a chunk at the places that they have in the whole."""
     whole = np.full((values.shape[0], width), empty, dtype=values.dtype)
     whole[:, where] = values
@@ -131,15 +150,25 @@ def _parameters(f: Any, campaign: Campaign) -> None:
             _text(f, key, "case", values, meaning)
         else:
             variable = f.create_variable(key, ("case",), data=values)
-            variable.attrs["units"] = quantity.unit or "1" if quantity else "1"
+            if quantity:
+                variable.attrs["units"] = quantity.unit or "1"
+            else:
+                variable.attrs["units"] = "1"
             variable.attrs["long_name"] = meaning
 
 
-def _variable(f: Any, name: str, dims: tuple[str, ...], dtype: Any = float, empty: float = np.nan) -> Any:
+def _variable(
+    f: Any, name: str, dims: tuple[str, ...], dtype: Any = float, empty: float = np.nan
+) -> Any:
     sizes = [f.dimensions[dim].size for dim in dims]
-    blocks = (min(_ROWS, max(sizes[0], 1)), *(1 for _ in sizes[1:]))  # a column is read at once, without the others
-    variable = f.create_variable(name, dims, dtype=dtype, fillvalue=empty, chunks=blocks if min(sizes) else None)
-    variable.attrs["units"], variable.attrs["long_name"] = _KEPT[name]
+    blocks = (
+        min(_CASES_PER_BLOCK, max(sizes[0], 1)),
+        *(1 for _ in sizes[1:]),
+    )  # a column is read at once, without the others
+    variable = f.create_variable(
+        name, dims, dtype=dtype, fillvalue=empty, chunks=blocks if min(sizes) else None
+    )
+    variable.attrs["units"], variable.attrs["long_name"] = _VARIABLES[name]
     return variable
 
 
@@ -159,7 +188,9 @@ class Results:
 
     @property
     def dataset(self) -> Any:
-        """All of them as an ``xarray.Dataset`` with dimensions ``case`` and ``line``, read when looked at."""
+        """All of them as an ``xarray.Dataset`` with dimensions ``case`` and ``line``, read when
+        looked at.
+        """
         import xarray as xr
 
         with open_hdf5(self.path) as root:
@@ -188,7 +219,9 @@ class Results:
 
     @property
     def verdicts(self) -> np.ndarray:
-        """What the run of each case would be judged against the study's limit, an index in VERDICTS, (cases,)."""
+        """What the run of each case would be judged against the study's limit, an index in
+        VERDICTS, (cases,).
+        """
         return self._read("verdict")
 
     @property
@@ -197,7 +230,9 @@ class Results:
         return self._texts("gaps")
 
     def scalar(self, name: str) -> np.ndarray:
-        """A figure of each case, (cases,): ``peak``, ``rms``, ``stuck_output``, or a number that varies, by its key."""
+        """A figure of each case, (cases,): ``peak``, ``rms``, ``stuck_output``, or a number that
+        varies, by its key.
+        """
         return self._read(name)
 
     def of(self, line: str, figure: str = "amplitude") -> np.ndarray:
@@ -225,11 +260,14 @@ class Results:
 
 
 def open_results(campaign: Campaign) -> Results:
-    """Merged results of a campaign; MicrovibError where they are not merged, or of another campaign."""
+    """Merged results of a campaign; MicrovibError where they are not merged, or of another
+    campaign.
+    """
     path = campaign.folder / RESULTS
     if not path.is_file():
         raise MicrovibError(
-            f"{path}: is not there yet; merge them with: microvib campaign merge {shlex.quote(str(campaign.folder))}"
+            f"{path}: is not there yet; merge them with: microvib campaign merge"
+            f" {shlex.quote(str(campaign.folder))}"
         )
     with open_hdf5(path) as root:
         if root.attribute("campaign_sha256") != campaign.identity:

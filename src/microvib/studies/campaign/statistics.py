@@ -1,4 +1,6 @@
-"""What a campaign says of its lines: their distributions, level by level, with their uncertainty; worst cases."""
+"""What a campaign says of its lines: their distributions, level by level, with their uncertainty;
+worst cases.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.limits import Limit
-from microvib.analysis.margins import BEYOND, frequency_doubt
+from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, frequency_error_bound
 from microvib.model.expected import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
-from microvib.signals.line_fit import NOT_APART
-from microvib.signals.line_table import DRIVEN, FAINT
+from microvib.signals.line_fit import NOT_SEPARABLE
+from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
-from microvib.units import Si, inside
+from microvib.units import Si, within_band
 
 CONFIDENCE = 0.95
 BELOW, ABOVE, UNKNOWN, ABSENT = range(4)
-"""What is known of a case or line against a limit; ABSENT where a case has no such line in the band."""
-ANY = "any line"
+"""What is known of a case or line against a limit; ABSENT where a case has no such line in the
+band.
+"""
+LARGEST_LINE = "any line"
 """Name of the largest line of a case, whichever it is."""
 
 
@@ -35,13 +39,15 @@ class Estimate:
     high: float
 
 
-NONE = Estimate(math.nan, math.nan, math.nan)
+NO_ESTIMATE = Estimate(math.nan, math.nan, math.nan)
 """What the draws are too few to say."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """A combination of levels: one cell of the grid that a study spans. Draws are counted within it, never across."""
+    """A combination of levels: one cell of the grid that a study spans. Draws are counted within
+    it, never across.
+    """
 
     number: int
     text: str
@@ -54,7 +60,9 @@ class Level:
 
 @dataclass(frozen=True)
 class LineStatistics:
-    """Distribution of one line's amplitude [N m] over the independent draws of one level that have it."""
+    """Distribution of one line's amplitude [N m] over the independent draws of one level that have
+    it.
+    """
 
     line: str
     level: Level
@@ -73,32 +81,44 @@ class LineStatistics:
     above: int | None
     """How many of the draws are above the limit; None without a limit."""
     exceedance: Estimate | None
-    """Probability of being above the limit; None without a limit, or without a distribution. Its upper end counts draws that could
-    not be judged as above."""
+    """Probability of being above the limit; None without a limit, or without a distribution. Its
+    upper end counts draws that could not be judged as above."""
     unknown: int = 0
-    """How many of the draws could not be judged, though what is known of them is not above the limit: those, too, in which the line
-    has no amplitude of its own, or that failed."""
+    """How many of the draws could not be judged, though what is known of them is not above the
+    limit: those, too, in which the line has no amplitude of its own, or that failed."""
     judged: int = 0
-    """Of how many draws ``above`` and ``unknown`` are: those with an amplitude, and those without that are unknown."""
+    """Of how many draws ``above`` and ``unknown`` are: those with an amplitude, and those without
+    that are unknown.
+    """
 
 
-def in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
-    """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz] by more than CLOCK, absent or not computed."""
+def amplitudes_in_band(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
+    """Amplitudes of a line (cases,); nan where it is outside of ``band`` [Hz] by more than CLOCK,
+    absent or not computed.
+    """
     f = results.of(line, "frequency")  # comparisons with nan are false
-    return np.where(inside(f, *band, frequency_doubt(f)) & (results.state == DONE), results.of(line), np.nan)
+    return np.where(
+        within_band(f, *band, frequency_error_bound(f)) & (results.state == DONE),
+        results.of(line),
+        np.nan,
+    )
 
 
 def largest_line(results: Results, band: tuple[float, float]) -> np.ndarray:
     """Amplitude of each case's largest line in ``band``, (cases,); nan where it has none."""
     top = np.full(results.state.size, np.nan)
     for line in results.lines:
-        top = np.fmax(top, in_band(results, line, band))
+        top = np.fmax(top, amplitudes_in_band(results, line, band))
     return top
 
 
 def amplitudes(results: Results, line: str, band: tuple[float, float]) -> np.ndarray:
-    """Amplitudes of a line, or of each case's largest (ANY), in ``band`` [Hz], (cases,); nan if there is none."""
-    return largest_line(results, band) if line == ANY else in_band(results, line, band)
+    """Amplitudes of a line, or of each case's largest (ANY), in ``band`` [Hz], (cases,); nan if
+    there is none.
+    """
+    if line == LARGEST_LINE:
+        return largest_line(results, band)
+    return amplitudes_in_band(results, line, band)
 
 
 def levels_of(results: Results) -> tuple[Level, ...]:
@@ -106,7 +126,7 @@ def levels_of(results: Results) -> tuple[Level, ...]:
     design = results.campaign.design
     points = design.samples.shape[0]
     done = (results.state == DONE).reshape(-1, points)
-    counted = independent(design).reshape(-1, points)
+    counted = independent_cases(design).reshape(-1, points)
     draws = [design.samples[good & known] for good, known in zip(done, counted, strict=True)]
     alike = design.uncertain and design.study.sampling.noise == "one"
     distinct = [len(np.unique(x, axis=0)) if alike else len(x) for x in draws]
@@ -116,47 +136,78 @@ def levels_of(results: Results) -> tuple[Level, ...]:
     )
 
 
-def line_statistics(results: Results, limit: float | None, band: tuple[float, float]) -> list[LineStatistics]:
-    """Statistics, level by level, of the largest line of each case and of every line in ``band`` that any case has.
+def line_statistics(
+    results: Results, limit: float | None, band: tuple[float, float]
+) -> list[LineStatistics]:
+    """Statistics, level by level, of the largest line of each case and of every line in ``band``
+    that any case has.
 
-    Rows go level by level, in each the largest line of all (ANY) first, then the lines by falling mean. Levels are never pooled:
-    which of them a unit runs at is not a matter of chance. Of a sample for Sobol indices only the independent part counts; nothing
-    is told of one-at-a-time samples. Unexpected lines (``other_*``) count in ANY only: their names mean nothing across cases.
+    Rows go level by level, in each the largest line of all (ANY) first, then the lines by falling
+    mean. Levels are never pooled: which of them a unit runs at is not a matter of chance. Of a
+    sample for Sobol indices only the independent part counts; nothing is told of one-at-a-time
+    samples. Unexpected lines (``other_*``) count in ANY only: their names mean nothing across
+    cases.
     """
-    counted = independent(results.campaign.design)
+    counted = independent_cases(results.campaign.design)
     points = results.campaign.design.samples.shape[0]
     levels = levels_of(results)
-    names = [ANY, *(name for name in results.lines if not is_unlisted(name))]
+    names = [LARGEST_LINE, *(name for name in results.lines if not is_unlisted(name))]
     rows: list[list[LineStatistics]] = [[] for _ in levels]
-    judged = None if limit is None else case_verdicts(results, limit, band)
+    if limit is None:
+        judged = None
+    else:
+        judged = case_verdicts(results, limit, band)
     for line in names:
         amplitude = amplitudes(results, line, band)
-        verdicts = (
-            judged
-            if line == ANY or limit is None or judged is None
-            else line_verdicts(results, line, limit, band, judged)
-        )
-        frequency = np.full(amplitude.size, np.nan) if line == ANY else results.of(line, "frequency")
+        if line == LARGEST_LINE or limit is None or judged is None:
+            verdicts = judged
+        else:
+            verdicts = line_verdicts(results, line, limit, band, judged)
+        if line == LARGEST_LINE:
+            frequency = np.full(amplitude.size, np.nan)
+        else:
+            frequency = results.of(line, "frequency")
         for level in levels:
             here = np.arange(level.number * points, (level.number + 1) * points)
             drawn = here[counted[here] & np.isfinite(amplitude[here])]
             if drawn.size:
-                judgement = (
-                    None if verdicts is None else verdicts[here[counted[here] & (results.state[here] != MISSING)]]
-                )
+                if verdicts is None:
+                    judgement = None
+                else:
+                    judgement = verdicts[here[counted[here] & (results.state[here] != MISSING)]]
                 worst = int(here[np.nanargmax(amplitude[here])])
                 x, f, largest = amplitude[drawn], frequency[drawn], float(amplitude[worst])
-                rows[level.number].append(_of_line(line, level, x, f, judgement, worst=worst, largest=largest))
-    return [row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))]
+                rows[level.number].append(
+                    _statistics_of_line(line, level, x, f, judgement, worst=worst, largest=largest)
+                )
+    return [
+        row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))
+    ]
 
 
-def _of_line(
-    line: str, level: Level, x: np.ndarray, f: np.ndarray, verdicts: np.ndarray | None, *, worst: int, largest: float
+def _statistics_of_line(
+    line: str,
+    level: Level,
+    x: np.ndarray,
+    f: np.ndarray,
+    verdicts: np.ndarray | None,
+    *,
+    worst: int,
+    largest: float,
 ) -> LineStatistics:
     f = f[np.isfinite(f)]
-    above = None if verdicts is None else int(np.sum(verdicts == ABOVE))
-    unknown = 0 if verdicts is None else int(np.sum(verdicts == UNKNOWN))
-    judged = 0 if verdicts is None else int(np.sum(verdicts != ABSENT))
+    if verdicts is None:
+        above = None
+    else:
+        above = int(np.sum(verdicts == ABOVE))
+    if verdicts is None:
+        unknown = 0
+    else:
+        unknown = int(np.sum(verdicts == UNKNOWN))
+    if verdicts is None:
+        judged = 0
+    else:
+        judged = int(np.sum(verdicts != ABSENT))
     chance = x.size > 1 and level.draws > 1
     return LineStatistics(
         line=line, level=level, frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
@@ -168,10 +219,11 @@ def _of_line(
 
 
 def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> np.ndarray:
-    """BELOW, ABOVE or UNKNOWN of each case as a whole, (cases,): ABOVE where its run would fail, or any line of it does.
+    """BELOW, ABOVE or UNKNOWN of each case as a whole, (cases,): ABOVE where its run would fail, or
+    any line of it does.
 
-    Cases were judged against the study's own limit when they were computed. Of another limit it is known what is above it, and
-    that a case which passed below it passes; the rest is not.
+    Cases were judged against the study's own limit when they were computed. Of another limit it is
+    known what is above it, and that a case which passed below it passes; the rest is not.
     """
     own = limit_of(results.campaign.design.study)
     verdict = np.full(results.state.size, UNKNOWN)
@@ -187,35 +239,44 @@ def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> 
 def line_verdicts(
     results: Results, line: str, limit: float, band: tuple[float, float], whole: np.ndarray
 ) -> np.ndarray:
-    """BELOW, ABOVE, UNKNOWN or ABSENT of one line in each case, (cases,), of which ``whole`` (cases,) is known.
+    """BELOW, ABOVE, UNKNOWN or ABSENT of one line in each case, (cases,), of which ``whole``
+    (cases,) is known.
 
-    A line that others hide, or that dies away from above the limit, is UNKNOWN; so is any of a case that failed.
+    A line that others hide, or that dies away from above the limit, is UNKNOWN; so is any of a case
+    that failed.
     """
     amplitude, f, status = results.of(line), results.of(line, "frequency"), results.status(line)
     known = f[np.isfinite(f)]
     place = np.where(np.isfinite(f), f, np.median(known) if known.size else np.nan)
-    there = (status != "") & (status != TRANSIENT) & (inside(place, *band) | np.isnan(place))
+    there = (status != "") & (status != TRANSIENT) & (within_band(place, *band) | np.isnan(place))
     falls = np.isin(status, ("decaying", "growing"))
-    fold = np.where(falls, results.of(line, "decay"), 0.0) * results.campaign.design.base.record.duration
+    fold = (
+        np.where(falls, results.of(line, "decay"), 0.0)
+        * results.campaign.design.base.record.duration
+    )
     fold = np.where(np.abs(fold) > 1e-9, fold, 1e-9)
     start = np.maximum(amplitude, amplitude * fold / -np.expm1(-fold))
-    sure = np.isin(status, ("ok", FAINT, DRIVEN))
-    hidden = np.char.startswith(status.astype(str), NOT_APART)
-    small = hidden & (BEYOND * results.of(line, "bin_amplitude") <= limit)
+    sure = np.isin(status, ("ok", BELOW_FLOOR, NOISE_DRIVEN))
+    hidden = np.char.startswith(status.astype(str), NOT_SEPARABLE)
+    small = hidden & (ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude") <= limit)
     verdict = np.select(
-        [~there, sure & (amplitude > limit), sure | small | (start <= limit)], [ABSENT, ABOVE, BELOW], UNKNOWN
+        [~there, sure & (amplitude > limit), sure | small | (start <= limit)],
+        [ABSENT, ABOVE, BELOW],
+        UNKNOWN,
     )
     verdict[results.state == FAILED] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
 
 
-def governing(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
-    """Of each line the row of the level at which it gets largest; the largest of all (ANY) first, then by falling amplitude."""
+def governing_levels(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
+    """Of each line the row of the level at which it gets largest; the largest of all (ANY) first,
+    then by falling amplitude.
+    """
     worst: dict[str, LineStatistics] = {}
     for row in sorted(rows, key=lambda row: -row.largest):
         worst.setdefault(row.line, row)
-    return sorted(worst.values(), key=lambda row: row.line != ANY)
+    return sorted(worst.values(), key=lambda row: row.line != LARGEST_LINE)
 
 
 @dataclass(frozen=True)
@@ -229,10 +290,12 @@ class AnyLevel:
 
 
 def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> AnyLevel | None:
-    """How many draws, such as units of a batch, are above ``limit`` at one level or more; None without a distribution."""
+    """How many draws, such as units of a batch, are above ``limit`` at one level or more; None
+    without a distribution.
+    """
     design = results.campaign.design
     points = design.samples.shape[0]
-    counted = independent(design)[:points]
+    counted = independent_cases(design)[:points]
     if not design.random or counted.sum() < 2:
         return None
     table = case_verdicts(results, limit, band).reshape(-1, points)[:, counted]
@@ -241,36 +304,47 @@ def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> A
     return AnyLevel(above, unknown, fails.size, proportion(above, fails.size, unknown))
 
 
-def independent(design: Design) -> np.ndarray:
-    """Which cases are independent draws, (cases,): for Sobol indices the two base samples, for one-at-a-time none."""
+def independent_cases(design: Design) -> np.ndarray:
+    """Which cases are independent draws, (cases,): for Sobol indices the two base samples, for
+    one-at-a-time none.
+    """
     points, sampling = design.samples.shape[0], design.study.sampling
     known = {"sobol-indices": 2 * sampling.count, "one-at-a-time": 0}.get(sampling.method, points)
     return np.arange(design.cases) % points < (known if design.uncertain else points)
 
 
 def draws_needed(q: float) -> int:
-    """Draws from which on both ends of a quantile's interval exist: 6 for the median, 72 for P95, 368 for P99."""
+    """Draws from which on both ends of a quantile's interval exist: 6 for the median, 72 for P95,
+    368 for P99.
+    """
     tail, extreme = 0.5 * (1.0 - CONFIDENCE), max(q, 1.0 - q)
     return math.ceil(math.log(tail) / math.log(extreme))
 
 
 def quantile(x: np.ndarray, q: float) -> Estimate:
-    """Quantile of ``x`` (n,) with the interval between order statistics that covers it, whatever the distribution.
+    """Quantile of ``x`` (n,) with the interval between order statistics that covers it, whatever
+    the distribution.
 
     NONE where the draws are too few to bound it: an extreme of the sample is not a percentile.
     """
     ordered, n = np.sort(x), x.size
     if n < draws_needed(q):
-        return NONE
+        return NO_ESTIMATE
     from scipy.stats import binom
 
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1.0 - tail, n, q))
-    return Estimate(float(np.quantile(ordered, q)), float(ordered[max(low, 0)]), float(ordered[min(high, n - 1)]))
+    return Estimate(
+        float(np.quantile(ordered, q)),
+        float(ordered[max(low, 0)]),
+        float(ordered[min(high, n - 1)]),
+    )
 
 
 def proportion(count: int, n: int, unknown: int = 0) -> Estimate:
-    """``count`` of ``n`` as a probability, with the exact interval of Clopper and Pearson; ``unknown`` ones may be either."""
+    """``count`` of ``n`` as a probability, with the exact interval of Clopper and Pearson;
+    ``unknown`` ones may be either.
+    """
     from scipy.stats import binomtest
 
     low = binomtest(count, n).proportion_ci(CONFIDENCE, "exact").low
@@ -284,7 +358,9 @@ def exceedance(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, 1.0 - np.arange(1, x.size + 1) / max(x.size, 1)
 
 
-def worst_cases(results: Results, line: str, band: tuple[float, float], count: int = 5) -> list[tuple[int, float]]:
+def worst_cases(
+    results: Results, line: str, band: tuple[float, float], count: int = 5
+) -> list[tuple[int, float]]:
     """Numbers and amplitudes of the cases in which a line is largest."""
     y = amplitudes(results, line, band)
     order = [int(k) for k in np.argsort(-np.nan_to_num(y, nan=-1.0), kind="stable")[:count]]
@@ -292,8 +368,10 @@ def worst_cases(results: Results, line: str, band: tuple[float, float], count: i
 
 
 def main_lines(rows: Sequence[LineStatistics]) -> list[str]:
-    """Lines worth a picture: the six largest; sidebands only where they are as large as a fifth of the largest."""
-    singles = [row for row in governing(rows) if row.line != ANY]
+    """Lines worth a picture: the six largest; sidebands only where they are as large as a fifth of
+    the largest.
+    """
+    singles = [row for row in governing_levels(rows) if row.line != LARGEST_LINE]
     top = max((row.largest for row in singles), default=0.0)
     worth = [r for r in singles if r.largest >= (0.2 if is_sideband(r.line) else 1e-2) * top]
     return [row.line for row in worth[:6]]

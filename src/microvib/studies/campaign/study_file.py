@@ -21,7 +21,9 @@ class Sampling(Part):
         description="sobol, latin-hypercube or random points; sobol-indices for a variance decomposition;"
         " one-at-a-time for each key at its 5 % and 95 % points",
     )
-    count: int = Field(default=128, ge=1, le=10_000_000, description="points; for sobol-indices the base sample N")
+    count: int = Field(
+        default=128, ge=1, le=10_000_000, description="points; for sobol-indices the base sample N"
+    )
     seed: int = Field(default=1, ge=0, le=2**32 - 1, description="seed of the random numbers")
     noise: Literal["one", "each"] = Field(
         default="one",
@@ -38,29 +40,49 @@ class Correlation(Part):
     """Two sampled keys that go together."""
 
     keys: tuple[str, str] = Field(description="the two keys")
-    coefficient: Annotated[float, Quantity("", "correlation of the normal scores of the two", ge=-1.0, le=1.0)]
+    coefficient: Annotated[
+        float, Quantity("", "correlation of the normal scores of the two", ge=-1.0, le=1.0)
+    ]
 
 
 class Study(Part):
     """What a campaign computes: a scenario, what of it varies, and what is kept of each case."""
 
     title: str = Field(default="", max_length=500, description="what is studied, in a few words")
-    scenario: str = Field(description="scenario to vary: a catalog name or a file, relative to the study's folder")
-    set: dict[str, Any] = Field(default_factory=dict, description="changes of the scenario, the same in all cases")
+    scenario: str = Field(
+        description="scenario to vary: a catalog name or a file, relative to the study's folder"
+    )
+    set: dict[str, Any] = Field(
+        default_factory=dict, description="changes of the scenario, the same in all cases"
+    )
     vary: dict[str, Any] = Field(
         default_factory=dict,
         description="per key a list of values, a grid {from, to, count, spacing} or a distribution",
     )
-    cases: tuple[dict[str, Any], ...] = Field(default=(), description="combinations of values, each key: value")
+    cases: tuple[dict[str, Any], ...] = Field(
+        default=(), description="combinations of values, each key: value"
+    )
     sampling: Sampling = Sampling()
-    correlations: tuple[Correlation, ...] = Field(default=(), description="keys that are sampled together")
+    correlations: tuple[Correlation, ...] = Field(
+        default=(), description="keys that are sampled together"
+    )
     solve: Literal["record", "steady"] = Field(
-        default="record", description="record: settle and record in time; steady: find the steady state"
+        default="record",
+        description="record: settle and record in time; steady: find the steady state",
     )
     harmonics: int = Field(default=8, ge=1, le=200, description="members of each family of lines")
-    limit: Annotated[float, Quantity("N*m", "largest line allowed", gt=0.0, display="mN*m")] | None = None
-    band: str | None = Field(default=None, description="band in which the limit applies, such as 0.5:5 Hz")
-    time_limit: Annotated[float, Quantity("s", "time that a case may take to compute", gt=0.0)] | None = Field(
-        default=None, description="time that a case may take to compute; null: a minute and the time that it simulates"
+    limit: (
+        Annotated[float, Quantity("N*m", "largest line allowed", gt=0.0, display="mN*m")] | None
+    ) = None
+    band: str | None = Field(
+        default=None, description="band in which the limit applies, such as 0.5:5 Hz"
     )
-    keep: tuple[Literal["T_d"], ...] = Field(default=(), description="histories to keep of every case")
+    time_limit: (
+        Annotated[float, Quantity("s", "time that a case may take to compute", gt=0.0)] | None
+    ) = Field(
+        default=None,
+        description="time that a case may take to compute; null: a minute and the time that it simulates",
+    )
+    keep: tuple[Literal["T_d"], ...] = Field(
+        default=(), description="histories to keep of every case"
+    )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.errors import ScenarioError, shown
+from microvib.errors import ScenarioError, quoted_value
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
@@ -19,13 +19,13 @@ MAX_LEVELS = 1_000_000
 ARRAY = ("array.from", "array.fem")
 """Keys whose levels are arrays, read when the campaign is made."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,59}")
-TAKEN = (
+RESERVED_NAMES = (
     "array", "case", "line", "state", "reason", "note", "status", "amplitude", "frequency", "bin_amplitude", "phase", "decay",
     "peak", "rms", "stuck_output", "verdict", "gaps",
 )  # fmt: skip
 """Names that columns of the results have, which no factor may have."""
 _FACTOR = Quantity("", "factor on the scenario's values")
-_Entries = dict[str, tuple[Any, Quantity | None]]
+_ScenarioEntries = dict[str, tuple[Any, Quantity | None]]
 
 
 def is_number(value: Any) -> bool:
@@ -78,7 +78,9 @@ class Uncertain(Varied):
 
     kind: str
     shape: tuple[float, ...]
-    """normal: mean, deviation; uniform: low, high; triangular: low, peak, high; log-normal: median, factor."""
+    """normal: mean, deviation; uniform: low, high; triangular: low, peak, high; log-normal: median,
+    factor.
+    """
     lower: float
     upper: float
 
@@ -106,10 +108,21 @@ class Uncertain(Varied):
     @property
     def text(self) -> str:
         """The distribution in words, in the display unit."""
-        values = _KINDS[self.kind].words.format(*map(self.show, self.shape), plain=f"{self.shape[1]:.4g}")
-        cut = [f"from {self.show(self.lower)}"] if math.isfinite(self.lower) else []
-        cut += [f"to {self.show(self.upper)}"] if math.isfinite(self.upper) else []
-        on = f"factor on {', '.join(self.keys)}; " if self.base else ""
+        values = _KINDS[self.kind].words.format(
+            *map(self.show, self.shape), plain=f"{self.shape[1]:.4g}"
+        )
+        if math.isfinite(self.lower):
+            cut = [f"from {self.show(self.lower)}"]
+        else:
+            cut = []
+        if math.isfinite(self.upper):
+            cut += [f"to {self.show(self.upper)}"]
+        else:
+            cut += []
+        if self.base:
+            on = f"factor on {', '.join(self.keys)}; "
+        else:
+            on = ""
         return f"{on}{self.kind}, {values}" + (f", cut {' '.join(cut)}" if cut else "")
 
 
@@ -123,38 +136,62 @@ def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
     values = {found[name][0] for name in keys}
     value, quantity = values.pop() if len(values) == 1 else None, found[keys[0]][1]
     part = _of_one_key(key, value, spec, quantity, where)
-    return replace(part, keys=keys) if "*" in key else part
+    if "*" in key:
+        return replace(part, keys=keys)
+    return part
 
 
-def _factor(found: _Entries, name: str, spec: dict[str, Any], where: str) -> Levels | Uncertain:
-    if name in found or name in TAKEN or not _NAME.fullmatch(name):
+def _factor(
+    found: _ScenarioEntries, name: str, spec: dict[str, Any], where: str
+) -> Levels | Uncertain:
+    if name in found or name in RESERVED_NAMES or not _NAME.fullmatch(name):
         raise ScenarioError(
-            f"{where}: is not allowed as the name of a factor; it has one of its own, up to 60 letters, digits, blanks, dots and"
-            f" hyphens, and not {', '.join(TAKEN)}"
+            f"{where}: is not allowed as the name of a factor; it has one of its own, up to 60"
+            " letters, digits, blanks, dots and"
+            f" hyphens, and not {', '.join(RESERVED_NAMES)}"
         )
-    given = spec["scale"] if isinstance(spec["scale"], list) else [spec["scale"]]
+    if isinstance(spec["scale"], list):
+        given = spec["scale"]
+    else:
+        given = [spec["scale"]]
     if not given or not all(isinstance(key, str) for key in given):
-        raise ScenarioError(f"{where}.scale: {shown(spec['scale'])} is not allowed; a list of keys is expected")
+        raise ScenarioError(
+            f"{where}.scale: {quoted_value(spec['scale'])} is not allowed; a list of keys is"
+            " expected"
+        )
     matching = (_matching(found, pattern, f"{where}.scale: {pattern}") for pattern in given)
     keys = tuple(dict.fromkeys(key for keys in matching for key in keys))
     for key in keys:
         value, quantity = found[key]
         if not isinstance(value, float) or quantity is None:
-            raise ScenarioError(f"{where}.scale: {key} is {shown(value)}, not a number that could be scaled")
+            raise ScenarioError(
+                f"{where}.scale: {key} is {quoted_value(value)}, not a number that could be scaled"
+            )
     rest: Any = {key: value for key, value in spec.items() if key != "scale"}
     if "values" in rest:
         _Reader(where, rest, _FACTOR, 1.0).only(("values",))
         rest = rest["values"]
         if not isinstance(rest, list):
-            raise ScenarioError(f"{where}.values: {shown(rest)} is not allowed; a list of factors is expected")
-    return replace(_of_one_key(name, 1.0, rest, _FACTOR, where), keys=keys, base=tuple(found[key][0] for key in keys))
+            raise ScenarioError(
+                f"{where}.values: {quoted_value(rest)} is not allowed; a list of factors is"
+                " expected"
+            )
+    return replace(
+        _of_one_key(name, 1.0, rest, _FACTOR, where),
+        keys=keys,
+        base=tuple(found[key][0] for key in keys),
+    )
 
 
-def _matching(found: _Entries, pattern: str, where: str) -> tuple[str, ...]:
+def _matching(found: _ScenarioEntries, pattern: str, where: str) -> tuple[str, ...]:
     """Keys that a key means in which ``*`` stands for any one step; ScenarioError if there is none."""
     steps = pattern.split(".")
     split = {key: key.split(".") for key in found}
-    keys = [key for key, names in split.items() if len(names) == len(steps) and all(map(fnmatchcase, names, steps))]
+    keys = [
+        key
+        for key, names in split.items()
+        if len(names) == len(steps) and all(map(fnmatchcase, names, steps))
+    ]
     if keys:
         return tuple(keys)
     near = [name for name in found if name.split(".")[0] == steps[0]] or list(found)
@@ -163,25 +200,35 @@ def _matching(found: _Entries, pattern: str, where: str) -> tuple[str, ...]:
 
 def keys_of(scenario: Scenario, pattern: str) -> tuple[str, ...]:
     """Keys of the scenario that a key, perhaps with ``*``, means."""
-    return _matching(_entries(scenario), pattern, pattern) if "*" in pattern else (pattern,)
+    if "*" in pattern:
+        return _matching(_entries(scenario), pattern, pattern)
+    return (pattern,)
 
 
-def _entries(scenario: Scenario) -> _Entries:
+def _entries(scenario: Scenario) -> _ScenarioEntries:
     return {name: (value, quantity) for name, value, quantity in scenario.entries()}
 
 
-def _of_one_key(key: str, value: Any, spec: Any, quantity: Quantity | None, where: str) -> Levels | Uncertain:
+def _of_one_key(
+    key: str, value: Any, spec: Any, quantity: Quantity | None, where: str
+) -> Levels | Uncertain:
     if isinstance(spec, list):
-        return _listed(key, spec, quantity, where)
+        return _levels_of_list(key, spec, quantity, where)
     if not isinstance(spec, dict):
-        raise ScenarioError(f"{where}: {spec!r} is not allowed; write a list of values, a grid or a distribution")
+        raise ScenarioError(
+            f"{where}: {spec!r} is not allowed; write a list of values, a grid or a distribution"
+        )
     if quantity is None:
-        raise ScenarioError(f"{where}: is not a physical quantity; write a list of its values, such as [{value}]")
+        raise ScenarioError(
+            f"{where}: is not a physical quantity; write a list of its values, such as [{value}]"
+        )
     reader = _Reader(where, spec, quantity, value)
-    return _distribution(key, reader) if "distribution" in spec else _grid(key, reader)
+    if "distribution" in spec:
+        return _distribution(key, reader)
+    return _grid(key, reader)
 
 
-def _listed(key: str, values: list[Any], quantity: Quantity | None, where: str) -> Levels:
+def _levels_of_list(key: str, values: list[Any], quantity: Quantity | None, where: str) -> Levels:
     if not values:
         raise ScenarioError(f"{where}: the list is empty; at least one value is expected")
     read = tuple(_level(item, quantity, f"{where}.{k}") for k, item in enumerate(values))
@@ -193,7 +240,9 @@ def _shown_in(quantity: Quantity) -> dict[str, Any]:
 
 
 def _level(item: Any, quantity: Quantity | None, where: str) -> Any:
-    """A value of a list in SI; what is not a number (a word such as ``rigid``) is left to the scenario's own check."""
+    """A value of a list in SI; what is not a number (a word such as ``rigid``) is left to the
+    scenario's own check.
+    """
     if quantity is None or not (isinstance(item, str) or is_number(item)):
         return item
     if isinstance(item, str) and not any(c.isdigit() for c in item):
@@ -211,7 +260,9 @@ def number(item: Any, quantity: Quantity, where: str) -> float:
     if not is_number(item) or not math.isfinite(item):
         raise ScenarioError(f"{where}: {item!r} is not a quantity ({quantity.meaning})")
     if quantity.unit and item != 0:  # nought is nought in every unit
-        raise ScenarioError(f"{where}: {item} needs a unit, such as '{item} {quantity.display or quantity.unit}'")
+        raise ScenarioError(
+            f"{where}: {item} needs a unit, such as '{item} {quantity.display or quantity.unit}'"
+        )
     return float(item)
 
 
@@ -228,7 +279,9 @@ class _Reader:
     def only(self, allowed: tuple[str, ...]) -> None:
         unknown = [name for name in self.spec if name not in allowed]
         if unknown:
-            raise ScenarioError(f"{self.where}.{unknown[0]}: unknown key; allowed here are {', '.join(allowed)}")
+            raise ScenarioError(
+                f"{self.where}.{unknown[0]}: unknown key; allowed here are {', '.join(allowed)}"
+            )
 
     def number(self, name: str, default: float | None = None) -> float:
         if name not in self.spec and default is not None:
@@ -238,15 +291,22 @@ class _Reader:
         return number(self.spec[name], self.quantity, f"{self.where}.{name}")
 
     def ratio(self, name: str) -> float:
-        value = number(self.spec[name], Quantity("", "a plain number or percent"), f"{self.where}.{name}")
+        value = number(
+            self.spec[name], Quantity("", "a plain number or percent"), f"{self.where}.{name}"
+        )
         if not value > 0.0:
-            raise ScenarioError(f"{self.where}.{name}: {self.spec[name]!r} is not allowed; it must be greater than 0")
+            raise ScenarioError(
+                f"{self.where}.{name}: {self.spec[name]!r} is not allowed; it must be greater than"
+                " 0"
+            )
         return value
 
     def centre(self, name: str) -> float:
         """The value ``name``, or the scenario's own."""
         known = self.now is not None or name in self.spec
-        self.check(known, f"has no one value in the scenario to start from; give {name}, or scale the keys")
+        self.check(
+            known, f"has no one value in the scenario to start from; give {name}, or scale the keys"
+        )
         return self.number(name, self.now if isinstance(self.now, float) else None)
 
     def check(self, right: bool, text: str) -> None:
@@ -260,24 +320,40 @@ def _grid(key: str, r: _Reader) -> Levels:
     count: Any = r.spec.get("count")
     spacing = r.spec.get("spacing", "linear")
     right = is_number(count) and isinstance(count, int) and 2 <= count <= MAX_LEVELS
-    r.check(right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is expected")
-    r.check(spacing in ("linear", "logarithmic"), f"spacing: {spacing!r} is not allowed; write linear or logarithmic")
+    r.check(
+        right, f"count: {count!r} is not allowed; a whole number from 2 to {MAX_LEVELS} is expected"
+    )
+    r.check(
+        spacing in ("linear", "logarithmic"),
+        f"spacing: {spacing!r} is not allowed; write linear or logarithmic",
+    )
     positive = spacing == "linear" or (first > 0.0 and last > 0.0)
     r.check(positive, "a logarithmic grid goes from and to values greater than 0")
     values = (np.linspace if spacing == "linear" else np.geomspace)(first, last, count)
-    return Levels(key, tuple(values.tolist()), tuple(map(r.quantity.show, values)), **_shown_in(r.quantity))
+    return Levels(
+        key, tuple(values.tolist()), tuple(map(r.quantity.show, values)), **_shown_in(r.quantity)
+    )
 
 
 def _normal(r: _Reader) -> tuple[float, ...]:
     mean = r.centre("mean")
-    r.check(("deviation" in r.spec) != ("relative_deviation" in r.spec), "give deviation or relative_deviation")
-    deviation = r.number("deviation") if "deviation" in r.spec else abs(mean) * r.ratio("relative_deviation")
+    r.check(
+        ("deviation" in r.spec) != ("relative_deviation" in r.spec),
+        "give deviation or relative_deviation",
+    )
+    if "deviation" in r.spec:
+        deviation = r.number("deviation")
+    else:
+        deviation = abs(mean) * r.ratio("relative_deviation")
     r.check(deviation > 0.0, "deviation: must be greater than 0")
     return mean, deviation
 
 
 def _uniform(r: _Reader) -> tuple[float, ...]:
-    r.check(("within" in r.spec) != ("low" in r.spec), "give low and high, or within (a fraction of the value)")
+    r.check(
+        ("within" in r.spec) != ("low" in r.spec),
+        "give low and high, or within (a fraction of the value)",
+    )
     if "within" in r.spec:
         part, value = r.ratio("within"), r.centre("value")
         low, high = sorted((value * (1.0 - part), value * (1.0 + part)))
@@ -295,7 +371,9 @@ def _triangular(r: _Reader) -> tuple[float, ...]:
 
 def _log_normal(r: _Reader) -> tuple[float, ...]:
     median = r.centre("median")
-    r.check("factor" in r.spec, "factor: missing (68 % lie between median / factor and median x factor)")
+    r.check(
+        "factor" in r.spec, "factor: missing (68 % lie between median / factor and median x factor)"
+    )
     factor = r.ratio("factor")
     r.check(median > 0.0, "median: must be greater than 0")
     r.check(factor > 1.0, f"factor: {r.spec['factor']!r} is not allowed; it must be greater than 1")
@@ -343,5 +421,7 @@ def _distribution(key: str, r: _Reader) -> Uncertain:
     lower, upper = r.number("lower", -math.inf), r.number("upper", math.inf)
     r.check(lower < upper, "lower: must be below upper")
     uncertain = Uncertain(key, kind, shape, lower, upper, **_shown_in(r.quantity))
-    r.check(uncertain.inside > 1e-6, "lower and upper leave nothing of the distribution between them")
+    r.check(
+        uncertain.inside > 1e-6, "lower and upper leave nothing of the distribution between them"
+    )
     return uncertain

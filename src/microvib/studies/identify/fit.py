@@ -13,33 +13,61 @@ from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.signals.line_table import LineTable
-from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, expect_lines
+from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, require_lines
 from microvib.studies.identify import verdict, whole
-from microvib.studies.identify.goodness import Deviation, Goodness, deviations, goodness, needed_error
-from microvib.studies.identify.hints import hints
+from microvib.studies.identify.goodness import (
+    Deviation,
+    Goodness,
+    deviations,
+    goodness,
+    required_model_error,
+)
+from microvib.studies.identify.hints import model_deficiency_hints
 from microvib.studies.identify.intervals import profiles
-from microvib.studies.identify.keys import FitKey, WholeKey, parse_key
-from microvib.studies.identify.lacking import lacking
-from microvib.studies.identify.misread import misread
-from microvib.studies.identify.problem import FitProgress, Own, Problem, Trust, as_tested, cost, owned
-from microvib.studies.identify.scattered import jumps, scattered
+from microvib.studies.identify.keys import FitKey, IntegerKey, parse_key
+from microvib.studies.identify.lacking import unmodelled_effects
+from microvib.studies.identify.misread import diagnose_units_signs
+from microvib.studies.identify.problem import (
+    ErrorModel,
+    FitProgress,
+    Problem,
+    TestOverrides,
+    as_tested,
+    cost,
+    with_overrides,
+)
+from microvib.studies.identify.scattered import is_noisy, noisy_objective
 from microvib.studies.identify.search import (
     Optimum,
     confirm,
     confirm_scaled,
     eased,
     least_misfit,
-    local_at,
-    material,
+    linearise_at,
     search,
+    significant_gain,
 )
-from microvib.studies.identify.selection import EFFECTS, Candidate, Selector, effects_of, switched
-from microvib.studies.identify.verdict import SETTLE, Estimate, Findings, Leaning, correlations
+from microvib.studies.identify.selection import (
+    EFFECTS,
+    Candidate,
+    Selector,
+    effects_of,
+    with_effects,
+)
+from microvib.studies.identify.verdict import (
+    SETTLE_KEY,
+    Dependence,
+    Estimate,
+    Findings,
+    correlations,
+)
 from microvib.testdata.recording import Recording
-from microvib.units import Given, quantity
+from microvib.units import GivenQuantity, quantity
 
 MODEL_ERROR = 0.004
-"""Limit on the relative accuracy of any amplitude, from model and instrument chain: filters, steps, window."""
+"""Limit on the relative accuracy of any amplitude, from model and instrument chain: filters, steps,
+window.
+"""
 
 
 @dataclass(frozen=True)
@@ -49,7 +77,9 @@ class Fit:
     estimates: tuple[Estimate, ...]
     correlation: np.ndarray
     sensitivities: dict[str, tuple[float, ...]]
-    """Relative change of each observed figure for a relative change of each parameter (d ln figure / d ln parameter)."""
+    """Relative change of each observed figure for a relative change of each parameter (d ln figure
+    / d ln parameter).
+    """
     before: tuple[tuple[Evidence, Simulated], ...]
     after: tuple[tuple[Evidence, Simulated], ...]
     scenarios: tuple[Scenario, ...]
@@ -62,7 +92,7 @@ class Fit:
     goodness: Goodness
     deviations: tuple[Deviation, ...]
     """All figures, with those of the fitted model."""
-    leanings: tuple[Leaning, ...]
+    leanings: tuple[Dependence, ...]
     """Parameters not fitted that move the estimates, strongest first."""
     converged: bool
     """Whether a second, finer search found nothing better."""
@@ -73,7 +103,9 @@ class Fit:
     selection: tuple[Candidate, ...] = ()
     """What the evidence asks for, of the effects that were candidates."""
     whole: tuple[Estimate, ...] = ()
-    """Whole numbers, each of which was tried; between the ends of their intervals are those that explain the evidence as well."""
+    """Whole numbers, each of which was tried; between the ends of their intervals are those that
+    explain the evidence as well.
+    """
 
     def __repr__(self) -> str:
         found = ", ".join(f"{e.key} {e.estimate:.6g}" for e in self.parameters)
@@ -100,24 +132,27 @@ class Fit:
         """What comes first: how good the fit is, and whether it identifies anything."""
         if not self.goodness.explained or any(e.identifiable for e in self.parameters):
             return self.goodness.sentence
-        verdicts = (e.verdict.removesuffix(verdict.ALONG) for e in self.parameters)
+        verdicts = (e.verdict.removesuffix(verdict.ADDED_FREQUENCY_NOTE) for e in self.parameters)
         reasons = list(dict.fromkeys(one.removeprefix("not identifiable") for one in verdicts))
         why = reasons[0] if len(reasons) == 1 else ""
-        value = f"chi-square {self.goodness.ratio:.3g} per degree of freedom, {self.goodness.counted}"
+        value = (
+            f"chi-square {self.goodness.ratio:.3g} per degree of freedom, {self.goodness.counted}"
+        )
         return (
-            f"Nothing is identified{why}. That the figures are as the model's ({value}) does not make it right: other values, or"
+            f"Nothing is identified{why}. That the figures are as the model's ({value}) does not"
+            " make it right: other values, or"
             " other models, have them, too."
         )
 
 
-Tells = Evidence | Recording | Prepared | LineTable | PaperLines
-Test = Tells | tuple[Tells, Own]
+EvidenceSource = Evidence | Recording | Prepared | LineTable | PaperLines
+EvidenceWithOverrides = EvidenceSource | tuple[EvidenceSource, TestOverrides]
 
 
 def identify(
     scenario: Scenario,
-    evidence: Sequence[Test],
-    keys: Sequence[FitKey | WholeKey | str],
+    evidence: Sequence[EvidenceWithOverrides],
+    keys: Sequence[FitKey | IntegerKey | str],
     *,
     share: Sequence[str] | None = None,
     select: Sequence[str] = (),
@@ -126,23 +161,27 @@ def identify(
     finishes: int = 3,
     model_error: float = MODEL_ERROR,
     common_error: float = 0.0,
-    settle_error: Given | None = None,
+    settle_error: GivenQuantity | None = None,
     progress: FitProgress | None = None,
 ) -> Fit:
     """Fit ``keys`` of ``scenario`` to all the evidence at once.
 
-    Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in a pair it comes with the changes
-    of the scenario that make its test (another state, another rate), or with its own scenario. Keys are as ``parse_key`` takes
-    them; of a whole number, one in all recordings, each that may be is tried. Those in ``share`` have one value in all
-    recordings, others one in each; without it all are shared. Of the effects in ``select`` (``selection.EFFECTS``) those are
-    taken in, and fitted, that the evidence asks for. ``model_error`` is the relative standard deviation that each amplitude is
-    trusted to beyond its own uncertainty, ``common_error`` that of all amplitudes of a recording together, ``settle_error`` that
-    of ``record.settle``: without it nobody knows in which quarter of the electrical turn a recording begins, and the driver's
-    errors are known up to such quarters only (``Fit.alternatives``).
-    Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same result.
+    Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in
+    a pair it comes with the changes of the scenario that make its test (another state, another
+    rate), or with its own scenario. Keys are as ``parse_key`` takes them; of a whole number, one in
+    all recordings, each that may be is tried. Those in ``share`` have one value in all recordings,
+    others one in each; without it all are shared. Of the effects in ``select``
+    (``selection.EFFECTS``) those are taken in, and fitted, that the evidence asks for.
+    ``model_error`` is the relative standard deviation that each amplitude is trusted to beyond its
+    own uncertainty, ``common_error`` that of all amplitudes of a recording together,
+    ``settle_error`` that of ``record.settle``: without it nobody knows in which quarter of the
+    electrical turn a recording begins, and the driver's errors are known up to such quarters only
+    (``Fit.alternatives``). Interrupting (Ctrl-C) ends the search and returns what was best so far.
+    Same seed, same result.
 
-    A range that the user did not state is widened until the best lies inside. Where the fit does not explain the evidence
-    and an array mode's frequency was measured, its clamped frequency is fitted as well, and the verdict says so.
+    A range that the user did not state is widened until the best lies inside. Where the fit does
+    not explain the evidence and an array mode's frequency was measured, its clamped frequency is
+    fitted as well, and the verdict says so.
     """
     expect_scenario(scenario)
     for name, given, example in (
@@ -153,16 +192,21 @@ def identify(
     ):
         expect_list(given, name, example)
     effects = effects_of(select)
-    every = switched(scenario, effects, effects)
-    told = [_told(one, every) for one in evidence]
-    fitted, wholes = _each(every, told, keys, share)
+    every = with_effects(scenario, effects, effects)
+    told = [_as_evidence(one, every) for one in evidence]
+    fitted, wholes = _keys_by_recording(every, told, keys, share)
     for taken in (*(key.key for key in fitted), *(key.key for key in wholes)):
         if any(taken in (name, *EFFECTS[name].keys) for name in effects):
-            raise OptionError("select", "is fitted, and so taken for granted; name it in one place", taken)
-    late = math.inf if settle_error is None else quantity("settle_error", settle_error, "s", positive=True)
-    trust = Trust(model_error, common_error, late)
-    tests, notes = without_the_start(told, scenario, fitted, trust)
-    notes = (*_on_craft(tests, scenario), *notes)
+            raise OptionError(
+                "select", "is fitted, and so taken for granted; name it in one place", taken
+            )
+    if settle_error is None:
+        late = math.inf
+    else:
+        late = quantity("settle_error", settle_error, "s", positive=True)
+    trust = ErrorModel(model_error, common_error, late)
+    tests, notes = without_start_dependence(told, scenario, fitted, trust)
+    notes = (*_craft_warnings(tests, scenario), *notes)
     asked: tuple[Candidate, ...] = ()
     if progress is not None:
         progress("global", 0, math.inf, {})
@@ -171,13 +215,17 @@ def identify(
         scenario, tests, fitted, asked = selector.run()
         wholes += [its for one in asked if one.selected and (its := EFFECTS[one.effect].whole)]
     problem = Problem(scenario, tests, fitted, trust, progress)
-    expect_lines([one for one, _ in tests])
-    found, interrupted = _last(_with_wholes(problem, wholes, seed, starts, finishes))
-    return replace(_fit(found or _best_so_far(problem), wholes, seed, interrupted, notes), selection=asked)
+    require_lines([one for one, _ in tests])
+    found, interrupted = _last_stage(_with_integer_stages(problem, wholes, seed, starts, finishes))
+    return replace(
+        _fit(found or _best_so_far(problem), wholes, seed, interrupted, notes), selection=asked
+    )
 
 
-def _last(stages: Iterator[Findings]) -> tuple[Findings | None, bool]:
-    """What the last stage found, and whether an interrupt ended the stages; None where it came within the first."""
+def _last_stage(stages: Iterator[Findings]) -> tuple[Findings | None, bool]:
+    """What the last stage found, and whether an interrupt ended the stages; None where it came
+    within the first.
+    """
     found = None
     try:
         for stage in stages:
@@ -188,7 +236,9 @@ def _last(stages: Iterator[Findings]) -> tuple[Findings | None, bool]:
 
 
 def _best_so_far(problem: Problem) -> Findings:
-    """The best point of a search that was interrupted, in the whole records; KeyboardInterrupt again where it has met none."""
+    """The best point of a search that was interrupted, in the whole records; KeyboardInterrupt
+    again where it has met none.
+    """
     if problem.ledger.best is None:
         raise KeyboardInterrupt
     problem, x, r = problem.ledger.best
@@ -198,24 +248,32 @@ def _best_so_far(problem: Problem) -> Findings:
     return Findings(problem, Optimum(x, r, cost(r)))
 
 
-def _told(test: Test, scenario: Scenario) -> tuple[Evidence, Own]:
-    told, own = test if isinstance(test, tuple) else (test, {})
+def _as_evidence(test: EvidenceWithOverrides, scenario: Scenario) -> tuple[Evidence, TestOverrides]:
+    if isinstance(test, tuple):
+        told, own = test
+    else:
+        told, own = (test, {})
     if isinstance(told, Evidence):
         return told, own
     kinds = Recording, LineTable, Prepared, PaperLines
     expect(told, kinds, "a recording, a table of lines or evidence of one (mv.open_source)")
-    return evidence_of(told, owned(scenario, own)), own
+    return evidence_of(told, with_overrides(scenario, own)), own
 
 
-def _each(
+def _keys_by_recording(
     scenario: Scenario,
-    evidence: Sequence[tuple[Evidence, Own]],
-    keys: Sequence[FitKey | WholeKey | str],
+    evidence: Sequence[tuple[Evidence, TestOverrides]],
+    keys: Sequence[FitKey | IntegerKey | str],
     share: Sequence[str] | None,
-) -> tuple[list[FitKey], list[WholeKey]]:
-    """The keys, those that are not shared once for each recording; refuses one that is fitted twice, or that a test sets."""
+) -> tuple[list[FitKey], list[IntegerKey]]:
+    """The keys, those that are not shared once for each recording; refuses one that is fitted
+    twice, or that a test sets.
+    """
     fitted = [parse_key(scenario, key) if isinstance(key, str) else key for key in keys]
-    names, shared = [key.key for key in fitted], set(share if share is not None else (key.key for key in fitted))
+    names, shared = (
+        [key.key for key in fitted],
+        set(share if share is not None else (key.key for key in fitted)),
+    )
     for name in shared - set(names):
         raise OptionError("share", "is not fitted; name it among the keys to fit, too", name)
     found: list[FitKey] = []
@@ -223,87 +281,131 @@ def _each(
         if names.count(key.key) > 1:
             raise OptionError("fit", "is named twice; name each key once", key.key)
         one_in_all = key.key in shared or len(evidence) == 1
-        if isinstance(key, WholeKey) and not one_in_all:
+        if isinstance(key, IntegerKey) and not one_in_all:
             raise OptionError(
-                "share", "is a whole number, which has one value in all recordings; name it, too", key.key
+                "share",
+                "is a whole number, which has one value in all recordings; name it, too",
+                key.key,
             )
         for j, (one, own) in enumerate(evidence):
             if not isinstance(own, Scenario) and key.key in own:
-                raise OptionError("fit", f"the test {one.name} sets it itself; fit it or set it", key.key)
+                raise OptionError(
+                    "fit", f"the test {one.name} sets it itself; fit it or set it", key.key
+                )
             if isinstance(own, Scenario) and key.key not in {name for name, _, _ in own.entries()}:
                 raise OptionError("fit", f"the scenario of {one.name} does not have it", key.key)
             if one_in_all:
                 continue
-            alone = parse_key(owned(scenario, own), asked) if isinstance(asked, str) else key
+            if isinstance(asked, str):
+                alone = parse_key(with_overrides(scenario, own), asked)
+            else:
+                alone = key
             assert isinstance(alone, FitKey)
             again = sum(other.name == one.name for other, _ in evidence) > 1
-            found.append(replace(alone, test=j, recording=f"{one.name} {j + 1}" if again else one.name))
-        found += [key] if isinstance(key, FitKey) and one_in_all else []
-    wholes = [key for key in fitted if isinstance(key, WholeKey)]
+            found.append(
+                replace(alone, test=j, recording=f"{one.name} {j + 1}" if again else one.name)
+            )
+        if isinstance(key, FitKey) and one_in_all:
+            found += [key]
+        else:
+            found += []
+    wholes = [key for key in fitted if isinstance(key, IntegerKey)]
     if not found:
-        raise OptionError("fit", "is a whole number; fit a parameter that is none beside it", names[0])
+        raise OptionError(
+            "fit", "is a whole number; fit a parameter that is none beside it", names[0]
+        )
     return found, wholes
 
 
-def _on_craft(tests: Sequence[tuple[Evidence, Own]], scenario: Scenario) -> Iterator[str]:
-    """What is to be known of evidence that a craft's lines are compared with; MicrovibError where two drives make them."""
+def _craft_warnings(
+    tests: Sequence[tuple[Evidence, TestOverrides]], scenario: Scenario
+) -> Iterator[str]:
+    """What is to be known of evidence that a craft's lines are compared with; MicrovibError where
+    two drives make them.
+    """
     for one, own in tests:
         tested = as_tested(scenario, one, own)
         if tested.driven_wing is not None:
             raise MicrovibError(
-                f"{one.name}: spacecraft.second_wing.drive: driven is not known to identification, which simulates one drive; hold"
-                f" it ({one.name}@spacecraft.second_wing.drive=held), or leave the craft out ({one.name}@spacecraft=null)"
+                f"{one.name}: spacecraft.second_wing.drive: driven is not known to identification,"
+                " which simulates one drive; hold"
+                f" it ({one.name}@spacecraft.second_wing.drive=held), or leave the craft out"
+                f" ({one.name}@spacecraft=null)"
             )
         if tested.spacecraft is not None:
             yield (
-                f"{one.name}: compared with the drive on its spacecraft. A force table stands on the ground: name a recording of"
+                f"{one.name}: compared with the drive on its spacecraft. A force table stands on"
+                " the ground: name a recording of"
                 f" one {one.name}@spacecraft=null."
             )
 
 
-def without_the_start(
-    evidence: Sequence[tuple[Evidence, Own]], scenario: Scenario, keys: Sequence[FitKey], trust: Trust
-) -> tuple[list[tuple[Evidence, Own]], tuple[str, ...]]:
-    """The evidence without what depends on how long ago the start was, as far as nobody measured that.
+def without_start_dependence(
+    evidence: Sequence[tuple[Evidence, TestOverrides]],
+    scenario: Scenario,
+    keys: Sequence[FitKey],
+    trust: ErrorModel,
+) -> tuple[list[tuple[Evidence, TestOverrides]], tuple[str, ...]]:
+    """The evidence without what depends on how long ago the start was, as far as nobody measured
+    that.
 
-    Of a mode whose decay was measured, that tells the damping; its amplitude counts where the settling time is fitted. Turns of
-    the electrical period count, as accurately as the settling time is known, where its error is stated.
+    Of a mode whose decay was measured, that tells the damping; its amplitude counts where the
+    settling time is fitted. Turns of the electrical period count, as accurately as the settling
+    time is known, where its error is stated.
     """
-    fitted, known = SETTLE in {key.key for key in keys}, trust.settle < math.inf
+    fitted, known = SETTLE_KEY in {key.key for key in keys}, trust.settle < math.inf
     if fitted and known:
-        raise OptionError("settle_error", f"{SETTLE} is fitted; fit it or state its error")
+        raise OptionError("settle_error", f"{SETTLE_KEY} is fitted; fit it or state its error")
     tests, notes = [], []
     for one, own in evidence:
-        ringing = set() if fitted else {o.line for o in one.observations if o.form == "decay"}
-        kept = [o for o in one.observations if not (o.line in ringing and o.form in ("amplitude", "nearest_bin"))]
+        if fitted:
+            ringing = set()
+        else:
+            ringing = {o.line for o in one.observations if o.form == "decay"}
+        kept = [
+            o
+            for o in one.observations
+            if not (o.line in ringing and o.form in ("amplitude", "nearest_bin"))
+        ]
         clock = as_tested(scenario, one, own).driving_frequency or 0.0
-        kept = [o if o.form != "turn" else _turn(o, scenario, clock, trust) for o in kept if known or o.form != "turn"]
+        kept = [
+            o if o.form != "turn" else _with_settle_uncertainty(o, scenario, clock, trust)
+            for o in kept
+            if known or o.form != "turn"
+        ]
         tests.append((replace(one, observations=tuple(kept)), own))
         notes += [
-            f"{one.name}: the amplitude of {line} is not used, since it depends on the time since the start; its decay is used."
+            f"{one.name}: the amplitude of {line} is not used, since it depends on the time since"
+            " the start; its decay is used."
             for line in sorted(ringing)
         ]
     return tests, tuple(notes)
 
 
-def _turn(o: Observation, scenario: Scenario, clock: float, trust: Trust) -> Observation:
+def _with_settle_uncertainty(
+    o: Observation, scenario: Scenario, clock: float, trust: ErrorModel
+) -> Observation:
     """A turn as uncertain as the settling time makes it, for microsteps at ``clock`` [Hz]."""
     order, turn = int(o.line.rpartition("_")[2]), scenario.driver.beats * scenario.driver.microsteps
-    return replace(o, uncertainty=math.hypot(o.uncertainty, math.tau * order * clock / turn * trust.settle))
+    return replace(
+        o, uncertainty=math.hypot(o.uncertainty, math.tau * order * clock / turn * trust.settle)
+    )
 
 
-def _with_wholes(
-    problem: Problem, wholes: Sequence[WholeKey], seed: int, starts: int, finishes: int
+def _with_integer_stages(
+    problem: Problem, wholes: Sequence[IntegerKey], seed: int, starts: int, finishes: int
 ) -> Iterator[Findings]:
-    """What is known after each stage, at last with whole numbers; where another is better, from there again."""
+    """What is known after each stage, at last with whole numbers; where another is better, from
+    there again.
+    """
     for _ in range(2):
         for found in _stages(problem, seed, starts, finishes):
             yield found
         if not goodness(found.problem, found.best.r).explained:
-            yield replace(found, misread=misread(problem))
-        if not wholes or verdict.refusal(found):
+            yield replace(found, misread=diagnose_units_signs(problem))
+        if not wholes or verdict.not_identifiable_reason(found):
             return
-        tried, better = whole.each_tried(found, wholes)
+        tried, better = whole.try_integers(found, wholes)
         if better is None:
             yield replace(found, whole=tried)
             return
@@ -312,7 +414,9 @@ def _with_wholes(
 
 
 def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator[Findings]:
-    """What is known after the search, after a second one and, if the model explains the evidence, with intervals."""
+    """What is known after the search, after a second one and, if the model explains the evidence,
+    with intervals.
+    """
     problem, optima = search(problem, seed, starts, finishes)
     yield Findings(problem, optima[0])
     explained = goodness(problem, optima[0].r).explained
@@ -322,39 +426,58 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
         explained = goodness(problem, optima[0].r).explained
         yield Findings(problem, optima[0])
     # errors that are stated too small make jumps of what is small beside the misfit
-    posed, there = (problem, optima[0]) if explained else eased(problem, optima[0])
-    local = local_at(posed, there)
-    if jumps(posed, there, local):
-        found = scattered(problem, optima)
-        yield replace(found, lacking=lacking(found.problem, found.best, found.local, simulated=False))
+    if explained:
+        posed, there = (problem, optima[0])
+    else:
+        posed, there = eased(problem, optima[0])
+    local = linearise_at(posed, there)
+    if is_noisy(posed, there, local):
+        found = noisy_objective(problem, optima)
+        yield replace(
+            found,
+            lacking=unmodelled_effects(found.problem, found.best, found.local, simulated=False),
+        )
         return
-    best, local, converged = confirm(problem, optima[0], local) if explained else confirm_scaled(problem, optima[0])
+    if explained:
+        best, local, converged = confirm(problem, optima[0], local)
+    else:
+        best, local, converged = confirm_scaled(problem, optima[0])
     found = Findings(problem.within(best.x), best, local, converged)
     yield found
     if converged and goodness(found.problem, best.r).explained:
         for better in _with_intervals(found):
             yield (found := better)
-    found = replace(found, rivals=verdict.rivals(found.problem, found.best, optima, found.local))
+    found = replace(
+        found, rivals=verdict.alternative_optima(found.problem, found.best, optima, found.local)
+    )
     yield found
     if found.intervals is not None:
-        found = replace(found, lacking=lacking(found.problem, found.best, found.local))
-        yield replace(found, leanings=verdict.leanings(found.problem, found.best, found.local))
+        found = replace(found, lacking=unmodelled_effects(found.problem, found.best, found.local))
+        yield replace(found, leanings=verdict.dependences(found.problem, found.best, found.local))
 
 
 def _with_intervals(found: Findings) -> Iterator[Findings]:
     """Intervals; where their profiles meet something better, from there again."""
     for _ in range(2):
         met = profiles(found.problem, found.best, found.local)
-        if found.best.cost - met.best.cost < material(found.best.cost):
+        if found.best.cost - met.best.cost < significant_gain(found.best.cost):
             yield replace(found, intervals=met.intervals)
             return
-        best, local, converged = confirm(found.problem, met.best, local_at(found.problem, met.best))
+        best, local, converged = confirm(
+            found.problem, met.best, linearise_at(found.problem, met.best)
+        )
         found = replace(found, best=best, confirmed=local, converged=converged)
         yield found
     yield replace(found, converged=False)
 
 
-def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bool, notes: tuple[str, ...]) -> Fit:
+def _fit(
+    found: Findings,
+    wholes: Sequence[IntegerKey],
+    seed: int,
+    interrupted: bool,
+    notes: tuple[str, ...],
+) -> Fit:
     problem, best = found.problem, found.best
     of_each = tuple(verdict.estimate(found, k) for k in range(best.x.size))
     whole_numbers = tuple(whole.estimate(found, key) for key in wholes)
@@ -364,13 +487,13 @@ def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bo
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
     doubts = [f"{one.name}: {doubt}." for one in tests for doubt in one.doubts]
-    errors = () if doubts or found.misread else needed_error(problem, best.r)
+    errors = () if doubts or found.misread else required_model_error(problem, best.r)
     notes = (
         *doubts,
         *found.misread,
         *errors,
         *notes,
-        *hints(problem.tests, after, off),
+        *model_deficiency_hints(problem.tests, after, off),
         *((found.note,) if found.note else ()),
     )
     return Fit(
@@ -385,25 +508,35 @@ def _fit(found: Findings, wholes: Sequence[WholeKey], seed: int, interrupted: bo
 def _fitted(
     found: Findings, of_each: Sequence[Estimate], wholes: Sequence[Estimate], names: str
 ) -> tuple[Scenario, ...]:
-    """Scenarios with what was fitted: the one that all have, or one for each recording, where some values are its own."""
-    problem, said = found.problem, {e.key: source(e, e.recording or names) for e in of_each}
-    also = {e.key: source(e, names) for e in wholes}
+    """Scenarios with what was fitted: the one that all have, or one for each recording, where some
+    values are its own.
+    """
+    problem, said = found.problem, {e.key: source_text(e, e.recording or names) for e in of_each}
+    also = {e.key: source_text(e, names) for e in wholes}
     alike = all(key.test is None for key in problem.keys)
-    each = [problem.scenario] if alike else [owned(problem.scenario, own) for _, own in problem.evidence]
+    if alike:
+        each = [problem.scenario]
+    else:
+        each = [with_overrides(problem.scenario, own) for _, own in problem.evidence]
     return tuple(
         one.with_si(dict(problem.changes(found.best.x, j))).with_sources(
-            dict(one.sources) | {key: said[label] for key, label in problem.labels(j).items()} | also
+            dict(one.sources)
+            | {key: said[label] for key, label in problem.labels(j).items()}
+            | also
         )
         for j, one in enumerate(each)
     )
 
 
-def source(e: Estimate, names: str) -> str:
+def source_text(e: Estimate, names: str) -> str:
     """What a fitted value's source says: identified only where it is."""
     value = f"{e.estimate:.6g} {e.unit}".rstrip()
     if not e.identifiable:
         return f"assumed: fitted to {names}, {e.verdict}: {value}"
-    error = f" ± {e.standard_error:.2g}" if math.isfinite(e.standard_error) else ""
+    if math.isfinite(e.standard_error):
+        error = f" ± {e.standard_error:.2g}"
+    else:
+        error = ""
     return f"identified from {names}: {e.estimate:.6g}{error} {e.unit}".rstrip()
 
 
@@ -413,5 +546,8 @@ def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:
     scale = np.array([v / key.slope(v) for key, v in zip(problem.keys, values, strict=True)])
     rows = findings.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
     several = len(problem.tests) > 1
-    names = [f"{o.line} {o.form}" + (f" [{problem.tests[k][0].name}]" if several else "") for k, o in problem.observed]
+    names = [
+        f"{o.line} {o.form}" + (f" [{problem.tests[k][0].name}]" if several else "")
+        for k, o in problem.observed
+    ]
     return dict(zip(names, map(tuple, rows), strict=True))

@@ -9,16 +9,18 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
-FACTOR, FREQUENCY_FACTOR = 4.0, 1.1
-"""How far a range of ours reaches each way from the scenario's value, and by how much it is widened each way."""
-WIDENINGS = 3
+RANGE_FACTOR, FREQUENCY_RANGE_FACTOR = 4.0, 1.1
+"""How far a range of ours reaches each way from the scenario's value, and by how much it is widened
+each way.
+"""
+MAX_WIDENINGS = 3
 """How often a range of ours is widened at most; local fits may go as far from the beginning."""
-RIM = 0.05
+BOUND_MARGIN = 0.05
 """Part of a range at each of its ends within which a best value is not in its inside."""
 DAC_BITS = "driver.imperfections.dac_bits"
-USUAL_WHOLE = {DAC_BITS: (4, 14)}
+DEFAULT_INTEGER_RANGES = {DAC_BITS: (4, 14)}
 """Whole numbers that are tried where no range is stated."""
-MOST_WHOLE = 32
+MAX_INTEGERS = 32
 """Whole numbers that are tried at most."""
 _SETTINGS = {"record.duration", "record.sample_rate"}
 """Keys that the recording sets."""
@@ -28,7 +30,8 @@ _SETTINGS = {"record.duration", "record.sample_rate"}
 class FitKey:
     """A parameter that is fitted, by its dotted key, within a range in SI units.
 
-    A fit moves it by a coordinate: the logarithm of the value where the range is positive, else the value over the range's width.
+    A fit moves it by a coordinate: the logarithm of the value where the range is positive, else the
+    value over the range's width.
     """
 
     key: str
@@ -36,10 +39,12 @@ class FitKey:
     high: float
     unit: str
     stated: bool = True
-    """Whether the user stated the range; one that is ours is widened where the best lies at its end."""
+    """Whether the user stated the range; one that is ours is widened where the best lies at its
+    end.
+    """
     along: bool = False
     """Whether it is fitted as well without being asked for."""
-    factor: float = FACTOR
+    factor: float = RANGE_FACTOR
     """By how much a range of ours is widened each way."""
     floor: float = 0.0
     ceiling: float = math.inf
@@ -52,7 +57,9 @@ class FitKey:
     @property
     def label(self) -> str:
         """The key, and the recording whose own it is."""
-        return f"{self.key} [{self.recording}]" if self.recording else self.key
+        if self.recording:
+            return f"{self.key} [{self.recording}]"
+        return self.key
 
     @property
     def logarithmic(self) -> bool:
@@ -67,11 +74,15 @@ class FitKey:
 
     def value(self, x: float) -> float:
         """The value at a coordinate."""
-        return math.exp(x) if self.logarithmic else x * (self.high - self.low)
+        if self.logarithmic:
+            return math.exp(x)
+        return x * (self.high - self.low)
 
     def slope(self, value: float) -> float:
         """Derivative of the value by its coordinate."""
-        return value if self.logarithmic else self.high - self.low
+        if self.logarithmic:
+            return value
+        return self.high - self.low
 
     @property
     def range(self) -> tuple[float, float]:
@@ -82,32 +93,41 @@ class FitKey:
     def span(self) -> float:
         """Width of the range that it began with, in the coordinate."""
         low, high = self.range
-        return high - low if self.stated else 2.0 * math.log(self.factor)
+        if self.stated:
+            return high - low
+        return 2.0 * math.log(self.factor)
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Coordinates between which a local fit may move: a stated range, or as far as ours would be widened at most."""
+        """Coordinates between which a local fit may move: a stated range, or as far as ours would
+        be widened at most.
+        """
         if self.stated:
             return self.range
-        far = self.factor**WIDENINGS
-        return self.coordinate(max(self.low / far, self.floor)), self.coordinate(min(self.high * far, self.ceiling))
+        far = self.factor**MAX_WIDENINGS
+        return self.coordinate(max(self.low / far, self.floor)), self.coordinate(
+            min(self.high * far, self.ceiling)
+        )
 
     def interior(self, x: float) -> bool:
         """Whether a coordinate lies inside the range, off its ends."""
         low, high = self.range
-        rim = (1e-3 if self.stated else RIM) * (high - low)
+        rim = (1e-3 if self.stated else BOUND_MARGIN) * (high - low)
         return low + rim < x < high - rim
 
     def widened(self) -> FitKey:
         """With a range that reaches further both ways, where it is ours."""
         if self.stated:
             return self
-        low, high = max(self.low / self.factor, self.floor), min(self.high * self.factor, self.ceiling)
+        low, high = (
+            max(self.low / self.factor, self.floor),
+            min(self.high * self.factor, self.ceiling),
+        )
         return replace(self, low=low, high=high)
 
 
 @dataclass(frozen=True)
-class WholeKey:
+class IntegerKey:
     """A whole number that is sought among ``low`` to ``high``, each of which is tried."""
 
     key: str
@@ -120,67 +140,106 @@ class WholeKey:
         return range(self.low, self.high + 1)
 
 
-def parse_key(scenario: Scenario, text: str) -> FitKey | WholeKey:
-    """What ``parse_fit`` takes, or a whole number, ``KEY=LOW:HIGH``; the driver's bits without a range, too."""
+def parse_key(scenario: Scenario, text: str) -> FitKey | IntegerKey:
+    """What ``parse_fit`` takes, or a whole number, ``KEY=LOW:HIGH``; the driver's bits without a
+    range, too.
+    """
     key, _, span = (part.strip() for part in text.partition("="))
     value = {name: value for name, value, _ in scenario.entries()}.get(key)
     if key != DAC_BITS and (not isinstance(value, int) or isinstance(value, bool)):
         return parse_fit(scenario, text)
-    if not span and key not in USUAL_WHOLE:
+    if not span and key not in DEFAULT_INTEGER_RANGES:
         raise OptionError("fit", f"is a whole number; give those that may be, {key}=LOW:HIGH", key)
-    low, high = _whole(text, span) if span else USUAL_WHOLE[key]
-    _refuse_what_is_known(scenario, key, value)
+    if span:
+        low, high = _whole(text, span)
+    else:
+        low, high = DEFAULT_INTEGER_RANGES[key]
+    _check_fittable(scenario, key, value)
     for end in (low, high):
         try:
             scenario.with_si({key: end})
         except MicrovibError as error:
             raise OptionError("fit", str(error), text) from None
-    return WholeKey(key, low, high)
+    return IntegerKey(key, low, high)
 
 
 def _whole(text: str, span: str) -> tuple[int, int]:
     first, _, last = (part.strip() for part in span.partition(":"))
-    if not (first.isdecimal() and last.isdecimal() and int(first) < int(last) < int(first) + MOST_WHOLE):
+    if not (
+        first.isdecimal()
+        and last.isdecimal()
+        and int(first) < int(last) < int(first) + MAX_INTEGERS
+    ):
         raise OptionError(
-            "fit", f"write KEY=LOW:HIGH with whole numbers, LOW below HIGH, and at most {MOST_WHOLE} of them", text
+            "fit",
+            f"write KEY=LOW:HIGH with whole numbers, LOW below HIGH, and at most {MAX_INTEGERS} of"
+            " them",
+            text,
         )
     return int(first), int(last)
 
 
 def parse_fit(scenario: Scenario, text: str) -> FitKey:
-    """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per cent for a frequency.
+    """``KEY`` or ``KEY=LOW:HIGH`` with units; without a range a factor of four each way, ten per
+    cent for a frequency.
 
-    What may be of either sign is fitted within its usual sizes to both sides of zero, or a factor of four beyond its value.
+    What may be of either sign is fitted within its usual sizes to both sides of zero, or a factor
+    of four beyond its value.
     """
     key, _, span = text.partition("=")
     key = key.strip()
     entries = {name: (value, quantity) for name, value, quantity in scenario.entries()}
-    off = next((name for name, (value, _) in entries.items() if value is None and key.startswith(f"{name}.")), None)
+    off = next(
+        (
+            name
+            for name, (value, _) in entries.items()
+            if value is None and key.startswith(f"{name}.")
+        ),
+        None,
+    )
     if off is not None:
         raise OptionError(
-            "fit", f"the scenario has no {off}; give it one to start from, {off}.KEY=...", key, remedy="set"
+            "fit",
+            f"the scenario has no {off}; give it one to start from, {off}.KEY=...",
+            key,
+            remedy="set",
         )
     if key not in entries:
-        raise OptionError("fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key)
+        raise OptionError(
+            "fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key
+        )
     value, quantity = entries[key]
     if quantity is None or not isinstance(value, float):
-        raise OptionError("fit", f"is {value!r}, not a number; start it from a number, {key}=...", key, remedy="set")
-    _refuse_what_is_known(scenario, key, value)
+        raise OptionError(
+            "fit",
+            f"is {value!r}, not a number; start it from a number, {key}=...",
+            key,
+            remedy="set",
+        )
+    _check_fittable(scenario, key, value)
     if span:
         return _stated(text, key, span, quantity)
     if quantity.usual is not None and quantity.ge is not None and quantity.ge < 0.0:
-        far = max(quantity.usual[1], FACTOR * abs(value))
+        far = max(quantity.usual[1], RANGE_FACTOR * abs(value))
         return FitKey(key, max(-far, quantity.ge), min(far, quantity.le or far), quantity.unit)
     if value <= 0.0:
-        raise OptionError("fit", f"starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}", key)
-    return around(key, value, quantity)
+        raise OptionError(
+            "fit", f"starts at {value:g}; give its range as {key}=LOW:HIGH in {quantity.unit}", key
+        )
+    return range_around(key, value, quantity)
 
 
-def around(key: str, value: float, quantity: Quantity, along: bool = False) -> FitKey:
+def range_around(key: str, value: float, quantity: Quantity, along: bool = False) -> FitKey:
     """A range of ours about a value, to be widened where it turns out too narrow."""
-    factor = FREQUENCY_FACTOR if key.endswith("frequency") else FACTOR
+    if key.endswith("frequency"):
+        factor = FREQUENCY_RANGE_FACTOR
+    else:
+        factor = RANGE_FACTOR
     floor = max(quantity.ge or 0.0, quantity.gt or 0.0, 1e-300)
-    ceiling = math.inf if quantity.le is None else quantity.le
+    if quantity.le is None:
+        ceiling = math.inf
+    else:
+        ceiling = quantity.le
     low, high = max(value / factor, floor), min(value * factor, ceiling)
     return FitKey(key, low, high, quantity.unit, False, along, factor, floor, ceiling)
 
@@ -197,21 +256,24 @@ def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:
     return FitKey(key, low, high, quantity.unit)
 
 
-def _refuse_what_is_known(scenario: Scenario, key: str, value: object) -> None:
+def _check_fittable(scenario: Scenario, key: str, value: object) -> None:
     """Refuse what the recording itself gives, and what is not a property of the drive."""
     if key in _SETTINGS:
         raise OptionError("fit", "belongs to the recording and is not fitted", key)
     if key.startswith("solver."):
-        raise OptionError("fit", "is a setting of the solver, not a property of the drive, and is not fitted", key)
-    if moves_the_clock(scenario, key, value):
+        raise OptionError(
+            "fit", "is a setting of the solver, not a property of the drive, and is not fitted", key
+        )
+    if changes_clock_rate(scenario, key, value):
         text = (
-            "moves the step clock, which the recording's own lines give far better than a fit could: the clock is measured and"
+            "moves the step clock, which the recording's own lines give far better than a fit"
+            " could: the clock is measured and"
             " set, and this key is not fitted; change it instead"
         )
         raise OptionError("fit", text, key, remedy="set")
 
 
-def moves_the_clock(scenario: Scenario, key: str, value: object) -> bool:
+def changes_clock_rate(scenario: Scenario, key: str, value: object) -> bool:
     """Whether the step clock, microsteps per second, changes with a key."""
     if key == "tracking.clock_ratio":
         return True
@@ -230,6 +292,10 @@ def moves_the_clock(scenario: Scenario, key: str, value: object) -> bool:
 
 def fittable(scenario: Scenario) -> list[str]:
     """Keys that can be fitted."""
-    numbers = {name: value for name, value, q in scenario.entries() if q is not None and isinstance(value, float)}
+    numbers = {
+        name: value
+        for name, value, q in scenario.entries()
+        if q is not None and isinstance(value, float)
+    }
     drive = (name for name in numbers if name not in _SETTINGS and not name.startswith("solver."))
-    return [name for name in drive if not moves_the_clock(scenario, name, numbers[name])]
+    return [name for name in drive if not changes_clock_rate(scenario, name, numbers[name])]

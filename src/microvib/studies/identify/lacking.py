@@ -1,8 +1,10 @@
-"""What a model may lack without the evidence showing it: effects that explain it as well, and move the estimates.
+"""What a model may lack without the evidence showing it: effects that explain it as well, and move
+the estimates.
 
-The intervals hold for the model as it is. Here each effect of a list is added in several sizes, the fitted parameters follow by the
-slopes at the best, and what is left is compared with what the model without it leaves. Where that is hardly more, the evidence does
-not rule the effect out; what it moves then is not identifiable.
+The intervals hold for the model as it is. Here each effect of a list is added in several sizes, the
+fitted parameters follow by the slopes at the best, and what is left is compared with what the model
+without it leaves. Where that is hardly more, the evidence does not rule the effect out; what it
+moves then is not identifiable.
 """
 
 from __future__ import annotations
@@ -17,16 +19,20 @@ from microvib.model.driven import noise_bands
 from microvib.model.expected import expected_lines
 from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Observation
-from microvib.studies.identify.problem import SIZES, Problem
-from microvib.studies.identify.search import Local, Optimum
-from microvib.studies.relative_phase import multiples
+from microvib.studies.identify.problem import TORQUE_FORMS, Problem
+from microvib.studies.identify.search import LinearModel, Optimum
+from microvib.studies.relative_phase import phase_multiples
 from microvib.units import Si
 
-AS_GOOD = 9.0
-"""Chi-square above the best's, over the scatter, up to which an effect is not ruled out: three standard deviations."""
-MOVES, ERRORS = 0.03, 2.0
-"""Relative change of an estimate, and standard errors, from both of which on it is not identifiable."""
-BETWEEN = np.linspace(0.1, 1.0, 10)
+EQUIVALENT_CHI_SQUARE = 9.0
+"""Chi-square above the best's, over the scatter, up to which an effect is not ruled out: three
+standard deviations.
+"""
+MAX_RELATIVE_SHIFT, MAX_SHIFT_SIGMAS = 0.03, 2.0
+"""Relative change of an estimate, and standard errors, from both of which on it is not
+identifiable.
+"""
+SIZE_STEPS = np.linspace(0.1, 1.0, 10)
 """Parts of the way from one size of an effect to the next that are looked at."""
 ORDERS, CORNERS = (1, 2, 4), np.geomspace(20.0, 2e4, 40)
 """Orders and corners [Hz] of a low-pass that nobody stated."""
@@ -34,14 +40,16 @@ DAMPINGS, RESONANCES = (0.003, 0.02, 0.1), np.geomspace(20.0, 4e3, 80)
 """Dampings and frequencies [Hz] of a resonance of the table."""
 CHAIN, TABLE = "the chain's response", "a resonance of the table"
 FLUX = "harmonics of the motor's flux (or a driver.table)"
-STATED = "; state it in the preparation file (response; 'response: flat' where there is none)"
+STATE_CHAIN_ADVICE = (
+    "; state it in the preparation file (response; 'response: flat' where there is none)"
+)
 """What is to be done about the measuring chain."""
-STIFF = 1e4
+DEFAULT_STIFFNESS = 1e4
 """Stiffness [N m/rad] that presliding is compared with where the reducer has none."""
 
 
 @dataclass(frozen=True)
-class Lacking:
+class UnmodelledEffect:
     """An effect that the evidence does not rule out, and how far it moves each estimate at most."""
 
     effect: str
@@ -50,50 +58,76 @@ class Lacking:
 
     def text(self, value: float, moved: float) -> str:
         """Why an estimate is not identifiable that it moves to another value."""
-        change = moved / value - 1.0 if value else math.inf
+        if value:
+            change = moved / value - 1.0
+        else:
+            change = math.inf
         by = f"by {100.0 * change:+.2g} %"
         if not abs(change) < 1.0:
             by = "by more than a factor of two" if value else "away from 0"  # slopes tell no more
-        remedy = STATED if self.effect in (CHAIN, TABLE) else ""
+        if self.effect in (CHAIN, TABLE):
+            remedy = STATE_CHAIN_ADVICE
+        else:
+            remedy = ""
         return f"not identifiable: the evidence does not rule out {self.effect}, which would move it {by}{remedy}"
 
 
-def lacking(problem: Problem, best: Optimum, local: Local, simulated: bool = True) -> tuple[Lacking, ...]:
-    """Effects that are not ruled out; with those that are ``simulated``, or of the measuring chain alone."""
+def unmodelled_effects(
+    problem: Problem, best: Optimum, local: LinearModel, simulated: bool = True
+) -> tuple[UnmodelledEffect, ...]:
+    """Effects that are not ruled out; with those that are ``simulated``, or of the measuring chain
+    alone.
+    """
     solve = np.linalg.pinv(local.J)
     rest = best.r - local.J @ (solve @ best.r)
-    limit = float(rest @ rest) + AS_GOOD * local.scatter
+    limit = float(rest @ rest) + EQUIVALENT_CHI_SQUARE * local.scatter
     found: dict[str, np.ndarray] = {}
-    for effect, path in (*_chains(problem), *(_effects(problem, best) if simulated else ())):
+    for effect, path in (*_chain_effects(problem), *(_effects(problem, best) if simulated else ())):
         before = np.zeros(best.r.size)
         for change in path:
-            points = before + BETWEEN[:, None] * (change - before)
+            points = before + SIZE_STEPS[:, None] * (change - before)
             moves = -(points @ solve.T)
             left = points + best.r - (points + best.r) @ (local.J @ solve).T
             good = np.sum(left**2, axis=1) < limit
             if np.any(good):
-                most = moves[good][np.argmax(np.abs(moves[good]), axis=0), np.arange(moves.shape[1])]
+                most = moves[good][
+                    np.argmax(np.abs(moves[good]), axis=0), np.arange(moves.shape[1])
+                ]
                 known = found.get(effect, 0.0 * most)
                 found[effect] = np.where(np.abs(most) > np.abs(known), most, known)
             before = change
-    return tuple(Lacking(effect, tuple(shifts.tolist())) for effect, shifts in found.items())
+    return tuple(
+        UnmodelledEffect(effect, tuple(shifts.tolist())) for effect, shifts in found.items()
+    )
 
 
-def moved_by(found: Sequence[Lacking], problem: Problem, best: Optimum, k: int, spread: float) -> str:
-    """Why the k-th parameter, whose coordinate has the standard error ``spread``, is not identifiable; empty where it may be."""
+def shift_reason(
+    found: Sequence[UnmodelledEffect], problem: Problem, best: Optimum, k: int, spread: float
+) -> str:
+    """Why the k-th parameter, whose coordinate has the standard error ``spread``, is not
+    identifiable; empty where it may be.
+    """
     key, x = problem.keys[k], float(best.x[k])
     value = key.value(x)
-    far = [one for one in found if abs(one.shifts[k]) > ERRORS * spread]
-    far = [one for one in far if abs(key.value(x + one.shifts[k]) - value) > MOVES * abs(value)]
+    far = [one for one in found if abs(one.shifts[k]) > MAX_SHIFT_SIGMAS * spread]
+    far = [
+        one
+        for one in far
+        if abs(key.value(x + one.shifts[k]) - value) > MAX_RELATIVE_SHIFT * abs(value)
+    ]
     if not far:
         return ""
     worst = max(far, key=lambda one: abs(one.shifts[k]))
     return worst.text(value, key.value(x + worst.shifts[k]))
 
 
-def _chains(problem: Problem) -> Iterator[tuple[str, list[np.ndarray]]]:
+def _chain_effects(problem: Problem) -> Iterator[tuple[str, list[np.ndarray]]]:
     """Changes of the residuals by chains and tables that are not stated, each a path of one size."""
-    open_tests = [j for j, (one, _) in enumerate(problem.tests) if one.prepared and not one.prepared.response_known]
+    open_tests = [
+        j
+        for j, (one, _) in enumerate(problem.tests)
+        if one.prepared and not one.prepared.response_known
+    ]
     if not open_tests:
         return
     at = [_frequencies(problem, j) for j in range(len(problem.tests))]
@@ -106,7 +140,9 @@ def _chains(problem: Problem) -> Iterator[tuple[str, list[np.ndarray]]]:
 
 
 def _low_pass(order: int, corner: float) -> np.ndarray:
-    """Coefficients of a Butterworth low-pass in j f/corner, that of the highest power first, with its corner."""
+    """Coefficients of a Butterworth low-pass in j f/corner, that of the highest power first, with
+    its corner.
+    """
     from scipy.signal import butter
 
     return np.append(butter(order, 1.0, analog=True)[1], corner)
@@ -116,28 +152,38 @@ def _resonance(damping: float, frequency: float) -> np.ndarray:
     return np.array([1.0, 2.0 * damping, 1.0, frequency])
 
 
-def _filtered(problem: Problem, tests: Sequence[int], at: Sequence[dict[str, float]], poles: np.ndarray) -> np.ndarray:
+def _filtered(
+    problem: Problem, tests: Sequence[int], at: Sequence[dict[str, float]], poles: np.ndarray
+) -> np.ndarray:
     """Change of the residuals where the recordings of some ``tests`` passed an all-pole filter."""
     change = np.zeros(problem.figures)
     for i, (j, o) in enumerate(problem.observed):
         if j in tests:
-            change[i] = _of_figure(o, at[j], poles, problem.tests[j][1].motor.detent_periods)
+            change[i] = _observation_change(
+                o, at[j], poles, problem.tests[j][1].motor.detent_periods
+            )
     return np.append(np.concatenate(problem.weighted(change)), np.zeros(len(problem.keys)))
 
 
-def _of_figure(o: Observation, at: dict[str, float], poles: np.ndarray, steps: int) -> float:
+def _observation_change(
+    o: Observation, at: dict[str, float], poles: np.ndarray, steps: int
+) -> float:
     """Change of a figure's difference by a filter: logarithm of the gain, or relative phase."""
 
     def gain(name: str) -> complex:
         return complex(1.0 / np.polyval(poles[:-1], 1j * at.get(name, 0.0) / poles[-1]))
 
-    if o.form in SIZES:
+    if o.form in TORQUE_FORMS:
         return math.log(
-            abs(complex(1.0 / np.polyval(poles[:-1], 1j * o.bin_hz / poles[-1])) if o.bins else gain(o.line))
+            abs(
+                complex(1.0 / np.polyval(poles[:-1], 1j * o.bin_hz / poles[-1]))
+                if o.bins
+                else gain(o.line)
+            )
         )
     if not o.is_angle or not o.against:
         return 0.0
-    mine, its = multiples(o.line, o.against, steps)
+    mine, its = phase_multiples(o.line, o.against, steps)
     turned = np.angle(gain(o.line)) * mine - np.angle(gain(o.against)) * its
     return math.remainder(float(turned), math.tau)
 
@@ -149,38 +195,56 @@ def _frequencies(problem: Problem, j: int) -> dict[str, float]:
 
 
 def _effects(problem: Problem, best: Optimum) -> Iterator[tuple[str, list[np.ndarray]]]:
-    """Changes of the residuals by effects of the drive that its scenario lacks, in growing sizes of each."""
+    """Changes of the residuals by effects of the drive that its scenario lacks, in growing sizes of
+    each.
+    """
     sizes = [
-        (effect, changes) for effect, key, changes in _of_drive(problem.scenario)
+        (effect, changes) for effect, key, changes in _drive_effects(problem.scenario)
         if all(key not in taken for taken in problem.taken) and not any(noise_bands(test) for _, test in problem.tests)
     ]  # fmt: skip
     each = [change for _, changes in sizes for change in changes]
     if not each:
         return
-    with_it = problem.residuals([best.x] * len(each), [[change] * len(problem.tests) for change in each])
+    with_it = problem.residuals(
+        [best.x] * len(each), [[change] * len(problem.tests) for change in each]
+    )
     at = iter(with_it)
     for effect, changes in sizes:
         yield effect, [problem.least(next(at) - best.r) for _ in changes]
 
 
-def _of_drive(scenario: Scenario) -> Iterator[tuple[str, str, list[dict[str, object]]]]:
+def _drive_effects(scenario: Scenario) -> Iterator[tuple[str, str, list[dict[str, object]]]]:
     """Effects that a scenario lacks, their keys, and changes by them in growing sizes."""
     driver, motor, reducer = scenario.driver, scenario.motor, scenario.reducer
     if driver.supply_voltage is None:
         least = motor.winding_resistance * motor.current
-        volts: list[dict[str, object]] = [{"driver.supply_voltage": times * least} for times in (5.0, 2.0, 1.2)]
+        volts: list[dict[str, object]] = [
+            {"driver.supply_voltage": times * least} for times in (5.0, 2.0, 1.2)
+        ]
         yield "driver.supply_voltage", "driver.supply_voltage", volts
     if scenario.friction.presliding is None:
-        stiffness = STIFF if reducer.stiffness == "rigid" else reducer.stiffness
+        if reducer.stiffness == "rigid":
+            stiffness = DEFAULT_STIFFNESS
+        else:
+            stiffness = reducer.stiffness
         stiff: list[dict[str, object]] = [
             {"friction.presliding": {"stiffness": times * stiffness}} for times in (20.0, 4.0, 1.0)
         ]
         yield "friction.presliding", "friction.presliding", stiff
-    step = abs(scenario.rate or 0.0) / scenario.driving_frequency if scenario.driving_frequency else 0.0
+    if scenario.driving_frequency:
+        step = abs(scenario.rate or 0.0) / scenario.driving_frequency
+    else:
+        step = 0.0
     if not reducer.backlash and not reducer.rigid and step:
-        gaps: list[dict[str, object]] = [{"reducer.backlash": times * step} for times in (0.05, 0.3, 1.0)]
+        gaps: list[dict[str, object]] = [
+            {"reducer.backlash": times * step} for times in (0.05, 0.3, 1.0)
+        ]
         yield "reducer.backlash", "reducer.backlash", gaps
     if driver.table is None:
         for turned in range(4):
-            harmonic = {"order": motor.detent_periods, "amplitude": 0.01, "phase": 0.5 * math.pi * turned}
+            harmonic = {
+                "order": motor.detent_periods,
+                "amplitude": 0.01,
+                "phase": 0.5 * math.pi * turned,
+            }
             yield FLUX, "driver.table", [{"driver.table": {"harmonics": [harmonic]}}]

@@ -14,14 +14,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from microvib.analysis.lines import lines_among
+from microvib.analysis.lines import lines_by_name
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.mode_names import names_a_mode
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
-from microvib.studies.identify.keys import FREQUENCY_FACTOR, WIDENINGS, FitKey, around
+from microvib.studies.identify.keys import (
+    FREQUENCY_RANGE_FACTOR,
+    MAX_WIDENINGS,
+    FitKey,
+    range_around,
+)
 from microvib.studies.interrupts import result, threads
 from microvib.units import Si
 
@@ -29,51 +34,62 @@ Item = TypeVar("Item")
 Done = TypeVar("Done")
 
 FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
-"""Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is trusted beyond."""
-ROBUST = 5.0
-"""Standard deviations from which a residual counts in proportion, not by its square: a start far off still shows the way."""
-SIZES = ("amplitude", "nearest_bin", "level")
+"""Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is
+trusted beyond.
+"""
+HUBER_THRESHOLD = 5.0
+"""Standard deviations from which a residual counts in proportion, not by its square: a start far
+off still shows the way.
+"""
+TORQUE_FORMS = ("amplitude", "nearest_bin", "level")
 """Forms of figures in N m."""
-_AMISS = (
-    dict.fromkeys((*SIZES, "decay"), 5.0) | dict.fromkeys(("phase", "branch", "turn"), math.pi) | {"frequency": 1.0}
+_MISSING_DIFFERENCE = (
+    dict.fromkeys((*TORQUE_FORMS, "decay"), 5.0)
+    | dict.fromkeys(("phase", "branch", "turn"), math.pi)
+    | {"frequency": 1.0}
 )
 """Difference of a figure that a simulation does not have: as large as those of the worst that do."""
-RESOLVED = 10.0
+MIN_BEAT_PERIODS = 10.0
 """Length of a short record in periods of the least difference between observed lines."""
-WORTH = 0.7
+MAX_SHORTENING = 0.7
 """Part of the motion that a short record may take at most to be worth it."""
-PRIOR = 0.1
-"""Weight of a prior near the start, per width of a range: it decides only where there is no evidence."""
+PRIOR_WEIGHT = 0.1
+"""Weight of a prior near the start, per width of a range: it decides only where there is no
+evidence.
+"""
 
 FitProgress = Callable[[str, int, float, dict[str, float]], None]
 """stage, simulations so far, cost of the best, its parameters"""
 
 
-Own = dict[str, object] | Scenario
+TestOverrides = dict[str, object] | Scenario
 """What a test has of its own: changes of the scenario, or a scenario."""
 
 
-def owned(scenario: Scenario, own: Own) -> Scenario:
+def with_overrides(scenario: Scenario, own: TestOverrides) -> Scenario:
     """The scenario of a test."""
     if isinstance(own, Scenario):
         return own
-    return scenario.with_(own) if own else scenario
+    if own:
+        return scenario.with_(own)
+    return scenario
 
 
-def as_tested(scenario: Scenario, evidence: Evidence, own: Own) -> Scenario:
+def as_tested(scenario: Scenario, evidence: Evidence, own: TestOverrides) -> Scenario:
     """The scenario as a test had it: the test's own, its clock, and its record."""
-    test = owned(scenario, own)
+    test = with_overrides(scenario, own)
     record = {"record.duration": evidence.duration, "record.sample_rate": evidence.sample_rate}
     if evidence.clock_ratio is not None:
         record["tracking.clock_ratio"] = test.tracking.clock_ratio * evidence.clock_ratio
     return test.with_si(record)
 
 
-def shortened(test: Scenario, evidence: Evidence) -> Scenario:
-    """The test with a record, and a time before it, just long enough to tell its observed lines apart; itself, if it has no longer.
+def with_short_record(test: Scenario, evidence: Evidence) -> Scenario:
+    """The test with a record, and a time before it, just long enough to tell its observed lines
+    apart; itself, if it has no longer.
 
-    The time before it is shorter by whole electrical periods, so that lines of the clock keep their phases. Where the rate changes
-    in it, the test stays as it is.
+    The time before it is shorter by whole electrical periods, so that lines of the clock keep their
+    phases. Where the rate changes in it, the test stays as it is.
     """
     from scipy.fft import next_fast_len
 
@@ -81,27 +97,41 @@ def shortened(test: Scenario, evidence: Evidence) -> Scenario:
         return test
     observed = {o.line for o in evidence.observations}
     at = sorted(
-        {0.0} | {x.frequency for x in expected_lines(test, Si(math.inf), evidence.harmonics) if x.name in observed}
+        {0.0}
+        | {
+            x.frequency
+            for x in expected_lines(test, Si(math.inf), evidence.harmonics)
+            if x.name in observed
+        }
     )
     gap = min((b - a for a, b in pairwise(at)), default=0.0)
-    enough = min(RESOLVED / gap, evidence.duration) if gap else evidence.duration
+    if gap:
+        enough = min(MIN_BEAT_PERIODS / gap, evidence.duration)
+    else:
+        enough = evidence.duration
     period = test.driver.beats * test.driver.microsteps / test.driving_frequency
-    settle = test.record.settle - max(math.floor((test.record.settle - enough) / period), 0.0) * period
+    settle = (
+        test.record.settle - max(math.floor((test.record.settle - enough) / period), 0.0) * period
+    )
     samples = next_fast_len(math.ceil(enough * evidence.sample_rate))
     duration = min(evidence.duration, samples / evidence.sample_rate)
-    if settle + duration > WORTH * (test.record.settle + evidence.duration):
+    if settle + duration > MAX_SHORTENING * (test.record.settle + evidence.duration):
         return test
     short = test.with_si({"record.settle": settle, "record.duration": duration})
-    return short if short.driving_frequency == test.driving_frequency else test
+    if short.driving_frequency == test.driving_frequency:
+        return short
+    return test
 
 
 def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int, Simulated]]:
-    """Lines of simulated tests for which there is evidence, with the cases' numbers; none where the motion is lost."""
+    """Lines of simulated tests for which there is evidence, with the cases' numbers; none where the
+    motion is lost.
+    """
     torques, found = simulate_torques([test for _, test, _ in cases]), []
     for (k, test, evidence), torque in zip(cases, torques, strict=True):
         if isinstance(torque, Torque):
             asked = {name for o in evidence.observations for name in (o.line, o.against) if name}
-            table = lines_among(torque.T_d, torque.sample_rate, test, asked, evidence.harmonics)
+            table = lines_by_name(torque.T_d, torque.sample_rate, test, asked, evidence.harmonics)
             found.append((k, Simulated(table, torque.T_d, torque.sample_rate)))
     return found
 
@@ -109,25 +139,38 @@ def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int
 def cost(r: np.ndarray) -> float:
     """Sum of squares; of residuals beyond ROBUST, of what grows in proportion (Huber)."""
     size = np.abs(r)
-    return float(np.sum(np.where(size < ROBUST, size**2, 2.0 * ROBUST * size - ROBUST**2)))
+    return float(
+        np.sum(
+            np.where(
+                size < HUBER_THRESHOLD, size**2, 2.0 * HUBER_THRESHOLD * size - HUBER_THRESHOLD**2
+            )
+        )
+    )
 
 
 def difference(o: Observation, simulated: Simulated | None) -> float:
-    """Logarithm of the ratio of amplitudes, relative difference of frequency and decay, difference of phases."""
-    value = math.nan if simulated is None else predicted(simulated, o)
+    """Logarithm of the ratio of amplitudes, relative difference of frequency and decay, difference
+    of phases.
+    """
+    if simulated is None:
+        value = math.nan
+    else:
+        value = predicted(simulated, o)
     if not math.isfinite(value):
-        return _AMISS[o.form]
-    if o.form in SIZES:
+        return _MISSING_DIFFERENCE[o.form]
+    if o.form in TORQUE_FORMS:
         return math.log(max(value, 1e-12) / o.value)
     if o.is_angle:
         return math.remainder(value - o.value, 2.0 * math.pi)
     return (value - o.value) / max(abs(o.value), 1e-6)
 
 
-def weight(o: Observation, each: float, less: float = 1.0) -> float:
-    """Standard deviation that the difference of one observation is measured by: its own, divided by ``less``, and the model's."""
+def total_standard_deviation(o: Observation, each: float, less: float = 1.0) -> float:
+    """Standard deviation that the difference of one observation is measured by: its own, divided by
+    ``less``, and the model's.
+    """
     own = o.uncertainty / less
-    if o.form in SIZES:
+    if o.form in TORQUE_FORMS:
         return math.hypot(own / o.value, each)
     if o.form == "frequency":
         return math.hypot(own / o.value, FREQUENCY_FLOOR)
@@ -137,8 +180,10 @@ def weight(o: Observation, each: float, less: float = 1.0) -> float:
 
 
 @dataclass(frozen=True)
-class Trust:
-    """Standard deviations of what evidence tells; of amplitudes beyond their own uncertainty, as parts of the amplitude."""
+class ErrorModel:
+    """Standard deviations of what evidence tells; of amplitudes beyond their own uncertainty, as
+    parts of the amplitude.
+    """
 
     each: float
     """Of each line by itself: model and instrument chain."""
@@ -148,7 +193,7 @@ class Trust:
     """Of the time before a recording [s]; infinite where nobody measured it."""
 
 
-class Ledger:
+class BestSoFar:
     """Count of simulations and the best so far, through all that is done to a problem."""
 
     def __init__(self, progress: FitProgress) -> None:
@@ -184,59 +229,86 @@ class Problem:
     def __init__(
         self,
         scenario: Scenario,
-        evidence: Sequence[tuple[Evidence, Own]],
+        evidence: Sequence[tuple[Evidence, TestOverrides]],
         keys: Sequence[FitKey],
-        trust: Trust,
+        trust: ErrorModel,
         progress: FitProgress | None = None,
-        ledger: Ledger | None = None,
+        ledger: BestSoFar | None = None,
         whole: Problem | None = None,
     ) -> None:
         self.scenario, self.evidence, self.keys, self.trust = scenario, evidence, list(keys), trust
         # whose records this one has shortened
         self.whole = whole
         tests = [(one, as_tested(scenario, one, own)) for one, own in evidence]
-        self.tests = tests if whole is None else [(one, shortened(test, one)) for one, test in tests]
+        if whole is None:
+            self.tests = tests
+        else:
+            self.tests = [(one, with_short_record(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
-        self.weights = self.tight = np.array([weight(o, trust.each) for _, o in self.observed])
-        own = [{name: value for name, value, _ in one.entries()} for one in (scenario, *(test for _, test in tests))]
+        self.weights = self.tight = np.array(
+            [total_standard_deviation(o, trust.each) for _, o in self.observed]
+        )
+        own = [
+            {name: value for name, value, _ in one.entries()}
+            for one in (scenario, *(test for _, test in tests))
+        ]
         starts = (float(own[0 if key.test is None else key.test + 1][key.key]) for key in self.keys)
-        self.start = np.array([key.coordinate(start) for key, start in zip(self.keys, starts, strict=True)])
+        self.start = np.array(
+            [key.coordinate(start) for key, start in zip(self.keys, starts, strict=True)]
+        )
         self.spans = np.array([key.span for key in self.keys])
         self.low, self.high = np.array([key.reach for key in self.keys]).T
-        self.ledger = ledger or Ledger(progress or (lambda *_: None))
+        self.ledger = ledger or BestSoFar(progress or (lambda *_: None))
 
     def again(
-        self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, Own]] | None = None,
-        trust: Trust | None = None, scenario: Scenario | None = None,
+        self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, TestOverrides]] | None = None,
+        trust: ErrorModel | None = None, scenario: Scenario | None = None,
     ) -> Problem:  # fmt: skip
         """The same with other keys, evidence, trust or scenario."""
-        evidence = self.evidence if evidence is None else evidence
+        if evidence is None:
+            evidence = self.evidence
+        else:
+            evidence = evidence
         keys = self.keys if keys is None else keys
-        return Problem(scenario or self.scenario, evidence, keys, trust or self.trust, ledger=self.ledger)
+        return Problem(
+            scenario or self.scenario, evidence, keys, trust or self.trust, ledger=self.ledger
+        )
 
     def looser(self, factors: np.ndarray) -> Problem:
-        """The same with each figure's standard deviation ``factors`` (figures,) times as large; ``tight`` are those of before."""
+        """The same with each figure's standard deviation ``factors`` (figures,) times as large;
+        ``tight`` are those of before.
+        """
         other = copy(self)
         other.weights = self.tight * factors
         return other
 
     def rough(self) -> Problem:
-        """For a search: with records that just tell the observed lines apart; itself where that changes what is observed."""
+        """For a search: with records that just tell the observed lines apart; itself where that
+        changes what is observed.
+        """
         timed = any(
             o.form in ("nearest_bin", "level") or (names_a_mode(o.line) and o.form == "amplitude")
             for _, o in self.observed
         )
         if timed or "record.settle" in self.taken:
             return self
-        short = Problem(self.scenario, self.evidence, self.keys, self.trust, ledger=self.ledger, whole=self)
-        return self if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)) else short
+        short = Problem(
+            self.scenario, self.evidence, self.keys, self.trust, ledger=self.ledger, whole=self
+        )
+        if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)):
+            return self
+        return short
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
-        """The work on each item, as many at a time as there are cores. An interrupt also ends work that is under way."""
+        """The work on each item, as many at a time as there are cores. An interrupt also ends work
+        that is under way.
+        """
         try:
             with threads() as pool:
                 try:
-                    return [result(future) for future in [pool.submit(work, item) for item in items]]
+                    return [
+                        result(future) for future in [pool.submit(work, item) for item in items]
+                    ]
                 except KeyboardInterrupt:
                     self.ledger.stopped = True
                     raise
@@ -247,59 +319,93 @@ class Problem:
     def widened(self) -> Problem | None:
         """With ranges of ours that reach further both ways; None where all are stated."""
         keys = [key.widened() for key in self.keys]
-        return None if keys == self.keys else self.again(keys)
+        if keys == self.keys:
+            return None
+        return self.again(keys)
 
     def within(self, x: np.ndarray) -> Problem:
         """With ranges of ours widened until ``x`` lies inside, as far as they may be."""
         keys = list(self.keys)
         for k, c in enumerate(x):
-            for _ in range(WIDENINGS):
-                keys[k] = keys[k] if keys[k].interior(float(c)) else keys[k].widened()
+            for _ in range(MAX_WIDENINGS):
+                if keys[k].interior(float(c)):
+                    keys[k] = keys[k]
+                else:
+                    keys[k] = keys[k].widened()
         return self.again(keys)
 
     def along(self) -> Problem | None:
-        """With an array mode's clamped frequency as another key: of the first that was measured and is not fitted."""
-        own = {name: (value, quantity) for name, value, quantity in self.scenario.entries() if quantity is not None}
+        """With an array mode's clamped frequency as another key: of the first that was measured and
+        is not fitted.
+        """
+        own = {
+            name: (value, quantity)
+            for name, value, quantity in self.scenario.entries()
+            if quantity is not None
+        }
         for _, o in self.observed:
             if o.form == "frequency" and o.line.startswith("array_mode_"):
                 name = f"array.modes.{int(o.line.removeprefix('array_mode_')) - 1}.frequency"
                 if name in own and name not in self.taken:
-                    key = around(name, *own[name], along=True)
-                    return self.again([*self.keys, replace(key, low=min(key.low, o.value / FREQUENCY_FACTOR))])
+                    key = range_around(name, *own[name], along=True)
+                    return self.again(
+                        [
+                            *self.keys,
+                            replace(key, low=min(key.low, o.value / FREQUENCY_RANGE_FACTOR)),
+                        ]
+                    )
         return None
 
     @property
     def taken(self) -> set[str]:
         """Keys that are fitted, or set by a test."""
-        whole, taken = {name: value for name, value, _ in self.scenario.entries()}, {key.key for key in self.keys}
+        whole, taken = (
+            {name: value for name, value, _ in self.scenario.entries()},
+            {key.key for key in self.keys},
+        )
         for _, own in self.evidence:
             if isinstance(own, Scenario):
-                taken |= {name for name, value, _ in own.entries() if name not in whole or value != whole[name]}
+                taken |= {
+                    name
+                    for name, value, _ in own.entries()
+                    if name not in whole or value != whole[name]
+                }
             else:
                 taken |= set(own)
         return taken
 
     def tuned(self, x: np.ndarray) -> np.ndarray:
-        """``x`` with fitted clamped frequencies that bring array modes, through the drive, to where they were measured.
+        """``x`` with fitted clamped frequencies that bring array modes, through the drive, to where
+        they were measured.
 
         By the linear model, as far as the ranges go; modes whose frequency was not measured stay.
         """
         x = x.copy()
         for k, key in enumerate(self.keys):
             mode = re.fullmatch(r"array\.modes\.(\d+)\.frequency", key.key)
-            line = f"array_mode_{int(mode[1]) + 1}" if mode else ""
+            if mode:
+                line = f"array_mode_{int(mode[1]) + 1}"
+            else:
+                line = ""
             seen = ((j, o) for j, o in self.observed if key.test in (None, j))
-            measured = next(((j, o.value) for j, o in seen if (o.line, o.form) == (line, "frequency")), None)
+            measured = next(
+                ((j, o.value) for j, o in seen if (o.line, o.form) == (line, "frequency")), None
+            )
             if measured and key.logarithmic:
                 j, wanted = measured
                 at = self._seen(x, j, line)
-                x[k] = np.clip(x[k] + math.log(wanted / at), *key.range) if at else x[k]
+                if at:
+                    x[k] = np.clip(x[k] + math.log(wanted / at), *key.range)
+                else:
+                    x[k] = x[k]
         return x
 
     def point(self, values: dict[str, float]) -> np.ndarray:
         """Coordinates of the fitted keys' values, by label, within their reach."""
         each = zip(self.keys, self.low, self.high, strict=True)
-        return np.array([min(max(key.coordinate(values[key.label]), low), high) for key, low, high in each])
+        return np.array(
+            [min(max(key.coordinate(values[key.label]), low), high) for key, low, high in each]
+        )
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
@@ -334,8 +440,11 @@ class Problem:
         """Lines of every test at ``x``."""
         return self.simulated([[self.changes(x, j) for j in range(len(self.tests))]])[0]
 
-    def simulated(self, changes: Sequence[Sequence[Mapping[str, object]]]) -> list[list[Simulated] | None]:
-        """Lines of every test with each of the changes to it; None where the model cannot have them, or loses its motion.
+    def simulated(
+        self, changes: Sequence[Sequence[Mapping[str, object]]]
+    ) -> list[list[Simulated] | None]:
+        """Lines of every test with each of the changes to it; None where the model cannot have
+        them, or loses its motion.
 
         Many at a time: the kernel holds no lock.
         """
@@ -351,13 +460,18 @@ class Problem:
         return [tables if len(tables) == len(self.tests) else None for tables in found]
 
     def differences(self, tables: list[Simulated] | None) -> np.ndarray:
-        """Measured and simulated figures' differences, (n,): logarithms of ratios, relative ones of frequencies, phases in rad."""
-        return np.array([difference(o, None if tables is None else tables[k]) for k, o in self.observed])
+        """Measured and simulated figures' differences, (n,): logarithms of ratios, relative ones of
+        frequencies, phases in rad.
+        """
+        return np.array(
+            [difference(o, None if tables is None else tables[k]) for k, o in self.observed]
+        )
 
     def residuals(
         self, points: Sequence[np.ndarray], also: Sequence[Sequence[Mapping[str, object]]] = ()
     ) -> list[np.ndarray]:
-        """Weighted differences of all observations, each recording's common error, and the prior's of all parameters.
+        """Weighted differences of all observations, each recording's common error, and the prior's
+        of all parameters.
 
         ``also`` are changes to other keys at each of the points, of each test.
         """
@@ -370,7 +484,7 @@ class Problem:
             for x, more in zip(points, also or [none] * len(points), strict=True)
         ]
         for x, tables in zip(points, self.simulated(changes), strict=True):
-            prior = PRIOR * (x - self.start) / self.spans
+            prior = PRIOR_WEIGHT * (x - self.start) / self.spans
             r = np.concatenate([*self.weighted(self.differences(tables)), prior])
             found.append(r)
             if not also:
@@ -386,12 +500,14 @@ class Problem:
         return change
 
     def weighted(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Differences over their standard deviations, the most likely common error taken off; and that of each recording."""
+        """Differences over their standard deviations, the most likely common error taken off; and
+        that of each recording.
+        """
         if self.trust.common == 0.0:
             return d / self.weights, np.zeros(0)
         r, errors = d / self.weights, np.zeros(len(self.tests))
         for k in range(len(self.tests)):
-            mine = np.array([j == k and o.form in SIZES for j, o in self.observed])
+            mine = np.array([j == k and o.form in TORQUE_FORMS for j, o in self.observed])
             w = self.weights[mine] ** -2
             common = float(d[mine] @ w) / (float(w.sum()) + self.trust.common**-2)
             r[mine] -= common / self.weights[mine]

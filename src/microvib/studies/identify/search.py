@@ -1,4 +1,6 @@
-"""The search for the best parameters: a global search, local fits, wider ranges where they are too narrow, and a second search."""
+"""The search for the best parameters: a global search, local fits, wider ranges where they are too
+narrow, and a second search.
+"""
 
 from __future__ import annotations
 
@@ -8,50 +10,64 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.identify.goodness import REJECTED, goodness
-from microvib.studies.identify.images import images
-from microvib.studies.identify.keys import WIDENINGS
-from microvib.studies.identify.problem import ROBUST, Ledger, Problem, cost
+from microvib.studies.identify.goodness import REJECTION_PROBABILITY, goodness
+from microvib.studies.identify.images import symmetric_solutions
+from microvib.studies.identify.keys import MAX_WIDENINGS
+from microvib.studies.identify.problem import HUBER_THRESHOLD, BestSoFar, Problem, cost
 
 FIRST_STEP = 1e-4
 """Step of differences in a coordinate before it is known what the evidence resolves."""
-STEP = 0.3
-"""Step of differences over what the evidence resolves: a parameter's standard error, were the others known."""
-STEPS = (1e-6, 1e-2)
+RELATIVE_STEP = 0.3
+"""Step of differences over what the evidence resolves: a parameter's standard error, were the
+others known.
+"""
+STEP_LIMITS = (1e-6, 1e-2)
 """Least and largest step of differences: numerical noise of lines is some 1e-6."""
-DAMPING, EASED = 1e-3, 10.0
-"""Damping of a local fit's first step, over the slopes' squares; by what it is divided after a step that is kept, or multiplied."""
-KEPT = 0.5
-"""Part of the promised gain that a step must bring to be called kept: its slopes then serve for the next, corrected by a secant."""
-RIM = 1e-6
+DAMPING, DAMPING_FACTOR = 1e-3, 10.0
+"""Damping of a local fit's first step, over the slopes' squares; by what it is divided after a step
+that is kept, or multiplied.
+"""
+MIN_GAIN_RATIO = 0.5
+"""Part of the promised gain that a step must bring to be called kept: its slopes then serve for the
+next, corrected by a secant.
+"""
+NEAR_BOUND = 1e-6
 """Part of its reach that a local fit keeps from an end."""
-FARTHEST = 1.0
+MAX_STEP_LENGTH = 1.0
 """Longest step in a coordinate: a factor of e."""
-CLOSE, ROUGH = 1e-5, 1e-3
-"""Relative change of the cost below which a local fit is at its end; in a search, and at a point of a profile."""
-AGAIN, FULL = 12, 60
+COST_TOLERANCE, COARSE_COST_TOLERANCE = 1e-5, 1e-3
+"""Relative change of the cost below which a local fit is at its end; in a search, and at a point of
+a profile.
+"""
+RESTART_STEPS, MAX_DESCENT_STEPS = 12, 60
 """Steps of a local fit: from beside an optimum, and to the end."""
-AT_ONCE, MAX_FITS = 2, 8
-"""Local fits before it is asked whether the evidence is explained, whatever the number of cores; and at most, of a round."""
-PART = 32
+FITS_PER_BATCH, MAX_FITS = 2, 8
+"""Local fits before it is asked whether the evidence is explained, whatever the number of cores;
+and at most, of a round.
+"""
+PROGRESS_INTERVAL = 32
 """Points of the global search between two reports of progress."""
-SAME = 0.1
+MIN_JACOBIAN_GAIN = 0.1
 """Part of a material gain below which slopes are not taken anew."""
-FEWER = 4
+SEARCH_REDUCTION = 4
 """By how much the global search is smaller before a mode's frequency is fitted as well."""
-APART = 0.01
+SAME_OPTIMUM_DISTANCE = 0.01
 """Difference in a coordinate below which ends of fits to short records are the same."""
-HOPELESS = 10.0
-"""Chi-square over the limit of a correct model's, in a short record, that no whole record makes up for."""
+MAX_MISFIT_RATIO = 10.0
+"""Chi-square over the limit of a correct model's, in a short record, that no whole record makes up
+for.
+"""
 SCALED_POINTS, SCALED_FITS, SCALED_KEYS = 16, 2, 4
-"""Points of a round of the search for the least misfit for each key, and fits from the best of them, of so many keys at most."""
+"""Points of a round of the search for the least misfit for each key, and fits from the best of
+them, of so many keys at most.
+"""
 SCALED_NEAR = 0.75
 """Part of those points that lie in the ranges it began with."""
 ABOUT = (0.1, 0.03, 0.01, 0.003)
 """Distances in each coordinate at which a round begins again about the best."""
 SCALED_ROUNDS, SCALED_GAIN = 4, 0.02
 """Most rounds of it, and the part that another round must gain; two are made in any case."""
-LOOKS = 4
+MAX_RESTARTS = 4
 """Most second searches."""
 
 
@@ -65,10 +81,11 @@ class Optimum:
 
 
 class Descent:
-    """Damped least squares: slopes by differences at first, then by secants for as long as steps keep what they promise.
+    """Damped least squares: slopes by differences at first, then by secants for as long as steps
+    keep what they promise.
 
-    Slopes ``J`` (rows, free) that are given, those of an optimum near by, are trusted in the same way. Huber's cost is made small
-    by weights that follow the residuals.
+    Slopes ``J`` (rows, free) that are given, those of an optimum near by, are trusted in the same
+    way. Huber's cost is made small by weights that follow the residuals.
     """
 
     def __init__(
@@ -82,13 +99,15 @@ class Descent:
         self.problem, self.central, self.given = problem, central, J
         self.free = np.flatnonzero(np.ones(x.size, dtype=bool) if free is None else free)
         low, high = problem.low[self.free], problem.high[self.free]
-        self.low, self.high = low + RIM * (high - low), high - RIM * (high - low)
+        self.low, self.high = low + NEAR_BOUND * (high - low), high - NEAR_BOUND * (high - low)
         self.x0 = x.copy()
         self.x0[self.free] = np.clip(x[self.free], self.low, self.high)
         self.steps = np.full(x.size, FIRST_STEP)
 
-    def run(self, steps: int, close: float = CLOSE) -> Optimum:
-        """The end of at most ``steps`` steps, or where the next would change the cost by less than the part ``close``."""
+    def run(self, steps: int, close: float = COST_TOLERANCE) -> Optimum:
+        """The end of at most ``steps`` steps, or where the next would change the cost by less than
+        the part ``close``.
+        """
         here, damping, J = self._at(self.x0), DAMPING, self.given
         new = False  # whether the slopes are those of differences here
         for _ in range(steps):
@@ -103,14 +122,16 @@ class Descent:
                 continue
             there = self._at(self._moved(here.x, move))
             gained = here.cost - there.cost
-            if gained > KEPT * promised:
-                J = J + np.outer(self.problem.least(there.r - here.r) - J @ move, move / (move @ move))
-                damping, new = damping / EASED, False
+            if gained > MIN_GAIN_RATIO * promised:
+                J = J + np.outer(
+                    self.problem.least(there.r - here.r) - J @ move, move / (move @ move)
+                )
+                damping, new = damping / DAMPING_FACTOR, False
             elif new:
-                if gained <= 0.0 and promised <= ROUGH * max(here.cost, 1.0):
+                if gained <= 0.0 and promised <= COARSE_COST_TOLERANCE * max(here.cost, 1.0):
                     break  # the figures' own noise
-                damping *= EASED
-            if gained <= KEPT * promised and (gained > 0.0 or not new):
+                damping *= DAMPING_FACTOR
+            if gained <= MIN_GAIN_RATIO * promised and (gained > 0.0 or not new):
                 J = None
             here = there if gained > 0.0 else here
         return here
@@ -125,63 +146,101 @@ class Descent:
         return x
 
     def _move(self, here: Optimum, J: np.ndarray, damping: float) -> np.ndarray:
-        """The step to the least weighted cost that the slopes promise, within the reach, damped by the slopes' own size."""
+        """The step to the least weighted cost that the slopes promise, within the reach, damped by
+        the slopes' own size.
+        """
         from scipy.optimize import lsq_linear
 
-        weights = np.sqrt(np.minimum(1.0, ROBUST / np.maximum(np.abs(here.r), 1e-300)))
+        weights = np.sqrt(np.minimum(1.0, HUBER_THRESHOLD / np.maximum(np.abs(here.r), 1e-300)))
         A = weights[:, None] * J
         size = np.maximum(np.sqrt(np.sum(A**2, axis=0)), 1e-12)
         rows = np.vstack([A, np.diag(math.sqrt(damping) * size)])
         wanted = np.concatenate([-weights * here.r, np.zeros(size.size)])
         x = here.x[self.free]
-        room = np.maximum(self.low - x, -FARTHEST), np.minimum(self.high - x, FARTHEST)
-        return np.asarray(lsq_linear(rows / size, wanted, (room[0] * size, room[1] * size), method="bvls").x) / size
+        room = (
+            np.maximum(self.low - x, -MAX_STEP_LENGTH),
+            np.minimum(self.high - x, MAX_STEP_LENGTH),
+        )
+        return (
+            np.asarray(
+                lsq_linear(rows / size, wanted, (room[0] * size, room[1] * size), method="bvls").x
+            )
+            / size
+        )
 
     def _slopes(self, here: Optimum) -> np.ndarray:
-        J = slopes(self.problem, here.x, here.r, self.steps, self.free, self.central)
-        self.steps[self.free] = _resolved(J)
+        J = jacobian(self.problem, here.x, here.r, self.steps, self.free, self.central)
+        self.steps[self.free] = _difference_steps(J)
         return J
 
 
-def _resolved(J: np.ndarray) -> np.ndarray:
+def _difference_steps(J: np.ndarray) -> np.ndarray:
     """Steps of differences that the evidence resolves, by its slopes (rows, m)."""
-    return np.clip(STEP / np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300), *STEPS)
+    return np.clip(RELATIVE_STEP / np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300), *STEP_LIMITS)
 
 
-def slopes(
-    problem: Problem, x: np.ndarray, r: np.ndarray, steps: np.ndarray, free: np.ndarray, central: bool
+def jacobian(
+    problem: Problem,
+    x: np.ndarray,
+    r: np.ndarray,
+    steps: np.ndarray,
+    free: np.ndarray,
+    central: bool,
 ) -> np.ndarray:
-    """Differences (rows, free) of the residuals, ``r`` (rows,) at ``x``, by the ``free`` coordinates, within the reach."""
+    """Differences (rows, free) of the residuals, ``r`` (rows,) at ``x``, by the ``free``
+    coordinates, within the reach.
+    """
     points = []
     for k in free:
-        up = 1.0 if x[k] + steps[k] <= problem.high[k] else -1.0
-        down = -up if central and problem.low[k] <= x[k] - up * steps[k] <= problem.high[k] else 0.0
+        if x[k] + steps[k] <= problem.high[k]:
+            up = 1.0
+        else:
+            up = -1.0
+        if central and problem.low[k] <= x[k] - up * steps[k] <= problem.high[k]:
+            down = -up
+        else:
+            down = 0.0
         points += [x + side * steps[k] * np.eye(x.size)[k] for side in (up, down)]
     ends = [p for p in points if np.any(p != x)]
-    at = {p.tobytes(): found for p, found in zip(ends, problem.residuals(ends), strict=True)} | {x.tobytes(): r}
+    at = {p.tobytes(): found for p, found in zip(ends, problem.residuals(ends), strict=True)} | {
+        x.tobytes(): r
+    }
     pairs = zip(points[::2], points[1::2], free, strict=True)
-    return np.column_stack([problem.least(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs])
+    return np.column_stack(
+        [problem.least(at[a.tobytes()] - at[b.tobytes()]) / (a[k] - b[k]) for a, b, k in pairs]
+    )
 
 
-def descend_all(problem: Problem, starts: Sequence[np.ndarray], steps: int = FULL) -> list[Optimum]:
+def descend_all(
+    problem: Problem, starts: Sequence[np.ndarray], steps: int = MAX_DESCENT_STEPS
+) -> list[Optimum]:
     """Local fits from several starts, as many at a time as there are cores."""
-    return problem.in_threads(lambda x: Descent(problem, x).run(steps, ROUGH), starts)
+    return problem.in_threads(
+        lambda x: Descent(problem, x).run(steps, COARSE_COST_TOLERANCE), starts
+    )
 
 
-def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Problem, list[Optimum]]:
+def search(
+    problem: Problem, seed: int, starts: int, finishes: int
+) -> tuple[Problem, list[Optimum]]:
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
-    Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of them, in short records as far as
-    these tell the lines apart, and end in whole ones: nothing is judged by a short record alone. Where none explains the
-    evidence, a measured array mode's frequency is fitted as well, from there and from as many others; then ranges of ours are
-    widened both ways, as long as that helps.
+    Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of
+    them, in short records as far as these tell the lines apart, and end in whole ones: nothing is
+    judged by a short record alone. Where none explains the evidence, a measured array mode's
+    frequency is fitted as well, from there and from as many others; then ranges of ours are widened
+    both ways, as long as that helps.
     """
     optima: list[Optimum] = []
     also = [problem.start]
-    for _ in range(WIDENINGS + 2):
+    for _ in range(MAX_WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
-        optima = sorted([*optima, *_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost)
-        more = descend_all(problem, images(problem, optima[0].x))  # one fit rarely gets to other signs
+        optima = sorted(
+            [*optima, *_search_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost
+        )
+        more = descend_all(
+            problem, symmetric_solutions(problem, optima[0].x)
+        )  # one fit rarely gets to other signs
         optima = sorted([*optima, *more], key=lambda o: o.cost)
         best = optima[0]
         if goodness(problem, best.r).explained:
@@ -193,78 +252,117 @@ def search(problem: Problem, seed: int, starts: int, finishes: int) -> tuple[Pro
         if len(wider.keys) > len(problem.keys):
             optima, also = [], [np.append(o.x, wider.start[-1]) for o in optima] + [wider.start]
         problem = wider
-    problem, optima = _as_asked(problem, optima)
+    problem, optima = _drop_extra_frequency(problem, optima)
     return problem.within(optima[0].x), optima
 
 
-def _as_asked(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
-    """Without a frequency that is fitted along, where its start explains the evidence after all, which a search may miss."""
+def _drop_extra_frequency(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
+    """Without a frequency that is fitted along, where its start explains the evidence after all,
+    which a search may miss.
+    """
     own = np.array([not key.along for key in problem.keys])
     if np.all(own) or not goodness(problem, optima[0].r).explained:
         return problem, optima
     asked = problem.again([key for key in problem.keys if not key.along])
-    ends = sorted(descend_all(asked, [o.x[own] for o in optima[:AT_ONCE]]), key=lambda o: o.cost)
-    return (asked, ends) if goodness(asked, ends[0].r).explained else (problem, optima)
+    ends = sorted(
+        descend_all(asked, [o.x[own] for o in optima[:FITS_PER_BATCH]]), key=lambda o: o.cost
+    )
+    if goodness(asked, ends[0].r).explained:
+        return (asked, ends)
+    return (problem, optima)
 
 
-def _round(problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]) -> list[Optimum]:
-    """Local fits from the best points of a global look, in the order of their cost, until the evidence is explained.
+def _search_round(
+    problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]
+) -> list[Optimum]:
+    """Local fits from the best points of a global look, in the order of their cost, until the
+    evidence is explained.
 
-    Before a mode's frequency is fitted as well there are a few only: where that is what is missing, more show nothing.
+    Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
+    more show nothing.
     """
     from scipy.stats import qmc
 
     problem.ledger.stage = "global"
     rough, few = problem.rough(), problem.along() is not None
     low, high = np.array([key.range for key in problem.keys]).T
-    count = math.ceil(starts / FEWER) if few else starts
+    if few:
+        count = math.ceil(starts / SEARCH_REDUCTION)
+    else:
+        count = starts
     unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(count)), 1))[:count]
     points = [problem.tuned(x) for x in (*(low + (high - low) * unit), *also)]
-    parts = [points[k : k + PART] for k in range(0, len(points), PART)]
+    parts = [points[k : k + PROGRESS_INTERVAL] for k in range(0, len(points), PROGRESS_INTERVAL)]
     costs = [cost(r) for part in parts for r in rough.residuals(part)]
-    most = min(finishes, AT_ONCE) if few else max(finishes, MAX_FITS)
+    if few:
+        most = min(finishes, FITS_PER_BATCH)
+    else:
+        most = max(finishes, MAX_FITS)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
     problem.ledger.stage = "local"
     optima: list[Optimum] = []
     ends: list[Optimum] = []
-    while best and not (len(ends) >= finishes and any(goodness(problem, o.r).explained for o in optima)):
-        met = descend_all(rough, best[:AT_ONCE])
-        optima += met if rough is problem else _in_full(problem, rough, _others(met, ends))
-        ends, best = ends + met, best[AT_ONCE:]
+    while best and not (
+        len(ends) >= finishes and any(goodness(problem, o.r).explained for o in optima)
+    ):
+        met = descend_all(rough, best[:FITS_PER_BATCH])
+        if rough is problem:
+            optima += met
+        else:
+            optima += _refit_whole_records(problem, rough, _distinct_optima(met, ends))
+        ends, best = ends + met, best[FITS_PER_BATCH:]
     return optima
 
 
-def least_misfit(problem: Problem, optima: Sequence[Optimum], seed: int) -> tuple[Problem, list[Optimum]]:
-    """Ends of local fits where no fit explains the evidence, the least chi-square first, at the scale of what is left.
+def least_misfit(
+    problem: Problem, optima: Sequence[Optimum], seed: int
+) -> tuple[Problem, list[Optimum]]:
+    """Ends of local fits where no fit explains the evidence, the least chi-square first, at the
+    scale of what is left.
 
-    With the problem, which has lost a frequency that is fitted along where its start leaves hardly more.
+    With the problem, which has lost a frequency that is fitted along where its start leaves hardly
+    more.
 
-    Against errors that are stated too small nearly every figure is far off, and counts in proportion only: a search then ends at
-    any of many corners. With all standard deviations as much larger as the best so far asks for, the same squares are smooth.
-    Where a motion is sensitive there are many corners still: each round begins anew, from points that no round had before, and
-    follows to their ends those fits that were the best of the one before, from points about them, too.
+    Against errors that are stated too small nearly every figure is far off, and counts in
+    proportion only: a search then ends at any of many corners. With all standard deviations as much
+    larger as the best so far asks for, the same squares are smooth. Where a motion is sensitive
+    there are many corners still: each round begins anew, from points that no round had before, and
+    follows to their ends those fits that were the best of the one before, from points about them,
+    too.
     """
     problem.ledger.stage = "least misfit"
-    found = sorted(optima, key=lambda o: _squares(problem, o.r))[:AT_ONCE]
+    found = sorted(optima, key=lambda o: _chi_square(problem, o.r))[:FITS_PER_BATCH]
     looks = _looks(problem, seed)
     for number in range(SCALED_ROUNDS):
-        before = _squares(problem, found[0].r)
-        scaled = _scaled(problem, found[0].r)
-        known = [o.x for o in found[:AT_ONCE]] + images(problem, found[0].x) + _about(scaled, found[0].x, seed + number)
+        before = _chi_square(problem, found[0].r)
+        scaled = _with_scaled_errors(problem, found[0].r)
+        known = (
+            [o.x for o in found[:FITS_PER_BATCH]]
+            + symmetric_solutions(problem, found[0].x)
+            + _about(scaled, found[0].x, seed + number)
+        )
         ends = [
-            o.x for o in (*descend_all(scaled, known), *descend_all(scaled, _promising(scaled, next(looks)), AGAIN))
+            o.x
+            for o in (
+                *descend_all(scaled, known),
+                *descend_all(scaled, _promising(scaled, next(looks)), RESTART_STEPS),
+            )
         ]
         problem.ledger.more(scaled.ledger.simulations)
         met = [Optimum(x, r, cost(r)) for x, r in zip(ends, problem.residuals(ends), strict=True)]
-        found = sorted([*found, *met], key=lambda o: _squares(problem, o.r))
-        least = _squares(problem, found[0].r)
-        if goodness(problem, found[0].r).explained or (number and least > (1.0 - SCALED_GAIN) * before):
+        found = sorted([*found, *met], key=lambda o: _chi_square(problem, o.r))
+        least = _chi_square(problem, found[0].r)
+        if goodness(problem, found[0].r).explained or (
+            number and least > (1.0 - SCALED_GAIN) * before
+        ):
             break
-    return _hardly_more(problem, found)
+    return _drop_insignificant_frequencies(problem, found)
 
 
 def _looks(problem: Problem, seed: int) -> Iterator[list[np.ndarray]]:
-    """Points over the ranges that it began with, and some over those that it was widened to; others each time."""
+    """Points over the ranges that it began with, and some over those that it was widened to; others
+    each time.
+    """
     from scipy.stats import qmc
 
     low, high = np.array([key.range for key in problem.keys]).T
@@ -280,18 +378,22 @@ def _looks(problem: Problem, seed: int) -> Iterator[list[np.ndarray]]:
 
 
 def _about(scaled: Problem, x: np.ndarray, seed: int) -> list[np.ndarray]:
-    """The best of points about another, near and less near: where figures jump, a fit ends wherever it is."""
+    """The best of points about another, near and less near: where figures jump, a fit ends wherever
+    it is.
+    """
     from scipy.stats import qmc
 
     sides = 2.0 * qmc.Sobol(x.size, seed=seed).random(len(ABOUT) * scaled.start.size * 2) - 1.0
     sizes = np.resize(ABOUT, len(sides))
     points = list(np.clip(x + sizes[:, None] * sides, scaled.low, scaled.high))
     costs = [cost(r) for r in scaled.residuals(points)]
-    return [points[k] for k in np.argsort(costs, kind="stable")[:AT_ONCE]]
+    return [points[k] for k in np.argsort(costs, kind="stable")[:FITS_PER_BATCH]]
 
 
 def _promising(scaled: Problem, points: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The best of the points, by the cost and, in turn, by how many figures are right, whatever the others are."""
+    """The best of the points, by the cost and, in turn, by how many figures are right, whatever the
+    others are.
+    """
     rows = scaled.residuals(points)
     by_cost = np.argsort([cost(r) for r in rows], kind="stable")
     by_number = np.argsort([float(np.sum(np.log1p(r**2))) for r in rows], kind="stable")
@@ -299,98 +401,133 @@ def _promising(scaled: Problem, points: Sequence[np.ndarray]) -> list[np.ndarray
     return [points[k] for k in list(best)[: SCALED_FITS * min(len(scaled.keys), SCALED_KEYS)]]
 
 
-def _hardly_more(problem: Problem, optima: list[Optimum]) -> tuple[Problem, list[Optimum]]:
-    """Without the frequencies that are fitted along, where their starts leave no more than chance would over what is left."""
+def _drop_insignificant_frequencies(
+    problem: Problem, optima: list[Optimum]
+) -> tuple[Problem, list[Optimum]]:
+    """Without the frequencies that are fitted along, where their starts leave no more than chance
+    would over what is left.
+    """
     from scipy.stats import chi2
 
     own = np.array([not key.along for key in problem.keys])
     if np.all(own):
         return problem, optima
     asked = problem.again([key for key in problem.keys if not key.along])
-    starts = [o.x[own] for o in optima[:AT_ONCE]]
-    starts += images(asked, starts[0])
+    starts = [o.x[own] for o in optima[:FITS_PER_BATCH]]
+    starts += symmetric_solutions(asked, starts[0])
     rest = goodness(problem, optima[0].r)
     scaled = asked.looser(np.full(asked.figures, math.sqrt(max(rest.ratio, 1.0))))
     ends = [o.x for o in descend_all(scaled, starts)]
     found = [Optimum(x, r, cost(r)) for x, r in zip(ends, asked.residuals(ends), strict=True)]
-    found.sort(key=lambda o: _squares(asked, o.r))
-    chance = float(chi2.isf(REJECTED, int(np.sum(~own)))) * max(rest.ratio, 1.0)
-    as_good = _squares(asked, found[0].r) <= rest.chi_square + chance
-    return (asked, found) if as_good or goodness(asked, found[0].r).explained else (problem, optima)
+    found.sort(key=lambda o: _chi_square(asked, o.r))
+    chance = float(chi2.isf(REJECTION_PROBABILITY, int(np.sum(~own)))) * max(rest.ratio, 1.0)
+    as_good = _chi_square(asked, found[0].r) <= rest.chi_square + chance
+    if as_good or goodness(asked, found[0].r).explained:
+        return (asked, found)
+    return (problem, optima)
 
 
-def _scaled(problem: Problem, r: np.ndarray) -> Problem:
-    """The problem with standard deviations that leave one for each figure of residuals ``r``; with a ledger of its own."""
+def _with_scaled_errors(problem: Problem, r: np.ndarray) -> Problem:
+    """The problem with standard deviations that leave one for each figure of residuals ``r``; with
+    a ledger of its own.
+    """
     factor = math.sqrt(max(goodness(problem, r).ratio, 1.0))
     scaled = problem.looser(np.full(problem.figures, factor))
-    scaled.ledger = Ledger(lambda *_: None)
+    scaled.ledger = BestSoFar(lambda *_: None)
     return scaled
 
 
-def _squares(problem: Problem, r: np.ndarray) -> float:
+def _chi_square(problem: Problem, r: np.ndarray) -> float:
     return goodness(problem, r).chi_square
 
 
 def eased(problem: Problem, best: Optimum) -> tuple[Problem, Optimum]:
-    """The problem, and its best, at the scale of what the best leaves, where that is more than was stated."""
-    scaled = _scaled(problem, best.r)
+    """The problem, and its best, at the scale of what the best leaves, where that is more than was
+    stated.
+    """
+    scaled = _with_scaled_errors(problem, best.r)
     (r,) = scaled.residuals([best.x])
     return scaled, Optimum(best.x, r, cost(r))
 
 
-def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, Local, bool]:
-    """``confirm`` at the scale of what the best leaves, where that is more than was stated; figures at the stated one."""
+def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, LinearModel, bool]:
+    """``confirm`` at the scale of what the best leaves, where that is more than was stated; figures
+    at the stated one.
+    """
     scaled, there = eased(problem, best)
-    end, _, converged = confirm(scaled, there, local_at(scaled, there))
+    end, _, converged = confirm(scaled, there, linearise_at(scaled, there))
     problem.ledger.more(scaled.ledger.simulations)
     (r,) = problem.residuals([end.x])
     best = Optimum(end.x, r, cost(r))
-    return best, local_at(problem, best), converged
+    return best, linearise_at(problem, best), converged
 
 
-def _others(met: Sequence[Optimum], known: Sequence[Optimum]) -> list[Optimum]:
+def _distinct_optima(met: Sequence[Optimum], known: Sequence[Optimum]) -> list[Optimum]:
     """Those that are not the same as a known one, or as an earlier one among them."""
     found: list[Optimum] = []
     for o in met:
-        if all(np.max(np.abs(o.x - p.x)) > APART for p in (*known, *found)):
+        if all(np.max(np.abs(o.x - p.x)) > SAME_OPTIMUM_DISTANCE for p in (*known, *found)):
             found.append(o)
     return found
 
 
-def _in_full(problem: Problem, rough: Problem, ends: Sequence[Optimum]) -> list[Optimum]:
-    """Local fits of whole records from the ends of those of short ones; where these are hopeless, what they are there."""
+def _refit_whole_records(
+    problem: Problem, rough: Problem, ends: Sequence[Optimum]
+) -> list[Optimum]:
+    """Local fits of whole records from the ends of those of short ones; where these are hopeless,
+    what they are there.
+    """
 
     def fitted(end: Optimum) -> Optimum:
         fit = goodness(rough, end.r)
-        return Descent(problem, end.x).run(0 if fit.ratio > HOPELESS * fit.limit else FULL, ROUGH)
+        return Descent(problem, end.x).run(
+            0 if fit.ratio > MAX_MISFIT_RATIO * fit.limit else MAX_DESCENT_STEPS,
+            COARSE_COST_TOLERANCE,
+        )
 
     return problem.in_threads(fitted, ends)
 
 
-def confirm(problem: Problem, best: Optimum, local: Local) -> tuple[Optimum, Local, bool]:
-    """Search again at the optimum, where the model is ``local``: finer, with central differences, from there and from around it.
+def confirm(
+    problem: Problem, best: Optimum, local: LinearModel
+) -> tuple[Optimum, LinearModel, bool]:
+    """Search again at the optimum, where the model is ``local``: finer, with central differences,
+    from there and from around it.
 
-    If that finds something better, the search is repeated there; the last value tells whether the last search found nothing.
+    If that finds something better, the search is repeated there; the last value tells whether the
+    last search found nothing.
     """
     problem.ledger.stage = "second look"
-    for look in range(LOOKS):
-        local = local_at(problem, best) if look else local
-        near = [best.x, *_beside(problem, best.x, local)]
-        ends = problem.in_threads(lambda x: Descent(problem, x, central=True, J=local.J).run(AGAIN), near)  # noqa: B023
+    for look in range(MAX_RESTARTS):
+        if look:
+            local = linearise_at(problem, best)
+        slopes = local.J
+
+        def restarted(x: np.ndarray, J: np.ndarray = slopes) -> Optimum:
+            return Descent(problem, x, central=True, J=J).run(RESTART_STEPS)
+
+        near = [best.x, *_along_weakest_direction(problem, best.x, local)]
+        ends = problem.in_threads(restarted, near)
         better = min(ends, key=lambda o: o.cost)
         gain, best = best.cost - better.cost, min(best, better, key=lambda o: o.cost)
-        if gain < material(best.cost):
-            return best, local if gain < SAME * material(best.cost) else local_at(problem, best), True
-    return best, local_at(problem, best), False
+        if gain < significant_gain(best.cost):
+            return (
+                best,
+                local
+                if gain < MIN_JACOBIAN_GAIN * significant_gain(best.cost)
+                else linearise_at(problem, best),
+                True,
+            )
+    return best, linearise_at(problem, best), False
 
 
-def material(c: float) -> float:
+def significant_gain(c: float) -> float:
     """By how much a cost must be lower to count as another."""
     return max(0.1, 1e-3 * c)
 
 
 @dataclass(frozen=True)
-class Local:
+class LinearModel:
     """The model about an optimum, linearised."""
 
     J: np.ndarray
@@ -406,17 +543,19 @@ class Local:
         return np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
 
 
-def local_at(problem: Problem, best: Optimum) -> Local:
+def linearise_at(problem: Problem, best: Optimum) -> LinearModel:
     """Central differences at an optimum, with steps that follow what the evidence resolves."""
     every, steps = np.arange(best.x.size), np.full(best.x.size, FIRST_STEP)
     for central in (False, True):
-        J = slopes(problem, best.x, best.r, steps, every, central)
-        steps = _resolved(J)
+        J = jacobian(problem, best.x, best.r, steps, every, central)
+        steps = _difference_steps(J)
     scatter = max(goodness(problem, best.r).ratio, 1.0)
-    return Local(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter)
+    return LinearModel(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter)
 
 
-def _beside(problem: Problem, x: np.ndarray, local: Local) -> list[np.ndarray]:
+def _along_weakest_direction(
+    problem: Problem, x: np.ndarray, local: LinearModel
+) -> list[np.ndarray]:
     """Four standard errors to either side along the direction that the evidence tells least of."""
     values, vectors = np.linalg.eigh(local.covariance)
     move = min(4.0 * math.sqrt(max(float(values[-1]), 0.0)), 0.5) * vectors[:, -1]

@@ -2,5 +2,5 @@
 
 from collections.abc import Callable
 
-Tell = Callable[[float, float | None, str, str], None]
+ProgressCallback = Callable[[float, float | None, str, str], None]
 """Tells how far a task is: done, total (None where it is not known), unit, text."""

@@ -1,4 +1,6 @@
-"""What a worker has ready before it is asked: imported, and the kernel loaded. Importing this module does it."""
+"""What a worker has ready before it is asked: imported, and the kernel loaded. Importing this
+module does it.
+"""
 
 from __future__ import annotations
 

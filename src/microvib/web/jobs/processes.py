@@ -1,4 +1,6 @@
-"""Computations in worker processes: each in one of its own, so that its end, however bad, is the end of nothing else."""
+"""Computations in worker processes: each in one of its own, so that its end, however bad, is the
+end of nothing else.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,12 @@ from microvib.web.server.limits import Limits
 
 ENDED = ("done", "failed", "cancelled")
 _STARTING = "starting a worker"
-# Python 3.11.0 would put the fork server's socket where every user can send it pickles; 3.11.1 and later never do.
+# Python 3.11.0 would put the fork server's socket where every user can send it pickles; 3.11.1 and
+# later never do.
 multiprocessing.util.abstract_sockets_supported = False  # type: ignore[misc]
 
 
-class Busy(Exception):
+class QueueFull(Exception):
     """As many computations as are allowed wait already."""
 
 
@@ -71,12 +74,17 @@ class _Worker:
 
 
 class Workers:
-    """Some computations at a time, in the order of their arrival, each in a worker that was warm before it was asked."""
+    """Some computations at a time, in the order of their arrival, each in a worker that was warm
+    before it was asked.
+    """
 
     def __init__(self, at_once: int, wall_s: float, limits: Limits) -> None:
         self._wall_s, self._limits = wall_s, limits
-        # A fork of a process that has everything loaded is warm at once; elsewhere each worker warms up by itself.
-        self._context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+        # A fork of a process that has everything loaded is warm at once; elsewhere each worker
+        # warms up by itself.
+        self._context = multiprocessing.get_context(
+            "forkserver" if sys.platform == "linux" else "spawn"
+        )
         if sys.platform == "linux":
             self._context.set_forkserver_preload(["microvib.web.jobs.preload"])
         self._queue: deque[Job] = deque()
@@ -90,7 +98,7 @@ class Workers:
         """Put a job at the end of the queue; Busy where it is full."""
         with self._change:
             if self._closed or len(self._queue) >= self._limits.waiting:
-                raise Busy
+                raise QueueFull
             if not self._warm:
                 job.progress = step(text=_STARTING)
             self._queue.append(job)
@@ -115,15 +123,20 @@ class Workers:
             self.cancel(job)
 
     def join(self, until: float) -> None:
-        """Wait for the workers to end, at most until then on the monotonic clock; one that is starting ends by itself."""
+        """Wait for the workers to end, at most until then on the monotonic clock; one that is
+        starting ends by itself.
+        """
         for thread in self._threads:
             thread.join(max(until - time.monotonic(), 0.0))
 
     def _serve(self) -> None:
-        if hasattr(signal, "pthread_sigmask"):  # what is started here hears no Ctrl-C, not even before it could say so
+        if hasattr(
+            signal, "pthread_sigmask"
+        ):  # what is started here hears no Ctrl-C, not even before it could say so
             from multiprocessing import resource_tracker  # not on Windows
 
-            resource_tracker.ensure_running()  # where a process starts it, that process's Ctrl-C is unblocked after
+            # where a process starts it, that process's Ctrl-C is unblocked after
+            resource_tracker.ensure_running()
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         worker: _Worker | None = None
         while not self._closed:
@@ -152,7 +165,9 @@ class Workers:
         with self._change:
             while not self._queue and not self._closed:
                 self._change.wait()
-            return None if self._closed else self._queue.popleft()
+            if self._closed:
+                return None
+            return self._queue.popleft()
 
     def _follow(self, job: Job, worker: _Worker) -> None:
         with self._change:
@@ -166,7 +181,10 @@ class Workers:
                 if self._closed:
                     job.end("cancelled")
                 elif time.monotonic() > deadline:
-                    job.end("failed", f"stopped after {self._wall_s:g} s, the longest that is allowed here")
+                    job.end(
+                        "failed",
+                        f"stopped after {self._wall_s:g} s, the longest that is allowed here",
+                    )
                 elif worker.pipe.poll(0.2):
                     kind, content = worker.pipe.recv()
                     if kind == "done":
@@ -183,5 +201,8 @@ class Workers:
             worker.process.join(2.0)
             code = worker.process.exitcode
             killed = f"was killed by signal {-(code or 0)}, perhaps for lack of memory"
-            how = killed if (code or 0) < 0 else f"ended unexpectedly (status {code})"
+            if (code or 0) < 0:
+                how = killed
+            else:
+                how = f"ended unexpectedly (status {code})"
             job.end("failed", f"its process {how}; nothing else was affected")

@@ -8,25 +8,44 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.budget import Share, budget
+from microvib.analysis.budget import TorqueContribution, torque_budget
 from microvib.analysis.pointing import HubLines
 from microvib.errors import MicrovibError
 from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import SECOND_DRIVE
-from microvib.reports.angles import angles_table, angles_texts, bracketed, draw_angles, fallbacks
+from microvib.reports.angles import (
+    angles_table,
+    angles_texts,
+    draw_angles,
+    fallbacks,
+    unit_in_brackets,
+)
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_text
 from microvib.reports.modes import mode_kinds
-from microvib.reports.moving import array_modes, craft_modes, of_array, of_craft, words_of
-from microvib.reports.rates import best_text, found_text
+from microvib.reports.moving import (
+    array_modes,
+    craft_modes,
+    shape_description,
+    shape_of_array,
+    shape_of_craft,
+)
+from microvib.reports.rates import best_text, solution_counts_text
 from microvib.reports.rendering import address
-from microvib.reports.sas import HEADER, TOLERANCE_HEADER, sas_data, setting_rows, sizing_text, tolerance_rows
+from microvib.reports.sas import (
+    HEADER,
+    TOLERANCE_HEADER,
+    sas_data,
+    setting_rows,
+    sizing_text,
+    tolerance_rows,
+)
 from microvib.reports.sas_drawing import draw_simulator
 from microvib.reports.sheets import svg
 from microvib.signals.line_table import LineTable
-from microvib.signals.screen import outline
+from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
@@ -43,11 +62,15 @@ _POINTS = 6000
 _MOST_MODES = 40
 
 
-def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: HubLines | None) -> dict[str, Any]:
-    """Everything of a run but its samples; ``summed`` is its ``summary.json``, ``hub`` the lines of a craft's hub."""
+def run_result(
+    motion: Motion, table: LineTable, summed: dict[str, Any], hub: HubLines | None
+) -> dict[str, Any]:
+    """Everything of a run but its samples; ``summed`` is its ``summary.json``, ``hub`` the lines of
+    a craft's hub.
+    """
     scenario = motion.scenario
     first = [x.frequency_hz for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)]
-    shares = budget(motion, first)
+    shares = torque_budget(motion, first)
     return {
         "title": scenario.title,
         "values": values_of(scenario),
@@ -72,7 +95,9 @@ def run_result(motion: Motion, table: LineTable, summed: dict[str, Any], hub: Hu
 
 def _second(summed: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """What a summary says of the second wing's drive, where it is driven."""
-    return [(", second wing", summed[SECOND_DRIVE])] if SECOND_DRIVE in summed else []
+    if SECOND_DRIVE in summed:
+        return [(", second wing", summed[SECOND_DRIVE])]
+    return []
 
 
 def _craft(hub: HubLines) -> dict[str, Any]:
@@ -81,7 +106,13 @@ def _craft(hub: HubLines) -> dict[str, Any]:
     assert spacecraft is not None
     assert locked is not None
     los = spacecraft.line_of_sight
-    lines = zip(hub.names, hub.frequency.tolist(), np.abs(hub.loads).tolist(), hub.amplitude.tolist(), strict=True)
+    lines = zip(
+        hub.names,
+        hub.frequency.tolist(),
+        np.abs(hub.loads).tolist(),
+        hub.amplitude.tolist(),
+        strict=True,
+    )
     return {
         "words": craft_words(spacecraft),
         "drawing": address(svg(draw_craft(hub.scenario))),
@@ -99,7 +130,7 @@ def _craft(hub: HubLines) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _facts(motion: Motion, T_d: Share, summed: dict[str, Any]) -> dict[str, Any]:
+def _facts(motion: Motion, T_d: TorqueContribution, summed: dict[str, Any]) -> dict[str, Any]:
     solver = summed["solver"]
     return {
         **{f"T_d_{name}": value for name, value in _statistics(T_d).items()},
@@ -114,18 +145,23 @@ def _facts(motion: Motion, T_d: Share, summed: dict[str, Any]) -> dict[str, Any]
     }
 
 
-def _statistics(share: Share) -> dict[str, float]:
+def _statistics(share: TorqueContribution) -> dict[str, float]:
     return {"mean": share.mean, "rms": share.rms, "peak": share.peak}
 
 
-def _budget_row(name: str, share: Share) -> dict[str, Any]:
-    """A torque's statistics, and its part in the first driving line: amplitude, and phase at the first sample."""
-    tone = complex(share.tones[0]) if share.tones.size else complex(math.nan, math.nan)
+def _budget_row(name: str, share: TorqueContribution) -> dict[str, Any]:
+    """A torque's statistics, and its part in the first driving line: amplitude, and phase at the
+    first sample.
+    """
+    if share.tones.size:
+        tone = complex(share.tones[0])
+    else:
+        tone = complex(math.nan, math.nan)
     phase = {"drive_1_amplitude": abs(tone), "drive_1_phase": math.atan2(tone.imag, tone.real)}
     return {"torque": name, "meaning": CHANNELS[name].meaning, **_statistics(share), **phase}
 
 
-def _drivetrain(motion: Motion, shares: dict[str, Share]) -> dict[str, Any]:
+def _drivetrain(motion: Motion, shares: dict[str, TorqueContribution]) -> dict[str, Any]:
     """Which torque goes where, in numbers."""
     span = float(motion.time[-1] - motion.time[0])
     energies = {name: motion[name] for name in motion.channels if name.startswith("E_")}
@@ -148,8 +184,8 @@ def _rms(*phases: np.ndarray) -> float:
 
 def analysis_result(a: Analysis) -> dict[str, Any]:
     """Lines, spectrum, density of one channel."""
-    f, amplitude = outline(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
-    g, density = outline(a.density.frequency, a.density.density, _POINTS)
+    f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
+    g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
     return {
         "title": f"{a.name}, {a.channel}",
         "lines": [] if a.table is None else [asdict(line) for line in a.table],
@@ -204,7 +240,9 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
         for evidence, found in fit.after for o in evidence.observations
     ]  # fmt: skip
     fitted = {e.key: quantities[e.key] for e in fit.estimates}
-    changes = {e.key: q.format(e.estimate) for e in fit.estimates if (q := fitted[e.key]) is not None}
+    changes = {
+        e.key: q.format(e.estimate) for e in fit.estimates if (q := fitted[e.key]) is not None
+    }
     changes |= {e.key: f"{e.estimate:.0f}" for e in fit.whole}
     return {
         "parameters": parameters,
@@ -231,8 +269,10 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
         "modes": [asdict(mode) for mode in plan.modes],
         "resonances": [asdict(r) for r in plan.resonances],
         "forbidden": [asdict(b) for b in plan.forbidden],
-        "best": None if best is None else {"rate": best[0].rate, "microsteps": best[0].microsteps, "largest": best[1]},
-        "text": f"{best_text(plan)} {len(plan.cases)} cases: {found_text(plan)}.",
+        "best": None
+        if best is None
+        else {"rate": best[0].rate, "microsteps": best[0].microsteps, "largest": best[1]},
+        "text": f"{best_text(plan)} {len(plan.cases)} cases: {solution_counts_text(plan)}.",
         "limit": plan.limit,
         "band": list(plan.band),
         "linear": plan.linear,
@@ -243,7 +283,7 @@ def angles_result(sweep: AngleSweep) -> dict[str, Any]:
     """A sweep's table, picture, files, and what is to be said of it."""
     head, rows = angles_table(sweep)
     return {
-        "table": {"header": [bracketed(x) for x in head], "rows": rows},
+        "table": {"header": [unit_in_brackets(x) for x in head], "rows": rows},
         "notes": fallbacks(sweep),
         "drawing": address(svg(draw_angles(sweep))),
         "files": angles_texts(sweep),
@@ -251,30 +291,37 @@ def angles_result(sweep: AngleSweep) -> dict[str, Any]:
 
 
 def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[str, Any]:
-    """Modes of array or craft: their figures, and shapes that move. ``structure`` is what the array's finite elements are of."""
+    """Modes of array or craft: their figures, and shapes that move. ``structure`` is what the
+    array's finite elements are of.
+    """
     source = _elements(scenario.array, structure)
     modes = source.modes if source else None
-    moving = of_craft(scenario, modes) if of == "craft" else of_array(scenario.array, modes)
+    if of == "craft":
+        moving = shape_of_craft(scenario, modes)
+    else:
+        moving = shape_of_array(scenario.array, modes)
     if not moving.shapes.shape[2]:
         raise MicrovibError(
-            "array.modes: is empty, the array is rigid; give modes, or take it from finite elements (array.fem)"
+            "array.modes: is empty, the array is rigid; give modes, or take it from finite elements"
+            " (array.fem)"
         )
     kept = slice(_MOST_MODES)
-    columns = (
-        craft_modes(scenario, moving)
-        if of == "craft"
-        else array_modes(scenario.array, mode_kinds(source) if source else None)
-    )
+    if of == "craft":
+        columns = craft_modes(scenario, moving)
+    else:
+        columns = array_modes(scenario.array, mode_kinds(source) if source else None)
     return {
         "header": list(columns),
         "rows": [list(row) for row in zip(*columns.values(), strict=True)][kept],
-        "words": words_of(scenario, of, modes is not None),
+        "words": shape_description(scenario, of, modes is not None),
         "moving": replace(moving, shapes=moving.shapes[:, :, kept]).data(),
     }
 
 
 def _elements(array: Array, structure: str | None) -> ModalSource | None:
-    """The finite elements that the array's modes come from; None where there are none, or the modes are others by now."""
+    """The finite elements that the array's modes come from; None where there are none, or the modes
+    are others by now.
+    """
     if structure is None or not array.modes or array.interface is None:
         return None
     source = modal_source(structure, len(array.modes))
@@ -282,11 +329,15 @@ def _elements(array: Array, structure: str | None) -> ModalSource | None:
     same = np.allclose(found.frequency, told, 1e-6, 0.0) and np.allclose(
         found.participation, array.interface, 1e-6, 1e-6
     )
-    return source if same else None
+    if same:
+        return source
+    return None
 
 
 def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
-    """Effects of uncertain values on each line, the one that moves it farthest first; ranges in units of the form."""
+    """Effects of uncertain values on each line, the one that moves it farthest first; ranges in
+    units of the form.
+    """
     return {
         "lines": [
             {

@@ -1,4 +1,6 @@
-"""What one server holds: computations, their results, recordings; each bounded, all in one temporary folder."""
+"""What one server holds: computations, their results, recordings; each bounded, all in one
+temporary folder.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +77,10 @@ class Store:
 
     def ask(self, task: str, **arguments: Any) -> Job:
         """A short job, waited for."""
-        workers = self._checks if task == "view" else self._quick
+        if task == "view":
+            workers = self._checks
+        else:
+            workers = self._quick
         job = workers.submit(Job(task, arguments))
         job.ended.wait()
         return job
@@ -87,7 +92,7 @@ class Store:
     def job(self, id: str) -> Job | None:
         """A job, which now counts as used."""
         with self._lock:
-            return _used(self._jobs, id)
+            return _touch(self._jobs, id)
 
     def jobs(self) -> list[Job]:
         """All jobs."""
@@ -147,7 +152,7 @@ class Store:
     def upload(self, id: str) -> Upload | None:
         """A recording, which now counts as used."""
         with self._lock:
-            return _used(self._uploads, id)
+            return _touch(self._uploads, id)
 
     def close(self) -> None:
         """End all computations."""
@@ -167,7 +172,7 @@ class Store:
 Kept = TypeVar("Kept")
 
 
-def _used(kept: dict[str, Kept], id: str) -> Kept | None:
+def _touch(kept: dict[str, Kept], id: str) -> Kept | None:
     """One of what is kept in the order of its use, which is now the last."""
     found = kept.pop(id, None)
     if found is not None:

@@ -1,4 +1,6 @@
-"""What workers do. Each task leaves ``result.json`` in its folder, and what belongs to it; errors are MicrovibErrors."""
+"""What workers do. Each task leaves ``result.json`` in its folder, and what belongs to it; errors
+are MicrovibErrors.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +38,10 @@ from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_key
 from microvib.studies.rates import plan_rates
 from microvib.studies.sensitivity import sensitivities
-from microvib.studies.sizing import sized
+from microvib.studies.sizing import size_simulator
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
-from microvib.web.jobs import Tell, results
+from microvib.web.jobs import ProgressCallback, results
 from microvib.web.routes.forms import Spec, array_structure, view_of
 
 Upload = tuple[str, str]  # a recording's file, and what its owner calls it
@@ -49,7 +51,7 @@ def _write(folder: str, data: dict[str, Any]) -> None:
     (Path(folder) / "result.json").write_text(to_json(data), encoding="utf-8")
 
 
-def run(folder: str, scenario: Scenario, tell: Tell, seeds: int = 0) -> None:
+def run(folder: str, scenario: Scenario, tell: ProgressCallback, seeds: int = 0) -> None:
     """Simulate a scenario, over ``seeds`` draws of its noise where they are given.
 
     Leaves channels as ``NAME.npy``, tables, and what ``file`` needs.
@@ -59,7 +61,10 @@ def run(folder: str, scenario: Scenario, tell: Tell, seeds: int = 0) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
     result = solve_run(
-        scenario, seeds=seeds, progress=progress, drawn=lambda k: tell(k, seeds, "draws", "drawing the noise")
+        scenario,
+        seeds=seeds,
+        progress=progress,
+        drawn=lambda k: tell(k, seeds, "draws", "drawing the noise"),
     )
     motion = result.motion
     assert motion is not None
@@ -84,15 +89,23 @@ def _keep(where: Path, motion: Motion, table: LineTable) -> None:
 
 def _kept(where: Path) -> tuple[Motion, LineTable]:
     """A run without its samples."""
-    return pickle.loads((where / "run.pickle").read_bytes())  # written by a worker of this very server
+    return pickle.loads(
+        (where / "run.pickle").read_bytes()
+    )  # written by a worker of this very server
 
 
-def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None = None) -> None:
-    """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked for, as ``mark`` and its name."""
+def file(
+    folder: str, name: str, tell: ProgressCallback, mark: str = "", limit: Limit | None = None
+) -> None:
+    """``motion.nc``, ``report.html`` or ``report.pdf`` of a run's folder, made when it is asked
+    for, as ``mark`` and its name.
+    """
     where = Path(folder)
     bare, table = _kept(where)
     files = {channel: where / f"{channel}.npy" for channel in (*CHANNELS, *MODAL)}
-    motion = replace(bare, channels={channel: np.load(file) for channel, file in files.items() if file.is_file()})
+    motion = replace(
+        bare, channels={channel: np.load(file) for channel, file in files.items() if file.is_file()}
+    )
     new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
     if name == "motion.nc":
         write_motion(motion, new)
@@ -103,12 +116,13 @@ def file(folder: str, name: str, tell: Tell, mark: str = "", limit: Limit | None
     new.replace(where / (mark + name))
 
 
-def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
+def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]:
     """Lines of a run against a limit."""
     motion, table = _kept(Path(folder))
     judged = judge(table, limit, motion.scenario, lines_of_second(motion, table))
     margins = [
-        {"line": m.line.line, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why} for m in judged.margins
+        {"line": m.line.line, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why}
+        for m in judged.margins
     ]
     return {
         "text": str(judged), "verdict": judged.verdict, "gaps": judged.gaps, "torque": limit.torque, "low": limit.low,
@@ -117,18 +131,26 @@ def verdict(folder: str, limit: Limit, tell: Tell) -> dict[str, Any]:
 
 
 def _finite(x: float) -> float | None:
-    return x if math.isfinite(x) else None
+    if math.isfinite(x):
+        return x
+    return None
 
 
-def recording(path: str, name: str, tell: Tell) -> dict[str, Any]:
+def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:
     """What is in a recording that its owner calls ``name``."""
     found = _read(path, name)
     channels = [
-        {"name": key, "unit": found.units.get(key, ""), "rms": float(np.std(x)) if x.size else math.nan}
+        {
+            "name": key,
+            "unit": found.units.get(key, ""),
+            "rms": float(np.std(x)) if x.size else math.nan,
+        }
         for key, x in found.channels.items()
     ]
     facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
-    return dict(json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)})))
+    return dict(
+        json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)}))
+    )
 
 
 def _read(path: str, name: str) -> Recording:
@@ -140,12 +162,14 @@ def _read(path: str, name: str) -> Recording:
     return replace(found, title=name, notes=tuple(note.replace(path, name) for note in found.notes))
 
 
-def view(spec: dict[str, Any], tell: Tell) -> dict[str, Any]:
+def view(spec: dict[str, Any], tell: ProgressCallback) -> dict[str, Any]:
     """A scenario that needs finite elements, as the form shows it."""
     return view_of(Spec(**spec))
 
 
-def analysis(folder: str, recording: Upload, scenario: Scenario, channel: str, tell: Tell) -> None:
+def analysis(
+    folder: str, recording: Upload, scenario: Scenario, channel: str, tell: ProgressCallback
+) -> None:
     """Lines with uncertainties and spectra of a recording."""
     tell(0, None, "", "reading and finding the lines")
     found = analyse(Prepared(_read(*recording)), scenario=scenario, channel=channel)
@@ -154,8 +178,12 @@ def analysis(folder: str, recording: Upload, scenario: Scenario, channel: str, t
     _write(folder, results.analysis_result(found))
 
 
-def comparison(folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: Tell) -> None:
-    """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that the recording shows."""
+def comparison(
+    folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: ProgressCallback
+) -> None:
+    """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that
+    the recording shows.
+    """
     scenario = scenario_of(parse_yaml(Path(run).read_text(encoding="utf-8"), run_title), run_title)
     found = compare(
         Prepared(_read(*recording)), scenario, names=(recording[1], run_title), channel=channel,
@@ -165,7 +193,13 @@ def comparison(folder: str, recording: Upload, run: str, run_title: str, channel
 
 
 def identification(
-    folder: str, recordings: list[Upload], scenario: Scenario, channel: str, fit: list[str], starts: int, tell: Tell
+    folder: str,
+    recordings: list[Upload],
+    scenario: Scenario,
+    channel: str,
+    fit: list[str],
+    starts: int,
+    tell: ProgressCallback,
 ) -> None:
     """Parameters from recordings."""
 
@@ -182,7 +216,7 @@ def identification(
 
 def rates(
     folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
-    linear: bool, tell: Tell,
+    linear: bool, tell: ProgressCallback,
 ) -> None:  # fmt: skip
     """A rate plan."""
     plan = plan_rates(
@@ -192,7 +226,7 @@ def rates(
     _write(folder, results.rates_result(plan))
 
 
-def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: Tell) -> None:
+def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: ProgressCallback) -> None:
     """A sweep over angles of the array."""
     found = sweep_angles(
         scenario, angles, progress=lambda done, total: tell(done, total, "angles", "simulating"),
@@ -200,19 +234,30 @@ def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: Tell) ->
     _write(folder, results.angles_result(found))
 
 
-def shapes(folder: str, scenario: Scenario, of: str, spec: dict[str, Any], tell: Tell) -> None:
-    """Shapes of modes; ``spec`` is what the scenario was made of, which may name finite elements of the array."""
+def shapes(
+    folder: str, scenario: Scenario, of: str, spec: dict[str, Any], tell: ProgressCallback
+) -> None:
+    """Shapes of modes; ``spec`` is what the scenario was made of, which may name finite elements of
+    the array.
+    """
     tell(0, None, "", "finding the shapes")
     _write(folder, results.shapes_result(scenario, of, array_structure(Spec(**spec))))
 
 
-def sensitivity(folder: str, scenario: Scenario, tell: Tell) -> None:
+def sensitivity(folder: str, scenario: Scenario, tell: ProgressCallback) -> None:
     """Which uncertain value matters most for each line."""
-    found = sensitivities(scenario, progress=lambda done, total: tell(done, total, "runs", "simulating"))
+    found = sensitivities(
+        scenario, progress=lambda done, total: tell(done, total, "runs", "simulating")
+    )
     _write(folder, results.ranking_result(found, scenario))
 
 
-def sas(folder: str, options: dict[str, Any], tell: Tell) -> None:
+def sas(folder: str, options: dict[str, Any], tell: ProgressCallback) -> None:
     """A simulator's sizing."""
     tell(0, None, "", "sizing, and checking with finite elements")
-    _write(folder, results.sas_result(sized(**{key: value for key, value in options.items() if value is not None})))
+    _write(
+        folder,
+        results.sas_result(
+            size_simulator(**{key: value for key, value in options.items() if value is not None})
+        ),
+    )

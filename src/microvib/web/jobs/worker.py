@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from microvib.errors import MicrovibError, missing_library
-from microvib.web.jobs import Tell
+from microvib.web.jobs import ProgressCallback
 
 _FOLDERS = re.compile(r"""(?<![\w.*^/\\])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:;,'"]+[/\\])+""")
 _OUT_OF_MEMORY = "memory is exhausted; shorten record.duration or lower record.sample_rate"
 
 
-def step(done: float = 0.0, total: float | None = None, unit: str = "", text: str = "") -> dict[str, Any]:
+def step(
+    done: float = 0.0, total: float | None = None, unit: str = "", text: str = ""
+) -> dict[str, Any]:
     """How far a job is."""
     return {"done": float(done), "total": total, "unit": unit, "text": text}
 
@@ -38,7 +40,9 @@ def work(pipe: Connection, memory: int) -> None:
 
 
 def _bound(memory: int) -> None:
-    """Allow so much address space beyond what is taken by what is loaded; on Linux, where it can be told."""
+    """Allow so much address space beyond what is taken by what is loaded; on Linux, where it can be
+    told.
+    """
     if sys.platform != "linux":
         return
     import resource
@@ -49,16 +53,16 @@ def _bound(memory: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def _done(task: str, arguments: dict[str, Any], tell: Tell) -> tuple[str, Any]:
+def _done(task: str, arguments: dict[str, Any], tell: ProgressCallback) -> tuple[str, Any]:
     from microvib.web.jobs import tasks
 
     try:
         return "done", getattr(tasks, task)(tell=tell, **arguments)
     except Exception as error:
-        return "failed", without_folders(_said(task, error))
+        return "failed", without_folders(_error_text(task, error))
 
 
-def _said(task: str, error: Exception) -> str:
+def _error_text(task: str, error: Exception) -> str:
     if isinstance(error, MicrovibError):
         return str(error)
     if isinstance(error, MemoryError):
@@ -76,7 +80,7 @@ def without_folders(text: str) -> str:
     return _FOLDERS.sub("", text)
 
 
-def _telling(pipe: Connection) -> Tell:
+def _telling(pipe: Connection) -> ProgressCallback:
     last = 0.0
 
     def tell(done: float, total: float | None, unit: str, text: str) -> None:

@@ -1,4 +1,6 @@
-"""What all routes share: the store, refusals, and the way from a request to a scenario and to a job."""
+"""What all routes share: the store, refusals, and the way from a request to a scenario and to a
+job.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,11 @@ from fastapi import Depends, Request
 
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
-from microvib.web.jobs.processes import Busy, Job
+from microvib.web.jobs.processes import Job, QueueFull
 from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
 from microvib.web.routes.forms import Spec
-from microvib.web.routes.messages import Started, Wrong
+from microvib.web.routes.messages import Problem, Started
 
 _MEANINGS = {
     400: "cannot be understood",
@@ -31,10 +33,10 @@ _MEANINGS = {
 }
 
 
-_BUSY = "the server has too much to do; try again in a moment"
+_BUSY = "the server is busy; try again in a moment"
 
 
-class Refused(Exception):
+class RequestRefused(Exception):
     """An answer that is a sentence."""
 
     def __init__(self, status: int, sentence: str, key: str | None = None) -> None:
@@ -44,31 +46,31 @@ class Refused(Exception):
 
 def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Description of the refusals that an address may answer with."""
-    return {s: {"model": Wrong, "description": _MEANINGS[s]} for s in statuses}
+    return {s: {"model": Problem, "description": _MEANINGS[s]} for s in statuses}
 
 
 def _store(request: Request) -> Store:
     return request.app.state.store
 
 
-At = Annotated[Store, Depends(_store)]
+StoreDependency = Annotated[Store, Depends(_store)]
 
 
 def ask(store: Store, task: str, **arguments: Any) -> Any:
     """What a short task finds out; Refused with its sentence."""
     try:
         job = store.ask(task, **arguments)
-    except Busy:
-        raise Refused(429, _BUSY) from None
+    except QueueFull:
+        raise RequestRefused(429, _BUSY) from None
     if job.state != "done":
-        raise Refused(422, job.error or "the server is about to end")
+        raise RequestRefused(422, job.error or "the server is about to end")
     return job.value
 
 
 def view(store: Store, spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it; what takes long is found out by a worker, and kept."""
     with reading(store):
-        if not forms.slow(spec):
+        if not forms.is_slow_to_read(spec):
             return forms.view_of(spec)
     text = spec.model_dump_json()
     found: dict[str, Any] | None = store.views.get(text)
@@ -82,22 +84,24 @@ def requested(store: Store, spec: Spec) -> Scenario:
     """The scenario of a request; Refused with what is wrong with it."""
     try:
         with reading(store):
-            if not forms.slow(spec):
+            if not forms.is_slow_to_read(spec):
                 return forms.scenario(spec)
     except MicrovibError as error:
         raise refused(error, spec.name) from None
     shown = view(store, spec)
     if shown["errors"]:
-        raise Refused(422, **_first(shown["errors"]))
+        raise RequestRefused(422, **_first(shown["errors"]))
     with reading(store):
         return forms.scenario(Spec(text=shown["yaml"]))
 
 
 @contextmanager
 def reading(store: Store) -> Iterator[None]:
-    """One reads at a time, because threads that compute slow down the one that answers; Refused where many wait."""
+    """One reads at a time, because threads that compute slow down the one that answers; Refused
+    where many wait.
+    """
     if not store.waiting.acquire(blocking=False):
-        raise Refused(429, _BUSY)
+        raise RequestRefused(429, _BUSY)
     try:
         with store.reading:
             yield
@@ -105,11 +109,11 @@ def reading(store: Store) -> Iterator[None]:
         store.waiting.release()
 
 
-def refused(error: MicrovibError, name: str = forms.NAME) -> Refused:
+def refused(error: MicrovibError, name: str = forms.NAME) -> RequestRefused:
     """The refusal that says what an error says."""
     if isinstance(error, OptionError):
-        return Refused(422, str(error), error.key)
-    return Refused(422, **_first(forms.sentences(str(error), name)))
+        return RequestRefused(422, str(error), error.key)
+    return RequestRefused(422, **_first(forms.sentences(str(error), name)))
 
 
 def _first(errors: list[dict[str, Any]]) -> dict[str, Any]:
@@ -120,8 +124,10 @@ def start(store: Store, kind: str, title: str, **arguments: Any) -> Started:
     """A new job; Refused where too many wait."""
     try:
         job: Job = store.submit(kind, title[:200], **arguments)
-    except Busy:
-        raise Refused(
-            429, f"{store.limits.waiting} computations are waiting already; cancel some, or wait for them"
+    except QueueFull:
+        raise RequestRefused(
+            429,
+            f"{store.limits.waiting} computations are waiting already; cancel some, or wait for"
+            " them",
         ) from None
     return Started(id=job.id)

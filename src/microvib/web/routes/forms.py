@@ -1,4 +1,6 @@
-"""The form: what the schema says of each field, and a scenario with what is wrong with it, field by field."""
+"""The form: what the schema says of each field, and a scenario with what is wrong with it, field by
+field.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ from microvib.io.named import catalog_names, catalog_text, hub_names, reference_
 from microvib.io.questions import QUESTIONS
 from microvib.io.scenario_file import dump_scenario, parse_value, scenario_of
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.fields import nested, part_in, whole_numbers
+from microvib.model.fields import flatten_annotation, integer_range_text, part_type_of
 from microvib.model.scenario import Scenario, set_key
 from microvib.reports.parameters import derived
 from microvib.units import Quantity
@@ -35,10 +37,14 @@ TITLES = {
 }
 MAX_MODES = 100
 LONG = 2000
-"""Characters of changes, and 20 for each, from which a worker reads them: here they would take a tenth of a second."""
+"""Characters of changes, and 20 for each, from which a worker reads them: here they would take a
+tenth of a second.
+"""
 NAME = "scenario"  # what a scenario of the page is called in messages, if anything
 FILES = FileAccess(None, "the page opens no files")
-"""Permission to open files that a request has: none, whichever key names them; names of the catalog need no permission."""
+"""Permission to open files that a request has: none, whichever key names them; names of the catalog
+need no permission.
+"""
 
 
 class Spec(BaseModel):
@@ -47,8 +53,12 @@ class Spec(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     base: str | None = Field(default=None, max_length=100, description="name in the catalog")
-    text: str | None = Field(default=None, max_length=1_000_000, description="text of a scenario file (YAML)")
-    changes: dict[str, str] = Field(default_factory=dict, max_length=2000, description="dotted key: value as typed")
+    text: str | None = Field(
+        default=None, max_length=1_000_000, description="text of a scenario file (YAML)"
+    )
+    changes: dict[str, str] = Field(
+        default_factory=dict, max_length=2000, description="dotted key: value as typed"
+    )
 
     @field_validator("changes")
     @classmethod
@@ -72,24 +82,35 @@ class Spec(BaseModel):
 def groups() -> list[dict[str, Any]]:
     """Groups of fields, as the drive is built."""
     return [
-        {"key": key, "title": title, "fields": _fields(part_in(Scenario.model_fields[key].annotation), f"{key}.")}
+        {
+            "key": key,
+            "title": title,
+            "fields": _fields(part_type_of(Scenario.model_fields[key].annotation), f"{key}."),
+        }
         for key, title in TITLES.items()
     ]
 
 
 def sheet_fields() -> list[dict[str, Any]]:
     """Entries of a data sheet, as they are asked for on a terminal, too."""
-    declared = {key: _field(DataSheet, key, field, "") for key, field in DataSheet.model_fields.items()}
-    return [declared[key] | {"meaning": asked.words, "example": asked.example} for key, asked in QUESTIONS.items()]
+    declared = {
+        key: _field(DataSheet, key, field, "") for key, field in DataSheet.model_fields.items()
+    }
+    return [
+        declared[key] | {"meaning": asked.words, "example": asked.example}
+        for key, asked in QUESTIONS.items()
+    ]
 
 
 def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for name, field in part.model_fields.items():
-        inner = part_in(field.annotation)
+        inner = part_type_of(field.annotation)
         if inner is not None and not _is_list(field.annotation):
             nested = _fields(inner, f"{prefix}{name}.")
-            found += [{**item, "optional": item["optional"] or _may_be_none(field)} for item in nested]
+            found += [
+                {**item, "optional": item["optional"] or _may_be_none(field)} for item in nested
+            ]
         else:
             found.append(_field(part, name, field, prefix))
     return found
@@ -97,13 +118,13 @@ def _fields(part: Any, prefix: str) -> list[dict[str, Any]]:
 
 def _field(part: Any, name: str, field: FieldInfo, prefix: str) -> dict[str, Any]:
     quantity = part.quantity_of(name)
-    inner = part_in(field.annotation)
+    inner = part_type_of(field.annotation)
     made: dict[str, Any] = {
         "key": prefix + name,
         "symbol": quantity.symbol if quantity else "",
         "meaning": quantity.meaning if quantity else field.description or "",
         "unit": (quantity.display or quantity.unit) if quantity else "",
-        "range": quantity.allowed if quantity else whole_numbers(field),
+        "range": quantity.allowed if quantity else integer_range_text(field),
         "kind": _kind(field, quantity),
         "optional": _may_be_none(field) or not field.is_required(),
     }
@@ -124,7 +145,9 @@ def _kind(field: FieldInfo, quantity: Quantity | None) -> str:
         return "count"
     if field.annotation is bool:
         return "flag"
-    return "choice" if _choices(field.annotation) else "text"
+    if _choices(field.annotation):
+        return "choice"
+    return "text"
 
 
 def _may_be_none(field: FieldInfo) -> bool:
@@ -132,17 +155,21 @@ def _may_be_none(field: FieldInfo) -> bool:
 
 
 def _is_list(annotation: Any) -> bool:
-    return any(get_origin(inner) is tuple for inner in nested(annotation))
+    return any(get_origin(inner) is tuple for inner in flatten_annotation(annotation))
 
 
 def _choices(annotation: Any) -> list[str]:
-    words = (get_args(inner) for inner in nested(annotation) if get_origin(inner) is Literal)
+    words = (
+        get_args(inner) for inner in flatten_annotation(annotation) if get_origin(inner) is Literal
+    )
     return [str(word) for each in words for word in each]
 
 
 @lru_cache(maxsize=8)
 def _parsed(text: str, name: str) -> Any:
-    """What a text holds, or the error that says why it cannot be read: finding that out may take as long."""
+    """What a text holds, or the error that says why it cannot be read: finding that out may take as
+    long.
+    """
     try:
         return parse_yaml(text, name)
     except MicrovibError as error:
@@ -152,8 +179,13 @@ def _parsed(text: str, name: str) -> Any:
 def _data(spec: Spec) -> Any:
     """Data of the scenario without its changes, to be changed at will."""
     if spec.base is not None and spec.base not in catalog_names():
-        raise ScenarioError(f"base: '{spec.base}' is not in the catalog, which has {', '.join(catalog_names())}")
-    text = catalog_text(spec.base) if spec.base is not None else spec.text or ""
+        raise ScenarioError(
+            f"base: '{spec.base}' is not in the catalog, which has {', '.join(catalog_names())}"
+        )
+    if spec.base is not None:
+        text = catalog_text(spec.base)
+    else:
+        text = spec.text or ""
     found = _parsed(text, spec.name)
     if isinstance(found, MicrovibError):
         raise found.with_traceback(None)
@@ -164,7 +196,7 @@ def _changes(spec: Spec) -> dict[str, Any]:
     return {key: parse_value(value) for key, value in spec.changes.items()}
 
 
-def _told(spec: Spec) -> dict[str, Any]:
+def _written_data(spec: Spec) -> dict[str, Any]:
     """Data of the scenario with its changes, as written."""
     data = _data(spec)
     told: dict[str, Any] = data if isinstance(data, dict) else {}
@@ -174,10 +206,17 @@ def _told(spec: Spec) -> dict[str, Any]:
 
 
 def array_structure(spec: Spec) -> str | None:
-    """Name in the catalog of the structure whose finite elements give the array's modes; None where none is named."""
-    array = _told(spec).get("array")
-    named = array.get("fem") if isinstance(array, dict) else None
-    return named if named in reference_names() else None
+    """Name in the catalog of the structure whose finite elements give the array's modes; None where
+    none is named.
+    """
+    array = _written_data(spec).get("array")
+    if isinstance(array, dict):
+        named = array.get("fem")
+    else:
+        named = None
+    if named in reference_names():
+        return named
+    return None
 
 
 def _texts(data: Any) -> Iterator[str]:
@@ -189,8 +228,10 @@ def _texts(data: Any) -> Iterator[str]:
             yield from _texts(item)
 
 
-def slow(spec: Spec) -> bool:
-    """Whether the scenario may take long to read, so that a worker should do it: a text, many changes, names of the catalog."""
+def is_slow_to_read(spec: Spec) -> bool:
+    """Whether the scenario may take long to read, so that a worker should do it: a text, many
+    changes, names of the catalog.
+    """
     if spec.text is not None or sum(20 + len(value) for value in spec.changes.values()) > LONG:
         return True
     named = {*reference_names(), *hub_names(), *catalog_names()}
@@ -200,24 +241,37 @@ def slow(spec: Spec) -> bool:
 def scenario(spec: Spec) -> Scenario:
     """The scenario that is meant; ScenarioError says what is wrong."""
     loaded = scenario_of(_data(spec), spec.name, _changes(spec), FILES)
-    n, hub = len(loaded.array.modes), 0 if loaded.spacecraft is None else len(loaded.spacecraft.hub.modes)
+    n, hub = (
+        len(loaded.array.modes),
+        0 if loaded.spacecraft is None else len(loaded.spacecraft.hub.modes),
+    )
     if n + hub > MAX_MODES:
-        where = (
-            f"array.modes: has {n} modes"
-            if not hub
-            else f"spacecraft.hub.modes: has {hub} modes, beside {n} of the array"
+        if not hub:
+            where = f"array.modes: has {n} modes"
+        else:
+            where = f"spacecraft.hub.modes: has {hub} modes, beside {n} of the array"
+        raise ScenarioError(
+            f"{where}; the page takes at most {MAX_MODES}, `microvib run` takes all"
         )
-        raise ScenarioError(f"{where}; the page takes at most {MAX_MODES}, `microvib run` takes all")
     return loaded
 
 
 def view_of(spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it, also one that is wrong."""
-    base, errors = _tried(spec.model_copy(update={"changes": {}}))
-    found, errors = _tried(spec) if spec.changes else (base, errors)
+    base, errors = _load_or_errors(spec.model_copy(update={"changes": {}}))
+    if spec.changes:
+        found, errors = _load_or_errors(spec)
+    else:
+        found, errors = (base, errors)
     base_values = {} if base is None else values_of(base)
-    values = values_of(found) if found else base_values or _written(spec)
-    changed = [key for key in values if base_values.get(key) != values[key]] if found else []
+    if found:
+        values = values_of(found)
+    else:
+        values = base_values or _written(spec)
+    if found:
+        changed = [key for key in values if base_values.get(key) != values[key]]
+    else:
+        changed = []
     typed = {key: text for key, text in spec.changes.items() if found is None or key in changed}
     shown = found or base
     return {
@@ -233,7 +287,7 @@ def view_of(spec: Spec) -> dict[str, Any]:
     }
 
 
-def _tried(spec: Spec) -> tuple[Scenario | None, list[dict[str, Any]]]:
+def _load_or_errors(spec: Spec) -> tuple[Scenario | None, list[dict[str, Any]]]:
     """The scenario, or what is wrong with it."""
     try:
         return scenario(spec), []
@@ -284,7 +338,9 @@ def _text(value: Any, quantity: Quantity | None) -> str:
     if isinstance(value, float):
         if quantity is not None and (quantity.unit or quantity.display):
             return quantity.format(value)
-        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+        if float(f"{value:g}") == value:
+            return f"{value:g}"
+        return repr(value)
     if isinstance(value, tuple):
         return str(list(value))
     return str(value)

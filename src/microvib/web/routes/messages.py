@@ -39,7 +39,9 @@ class Run(Body):
     scenario: Spec
     name: Short | None = None
     steady: bool = False
-    seeds: Draws | None = Field(default=None, description="draws of the noise over which lines are given")
+    seeds: Draws | None = Field(
+        default=None, description="draws of the noise over which lines are given"
+    )
 
 
 class AnalysisOf(Body):
@@ -77,7 +79,9 @@ class RatesOf(Body):
     low: Short = Field(alias="from")
     high: Short = Field(alias="to")
     count: int = Field(default=100, ge=2, le=2000)
-    microsteps: list[Annotated[int, Field(ge=1, le=65_536)]] = Field(default_factory=list, max_length=10)
+    microsteps: list[Annotated[int, Field(ge=1, le=65_536)]] = Field(
+        default_factory=list, max_length=10
+    )
     limit: Short | None = None
     band: Short | None = None
     linear: bool = False
@@ -121,7 +125,7 @@ class SheetOf(Body):
     entries: dict[Short, Short] = Field(max_length=30)
 
 
-class Wrong(BaseModel):
+class Problem(BaseModel):
     """What is wrong, as a sentence, and the key that it is about."""
 
     error: str
@@ -169,7 +173,7 @@ class Sheet(BaseModel):
 
     text: str | None
     assumed: list[Assumed]
-    errors: list[Wrong]
+    errors: list[Problem]
 
 
 class Group(BaseModel):
@@ -194,7 +198,7 @@ class View(BaseModel):
     base_values: dict[str, str]
     sources: dict[str, str]
     changed: list[str]
-    errors: list[Wrong]
+    errors: list[Problem]
     derived: list[str]
     doubts: list[str]
     yaml: str | None
@@ -219,7 +223,17 @@ class JobState(BaseModel):
     """A computation and how it stands."""
 
     id: str
-    kind: Literal["run", "analysis", "comparison", "identification", "rates", "angles", "shapes", "sensitivity", "sas"]
+    kind: Literal[
+        "run",
+        "analysis",
+        "comparison",
+        "identification",
+        "rates",
+        "angles",
+        "shapes",
+        "sensitivity",
+        "sas",
+    ]
     title: str
     state: Literal["queued", "running", "done", "failed", "cancelled"]
     progress: Progress

@@ -14,7 +14,7 @@ from starlette.concurrency import run_in_threadpool
 from microvib.analysis.seeds import check_seeds
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.files import RECORDINGS
-from microvib.model.coupling import craft_in
+from microvib.model.coupling import require_craft
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.angles import angles_in, check_sweep
@@ -22,7 +22,14 @@ from microvib.studies.rates import rate_grid
 from microvib.studies.sensitivity import NOT_RANKED, noted_ranges
 from microvib.units import Si, band, quantity
 from microvib.web.jobs.store import Store, Upload, private
-from microvib.web.routes.common import At, Refused, ask, refusals, requested, start
+from microvib.web.routes.common import (
+    RequestRefused,
+    StoreDependency,
+    ask,
+    refusals,
+    requested,
+    start,
+)
 from microvib.web.routes.messages import (
     AnalysisOf,
     AnglesOf,
@@ -44,7 +51,7 @@ routes = APIRouter(responses=refusals(429))
 
 
 @routes.post("/runs", status_code=202)
-def start_run(want: Run, store: At) -> Started:
+def start_run(want: Run, store: StoreDependency) -> Started:
     """Simulate a scenario."""
     scenario = requested(store, want.scenario)
     if want.steady:
@@ -52,7 +59,9 @@ def start_run(want: Run, store: At) -> Started:
     if want.seeds:
         check_seeds(scenario, want.seeds)
     _check_size(scenario, store.limits.record)
-    return start(store, "run", want.name or scenario.title or "run", scenario=scenario, seeds=want.seeds or 0)
+    return start(
+        store, "run", want.name or scenario.title or "run", scenario=scenario, seeds=want.seeds or 0
+    )
 
 
 def _check_size(scenario: Scenario, most: int) -> None:
@@ -60,23 +69,34 @@ def _check_size(scenario: Scenario, most: int) -> None:
     if size > most:
         raise OptionError(
             "record.duration",
-            f"{samples:.3g} samples are more than the page keeps, {most / size * samples:.3g} for this drive; shorten"
+            f"{samples:.3g} samples are more than the page keeps, {most / size * samples:.3g} for"
+            " this drive; shorten"
             " record.duration, lower record.sample_rate, or keep the lines only, by `microvib run`",
         )
 
 
-@routes.post("/recordings", responses=refusals(507), openapi_extra={"requestBody": {"required": True, "content": _RAW}})
+@routes.post(
+    "/recordings",
+    responses=refusals(507),
+    openapi_extra={"requestBody": {"required": True, "content": _RAW}},
+)
 async def take_recording(
-    request: Request, name: Annotated[str, Query(max_length=200, description="its ending says its format")], store: At
+    request: Request,
+    name: Annotated[str, Query(max_length=200, description="its ending says its format")],
+    store: StoreDependency,
 ) -> RecordingFacts:
     """Take in a recording and say what is in it."""
     suffix = Path(name).suffix.lower()
     if suffix not in RECORDINGS:
-        raise Refused(422, f"'{suffix[:20]}' is not known; recordings are read from {', '.join(RECORDINGS)}", "name")
+        raise RequestRefused(
+            422,
+            f"'{suffix[:20]}' is not known; recordings are read from {', '.join(RECORDINGS)}",
+            "name",
+        )
     shown = re.sub(r"[^\w .()+-]", "_", Path(name).name)[-100:]
     with store.receiving() as free:
         if not free:
-            raise Refused(429, "other recordings are being loaded; try again in a moment")
+            raise RequestRefused(429, "other recordings are being loaded; try again in a moment")
         path = store.new_file(suffix)
         try:
             await _receive(request, path)
@@ -94,18 +114,20 @@ async def _receive(request: Request, path: Path) -> None:
             async for part in request.stream():
                 await run_in_threadpool(stream.write, part)  # a disk may be slow
     except OSError as error:
-        raise Refused(507, f"the recording could not be stored: {error.strerror}") from None
+        raise RequestRefused(507, f"the recording could not be stored: {error.strerror}") from None
 
 
 def _upload(store: Store, id: str) -> Upload:
     found = store.upload(id)
     if found is None:
-        raise Refused(404, "this recording is not here (any more); load it again", "recording")
+        raise RequestRefused(
+            404, "this recording is no longer on the server; load it again", "recording"
+        )
     return found
 
 
 @routes.post("/analyses", status_code=202, responses=refusals(404))
-def start_analysis(want: AnalysisOf, store: At) -> Started:
+def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
     """Lines with uncertainty and spectra of a recording."""
     upload = _upload(store, want.recording)
     return start(
@@ -115,7 +137,7 @@ def start_analysis(want: AnalysisOf, store: At) -> Started:
 
 
 @routes.post("/comparisons", status_code=202, responses=refusals(404, 409))
-def start_comparison(want: ComparisonOf, store: At) -> Started:
+def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
     """A recording beside a run's scenario, simulated at the recording's clock."""
     upload, job = _upload(store, want.recording), finished_run(store, want.run)
     return start(
@@ -125,7 +147,7 @@ def start_comparison(want: ComparisonOf, store: At) -> Started:
 
 
 @routes.post("/identifications", status_code=202, responses=refusals(404))
-def start_identification(want: IdentificationOf, store: At) -> Started:
+def start_identification(want: IdentificationOf, store: StoreDependency) -> Started:
     """Parameters from recordings."""
     uploads = [_upload(store, id) for id in want.recordings]
     return start(
@@ -135,15 +157,23 @@ def start_identification(want: IdentificationOf, store: At) -> Started:
 
 
 @routes.post("/rates", status_code=202)
-def start_rates(want: RatesOf, store: At) -> Started:
+def start_rates(want: RatesOf, store: StoreDependency) -> Started:
     """Plan the rate."""
     scenario = requested(store, want.scenario)
     counts = list(dict.fromkeys(want.microsteps)) or [scenario.driver.microsteps]
     if want.count * len(counts) > store.limits.cases:
-        raise OptionError("count", f"rates times microstep counts are at most {store.limits.cases} here")
+        raise OptionError(
+            "count", f"rates times microstep counts are at most {store.limits.cases} here"
+        )
     rates = rate_grid(want.low, want.high, want.count)
-    limit = None if want.limit is None else quantity("limit", want.limit, "N*m", positive=True)
-    within = (Si(0.0), Si("inf")) if want.band is None else band(want.band)
+    if want.limit is None:
+        limit = None
+    else:
+        limit = quantity("limit", want.limit, "N*m", positive=True)
+    if want.band is None:
+        within = (Si(0.0), Si("inf"))
+    else:
+        within = band(want.band)
     return start(
         store, "rates", f"rates of {scenario.title}", scenario=scenario, rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,
@@ -151,7 +181,7 @@ def start_rates(want: RatesOf, store: At) -> Started:
 
 
 @routes.post("/angles", status_code=202)
-def start_angles(want: AnglesOf, store: At) -> Started:
+def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
     """Run a craft at several angles of its array."""
     scenario, angles = requested(store, want.scenario), angles_in(want.angles)
     if want.steady:
@@ -162,17 +192,19 @@ def start_angles(want: AnglesOf, store: At) -> Started:
 
 
 @routes.post("/shapes", status_code=202)
-def start_shapes(want: ShapesOf, store: At) -> Started:
+def start_shapes(want: ShapesOf, store: StoreDependency) -> Started:
     """Shapes of modes, to be moved by the page."""
     scenario = requested(store, want.scenario)
     if want.of == "craft":
-        craft_in(scenario)
+        require_craft(scenario)
     spec = want.scenario.model_dump()  # which a worker reads: a text may take long
-    return start(store, "shapes", f"modes of {scenario.title}", scenario=scenario, of=want.of, spec=spec)
+    return start(
+        store, "shapes", f"modes of {scenario.title}", scenario=scenario, of=want.of, spec=spec
+    )
 
 
 @routes.post("/sensitivity", status_code=202)
-def start_sensitivity(want: RankingOf, store: At) -> Started:
+def start_sensitivity(want: RankingOf, store: StoreDependency) -> Started:
     """Rank the values whose sources note a range by what they do to each line."""
     scenario = requested(store, want.scenario)
     if not noted_ranges(scenario):
@@ -181,16 +213,23 @@ def start_sensitivity(want: RankingOf, store: At) -> Started:
 
 
 @routes.post("/sas", status_code=202)
-def start_sas(want: SasOf, store: At) -> Started:
+def start_sas(want: SasOf, store: StoreDependency) -> Started:
     """Size the simulator."""
     wanted: dict[str, Any] = {"inertia": want.inertia, "frequency": want.frequency}
     if want.from_scenario is not None:
         array = requested(store, want.from_scenario).array
         if not array.modes:
-            raise OptionError("array.modes", "is empty; a simulator stands for an array with a torsion mode")
-        wanted = {"inertia": f"{array.inertia!r} kg*m^2", "frequency": f"{array.modes[0].frequency!r} Hz"}
+            raise OptionError(
+                "array.modes", "is empty; a simulator stands for an array with a torsion mode"
+            )
+        wanted = {
+            "inertia": f"{array.inertia!r} kg*m^2",
+            "frequency": f"{array.modes[0].frequency!r} Hz",
+        }
     for key, value in wanted.items():
         if not value:
             raise OptionError(key, "missing; inertia and frequency of the array are expected")
     options = {**wanted, "states": want.states, "amplitude": want.amplitude, "rate": want.rate}
-    return start(store, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options)
+    return start(
+        store, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options
+    )

@@ -16,13 +16,21 @@ from fastapi.responses import FileResponse, StreamingResponse
 from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
 from microvib.model.rigid import COMPONENTS
-from microvib.signals.screen import extremes, outline
+from microvib.signals.screen import decimate_spectrum, extremes
 from microvib.signals.spectrum import Window, amplitude_spectrum
-from microvib.solve.channels import CHANNELS, KNOWN
+from microvib.solve.channels import ALL_CHANNELS, CHANNELS
 from microvib.web.jobs.processes import ENDED, Job
 from microvib.web.jobs.store import Store
-from microvib.web.routes.common import At, Refused, ask, refusals
-from microvib.web.routes.messages import Id, JobState, RecordedSpectrum, Result, Series, SpectrumOf, Verdict
+from microvib.web.routes.common import RequestRefused, StoreDependency, ask, refusals
+from microvib.web.routes.messages import (
+    Id,
+    JobState,
+    RecordedSpectrum,
+    Result,
+    Series,
+    SpectrumOf,
+    Verdict,
+)
 
 FILES = {
     "scenario.yaml": "text/yaml",
@@ -38,7 +46,11 @@ FILES = {
     "report.html": "text/html",
     "report.pdf": "application/pdf",
 }
-MADE = ("motion.nc", "report.html", "report.pdf")  # files that are made when they are asked for
+GENERATED_FILES = (
+    "motion.nc",
+    "report.html",
+    "report.pdf",
+)  # files that are made when they are asked for
 Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
@@ -55,49 +67,57 @@ def _state(job: Job) -> JobState:
 def _job(store: Store, id: str) -> Job:
     job = store.job(id)
     if job is None:
-        raise Refused(404, "there is no such computation (any more); start it again")
+        raise RequestRefused(404, "there is no such computation (any more); start it again")
     return job
 
 
 def _done(store: Store, id: str) -> Job:
     job = _job(store, id)
     if job.state != "done":
-        raise Refused(409, job.error or f"this computation is {job.state}")
+        raise RequestRefused(409, job.error or f"this computation is {job.state}")
     return job
 
 
 def finished_run(store: Store, id: str) -> Job:
     """A run that is done; Refused if there is none of this id."""
     if _job(store, id).kind != "run":
-        raise Refused(404, "this computation is not a run")
+        raise RequestRefused(404, "this computation is not a run")
     return _done(store, id)
 
 
 @routes.get("/jobs")
 async def jobs(
-    store: At, ids: Annotated[str | None, Query(max_length=2000, description="ids, separated by commas")] = None
+    store: StoreDependency,
+    ids: Annotated[
+        str | None, Query(max_length=2000, description="ids, separated by commas")
+    ] = None,
 ) -> list[JobState]:
     """All computations, or those of the ids that are still here."""
-    asked = None if ids is None else set(ids.split(","))
+    if ids is None:
+        asked = None
+    else:
+        asked = set(ids.split(","))
     return [_state(job) for job in store.jobs() if asked is None or job.id in asked]
 
 
 @routes.get("/jobs/{id}")
-async def job(id: Id, store: At) -> JobState:
+async def job(id: Id, store: StoreDependency) -> JobState:
     """One computation."""
     return _state(_job(store, id))
 
 
 @routes.delete("/jobs/{id}", status_code=204, response_class=Response)
-def drop(id: Id, store: At) -> None:
+def drop(id: Id, store: StoreDependency) -> None:
     """Cancel a computation that runs or waits; forget one that has ended."""
     store.drop(_job(store, id))
 
 
 @routes.get(
-    "/jobs/{id}/events", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}}
+    "/jobs/{id}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}}},
 )
-async def events(id: Id, store: At) -> StreamingResponse:
+async def events(id: Id, store: StoreDependency) -> StreamingResponse:
     """States of a computation until it ends, as server-sent events."""
     return StreamingResponse(_states(_job(store, id), store), media_type="text/event-stream")
 
@@ -114,7 +134,7 @@ async def _states(job: Job, store: Store) -> AsyncIterator[str]:
 
 
 @routes.get("/jobs/{id}/result", response_model=Result, responses=refusals(409))
-def result(id: Id, store: At) -> Response:
+def result(id: Id, store: StoreDependency) -> Response:
     """What a computation found; by its kind."""
     file = _there(store.folder(_done(store, id)) / "result.json")
     return Response(file.read_bytes(), media_type="application/json")
@@ -122,13 +142,13 @@ def result(id: Id, store: At) -> Response:
 
 def _there(path: Path) -> Path:
     if not path.is_file():
-        raise Refused(404, "this result was dropped for newer ones; run it again")
+        raise RequestRefused(404, "this result was dropped for newer ones; run it again")
     return path
 
 
 @routes.get("/runs/{id}/series", responses=refusals(409))
 def series_of(
-    id: Id, store: At, channels: Annotated[str, Query(max_length=500)], points: Points = 2000, low: From = None,
+    id: Id, store: StoreDependency, channels: Annotated[str, Query(max_length=500)], points: Points = 2000, low: From = None,
     high: To = None,
 ) -> Series:  # fmt: skip
     """Samples of some channels, separated by commas; where they are many, extremes of groups."""
@@ -138,19 +158,36 @@ def series_of(
 
 
 def series(
-    channels: dict[str, np.ndarray], t0: float, rate: float, low: float | None, high: float | None, points: int
+    channels: dict[str, np.ndarray],
+    t0: float,
+    rate: float,
+    low: float | None,
+    high: float | None,
+    points: int,
 ) -> dict[str, Any]:
-    """Samples from ``low`` to ``high`` [s]: each, where they are few enough, else extremes of groups at their middles."""
+    """Samples from ``low`` to ``high`` [s]: each, where they are few enough, else extremes of
+    groups at their middles.
+    """
     n = min(x.size for x in channels.values())
-    first = 0 if low is None else int(np.clip(np.ceil((low - t0) * rate - 1e-6), 0, n - 1))
-    last = n if high is None else int(np.clip(np.floor((high - t0) * rate + 1e-6) + 1, first + 1, n))
+    if low is None:
+        first = 0
+    else:
+        first = int(np.clip(np.ceil((low - t0) * rate - 1e-6), 0, n - 1))
+    if high is None:
+        last = n
+    else:
+        last = int(np.clip(np.floor((high - t0) * rate + 1e-6) + 1, first + 1, n))
     size = -(-(last - first) // points)
     starts = np.arange(first, last, size)
     middles = 0.5 * (starts + np.minimum(starts + size, last) - 1)
     found: dict[str, Any] = {}
     for name, x in channels.items():
         smallest, largest = extremes(np.asarray(x[first:last]), size)
-        found[name] = {"unit": KNOWN[name].unit, "min": smallest.tolist(), "max": largest.tolist()}
+        found[name] = {
+            "unit": ALL_CHANNELS[name].unit,
+            "min": smallest.tolist(),
+            "max": largest.tolist(),
+        }
     return {
         "from": t0 + first / rate,
         "to": t0 + (last - 1) / rate,
@@ -162,7 +199,7 @@ def series(
 
 @routes.get("/runs/{id}/spectrum", responses=refusals(409))
 def spectrum_of(
-    id: Id, store: At, *, channel: Annotated[str, Query(max_length=50)] = "T_d",
+    id: Id, store: StoreDependency, *, channel: Annotated[str, Query(max_length=50)] = "T_d",
     window: Window = "hann", points: Points = 4000, low: From = None, high: To = None,
     log: Log = False,
 ) -> SpectrumOf:  # fmt: skip
@@ -170,17 +207,23 @@ def spectrum_of(
     folder, axis = _run(store, id)
     s = amplitude_spectrum(np.asarray(_channel(folder, channel)), axis["sample_rate"], window)
     f, amplitude = _stretch(s.frequency, s.amplitude, low, high, points, log)
-    return SpectrumOf(f=f, amplitude=amplitude, unit=KNOWN[channel].unit, resolution=s.resolution, made=str(s))
+    return SpectrumOf(
+        f=f,
+        amplitude=amplitude,
+        unit=ALL_CHANNELS[channel].unit,
+        resolution=s.resolution,
+        made=str(s),
+    )
 
 
 @routes.get("/analyses/{id}/spectrum", responses=refusals(409))
 def recorded(
-    id: Id, store: At, *, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
+    id: Id, store: StoreDependency, *, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
     high: To = None, log: Log = False,
 ) -> RecordedSpectrum:  # fmt: skip
     """Amplitude spectrum, 0-to-peak, or power spectral density of an analysed recording."""
     if _job(store, id).kind != "analysis":
-        raise Refused(404, "this computation is not an analysis")
+        raise RequestRefused(404, "this computation is not an analysis")
     f, y = np.load(_there(store.folder(_done(store, id)) / f"{of}.npy"), mmap_mode="r")
     f, y = _stretch(f, y, low, high, points, log)
     return RecordedSpectrum(f=f, values=y)
@@ -191,7 +234,7 @@ def _stretch(
 ) -> tuple[list[float], list[float]]:
     """Outline of a spectrum from ``low`` to ``high`` [Hz]."""
     keep = (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
-    thin, outlined = outline(f[keep], y[keep], points, log)
+    thin, outlined = decimate_spectrum(f[keep], y[keep], points, log)
     return thin.tolist(), outlined.tolist()
 
 
@@ -205,13 +248,15 @@ def _channel(folder: Path, name: str) -> np.ndarray:
     """Samples of a run's channel, (n,), mapped from its file."""
     file = folder / ("loads.npy" if name in COMPONENTS else f"{name}.npy")
     if name not in (*COMPONENTS, *CHANNELS) or not file.is_file():
-        raise Refused(404, f"this run has no channel '{name}'", "channel")
+        raise RequestRefused(404, f"this run has no channel '{name}'", "channel")
     x = np.load(file, mmap_mode="r")
-    return x[:, COMPONENTS.index(name)] if name in COMPONENTS else x
+    if name in COMPONENTS:
+        return x[:, COMPONENTS.index(name)]
+    return x
 
 
 @routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
-def verdict_of(id: Id, store: At, limit: Shown, band: Shown = None) -> Verdict:
+def verdict_of(id: Id, store: StoreDependency, limit: Shown, band: Shown = None) -> Verdict:
     """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``."""
     folder = store.folder(finished_run(store, id))
     wanted = Limit.of(limit or None, band or None)
@@ -224,13 +269,23 @@ def verdict_of(id: Id, store: At, limit: Shown, band: Shown = None) -> Verdict:
     "/runs/{id}/files/{name}", response_class=FileResponse,
     responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in FILES.values()}}},
 )  # fmt: skip
-def file_of(id: Id, name: str, store: At, limit: Shown = None, band: Shown = None) -> FileResponse:
-    """A file of a run; motion and report are made when they are first asked for, the report against a limit where one is given."""
+def file_of(
+    id: Id, name: str, store: StoreDependency, limit: Shown = None, band: Shown = None
+) -> FileResponse:
+    """A file of a run; motion and report are made when they are first asked for, the report against
+    a limit where one is given.
+    """
     folder = store.folder(finished_run(store, id))
     if name not in FILES:
-        raise Refused(404, f"there is no such file; there are {', '.join(FILES)}")
-    wanted = Limit.of(limit or None, band or None) if name.startswith("report.") else None
-    mark = "" if wanted is None else sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
-    if name in MADE and not (folder / (mark + name)).is_file():
+        raise RequestRefused(404, f"there is no such file; there are {', '.join(FILES)}")
+    if name.startswith("report."):
+        wanted = Limit.of(limit or None, band or None)
+    else:
+        wanted = None
+    if wanted is None:
+        mark = ""
+    else:
+        mark = sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
+    if name in GENERATED_FILES and not (folder / (mark + name)).is_file():
         ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
     return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)

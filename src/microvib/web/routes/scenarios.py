@@ -12,9 +12,25 @@ from microvib.io.named import catalog_names, catalog_text
 from microvib.io.new_scenario import sheet_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.web.routes import forms
-from microvib.web.routes.common import At, Refused, reading, refusals, refused, view
+from microvib.web.routes.common import (
+    RequestRefused,
+    StoreDependency,
+    reading,
+    refusals,
+    refused,
+    view,
+)
 from microvib.web.routes.forms import Spec
-from microvib.web.routes.messages import Assumed, Entry, Form, Sheet, SheetField, SheetOf, View, Wrong
+from microvib.web.routes.messages import (
+    Assumed,
+    Entry,
+    Form,
+    Problem,
+    Sheet,
+    SheetField,
+    SheetOf,
+    View,
+)
 
 routes = APIRouter()
 
@@ -23,7 +39,9 @@ routes = APIRouter()
 def catalog() -> list[Entry]:
     """Published scenarios."""
     data = ((name, parse_yaml(catalog_text(name), name)) for name in catalog_names())
-    return [Entry(name=name, title=d.get("title", ""), source=d.get("source", "")) for name, d in data]
+    return [
+        Entry(name=name, title=d.get("title", ""), source=d.get("source", "")) for name, d in data
+    ]
 
 
 @routes.get("/schema", response_model_exclude_none=True)
@@ -33,7 +51,7 @@ def schema() -> Form:
 
 
 @routes.post("/scenario", responses=refusals(429))
-def scenario(spec: Spec, store: At) -> View:
+def scenario(spec: Spec, store: StoreDependency) -> View:
     """A scenario with all its values, and what is wrong with it."""
     return View.model_validate(view(store, spec))
 
@@ -45,19 +63,24 @@ def sheet_entries() -> list[SheetField]:
 
 
 @routes.post("/datasheet", responses=refusals(429))
-def sheet(want: SheetOf, store: At) -> Sheet:
+def sheet(want: SheetOf, store: StoreDependency) -> Sheet:
     """The scenario file of a data sheet, as `microvib new --from-datasheet` writes it."""
     with reading(store):
         try:
             text, missing = sheet_text(want.entries)
         except MicrovibError as error:
             told = list(_refused(want.entries)) or [refused(error)]
-            return Sheet(text=None, assumed=[], errors=[Wrong(error=x.sentence, key=x.key) for x in told])
-    assumed = [Assumed(key=k, value=x.text, why=x.source.removeprefix("assumed: ")) for k, x in missing.items()]
+            return Sheet(
+                text=None, assumed=[], errors=[Problem(error=x.sentence, key=x.key) for x in told]
+            )
+    assumed = [
+        Assumed(key=k, value=x.text, why=x.source.removeprefix("assumed: "))
+        for k, x in missing.items()
+    ]
     return Sheet(text=text, assumed=assumed, errors=[])
 
 
-def _refused(entries: dict[str, str]) -> Iterator[Refused]:
+def _refused(entries: dict[str, str]) -> Iterator[RequestRefused]:
     """What is wrong with each entry by itself."""
     for key, text in entries.items():
         try:

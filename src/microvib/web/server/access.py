@@ -1,4 +1,5 @@
-"""Who may ask: the names that the server goes by, what shows that a request is its owner's, and how a browser comes in.
+"""Who may ask: the names that the server goes by, what shows that a request is its owner's, and how
+a browser comes in.
 
 The token is exchanged for a cookie and a key, and stays in no address.
 """
@@ -19,7 +20,9 @@ from starlette.responses import HTMLResponse
 
 from microvib.web.jobs.store import private
 
-_LINKED = re.compile(r"/api/runs/[0-9a-f]{16}/files/[a-z.]+")  # what a link may lead to, which can carry no header
+_LINKED = re.compile(
+    r"/api/runs/[0-9a-f]{16}/files/[a-z.]+"
+)  # what a link may lead to, which can carry no header
 
 
 def _secret() -> str:
@@ -30,21 +33,28 @@ def _secret() -> str:
 class Access:
     """From where and with what the server may be asked.
 
-    A script shows the token. A browser is given a cookie and a key for it. Scripts cannot read the cookie, but browsers send it to
-    every port of a host, so also to servers of other users; the key is in the page's storage, which belongs to this host and port
-    alone. Neither opens anything without the other, but that links to files go with the cookie: nobody else knows the id in them.
+    A script shows the token. A browser is given a cookie and a key for it. Scripts cannot read the
+    cookie, but browsers send it to every port of a host, so also to servers of other users; the key
+    is in the page's storage, which belongs to this host and port alone. Neither opens anything
+    without the other, but that links to files go with the cookie: nobody else knows the id in them.
     """
 
-    names: frozenset[str] = frozenset({"localhost"})  # host names that it goes by, besides addresses
+    names: frozenset[str] = frozenset(
+        {"localhost"}
+    )  # host names that it goes by, besides addresses
     remote: bool = False
     cookie: str = "microvib"
-    """Name of the cookie; it has the port in it, because servers at other ports of the host have their own."""
+    """Name of the cookie; it has the port in it, because servers at other ports of the host have
+    their own.
+    """
     token: str = field(default_factory=_secret, repr=False)
     session: str = field(default_factory=_secret, repr=False)  # value of the cookie
     key: str = field(default_factory=_secret, repr=False)
 
     def known(self, host: str) -> bool:
-        """Whether the server goes by this Host: names can be made to lead here by others, addresses cannot."""
+        """Whether the server goes by this Host: names can be made to lead here by others, addresses
+        cannot.
+        """
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -61,7 +71,9 @@ class Access:
         """Whether a request shows that it is the owner's."""
         if self._bears(headers):
             return True
-        whole = _LINKED.fullmatch(path) is not None or _same(headers.get("x-microvib-key", ""), self.key)
+        whole = _LINKED.fullmatch(path) is not None or _same(
+            headers.get("x-microvib-key", ""), self.key
+        )
         return whole and self._has_cookie(headers)
 
     def greets(self, headers: Mapping[str, str]) -> bool:
@@ -76,7 +88,8 @@ class Access:
         return self.opens(headers.get("authorization", "").removeprefix("Bearer "))
 
     def _has_cookie(self, headers: Mapping[str, str]) -> bool:
-        # By hand: http.cookies gives up at the first odd cookie, and other servers of the host have theirs in the same header.
+        # By hand: http.cookies gives up at the first odd cookie, and other servers of the host have
+        # theirs in the same header.
         pairs = (part.strip().partition("=") for part in headers.get("cookie", "").split(";"))
         return any(name == self.cookie and _same(value, self.session) for name, _, value in pairs)
 
@@ -102,8 +115,8 @@ _INSIDE = """<!DOCTYPE html>
 def opening_file(root: Path, url: str, access: Access) -> Path:
     """A file that sends its reader's browser in.
 
-    A browser is started with an address, which every user of the machine sees in the list of processes; the file is for its owner
-    alone, and what it sends stays in no history.
+    A browser is started with an address, which every user of the machine sees in the list of
+    processes; the file is for its owner alone, and what it sends stays in no history.
     """
     path = root / "open.html"
     text = _OPENING.format(action=escape(f"{url}enter"), token=escape(access.token))
@@ -133,7 +146,8 @@ async def token_of(scope: MutableMapping[str, Any], receive: Any) -> str:
 def inside(access: Access) -> HTMLResponse:
     """What lets a browser in.
 
-    A page and no redirection: a browser that comes from elsewhere would not take a strict cookie along on one.
+    A page and no redirection: a browser that comes from elsewhere would not take a strict cookie
+    along on one.
     """
     cookie = f"{access.cookie}={access.session}; Path=/; HttpOnly; SameSite=Strict"
     return HTMLResponse(_INSIDE.format(key=access.key), headers={"set-cookie": cookie})

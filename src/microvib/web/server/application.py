@@ -19,7 +19,7 @@ from microvib.errors import MicrovibError
 from microvib.reports.moving import SCRIPT
 from microvib.web.jobs.store import Store
 from microvib.web.routes import new_jobs, results, scenarios
-from microvib.web.routes.common import Refused, refusals, refused
+from microvib.web.routes.common import RequestRefused, refusals, refused
 from microvib.web.server.access import Access
 from microvib.web.server.guard import FAULT, Guard
 
@@ -43,16 +43,20 @@ def create_app(store: Store, access: Access) -> Guard:
     app.include_router(api)
     _add_page(app)
     app.add_middleware(_Packed, minimum_size=10_000, compresslevel=4)
-    for kind in (Refused, MicrovibError, RequestValidationError, HTTPException, Exception):
-        app.add_exception_handler(kind, _say)
+    for kind in (RequestRefused, MicrovibError, RequestValidationError, HTTPException, Exception):
+        app.add_exception_handler(kind, _problem_of)
     return Guard(app, access, store.limits)
 
 
 class _Packed(GZipMiddleware):
-    """Packs long tables of numbers, which lose most of their length: a rate map has two megabytes. Files go as they are."""
+    """Packs long tables of numbers, which lose most of their length: a rate map has two megabytes.
+    Files go as they are.
+    """
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        packs = scope["type"] == "http" and scope["path"].endswith(("/result", "/series", "/spectrum"))
+        packs = scope["type"] == "http" and scope["path"].endswith(
+            ("/result", "/series", "/spectrum")
+        )
         await (super().__call__ if packs else self.app)(scope, receive, send)
 
 
@@ -86,29 +90,33 @@ def _plotly() -> Path:
     """Plotly's script, without importing the package, which takes a second."""
     spec = find_spec("plotly")
     if spec is None or spec.origin is None:
-        raise Refused(404, "plotly is not installed; pip install 'microvib[serve]'")
+        raise RequestRefused(404, "plotly is not installed; pip install 'microvib[serve]'")
     return Path(spec.origin).parent / "package_data" / "plotly.min.js"
 
 
-def _say(request: Request, error: Exception) -> JSONResponse:
+def _problem_of(request: Request, error: Exception) -> JSONResponse:
     """What is wrong, as a sentence with the key that it is about."""
     told = _refusal(error)
     return JSONResponse({"error": told.sentence, "key": told.key}, told.status)
 
 
-def _refusal(error: Exception) -> Refused:
+def _refusal(error: Exception) -> RequestRefused:
     match error:
-        case Refused():
+        case RequestRefused():
             return error
         case MicrovibError():
             return refused(error)
         case HTTPException():
-            return Refused(error.status_code, _PLAIN.get(error.status_code, str(error.detail)))
+            return RequestRefused(
+                error.status_code, _PLAIN.get(error.status_code, str(error.detail))
+            )
         case RequestValidationError():
             first = error.errors()[0]
             if first["type"] == "json_invalid":
-                return Refused(422, "the request is not JSON")
+                return RequestRefused(422, "the request is not JSON")
             key = ".".join(str(part) for part in first["loc"][1:]) or None
-            message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
-            return Refused(422, f"{key or 'the request'}: {message}", key)
-    return Refused(500, FAULT)  # the guard writes the log
+            message = (
+                first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+            )
+            return RequestRefused(422, f"{key or 'the request'}: {message}", key)
+    return RequestRefused(500, FAULT)  # the guard writes the log

@@ -1,4 +1,6 @@
-"""Uvicorn, with what it leaves without an end: connections that do not get on are cut, and strangers give way."""
+"""Uvicorn, with what it leaves without an end: connections that do not get on are cut, and
+strangers give way.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,9 @@ WAITING = 1024  # clients that the system keeps until they are accepted
 class Connection(H11Protocol):
     """A connection that must get on.
 
-    Uvicorn bounds the pause between two requests. Here the head of a request, the reading of an answer, and everything of a
-    stranger, who has shown no token yet, are bounded as well; a further stranger takes the place of the oldest, so that no
-    number of them keeps the owner out.
+    Uvicorn bounds the pause between two requests. Here the head of a request, the reading of an
+    answer, and everything of a stranger, who has shown no token yet, are bounded as well; a further
+    stranger takes the place of the oldest, so that no number of them keeps the owner out.
     """
 
     limits: Limits
@@ -46,7 +48,9 @@ class Connection(H11Protocol):
             next(iter(self.strangers)).cut()
 
     def data_received(self, data: bytes) -> None:
-        """What a client sends between two requests is the head of one; the guard looks after its body."""
+        """What a client sends between two requests is the head of one; the guard looks after its
+        body.
+        """
         super().data_received(data)
         if self.cycle is not None and not self.cycle.response_complete:
             self._end("head")
@@ -88,7 +92,8 @@ class Connection(H11Protocol):
 def configuration(app: Any, limits: Limits) -> uvicorn.Config:
     """How uvicorn is to serve."""
     kind = type("Connection", (Connection,), {"limits": limits, "strangers": {}})
-    # Of those who wait to be accepted few are taken at a time: one is heard before others push it out.
+    # Of those who wait to be accepted few are taken at a time: one is heard before others push it
+    # out.
     return uvicorn.Config(
         app, log_level="error", access_log=False, server_header=False, lifespan="off", ws="none", http=kind,
         limit_concurrency=limits.connections, backlog=limits.strangers // 8, timeout_graceful_shutdown=3,

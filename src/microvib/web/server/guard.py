@@ -21,8 +21,10 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:;"
-    " connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
+    " blob:; font-src 'self' data:;"
+    " connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors"
+    " 'none'"
 )
 """Scripts are files of ours; styles may stand in elements, because Plotly writes them there."""
 _HEADERS = [
@@ -33,9 +35,13 @@ _HEADERS = [
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"microvib-server", secrets.token_hex(8).encode()),
 ]
-"""The last is drawn at each start: by it a page sees that another server has taken the place of the one it knew."""
+"""The last is drawn at each start: by it a page sees that another server has taken the place of the
+one it knew.
+"""
 FAULT = "internal error of the server; its log says more"
-_STRANGER = "open the address that microvib serve printed last: it carries the token that is needed here"
+_STRANGER = (
+    "open the address that microvib serve printed last: it carries the token that is needed here"
+)
 _SAFE = ("GET", "HEAD", "OPTIONS")
 _RECORDINGS = "/api/recordings"
 _MAX_STRINGS = 10_000
@@ -50,7 +56,10 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one HTTP request."""
-        headers = {key.decode("latin-1").lower(): value.decode("latin-1") for key, value in scope["headers"]}
+        headers = {
+            key.decode("latin-1").lower(): value.decode("latin-1")
+            for key, value in scope["headers"]
+        }
         reply = _Reply(scope, receive, send)
         body = _Body(receive, reply, self._limits)
         refusal = self._refusal(scope, headers)
@@ -69,7 +78,9 @@ class Guard:
         except ClientDisconnect:
             return
         except Exception as error:
-            logging.getLogger("microvib.serve").exception("%s %s: %s", scope["method"], scope["path"], error)
+            logging.getLogger("microvib.serve").exception(
+                "%s %s: %s", scope["method"], scope["path"], error
+            )
             await reply.say(500, FAULT)
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str] | None:
@@ -93,13 +104,17 @@ class Guard:
         await reply.give(inside(self._access))
 
     async def _with_whole(self, scope: Scope, receive: _Body, reply: _Reply) -> None:
-        """Have a request answered whose body is all here and simple: while it is parsed, all others wait."""
+        """Have a request answered whose body is all here and simple: while it is parsed, all others
+        wait.
+        """
         body = await receive.whole()
         if b"\0" in body:  # or UTF-16, in which structure could be hidden
             await reply.say(422, "the request is not JSON in UTF-8")
         elif len(_STRINGS.sub(b"", body, count=_MAX_STRINGS)) > self._limits.structure:
             most = f"{self._limits.structure / 1e3:g} kB"
-            await reply.say(413, f"the request holds too many values: beside texts at most {most} are taken")
+            await reply.say(
+                413, f"the request holds too many values: beside texts at most {most} are taken"
+            )
         else:
             await self._app(scope, receive, reply)
 
@@ -107,7 +122,10 @@ class Guard:
         if "transfer-encoding" in headers:
             return 411, "the length of the request is needed (Content-Length)"
         length = headers.get("content-length", "0")
-        limit = self._limits.recording if scope["path"] == _RECORDINGS else self._limits.body
+        if scope["path"] == _RECORDINGS:
+            limit = self._limits.recording
+        else:
+            limit = self._limits.body
         if not (length.isascii() and length.isdigit()) or int(length[:20]) > limit:
             return 413, f"the request is too large: at most {limit / 1e6:g} MB are taken here"
         return None
@@ -122,7 +140,9 @@ def _let_stay(scope: Scope) -> None:
 
 def _is_public(scope: Scope) -> bool:
     """Whether anybody may have this: the page without anything in it."""
-    return scope["method"] in ("GET", "HEAD") and (scope["path"] == "/" or scope["path"].startswith("/static/"))
+    return scope["method"] in ("GET", "HEAD") and (
+        scope["path"] == "/" or scope["path"].startswith("/static/")
+    )
 
 
 def _foreign(method: str, headers: dict[str, str], host: str) -> bool:
@@ -145,7 +165,10 @@ class _Reply:
             return
         if message["type"] == "http.response.start":
             self._begun = True
-            message = {**message, "headers": [*message["headers"], *_HEADERS, _caching(self._scope)]}
+            message = {
+                **message,
+                "headers": [*message["headers"], *_HEADERS, _caching(self._scope)],
+            }
         await self._send(message)
 
     async def give(self, response: Response) -> None:
@@ -156,11 +179,15 @@ class _Reply:
 
     async def say(self, status: int, sentence: str) -> None:
         """A sentence, after which the connection ends: what is not taken is not read to its end."""
-        await self.give(JSONResponse({"error": sentence, "key": None}, status, {"connection": "close"}))
+        await self.give(
+            JSONResponse({"error": sentence, "key": None}, status, {"connection": "close"})
+        )
 
 
 class _Body:
-    """What a client sends, as long as it keeps coming; one that lets it wait is told so, and has gone for the application."""
+    """What a client sends, as long as it keeps coming; one that lets it wait is told so, and has
+    gone for the application.
+    """
 
     def __init__(self, receive: Receive, reply: _Reply, limits: Limits) -> None:
         self._receive, self._reply, self._limits = receive, reply, limits
@@ -171,7 +198,9 @@ class _Body:
         if self._kept is not None:
             body, self._kept = self._kept, None
             return {"type": "http.request", "body": body, "more_body": False}
-        if not self._more:  # all is here: what comes next is the client's end, which may take as long as it likes
+        if (
+            not self._more
+        ):  # all is here: what comes next is the client's end, which may take as long as it likes
             return await self._receive()
         now = asyncio.get_running_loop().time()
         self._began = self._began or now
@@ -199,4 +228,6 @@ class _Body:
 
 
 def _caching(scope: Scope) -> tuple[bytes, bytes]:
-    return b"cache-control", b"no-cache" if _is_public(scope) and not leads_in(scope) else b"no-store"
+    return b"cache-control", b"no-cache" if _is_public(scope) and not leads_in(
+        scope
+    ) else b"no-store"

@@ -12,7 +12,9 @@ class Limits:
     at_once: int = 2  # computations at a time; further ones wait
     waiting: int = 20
     wall_s: float = 1200.0  # time of one computation [s]
-    quick_s: float = 120.0  # time of what a page waits for: reading a recording, writing a report [s]
+    quick_s: float = (
+        120.0  # time of what a page waits for: reading a recording, writing a report [s]
+    )
     check_s: float = 30.0  # time of reading a scenario [s]
     checks: int = 12  # scenarios that wait to be read
     memory: int = 2_500_000_000
@@ -26,9 +28,12 @@ class Limits:
     recording: int = 200_000_000  # a recording [bytes]
     recordings: int = 10  # recordings that are kept
     receiving: int = 8  # recordings that are taken in at a time
-    pause_s: float = 10.0  # how long what a client sends may pause, and how far it may fall behind ``slowest`` [s]
+    # how long what a client sends may pause, and how far it may fall behind ``slowest`` [s]
+    pause_s: float = 10.0
     slowest: float = 50_000.0  # what a client sends at least, in the long run [bytes/s]
     connections: int = 384  # connections at a time
-    strangers: int = 256  # connections that have shown no token; the oldest makes room for a further one
+    strangers: int = (
+        256  # connections that have shown no token; the oldest makes room for a further one
+    )
     stranger_s: float = 10.0  # how long one lasts that shows no token [s]
     reading_s: float = 60.0  # how long an answer waits for its reader [s]

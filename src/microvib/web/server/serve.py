@@ -54,7 +54,12 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
 def _url(address: str, port: int) -> str:
     """What to open; where it listens at every address, by the name of this machine."""
     ip = ip_address(address)
-    shown = socket.gethostname() if ip.is_unspecified else f"[{address}]" if ip.version == 6 else address
+    if ip.is_unspecified:
+        shown = socket.gethostname()
+    elif ip.version == 6:
+        shown = f"[{address}]"
+    else:
+        shown = address
     return f"http://{shown}:{port}/"
 
 
@@ -76,10 +81,15 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
-        raise OptionError("host", f"is not an address of this machine ({error.strerror})", host) from None
+        raise OptionError(
+            "host", f"is not an address of this machine ({error.strerror})", host
+        ) from None
     if not ip_address(str(address[0]).split("%")[0]).is_loopback and not remote:
         raise OptionError(
-            "host", "others could reach the server there; allow that if it is intended", host, remedy="allow_remote"
+            "host",
+            "others could reach the server there; allow that if it is intended",
+            host,
+            remedy="allow_remote",
         )
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -90,6 +100,10 @@ def _bound(host: str, port: int, remote: bool) -> socket.socket:
     except OSError as error:
         sock.close()
         if error.errno == errno.EADDRINUSE:
-            raise OptionError("port", "is in use; choose another, or end what uses it", str(port)) from None
-        raise OptionError("host", f"cannot be used with port {port}: {error.strerror}", host) from None
+            raise OptionError(
+                "port", "is in use; choose another, or end what uses it", str(port)
+            ) from None
+        raise OptionError(
+            "host", f"cannot be used with port {port}: {error.strerror}", host
+        ) from None
     return sock

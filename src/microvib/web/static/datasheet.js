@@ -86,7 +86,7 @@ function show(answer) {
           answer.assumed,
           { caption: "Assumed values" },
         )
-      : h("p", {}, "Nothing of the drive has to be assumed."),
+      : h("p", {}, "The data sheet defines the drive completely; nothing is assumed."),
   );
 }
 
