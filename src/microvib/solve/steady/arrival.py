@@ -27,6 +27,10 @@ LINEARITY_CHECK_WINDOW = 0.05
 """Decay times over which it is asked whether a deviation is linear, or a cycle of the slowest mode
 if that is longer.
 """
+FAST_DECAY_TIMES = 3.0
+"""Decay times before it, of what dies out fast: linear or not, it says nothing of where the run
+goes.
+"""
 MAX_LINEARITY_CHECKS = 3
 """How often that is asked before the deviation is waited for."""
 LINEARITY_TEST_SCALE = 0.1
@@ -71,6 +75,8 @@ class PeriodicMotion:
     """What sees a deviation of the state along each of those that die out slowly, (k, n); there may
     be none.
     """
+    fast: float
+    """Rate [1/s] at which all others die out at least."""
 
 
 def confirm_reached_from_rest(
@@ -105,33 +111,20 @@ def _deviation_is_linear_or_gone(run: RunFromRest, found: PeriodicMotion) -> boo
     """Whether the deviation from the motion becomes as linear as a small one before long, or has
     died out.
     """
-    periods = _periods(run, LINEARITY_CHECK_WINDOW / found.decay)
-    before = rms(
-        _deviation(run, found, math.ceil(0.5 * periods))
-    )  # in which what decays fast does so
+    if not len(found.slow):
+        return False  # nothing takes long
+    periods, whole = _periods(run, LINEARITY_CHECK_WINDOW / found.decay), 1.0 / run.period.frequency
+    _deviation(run, found, math.ceil(max(0.5 * periods, FAST_DECAY_TIMES / (found.fast * whole))))
+    left = math.exp(-MIN_DECAY_RATE_RATIO * found.decay * periods * whole)
     for _ in range(MAX_LINEARITY_CHECKS):
         begun = run.seen() - found.x
         deviation = _deviation(run, found, periods)
-        away = rms(deviation)
-        if away <= ARRIVAL_TOLERANCE * rms(found.T_d):
+        if rms(deviation) <= ARRIVAL_TOLERANCE * rms(found.T_d):
             return True
-        left = math.exp(-MIN_DECAY_RATE_RATIO * found.decay * periods / run.period.frequency)
-        falls = _slow_component(found, run.seen() - found.x, away) <= left * _slow_component(
-            found, begun, before
-        )
-        if falls and _is_linear(run, found, begun, deviation):
+        before, after = (np.linalg.norm(found.slow @ x) for x in (begun, run.seen() - found.x))
+        if after <= left * before and _is_linear(run, found, begun, deviation):
             return True
-        before = away
     return False
-
-
-def _slow_component(found: PeriodicMotion, deviation: np.ndarray, away: float) -> float:
-    """Size of a ``deviation`` (n,) along what dies out slowly; that of the torque, ``away``, where
-    nothing does.
-    """
-    if len(found.slow):
-        return float(np.linalg.norm(found.slow @ deviation))
-    return away
 
 
 def _is_linear(
