@@ -158,7 +158,7 @@ def test_lines_that_agree_do_not_hide_that_a_finer_run_is_another_motion(off, mo
     """The other motion is the mirror image of the first: its lines are as large, and T_d differs by twice its RMS."""
     motion, table, _ = off
     mirrored = 2.0 * motion["T_d"].mean() - motion["T_d"]
-    monkeypatch.setattr("microvib.analysis.accuracy.again", lambda *given: mirrored)
+    monkeypatch.setattr("microvib.analysis.accuracy.rerun_refined", lambda *given: mirrored)
     estimate = accuracy(motion, table)
     assert estimate.line < 1e-9
     assert estimate.rms == pytest.approx(2.0)

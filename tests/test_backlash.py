@@ -63,7 +63,7 @@ def test_without_backlash_nothing_changes(state_1):
     [
         (
             {"reducer.backlash": 1e-4, "reducer.stiffness": "rigid"},
-            "backlash: flanks of a rigid reducer",
+            "backlash: a rigid reducer cannot have backlash",
         ),
         ({"reducer.backlash": -1e-4}, "backlash: -0.0001"),
     ],

@@ -119,7 +119,7 @@ def test_densities_add_up_to_what_moves(motion: Motion, monkeypatch: pytest.Monk
         kept.append([np.array(line.get_data()) for line in drawing.axes[1].lines])
         return Figure("", "")
 
-    monkeypatch.setattr(craft, "drawn", keep)
+    monkeypatch.setattr(craft, "figure_block", keep)
     craft._angles(motion)
     (frequency, up), (_, down) = kept[0]
     assert up[-1] == pytest.approx(down[0])

@@ -127,8 +127,8 @@ def test_a_search_that_failed_with_the_scenarios_frequency_is_made_again_from_wh
         (r,) = posed.residuals([x])
         return [Optimum(x, r, cost(r))]
 
-    monkeypatch.setattr(search_module, "_round", missing)
-    monkeypatch.setattr(search_module, "images", lambda *_: [])
+    monkeypatch.setattr(search_module, "_search_round", missing)
+    monkeypatch.setattr(search_module, "symmetric_solutions", lambda *_: [])
     found, optima = search_module.search(problem, seed=1, starts=8, finishes=1)
     assert [len(keys) for keys in rounds] == [1, 2]
     assert [one.key for one in found.keys] == ["motor.friction.viscous"]

@@ -104,7 +104,7 @@ def test_what_cannot_be_told_apart_is_said():
     table = estimate_lines(
         np.cos(2 * np.pi * 3 * T), RATE, [expect("a", 3.0), expect("b", 3.05), expect("c", 0.05)]
     )
-    assert table["b"].status == "not separable from a; a record of 50 s could separate them"
+    assert table["b"].status == "not separable from a; a record of 50 s would separate them"
     assert table["c"].status == "not resolved: requires a record of at least 50 s"
     assert np.isnan(table["b"].amplitude_n_m)
     assert "nan" not in table.text()

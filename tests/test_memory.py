@@ -219,7 +219,7 @@ def test_a_scenario_takes_a_measured_loop_as_csv(state_1, tmp_path):
         ),
         (
             {"loop": [[1e-3 * k, 0.1 * k] for k in range(6)], "breakaway_angle": 1e-3},
-            "says where all slides",
+            "already defines gross sliding",
         ),
         ({"elements": 3}, "give either stiffness or loop"),
     ],

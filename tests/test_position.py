@@ -117,7 +117,7 @@ def test_without_amplitude_nothing_changes_to_the_last_bit(state_1):
         ({"friction.position.harmonics": [{"order": 1, "amplitude": 0.6}, {"order": 2, "amplitude": 0.5}]}, "change its sign"),
         ({"friction.position.harmonics": [{"order": 0, "amplitude": 0.1}]}, "order"),
         ({"friction.position.roughness": {"density": 1e-3, "highest": 1e4}}, "change its sign"),
-        ({"friction.position.roughness": {"density": 1e-9}}, "highest: a density without a table needs it"),
+        ({"friction.position.roughness": {"density": 1e-9}}, "highest: required when density is a number"),
         ({"friction.position.roughness": {"highest": 100.0}}, "give either density or table"),
         ({"friction.position.roughness": {"density": 1e-9, "lowest": 9.0, "highest": 8.0}}, "are not more than lowest"),
         ({"friction.torque_noise": {"density": 1e-9, "table": [[1.0, 1e-6]]}}, "give either density or table"),

@@ -72,7 +72,7 @@ def test_labview_files_that_are_something_else(tmp_path):
         read(tmp_path, lvm(dimension="Frequency", step=2.0, x="No"), "a.lvm")
     with pytest.raises(RecordingError, match="has 2 segments"):
         read(tmp_path, lvm(segments=2), "b.lvm")
-    with pytest.raises(RecordingError, match="contradicts itself"):
+    with pytest.raises(RecordingError, match="contradictory sample rates"):
         read(tmp_path, lvm(step=1e-3), "c.lvm")
     with pytest.raises(RecordingError, match="truncated"):
         read(tmp_path, lvm()[:150], "d.lvm")

@@ -136,7 +136,7 @@ def test_a_resonance_inside_a_range_is_seen():
         ([(0.999, 1.0005), (1.0, 1.0)], "no value moves it beyond the error of a run"),
         (
             [(0.5, 1.5), (math.nan, 1.1)],
-            "a matters most; somewhere in the range of b it is not known",
+            "a matters most; it is unknown in part of the range of b",
         ),
     ],
 )

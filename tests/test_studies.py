@@ -156,7 +156,7 @@ def test_what_identifies_nothing_says_so_first(fit):
         fit, estimates=tuple(replace(e, identifiable=False, verdict=reason) for e in fit.estimates)
     )
     assert fit_text(none).startswith(
-        "Nothing is identified: the evidence hardly changes with it. That the figures are as the model's"
+        "Nothing is identified: the evidence is insensitive to it. That the figures are as the model's"
     )
     assert not none.usable
     one = replace(fit, estimates=(none.estimates[0], *fit.estimates[1:]))

@@ -119,7 +119,7 @@ def test_nobody_else_can_use_the_cluster():
 def test_no_scheduler_is_a_sentence(monkeypatch):
     from microvib.studies.campaign import on_dask
 
-    monkeypatch.setattr(on_dask, "CONNECT", "1s")
+    monkeypatch.setattr(on_dask, "CONNECT_TIMEOUT", "1s")
     with (
         pytest.raises(MicrovibError, match="no Dask scheduler answers there"),
         on_dask.dask(1, "tcp://127.0.0.1:9"),
@@ -309,8 +309,8 @@ def test_a_case_that_wants_too_much_memory_costs_one_case(tmp_path, monkeypatch)
 
 def test_cases_that_take_longer_than_they_may_end_their_worker(tmp_path, monkeypatch):
     ended = threading.Event()
-    monkeypatch.setattr(computing, "_end", ended.set)
-    monkeypatch.setattr(computing, "STARTING", 0.0)
+    monkeypatch.setattr(computing, "_kill_process", ended.set)
+    monkeypatch.setattr(computing, "STARTUP_ALLOWANCE", 0.0)
     real = computing.simulate_torques
 
     def slow(scenarios, **keys):

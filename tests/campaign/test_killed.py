@@ -55,8 +55,8 @@ def alive(pid: int) -> bool:
 @pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "POLL", 0.2)
-    monkeypatch.setattr(running, "SILENT", 15)
+    monkeypatch.setattr(running, "POLL_INTERVAL", 0.2)
+    monkeypatch.setattr(running, "MAX_MISSED_HEARTBEATS", 15)
     campaign = made(tmp_path, spread(count=20), chunk=4)
     stopped: list[int] = []
 
@@ -81,8 +81,8 @@ def test_a_stopped_worker_is_ended_and_its_cases_are_computed(tmp_path, monkeypa
 @pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="no process can be stopped")
 def test_a_worker_that_hangs_ends_calls_with_a_sentence(monkeypatch):
-    monkeypatch.setattr(running, "POLL", 0.2)
-    monkeypatch.setattr(running, "SILENT", 15)
+    monkeypatch.setattr(running, "POLL_INTERVAL", 0.2)
+    monkeypatch.setattr(running, "MAX_MISSED_HEARTBEATS", 15)
     with (
         running.parallel_calls(workers=2) as calls,
         pytest.raises(MicrovibError, match="was ended"),

@@ -75,7 +75,7 @@ def test_free_model_is_refused(tmp_path, frame, write_op2, write_f06):
 
 def test_mechanism_is_refused(deck):
     with pytest.raises(
-        ModalError, match=r"1 of 9 modes are rigid-body modes .* mechanism or a loose part"
+        ModalError, match=r"1 of 9 modes are rigid-body modes .* mechanism or a disconnected part"
     ):
         modal_model(replace(deck, frequency=np.r_[1e-5, deck.frequency[1:]]), options())
 

@@ -146,7 +146,7 @@ def test_lines_over_seeds(visit: Callable[..., Any]) -> None:
     api.expect(page.locator("#seeds")).to_be_focused()
     page.fill("#seeds", "3")
     page.click("#go")
-    api.expect(page.locator("#seeds-error")).to_contain_text("this scenario has none")
+    api.expect(page.locator("#seeds-error")).to_contain_text("this scenario has no noise")
     write(page, "friction.torque_noise", "{density: 1e-7 N^2*m^2/Hz, highest: 200 Hz}")
     page.click("#go")
     drawn(page, 1)
