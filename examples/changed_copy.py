@@ -5,16 +5,10 @@ scenario = mv.load_scenario("state-1")
 stiffer = scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.rate": "0.05 deg/s"})
 print(scenario["reducer.stiffness"], "->", stiffer["reducer.stiffness"], "N m/rad")
 
-for changes in (
-    {"reducer.stifness": "9000 N*m/rad"},
-    {"tracking.rate": 0.05},
-    {"tracking.rate": "0.05 Hz"},
-):
+for changes in ({"reducer.stifness": "9000 N*m/rad"}, {"tracking.rate": 0.05}, {"tracking.rate": "0.05 Hz"}):
     try:
         scenario.with_(changes)
     except mv.ScenarioError as error:
         print(error)
 
-print(
-    f"{scenario.with_si({'tracking.rate': 0.001}).rate} rad/s: programs that compute in SI say so"
-)
+print(f"{scenario.with_si({'tracking.rate': 0.001}).rate} rad/s: programs that compute in SI say so")

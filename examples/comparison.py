@@ -5,17 +5,13 @@ import microvib as mv
 
 model = mv.load_scenario("state-1").with_({"record.duration": "8 s"})
 built = mv.simulate(
-    model.with_si(
-        {"reducer.stiffness": 1.05 * model["reducer.stiffness"], "tracking.clock_ratio": 0.9965}
-    )
+    model.with_si({"reducer.stiffness": 1.05 * model["reducer.stiffness"], "tracking.clock_ratio": 0.9965})
 )
 noise = np.random.default_rng(1).normal(0.0, 2e-3, built.time.size)
 test = mv.Recording({"Mz": built["T_d"] + noise}, built.sample_rate, {"Mz": "N*m"}, "bench, run 7")
 
 found = mv.compare(test, model, names=("", "model"))
-for row in (
-    row for row in found.rows if row.line in ("drive_1", "drive_2", "drive_3", "full_step_1")
-):
+for row in (row for row in found.rows if row.line in ("drive_1", "drive_2", "drive_3", "full_step_1")):
     a, b = 1e3 * row.a.amplitude, 1e3 * row.b.amplitude
     print(f"{row.line:12s} {a:8.3f} {b:8.3f} mN m, {row.significance:.1f} sigma: {row.verdict}")
 figure = mv.plot(found)

@@ -3,11 +3,7 @@ import microvib as mv
 
 scenario = mv.load_scenario("state-1")
 for mode in mv.coupled_modes(scenario):
-    clamped = (
-        f"clamped {mode.fixed_frequency:.4f} Hz" if mode.fixed_frequency else "of the drive itself"
-    )
-    print(
-        f"{mode.name:18s} {mode.frequency:9.4f} Hz, damping {100 * mode.damping:6.2f} %, {clamped}"
-    )
+    clamped = f"clamped {mode.fixed_frequency:.4f} Hz" if mode.fixed_frequency else "of the drive itself"
+    print(f"{mode.name:18s} {mode.frequency:9.4f} Hz, damping {100 * mode.damping:6.2f} %, {clamped}")
 for line in mv.expected_lines(scenario, "60 Hz", harmonics=2):
     print(f"{line.name:18s} {line.frequency:9.4f} Hz  {line.origin}")

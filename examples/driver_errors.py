@@ -7,9 +7,7 @@ e = scenario.motor.detent_torque / (scenario.motor.torque_constant * scenario.mo
 drives = {
     "ideal driver": scenario,
     "with errors": scenario.with_({"driver.imperfections": errors}),
-    "with a table": scenario.with_(
-        {"driver.table": {"harmonics": [{"order": 4, "amplitude": f"{e} rad"}]}}
-    ),
+    "with a table": scenario.with_({"driver.table": {"harmonics": [{"order": 4, "amplitude": f"{e} rad"}]}}),
 }
 names = ("electrical_1", "electrical_2", "full_step_1", "drive_1")
 print("0-to-peak, mN m".ljust(16) + "".join(f"{name:>14s}" for name in names))

@@ -8,9 +8,7 @@ from microvib.io.modal_table import modes_csv
 from microvib.structures.modal import ModalModel
 
 # A table as `microvib modes` writes it; results of Nastran and Ansys with the interface clamped are taken as they are.
-mass = np.diag(
-    [420.0, 420.0, 420.0, 560.0, 180.0, 590.0]
-)  # about the interface point, 0.9 m from the centre of mass
+mass = np.diag([420.0, 420.0, 420.0, 560.0, 180.0, 590.0])  # about the interface point, 0.9 m from the centre of mass
 mass[0, 5], mass[2, 3] = 378.0, -378.0
 mass[5, 0], mass[3, 2] = 378.0, -378.0
 clamped = ModalModel(

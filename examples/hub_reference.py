@@ -5,20 +5,14 @@ import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
 
 changes = {
-    "spacecraft.hub": {
-        "modes": "reference-hub",
-        "count": 20,
-    },  # or a description of your own, hub.yaml
+    "spacecraft.hub": {"modes": "reference-hub", "count": 20},  # or a description of your own, hub.yaml
     "spacecraft.interface.position": "root",  # a named point of the hub
     "spacecraft.line_of_sight.point": "payload",
     "record.duration": "8 s",
 }
 scenario = mv.load_scenario(Path(__file__).parent / "spacecraft.yaml", changes)
 hub = scenario.spacecraft.hub
-print(
-    f"{hub.mass:.1f} kg, first modes",
-    ", ".join(f"{mode.frequency:.1f} Hz" for mode in hub.modes[:3]),
-)
+print(f"{hub.mass:.1f} kg, first modes", ", ".join(f"{mode.frequency:.1f} Hz" for mode in hub.modes[:3]))
 
 result = mv.run(scenario)
 found = hub_lines(result.motion, result.table)

@@ -5,10 +5,7 @@ import microvib as mv
 
 here = Path(__file__).parent
 budget = mv.budget(
-    mv.load_scenario(here / "spacecraft.yaml"),
-    here / "requirement.yaml",
-    sources=here / "sources.yaml",
-    steady=True,
+    mv.load_scenario(here / "spacecraft.yaml"), here / "requirement.yaml", sources=here / "sources.yaml", steady=True
 )
 for one in budget.judged:
     print(f"{one.requirement.name}: {one.value:.3g} rad of {one.limit:.3g} rad, {one.verdict}")

@@ -6,9 +6,7 @@ import microvib as mv
 scenario = mv.load_scenario("state-1")
 motion = mv.simulate(scenario.with_({"tracking.clock_ratio": 0.9965}))
 noise = np.random.default_rng(1).normal(0.0, 5e-3, motion.time.size)
-recording = mv.Recording(
-    {"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"}, "bench, run 7"
-)
+recording = mv.Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"}, "bench, run 7")
 
 named, unnamed = mv.lines(recording, scenario=scenario), mv.lines(recording)
 print(f"clock {named.clock_ratio:.6f} ± {named.clock_ratio_uncertainty:.6f} of the scenario's")
@@ -16,6 +14,4 @@ line = named["drive_1"]
 print(
     f"drive_1 {1e3 * line.amplitude_n_m:.2f} ± {1e3 * line.amplitude_uncertainty_n_m:.2f} mN m at {line.frequency_hz:.4f} Hz"
 )
-print(
-    f"{len(unnamed)} lines stand out without a drive; the first at {unnamed.lines[0].frequency_hz:.4f} Hz"
-)
+print(f"{len(unnamed)} lines stand out without a drive; the first at {unnamed.lines[0].frequency_hz:.4f} Hz")

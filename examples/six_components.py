@@ -3,12 +3,7 @@ import microvib as mv
 
 scenario = mv.load_scenario("state-1")
 H = scenario.array.H[0]  # participation about the drive axis, z
-six = scenario.with_(
-    {
-        "array.modes.0.interface_participation": [0.4, 3.0, 0.0, 1.2, 0.0, H],
-        "record.duration": "8 s",
-    }
-)
+six = scenario.with_({"array.modes.0.interface_participation": [0.4, 3.0, 0.0, 1.2, 0.0, H], "record.duration": "8 s"})
 motion = mv.simulate(six)
 
 for component in ("Fx", "Fy", "Mx", "Mz"):

@@ -43,11 +43,7 @@ def draw(states: dict[int, tuple[mv.Motion, dict[str, float]]], path: str) -> No
             for ax, highest in zip(row, (5.0, 200.0), strict=True):
                 keep = (s.frequency > 0.2) & (s.frequency <= highest)
                 ax.semilogy(
-                    s.frequency[keep],
-                    s.amplitude[keep] * 1e3,
-                    color=colour,
-                    linewidth=width,
-                    label=f"state {state}",
+                    s.frequency[keep], s.amplitude[keep] * 1e3, color=colour, linewidth=width, label=f"state {state}"
                 )
         for ax in row:
             ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")

@@ -6,9 +6,5 @@ frame = table.to_dataframe()
 
 largest = frame.nlargest(5, "amplitude_n_m")
 print(largest[["kind", "frequency_hz", "amplitude_n_m"]].to_string())
-print(
-    (frame.groupby("kind").amplitude_n_m.apply(lambda a: (a**2 / 2).sum() ** 0.5) * 1e3)
-    .round(3)
-    .to_string()
-)
+print((frame.groupby("kind").amplitude_n_m.apply(lambda a: (a**2 / 2).sum() ** 0.5) * 1e3).round(3).to_string())
 print(table.to_xarray().amplitude_n_m.attrs)

@@ -5,11 +5,7 @@ import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
 
 scenario = mv.load_scenario(Path(__file__).parent / "spacecraft.yaml")
-place = {
-    "position": ["0.35 m", "-0.9 m", "-0.2 m"],
-    "drive_axis": [0, -1, 0],
-    "reference": [1, 0, 0],
-}
+place = {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0, -1, 0], "reference": [1, 0, 0]}
 cases = {f"driven, stagger {x:g}": {"drive": "driven", "stagger": x} for x in (0.0, 0.25, 0.5)} | {
     "held": {"drive": "held"}
 }

@@ -25,6 +25,7 @@ def pytest_configure(config: pytest.Config) -> None:
     Where the tests themselves were started in the background, the interrupt is ignored, which would be handed on.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.environ.pop("COLUMNS", None)  # workers of xdist have it; tables are as wide as in a pipe
     if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
         config.option.markexpr = "not long"
 

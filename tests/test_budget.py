@@ -1388,7 +1388,10 @@ def test_what_can_be_refused_is_refused_before_anything_runs(
     )
     scenario = scenario_of(whole.FullCraft())
     gains = {f"driver.{key}_gain": 0.0 for key in ("proportional", "integral", "derivative")}
-    with pytest.raises(mv.MicrovibError, match=r"driver\.drive: closed-form coupling does not support voltage drive"):
+    with pytest.raises(
+        mv.MicrovibError,
+        match=r"driver\.drive: closed-form coupling does not support voltage drive",
+    ):
         pointing_budget(scenario.with_si(gains | {"driver.drive": "voltage"}))
     with pytest.raises(mv.MicrovibError, match=r"no\.yaml"):
         pointing_budget(scenario, tmp_path / "no.yaml")

@@ -105,11 +105,11 @@ def heard(*tones: tuple[float, float]) -> Recording:
 @pytest.mark.parametrize(
     ("nominal", "tones", "told"),
     [
-        (50.4, [(50.0, 0.05), (100.0, 0.02), (150.0, 0.03)], ["the drive may not have moved"]),
+        (50.4, [(50.0, 0.05), (100.0, 0.02), (150.0, 0.03)], ["the drive may not have been moving"]),
         (51.5, [(51.5, 0.05), (103.0, 0.02), (154.5, 0.03)], []),
-        (53.0, [(106.0, 0.05), (212.0, 0.02)], ["drive_2, drive_4 stand out: the drive may have run at 2 times"]),
+        (53.0, [(106.0, 0.05), (212.0, 0.02)], ["drive_2, drive_4 are detected: the drive may have run at 2 times"]),
         (53.0, [(53.0, 0.05), (106.0, 0.02)], []),
-        (60.1, [(60.1, 0.05), (120.2, 0.02), (15.025, 0.01)], ["pick-up of the mains (50 or 60 Hz) may stand: drive_1, drive_2"]),
+        (60.1, [(60.1, 0.05), (120.2, 0.02), (15.025, 0.01)], ["possible mains pick-up (50 or 60 Hz): drive_1, drive_2"]),
         (53.0, [(71.0, 0.05)], ["no line of the step clock is detected within 2 % of the scenario's rate"]),
         (53.0, [], ["no line of the step clock"]),
     ],

@@ -163,7 +163,7 @@ def test_the_ledger_has_a_row_for_each_equation_and_each_row_a_module():
 
 def equations_named_in(path: Path) -> set[int]:
     """Numbers after "Eq." in a file, ranges spelled out."""
-    groups = re.findall(r"Eq\. ([\d, -]+)", path.read_text())
+    groups = re.findall(r"Eq\. ([\d, -]+)", " ".join(path.read_text().split()))
     ranges = re.findall(r"(\d+)(?:-(\d+))?", " ".join(groups))
     return {n for first, last in ranges for n in range(int(first), int(last or first) + 1)}
 

@@ -173,7 +173,7 @@ def test_a_stepped_planet_between_sun_and_ring_and_between_two_suns():
         ({"ring": 74, "planet": 69, "planet_2": 80, "ring_2": 80, "planets": 1}, "ring_2: 80 teeth leave no room"),
         ({"sun": 20, "planet": 40, "planet_2": 21, "ring": 80, "planets": 3}, "3 alike cannot be assembled at equal angles"),
         ({"sun": 74, "planet": 69, "planet_2": 75, "sun_2": 80, "planets": 1}, "fixed: this stage has no ring; its members are"),
-        ({"ring": 80, "planet": 40, "planet_2": 20, "ring_2": 40, "planets": 1}, "turn alike about the carrier"),
+        ({"ring": 80, "planet": 40, "planet_2": 20, "ring_2": 40, "planets": 1}, "turn at the same speed about the carrier"),
         ({"ring": 74, "planet": 69, "ring_2": 80}, "of stepped planets planet and planet_2 with sun and ring, ring and ring_2"),
     ],
 )  # fmt: skip

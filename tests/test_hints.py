@@ -146,12 +146,12 @@ def test_what_the_evidence_does_not_tell_costs_one_point_of_a_profile_to_each_si
     (r,) = problem.residuals([problem.start])
     best = Optimum(problem.start, r, cost(r))
     local = linearise_at(problem, best)
-    before = problem.ledger.simulations
+    before = problem.best_so_far.simulations
     (interval,) = profiles(problem, best, local).intervals
     assert interval.open_low
     assert interval.open_high
     assert (interval.low, interval.high) == pytest.approx((problem.low[0], problem.high[0]))
-    assert problem.ledger.simulations <= before + 2
+    assert problem.best_so_far.simulations <= before + 2
 
 
 def test_an_interval_ends_where_its_profile_rises_however_flat_that_is_at_the_best(short):

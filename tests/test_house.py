@@ -8,7 +8,7 @@ MODULES = modules()
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: str(module.path.name))
 def test_a_module_reads_plainly(module):
-    assert not list(module.nested_conditionals()), "write an if block"
+    assert module.is_compiled or not list(module.nested_conditionals()), "write an if block"
     assert not list(module.private_imports()), "give it a name without an underscore"
     assert not list(module.banned_words())
 

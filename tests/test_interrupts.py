@@ -17,7 +17,7 @@ posix = pytest.mark.skipif(
 
 INTERRUPTED_OFTEN = """
 import random, signal
-from microvib.studies.workers import all_cores
+from microvib.studies.workers import parallel_calls
 
 def quick(k):
     return k
@@ -26,7 +26,7 @@ random.seed(1)
 ended = 0
 for trial in range(150):
     try:
-        with all_cores() as calls:
+        with parallel_calls() as calls:
             signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-3, 2e-2))
             calls(quick, [(k,) for k in range(3000)])
     except KeyboardInterrupt:

@@ -76,7 +76,7 @@ def test_a_chain_may_be_stated_as_flat():
     recording = Recording({"Mz": np.sin(np.arange(64.0))}, 64.0, {"Mz": "N*m"}, "made")
     told = without_response(recording, flat)
     assert np.array_equal(told["Mz"], recording["Mz"])
-    assert "stated as flat" in told.notes[-1]
+    assert "declared to have a flat response" in told.notes[-1]
 
 
 def test_no_frequency_is_fitted_along_where_the_scenario_has_it_right(made):

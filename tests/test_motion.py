@@ -178,7 +178,9 @@ def test_progress_is_reported_and_interrupts_pass(state_1):
 def test_only_the_channels_that_are_asked_for(state_1):
     motion = mv.simulate(state_1.with_si(SHORT), channels=("T_d",))
     assert list(motion.channels) == ["T_d"]
-    with pytest.raises(mv.ChannelError, match="channel 'T_x' does not exist; available channels: i_A"):
+    with pytest.raises(
+        mv.ChannelError, match="channel 'T_x' does not exist; available channels: i_A"
+    ):
         mv.simulate(state_1.with_si(SHORT), channels=("T_x",))
 
 

@@ -353,7 +353,7 @@ def test_slopes_serve_for_several_steps(recording, start):
     found = Descent(problem, problem.start + np.array([0.03, -0.03, 0.03])).run(60)
     assert goodness(problem, found.r).explained
     assert found.x == pytest.approx(problem.start, abs=0.02)
-    assert problem.ledger.simulations < 30
+    assert problem.best_so_far.simulations < 30
 
 
 DAMPING = "array.modes.0.damping=0.5 percent:3 percent"

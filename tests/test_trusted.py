@@ -39,7 +39,7 @@ FAR = mv.Limit("1 N*m", "0.5 Hz", "100 Hz")
 """Thirty times the largest line."""
 BAND = (1.0, 100.0)
 LOW = mv.Limit("0.1 mN*m", "0.5 Hz", "100 Hz")
-WHY = "the motion itself, whose balance of energy mechanical does not hold (finer steps, solver.refinement=4)"
+WHY = "the whole motion, because its energy mechanical balance is violated (refine the steps: solver.refinement=4)"
 
 
 @pytest.fixture(scope="module")

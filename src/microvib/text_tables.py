@@ -109,7 +109,9 @@ class _Block(NamedTuple):
             room = most - sum(widths[:end]) - len(_GAP) * end
         last = row[-1] if self.last_left else []
         below = room is not None and any(len(text) > room for text in last)
-        shown = [*row[:end], [] if below else last] if self.last_left else row
+        shown = row
+        if below:
+            shown = [*row[:end], []]
         for k in range(max(1, *map(len, shown))):
             cells = [cell[k] if k < len(cell) else "" for cell in shown]
             yield _GAP.join(self._placed(c, text, widths) for c, text in enumerate(cells)).rstrip()

@@ -76,7 +76,9 @@ def test_a_loose_grid_is_no_interface(tmp_path, frame, write_op2, route):
 
 def test_a_loose_grid_is_no_point_of_a_hub(tmp_path, frame, write_op2):
     path = write_op2(tmp_path / "a.op2", frame(free=True), forces=False, loose=7777)
-    with pytest.raises(ModalError, match="points: grid 7777 has no motion in any mode: it is disconnected"):
+    with pytest.raises(
+        ModalError, match="points: grid 7777 has no motion in any mode: it is disconnected"
+    ):
         read_free(path, [7777])
 
 

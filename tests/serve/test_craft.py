@@ -201,7 +201,9 @@ def test_seeds_that_are_none(client, seeds):
 
 
 def test_seeds_without_noise(client):
-    assert "this scenario has no noise" in refused(client, "runs", scenario=spec(), seeds=3)["error"]
+    assert (
+        "this scenario has no noise" in refused(client, "runs", scenario=spec(), seeds=3)["error"]
+    )
 
 
 def test_files_of_a_driven_second_wing(client):

@@ -44,6 +44,11 @@ class Module:
         return self.path.relative_to(PACKAGE).parts[0]
 
     @property
+    def is_compiled(self) -> bool:
+        """Whether numba compiles it: there a choice between two numbers is an expression."""
+        return "microvib.compiled import" in self.text and "Unit(" in self.text
+
+    @property
     def nodes(self) -> int:
         """Nodes of the syntax tree."""
         return sum(1 for _ in ast.walk(self.tree))

@@ -126,10 +126,12 @@ def _header(
         name = next((x for x in own if x == time or is_time(named_unit(x)[0])), "time")
         if fits[k] and (below or k == len(rows) - 1):
             unit = "s" if k == 1 else named_unit(name)[0]
-            fields = [
-                *fields[:place],
-                unit if below else f"{named_unit(name)[0]}{' [s]' if separator else '_s'}",
-                *fields[place + wide :],
-            ]
+            if below:
+                cell = unit
+            elif separator:
+                cell = f"{named_unit(name)[0]} [s]"
+            else:
+                cell = f"{named_unit(name)[0]}_s"
+            fields = [*fields[:place], cell, *fields[place + wide :]]
         found.append((separator or " ").join(fields))
     return found

@@ -42,7 +42,7 @@ SEMIDEFINITE = 1e-6
 
 @dataclass(frozen=True)
 class Source(HeldWing):
-    """What hangs on the interface: a mass matrix, and coordinates that its acceleration stirs."""
+    """What hangs on the interface: a mass matrix, and coordinates that its acceleration excites."""
 
     def __post_init__(self) -> None:
         """MicrovibError where D_0, what the coordinates leave of the mass, is not positive

@@ -79,7 +79,7 @@ class ModalOutputMatrix:
 @dataclass(frozen=True)
 class HeldWing:
     """A wing whose shaft is held by its linearised drive: coordinates x that the interface's
-    acceleration stirs.
+    acceleration excites.
 
     M x'' + C x' + K x = -G' a, and the load on the hub is -(mass a + G x''); x are theta_m, theta_l
     (not if rigid), modes.

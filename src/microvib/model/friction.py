@@ -108,7 +108,7 @@ class Friction(Part):
         return self.sliding_torque + self.stribeck_torque
 
     @property
-    def drawn_anew(self) -> Friction:
+    def with_new_seed(self) -> Friction:
         """The same of another unit: its noise and its roughness are other draws."""
         noise, position = self.torque_noise, self.position
         if position is None:

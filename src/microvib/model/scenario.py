@@ -202,7 +202,7 @@ class Scenario(Part):
             return craft
         wing = craft.second_wing
         first = {name: getattr(self, name) for name in DRIVE_GROUPS} | {
-            "friction": self.friction.drawn_anew
+            "friction": self.friction.with_new_seed
         }
         taken: dict[str, Any] = {
             name: group for name, group in first.items() if getattr(wing, name) is None

@@ -377,9 +377,9 @@ def _facts(budget: Budget) -> list[Fact]:
 
 
 def _requirements(budget: Budget) -> Table:
+    mark_of: dict[str, Mark] = {"pass": "pass", "fail": "fail"}
     marks: dict[int, Mark] = {
-        k: "pass" if one.verdict == "pass" else "fail" if one.verdict == "fail" else "off"
-        for k, one in enumerate(budget.judged)
+        k: mark_of.get(one.verdict, "off") for k, one in enumerate(budget.judged)
     }
     if not budget.judged:
         return table(["requirement"], [["none was given"]])

@@ -160,9 +160,14 @@ def mean_square_of_density(
         here = max(min(_FAST / apart, f[-1]), f[0])
         middle = np.interp(here, f, S)
         first, last = f < here, f > here
-        far = mean_square_of_density(
-            "ape" if metric == "stability" else "mpe", np.r_[here, f[last]], np.r_[middle, S[last]], window
-        ) if last.any() else 0.0  # fmt: skip
+        far = 0.0
+        if last.any():
+            above: Metric = "mpe"
+            if metric == "stability":
+                above = "ape"
+            far = mean_square_of_density(
+                above, np.r_[here, f[last]], np.r_[middle, S[last]], window
+            )
         if not first.any():
             return 2.0 * far
         f, S = np.r_[f[first], here], np.r_[S[first], middle]
@@ -233,8 +238,8 @@ class Distribution:
         """Angle [rad] that it stays within for a part ``confidence`` of the time.
 
         ``beside`` (n,) [rad] is what there is at most besides, of which neither phases nor
-        frequencies are known: the angle then is the one that all together surely stay within; where
-        ``beside`` is negative, the one that they surely pass for the rest of the time, 0 where
+        frequencies are known: the angle then is the one that all together certainly stay within; where
+        ``beside`` is negative, the one that they certainly pass for the rest of the time, 0 where
         there is none.
         """
         if not 0.0 < confidence < 1.0:

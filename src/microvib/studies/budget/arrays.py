@@ -57,7 +57,7 @@ def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[st
 
 def _unlike(scenario: Scenario, other: Scenario) -> Iterator[str]:
     """Keys in which the second wing on the craft of a drive is not the wing of an ``other`` drive;
-    friction apart, whose noise is drawn anew for each."""
+    friction apart, whose noise has a new seed for each."""
     mounted, theirs = scenario.mounted, require_craft(other).spacecraft
     if mounted is None:
         wing = None

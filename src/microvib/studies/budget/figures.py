@@ -72,13 +72,13 @@ def evaluate_metric(
     amplitude: np.ndarray,
     densities: Sequence[tuple[np.ndarray, np.ndarray]] = (),
     *,
-    surely: bool = False,
+    single_axis: bool = False,
     clock: np.ndarray | None = None,
 ) -> float:
     """The figure that is required [rad], of lines (k,) [Hz] with amplitudes (k, 2) [rad] and
     densities.
 
-    What both axes reach together is a bound, since they need not do so at once; ``surely`` it is
+    What both axes reach together is a bound, since they need not do so at once; ``single_axis`` it is
     what one of them does. A level depends on the phases that lines of one ``clock`` (k, 2) keep, of
     complex amplitudes; those of all others count as unrelated.
     """
@@ -115,7 +115,7 @@ def evaluate_metric(
             each.append(
                 confidence_level_angle(rows, math.sqrt(s), part, frequency=f, clock=of[:, k])
             )
-    if surely:
+    if single_axis:
         return max(each)
     return math.hypot(*each)
 
@@ -141,7 +141,7 @@ def metric_bounds(
         return _level_bounds(r, tones, gaps, densities, moving or SweptLines(tones))
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     hidden_at, hidden = _unobserved_lines(gaps)
-    least = evaluate_metric(r, lower, tones.least, densities, surely=True)
+    least = evaluate_metric(r, lower, tones.least, densities, single_axis=True)
     if not np.all(np.isfinite(hidden)):
         return least, math.inf
     if moving is not None and r.statistic == "bound":

@@ -121,10 +121,15 @@ def _table(
 def _columns(path: Path, rows: list[dict[str, str]], names: tuple[str, ...]) -> np.ndarray:
     """Numbers of columns, (rows, columns), 0 where a column is missing; nan where a cell is empty."""
     with error_context(path):
-        return np.array(
-            [[parse_finite(f"row {k}: {n}", row[n]) if row.get(n) else math.nan if n in row else 0.0 for n in names]
-             for k, row in enumerate(rows, 2)]
-        )  # fmt: skip
+        return np.array([[_cell(k, row, n) for n in names] for k, row in enumerate(rows, 2)])
+
+
+def _cell(k: int, row: dict[str, str], name: str) -> float:
+    if name not in row:
+        return 0.0
+    if not row[name]:
+        return math.nan
+    return parse_finite(f"row {k}: {name}", row[name])
 
 
 def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:

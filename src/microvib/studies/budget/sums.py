@@ -541,10 +541,10 @@ def _rank_shares_by_curve(
 
 
 def _ratio_to_curve(
-    r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, surely: bool = False
+    r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, single_axis: bool = False
 ) -> np.ndarray:
     """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band;
-    ``surely`` as in ``figure``.
+    ``single_axis`` as in ``figure``.
     """
     curve = r.curve or ()
     f, allowed = (
@@ -553,7 +553,7 @@ def _ratio_to_curve(
     size = {
         "x": amplitude[:, 0],
         "y": amplitude[:, 1],
-        "radial": amplitude.max(axis=1) if surely else np.hypot(*amplitude.T),
+        "radial": amplitude.max(axis=1) if single_axis else np.hypot(*amplitude.T),
     }[r.axis]
     at = np.log(np.maximum(frequency, 1e-300))
     counts = counts_in_band(r, frequency) & (at >= f[0]) & (at <= f[-1])
@@ -580,7 +580,7 @@ def _assess_by_curve(
     low, high = tones.ends
     maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
     over = [
-        np.min([_ratio_to_curve(r, f, tones.least, surely=True) for f in maybe], axis=0),
+        np.min([_ratio_to_curve(r, f, tones.least, single_axis=True) for f in maybe], axis=0),
         _ratio_to_curve(r, tones.frequency, tones.value),
         np.max([_ratio_to_curve(r, f, tones.most) for f in maybe], axis=0),
     ]

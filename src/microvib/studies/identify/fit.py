@@ -239,9 +239,9 @@ def _best_so_far(problem: Problem) -> Findings:
     """The best point of a search that was interrupted, in the whole records; KeyboardInterrupt
     again where it has met none.
     """
-    if problem.ledger.best is None:
+    if problem.best_so_far.best is None:
         raise KeyboardInterrupt
-    problem, x, r = problem.ledger.best
+    problem, x, r = problem.best_so_far.best
     if problem.whole is not None:
         problem = problem.whole
         r = problem.residuals([x])[0]
@@ -500,7 +500,7 @@ def _fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
         _fitted(found, of_each, whole_numbers, names), fit.chi_square, problem.figures,
-        problem.ledger.simulations, seed, interrupted, fit, off, found.leanings, found.converged,
+        problem.best_so_far.simulations, seed, interrupted, fit, off, found.leanings, found.converged,
         tuple(problem.named(o.x) for o in found.rivals), notes, whole=whole_numbers,
     )  # fmt: skip
 

@@ -60,7 +60,7 @@ def profiles(problem: Problem, best: Optimum, local: LinearModel) -> Profiles:
     The linearised interval counts where the profile agrees with it half way and at its end, on both
     sides. Otherwise the ends are where the profile has risen as far as a 95 % interval requires.
     """
-    problem.ledger.stage = "intervals"
+    problem.best_so_far.stage = "intervals"
     ends = [
         _Side(problem, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)
     ]

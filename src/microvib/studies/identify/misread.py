@@ -87,7 +87,7 @@ def _best_of_fits(problem: Problem) -> Optimum:
     """The best of local fits from a few points."""
     from scipy.stats import qmc
 
-    problem.ledger.stage = "sign and unit"
+    problem.best_so_far.stage = "sign and unit"
     low, high = np.array([key.range for key in problem.keys]).T
     others = low + (high - low) * qmc.Sobol(low.size, seed=1).random(POINTS)
     points = [problem.tuned(point) for point in (problem.start, *others)]

@@ -233,7 +233,7 @@ class Problem:
         keys: Sequence[FitKey],
         trust: ErrorModel,
         progress: FitProgress | None = None,
-        ledger: BestSoFar | None = None,
+        best_so_far: BestSoFar | None = None,
         whole: Problem | None = None,
     ) -> None:
         self.scenario, self.evidence, self.keys, self.trust = scenario, evidence, list(keys), trust
@@ -258,7 +258,7 @@ class Problem:
         )
         self.spans = np.array([key.span for key in self.keys])
         self.low, self.high = np.array([key.reach for key in self.keys]).T
-        self.ledger = ledger or BestSoFar(progress or (lambda *_: None))
+        self.best_so_far = best_so_far or BestSoFar(progress or (lambda *_: None))
 
     def again(
         self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, TestOverrides]] | None = None,
@@ -271,7 +271,11 @@ class Problem:
             evidence = evidence
         keys = self.keys if keys is None else keys
         return Problem(
-            scenario or self.scenario, evidence, keys, trust or self.trust, ledger=self.ledger
+            scenario or self.scenario,
+            evidence,
+            keys,
+            trust or self.trust,
+            best_so_far=self.best_so_far,
         )
 
     def looser(self, factors: np.ndarray) -> Problem:
@@ -293,7 +297,12 @@ class Problem:
         if timed or "record.settle" in self.taken:
             return self
         short = Problem(
-            self.scenario, self.evidence, self.keys, self.trust, ledger=self.ledger, whole=self
+            self.scenario,
+            self.evidence,
+            self.keys,
+            self.trust,
+            best_so_far=self.best_so_far,
+            whole=self,
         )
         if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)):
             return self
@@ -310,11 +319,11 @@ class Problem:
                         result(future) for future in [pool.submit(work, item) for item in items]
                     ]
                 except KeyboardInterrupt:
-                    self.ledger.stopped = True
+                    self.best_so_far.stopped = True
                     raise
         finally:
             if current_thread() is main_thread():
-                self.ledger.stopped = False
+                self.best_so_far.stopped = False
 
     def widened(self) -> Problem | None:
         """With ranges of ours that reach further both ways; None where all are stated."""
@@ -475,7 +484,7 @@ class Problem:
 
         ``also`` are changes to other keys at each of the points, of each test.
         """
-        if self.ledger.stopped:
+        if self.best_so_far.stopped:
             raise KeyboardInterrupt
         found = []
         none: list[Mapping[str, object]] = [{}] * len(self.tests)
@@ -488,7 +497,7 @@ class Problem:
             r = np.concatenate([*self.weighted(self.differences(tables)), prior])
             found.append(r)
             if not also:
-                self.ledger.note(self, x, r)
+                self.best_so_far.note(self, x, r)
         return found
 
     def least(self, change: np.ndarray) -> np.ndarray:

@@ -93,7 +93,7 @@ def noisy_objective(problem: Problem, optima: Sequence[Optimum]) -> Findings:
     """What is known from regressions about the best of the ``optima``, whose region follows the
     standard errors.
     """
-    problem.ledger.stage = "scatter"
+    problem.best_so_far.stage = "scatter"
     x, m = optima[0].x, optima[0].x.size
     widest, size, converged = problem.spans / 4.0, np.full(m, INITIAL_HALF_WIDTH), False
     power = math.ceil(math.log2(max(MIN_POINTS, POINTS_PER_COEFFICIENT * (m + 1))))
@@ -255,7 +255,7 @@ def _residuals_of_draws(
     """Residuals at points, each with another draw of the noise where there is one, and with what
     each test has of its ``own``.
     """
-    problem.ledger.more(len(points) * len(problem.tests))
+    problem.best_so_far.more(len(points) * len(problem.tests))
     tests = list(
         zip((test for _, test in problem.tests), own or [{}] * len(problem.tests), strict=True)
     )

@@ -283,7 +283,7 @@ def _search_round(
     """
     from scipy.stats import qmc
 
-    problem.ledger.stage = "global"
+    problem.best_so_far.stage = "global"
     rough, few = problem.rough(), problem.along() is not None
     low, high = np.array([key.range for key in problem.keys]).T
     if few:
@@ -299,7 +299,7 @@ def _search_round(
     else:
         most = max(finishes, MAX_FITS)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
-    problem.ledger.stage = "local"
+    problem.best_so_far.stage = "local"
     optima: list[Optimum] = []
     ends: list[Optimum] = []
     while best and not (
@@ -330,7 +330,7 @@ def least_misfit(
     follows to their ends those fits that were the best of the one before, from points about them,
     too.
     """
-    problem.ledger.stage = "least misfit"
+    problem.best_so_far.stage = "least misfit"
     found = sorted(optima, key=lambda o: _chi_square(problem, o.r))[:FITS_PER_BATCH]
     looks = _looks(problem, seed)
     for number in range(SCALED_ROUNDS):
@@ -348,7 +348,7 @@ def least_misfit(
                 *descend_all(scaled, _promising(scaled, next(looks)), RESTART_STEPS),
             )
         ]
-        problem.ledger.more(scaled.ledger.simulations)
+        problem.best_so_far.more(scaled.best_so_far.simulations)
         met = [Optimum(x, r, cost(r)) for x, r in zip(ends, problem.residuals(ends), strict=True)]
         found = sorted([*found, *met], key=lambda o: _chi_square(problem, o.r))
         least = _chi_square(problem, found[0].r)
@@ -434,11 +434,11 @@ def _drop_insignificant_frequencies(
 
 def _with_scaled_errors(problem: Problem, r: np.ndarray) -> Problem:
     """The problem with standard deviations that leave one for each figure of residuals ``r``; with
-    a ledger of its own.
+    a best_so_far of its own.
     """
     factor = math.sqrt(max(goodness(problem, r).ratio, 1.0))
     scaled = problem.looser(np.full(problem.figures, factor))
-    scaled.ledger = BestSoFar(lambda *_: None)
+    scaled.best_so_far = BestSoFar(lambda *_: None)
     return scaled
 
 
@@ -461,7 +461,7 @@ def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, LinearMode
     """
     scaled, there = eased(problem, best)
     end, _, converged = confirm(scaled, there, linearise_at(scaled, there))
-    problem.ledger.more(scaled.ledger.simulations)
+    problem.best_so_far.more(scaled.best_so_far.simulations)
     (r,) = problem.residuals([end.x])
     best = Optimum(end.x, r, cost(r))
     return best, linearise_at(problem, best), converged
@@ -502,7 +502,7 @@ def confirm(
     If that finds something better, the search is repeated there; the last value tells whether the
     last search found nothing.
     """
-    problem.ledger.stage = "second look"
+    problem.best_so_far.stage = "second look"
     for look in range(MAX_RESTARTS):
         if look:
             local = linearise_at(problem, best)

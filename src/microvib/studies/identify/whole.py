@@ -71,7 +71,7 @@ def _problem_with_integers(problem: Problem, numbers: Mapping[str, object]) -> P
 
 
 def _fitted_again(other: Problem, problem: Problem, best: Optimum) -> tuple[Problem, Optimum]:
-    problem.ledger.stage = "whole numbers"
+    problem.best_so_far.stage = "whole numbers"
     return refine_noisy_optimum(
         other, [Descent(other, best.x).run(MAX_DESCENT_STEPS, COARSE_COST_TOLERANCE)]
     )
