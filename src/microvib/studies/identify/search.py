@@ -273,17 +273,22 @@ def _looks(problem: Problem, seed: int) -> Iterator[list[np.ndarray]]:
     first_high = np.where(ours, np.minimum(high, problem.start + problem.spans / 2.0), high)
     sampler = qmc.Sobol(low.size, seed=seed)
     while True:
-        count = SCALED_POINTS * min(low.size, SCALED_KEYS)
+        count = _power(SCALED_POINTS * min(low.size, SCALED_KEYS))
         near, far = np.split(sampler.random(count), [int(SCALED_NEAR * count)])
         points = [*(first_low + (first_high - first_low) * near), *(low + (high - low) * far)]
         yield [problem.tuned(x) for x in points]
+
+
+def _power(count: int) -> int:
+    """The next power of two, of which such points are even."""
+    return 1 << (count - 1).bit_length()
 
 
 def _about(scaled: Problem, x: np.ndarray, seed: int) -> list[np.ndarray]:
     """The best of points about another, near and less near: where figures jump, a fit ends wherever it is."""
     from scipy.stats import qmc
 
-    sides = 2.0 * qmc.Sobol(x.size, seed=seed).random(len(ABOUT) * scaled.start.size * 2) - 1.0
+    sides = 2.0 * qmc.Sobol(x.size, seed=seed).random(_power(2 * len(ABOUT) * x.size)) - 1.0
     sizes = np.resize(ABOUT, len(sides))
     points = list(np.clip(x + sizes[:, None] * sides, scaled.low, scaled.high))
     costs = [cost(r) for r in scaled.residuals(points)]
