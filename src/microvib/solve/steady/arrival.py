@@ -24,6 +24,8 @@ ARRIVED = 0.01
 """Deviation of the torque, over the RMS of the torque, at which a start from rest has arrived."""
 LOOKED_AT = 0.05
 """Decay times over which it is asked whether a deviation is linear, or a cycle of the slowest mode if that is longer."""
+GONE = 3.0
+"""Decay times before it, of what dies out fast: linear or not, it says nothing of where the run goes."""
 LOOKS = 3
 """How often that is asked before the deviation is waited for."""
 SMALLER = 0.1
@@ -62,6 +64,8 @@ class Found:
     """Rate [1/s] at which small deviations from it die out."""
     slow: np.ndarray
     """What sees a deviation of the state along each of those that die out slowly, (k, n); there may be none."""
+    fast: float
+    """Rate [1/s] at which all others die out at least."""
 
 
 def confirm(run: RunFromRest, found: Found, waited: bool = False) -> None:
@@ -90,25 +94,20 @@ def _periods(run: RunFromRest, time: float) -> int:
 
 def _dies_out(run: RunFromRest, found: Found) -> bool:
     """Whether the deviation from the motion becomes as linear as a small one before long, or has died out."""
-    periods = _periods(run, LOOKED_AT / found.decay)
-    before = rms(_deviation(run, found, math.ceil(0.5 * periods)))  # in which what decays fast does so
+    if not len(found.slow):
+        return False  # nothing takes long
+    periods, whole = _periods(run, LOOKED_AT / found.decay), 1.0 / run.period.frequency
+    _deviation(run, found, math.ceil(max(0.5 * periods, GONE / (found.fast * whole))))
+    left = math.exp(-DECAYS * found.decay * periods * whole)
     for _ in range(LOOKS):
         begun = run.seen() - found.x
         deviation = _deviation(run, found, periods)
-        away = rms(deviation)
-        if away <= ARRIVED * rms(found.T_d):
+        if rms(deviation) <= ARRIVED * rms(found.T_d):
             return True
-        left = math.exp(-DECAYS * found.decay * periods / run.period.frequency)
-        falls = _along_slow(found, run.seen() - found.x, away) <= left * _along_slow(found, begun, before)
-        if falls and _is_linear(run, found, begun, deviation):
+        before, after = (np.linalg.norm(found.slow @ x) for x in (begun, run.seen() - found.x))
+        if after <= left * before and _is_linear(run, found, begun, deviation):
             return True
-        before = away
     return False
-
-
-def _along_slow(found: Found, deviation: np.ndarray, away: float) -> float:
-    """Size of a ``deviation`` (n,) along what dies out slowly; that of the torque, ``away``, where nothing does."""
-    return float(np.linalg.norm(found.slow @ deviation)) if len(found.slow) else away
 
 
 def _is_linear(run: RunFromRest, found: Found, begun: np.ndarray, deviation: np.ndarray) -> bool:

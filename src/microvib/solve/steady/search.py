@@ -194,7 +194,8 @@ class Search:
 
         The eigenvalues of the derivatives' product are too coarse near 1, since the derivatives are powers of one part's. For the
         slow ones, a deviation along all their right eigenvectors is therefore simulated, and the left eigenvectors, which see
-        one direction each, read off what is left in every segment. Those at the start are kept, ``_slow``.
+        one direction each, read off what is left in every segment. Those at the start are kept
+        as ``_slow``, and the largest multiplier of all else as ``_fast``.
         """
         from scipy.linalg import eig  # slow to import, and runs from rest need none of it
 
@@ -203,6 +204,7 @@ class Search:
         slow = (size > SLOW) & (values.imag >= 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             self._slow = (left / np.sum(left * right.conj(), axis=0))[:, slow].conj().T
+        self._fast = float(np.max(size[size <= SLOW], initial=0.0))
         if np.any(slow):
             along, seen = [right[:, slow]], [left[:, slow].conj().T]
             for derivative in derivatives[:-1]:
@@ -221,8 +223,9 @@ class Search:
         period, bounds = self.period, self.segments.bounds
         run = RunFromRest(period)
         T_d = self.segments.advance(self.x * period.sizes, bounds[:-1], bounds[1:], run.rows).T_d
-        decay = -math.log(max(self.multiplier, 1e-9)) * period.frequency
-        confirm(run, Found(self.x[0] * period.sizes, T_d, decay, self._slow / period.sizes), waited=self.confirmed)
+        decay, fast = (-math.log(max(x, 1e-9)) * period.frequency for x in (self.multiplier, self._fast))
+        found = Found(self.x[0] * period.sizes, T_d, decay, self._slow / period.sizes, fast)
+        confirm(run, found, waited=self.confirmed)
         self.from_rest = run.simulated
         period.evaluations += run.simulated * period.frequency
 
