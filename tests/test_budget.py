@@ -2026,3 +2026,14 @@ def test_a_budget_says_that_a_drive_without_a_steady_state_was_simulated_from_re
     assert told in str(budget_report(found, draw_budget(found)))
     assert told in summary(found)["notes"]
     assert not pointing_budget(scenario, names=["north"]).without_steady
+
+
+def test_a_motion_that_repeats_after_several_periods_of_the_command_is_not_judged() -> None:
+    """Its lines between those of the clock are small in the torque and large beside array modes."""
+    stick_slip = {"friction.coulomb": Si(0.5), "friction.breakaway": Si(0.8)}
+    scenario = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml")).with_si(stick_slip)
+    asked = {"metric": "smear", "window": "1 s", "axis": "y", "limit": "50 nrad"}
+    found = pointing_budget(scenario, Requirements(requirements=[asked]), steady=True)
+    [one] = found.judged
+    assert one.verdict == "not judged"
+    assert any("repeats only every 176 microsteps" in why for why in one.why)

@@ -48,6 +48,7 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import BELOW_FLOOR, DETECTION_RATIO, NOISE_DRIVEN, Line, LineTable
+from microvib.solve.steady.period import common_period
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.recorded import unaccounted
 from microvib.testdata.recording import Recording, channel_fault
@@ -233,6 +234,7 @@ def contribution_of_run(
     own = [rows[name] for name in found.names]
     broken = [name for drive in result.drives.values() for name in drive.table.broken]
     unknown = failed_invariants_reason(broken, scenario)
+    reasons = map(open_gap, filter(None, (unknown, _between_clock_lines(result))))
     doubt = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
         scenario, own, found.frequency, other_steps
     )
@@ -253,13 +255,33 @@ def contribution_of_run(
         unlocked=np.array([not x.of_clock for x in own], dtype=bool),
         rings=rings,
         density=line_of_sight_noise_spectrum(scenario),
-        gaps=(*([open_gap(unknown)] if unknown else ()), *_gaps(scenario, result.table, found, result.state is not None)),
+        gaps=(*reasons, *_gaps(scenario, result.table, found, result.state is not None)),
         doubt=np.maximum(doubt, 1.0) if unknown else doubt,
         frequency_doubt=frequency_error_bound(
             found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty_hz for x in own])
         ),
         scenario=scenario,
     ), found  # fmt: skip
+
+
+def _between_clock_lines(result: RunResult) -> str:
+    """Why lines of a steady state may be missing between those of the clock; empty where none can be.
+
+    A motion that repeats only after several periods of the command has lines at all multiples of
+    its own frequency. Those that are small in the torque are not listed, and may be large in the
+    line of sight, next to a mode.
+    """
+    for drive in result.drives.values():
+        if drive.state is None:
+            continue
+        command, _ = common_period(drive.state.scenario)
+        if drive.state.microsteps > command:
+            return (
+                f"the steady motion repeats only every {drive.state.microsteps} microsteps, the command"
+                f" every {command}: lines at other multiples of {drive.state.frequency:.3g} Hz are not"
+                " in the sum (simulate in time, without a steady start)"
+            )
+    return ""
 
 
 def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
