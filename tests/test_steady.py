@@ -483,3 +483,16 @@ def test_lines_of_a_series_are_those_of_its_samples():
         assert other.phase_rad == pytest.approx(line.phase_rad, abs=1e-3)
         assert other.bin_frequency_hz == line.bin_frequency_hz
         assert other.bin_amplitude_n_m == pytest.approx(line.bin_amplitude_n_m, rel=1e-4)
+
+
+def test_an_order_beside_an_array_mode_is_left_where_no_line_names_it():
+    """The line nearest to a mode is the one that the mode amplifies: it counts against a limit."""
+    series = np.zeros(40, dtype=complex)
+    series[[11, 16]] = 0.002, 0.3
+    expected = [
+        ExpectedLine("drive_1", "drive", 16.0, 16.0, 16.0, "made"),
+        ExpectedLine("array_mode_1", "array mode", 11.003, 10.9, 11.1, "made"),
+    ]
+    table = lines_of_series(series, 1.0, 16, expected, 1024, 64.0)
+    assert [line.line for line in table] == ["drive_1", "array_mode_1"]
+    assert table.rest.within(10.9, 11.1) == (11.0, pytest.approx(0.002))

@@ -67,9 +67,8 @@ def lines_of_series(
         *bins,
     )
     rest = np.ones(series.size, dtype=bool)
-    rest[
-        [0, *(k for k in np.rint(frequency / base).astype(int).tolist() if 0 <= k < series.size)]
-    ] = False
+    # An array mode is no line of a steady state: the order nearest to it is still left.
+    rest[[0, *(_order(line, base, series.size) for line in lines if not line.is_mode)]] = False
     left = np.flatnonzero(rest)
     rows = figures.rows(Uncertainty(sharp, sharp, sharp, sharp))
     return LineTable(
