@@ -236,6 +236,14 @@ def test_a_motion_that_no_run_shows_is_not_taken(seed, why):
         steady_state(scenario)
 
 
+def test_a_motion_of_whose_stability_nothing_is_known_is_not_taken():
+    """Derivatives grow by 1e26 over the period, beside which other directions are not seen."""
+    tracking = {"rate": 0.0005222569844779746, "clock_ratio": 1.0}
+    scenario = scenario_of_any_kind(1).with_si({"tracking": tracking})
+    state, why = find_steady(scenario)
+    assert why or np.isfinite(state.multiplier)
+
+
 SELF_EXCITED = {
     "array": {"inertia": 16.3168, "modes": [{"frequency": 4.4206, "damping": 0.032597, "effective_inertia": 16.12997}]},
     "driver": {"beats": 6, "microsteps": 32, "proportional_gain": 274.687, "integral_gain": 2702.605},

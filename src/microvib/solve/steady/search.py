@@ -252,11 +252,13 @@ class Search:
             off = np.array([v.real.sum(axis=1) for v in along])
             off *= DEVIATION / np.max(np.abs(off)) * (self.x != 0.0)  # what sticks stays at rest
             x, ends = self._advance(self.x + off)
-            for j in range(len(x)):
-                size[slow] *= np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j])) / np.abs(
-                    seen[j] @ (x[j] - self.x[j])
-                )
-        return float(np.max(size))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                for j in range(len(x)):
+                    after = np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j]))
+                    size[slow] *= after / np.abs(seen[j] @ (x[j] - self.x[j]))
+        largest = float(np.max(size))
+        # Beside a direction that grows by many powers of ten others vanish, and nothing is known.
+        return math.inf if math.isnan(largest) else largest
 
     def _check_from_rest(self) -> None:
         """Against all else: the motion that a run shows is the one that a start from rest leads to."""
