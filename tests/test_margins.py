@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.scenarios import limit_of
+from support.scenarios import heavy_scenario, limit_of
 
 import microvib as mv
 from microvib.analysis.limits import Judgement, judge, transient_warnings
@@ -134,6 +134,25 @@ def test_each_cause_of_lines_above_the_passband_is_told(state_1, cause):
     band = (14.5, 200.0) if made.driving_frequency > 200.0 else (14.5, 100.0)
     told = judge(silent, limit_of(0.5e-3, *band), made)
     assert told.verdict == "not judged"
+
+
+@pytest.mark.parametrize("sample_rate", ["64 Hz", "128 Hz"])
+def test_lines_that_friction_makes_between_those_of_the_clock_do_not_pass_unseen(sample_rate):
+    """Every second microstep sticks: lines at odd multiples of half the driving frequency, far
+    above what a slow record shows and no mode near them."""
+    whole = heavy_scenario(9).with_({"record.settle": "20 s", "record.duration": "4 s"})
+    half = 3.5 * whole.driving_frequency
+    shown = mv.lines(mv.simulate(whole, channels=("T_d",)))
+    line = min(shown, key=lambda x: abs(x.place_hz - half))
+    assert line.place_hz == pytest.approx(half, rel=1e-6)
+    low = whole.with_({"record.sample_rate": sample_rate})
+    seen = mv.lines(mv.simulate(low, channels=("T_d",)))
+    for width in (1.002, 1.05, 1.3):
+        limit = limit_of(0.6 * line.amplitude_n_m, half / width, half * width)
+        assert judge(shown, limit, whole).verdict == "fail"
+        assert judge(seen, limit, low).verdict == "not judged"
+    above_friction = limit_of(5.0 * whole.friction.largest_torque, half / 1.3, half * 1.3)
+    assert judge(seen, above_friction, low).verdict == "pass"
 
 
 def test_what_the_highest_octave_has_goes_on_above_it(state_1):

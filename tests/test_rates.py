@@ -405,7 +405,7 @@ def test_a_rate_is_not_allowed_for_lines_above_the_passband(state_1):
                 "not judged: lines above the passband may exceed the limit (record.sample_rate >= "
                 in said
             )
-            assert "a full-step line at" in said
+            assert "such as a line of the output's friction at" in said
             assert plan.forbidden[0].why.startswith(ABOVE_PASSBAND)
     assert whole.best() is not None
 

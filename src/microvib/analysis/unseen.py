@@ -4,8 +4,9 @@ may be at most.
 Of what the step clock makes, the linearised drive says how large it gets from what pulls at the
 rotor: the command's staircase and its side lines, the detent torque, errors of the driver. What
 goes on from the highest octave of the record does so no stronger than there, through the same
-drive. Lines of a gear train's errors are not bounded by any model here, those of friction by its
-breakaway.
+drive. Lines of a gear train's errors are not bounded by any model here. Friction, backlash and
+hysteresis may make lines at any frequency, also between those of the clock, no larger than a torque
+of their size makes.
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ EXTRAPOLATION_FACTOR = 3.0
 """Factor on what stands in the highest octave of a record for what may stand above it, beside what
 the drive amplifies.
 """
+_SWITCHING_SEEN_RATIO = 2.0
+"""Times the frequency at which friction may switch that a record must reach: then it shows the
+largest of the lines that this makes, and what is above follows from them.
+"""
 _MAX_ORDERS = 5000
 _MAX_FREQUENCIES = 600
 """Frequencies at which one family of lines is looked at: all of its lines, or those near modes and
@@ -43,6 +48,8 @@ others spread evenly.
 """
 _MANY_MODES = 60
 """Modes from which a tenth of that is enough of a wait."""
+_LOWEST_FREQUENCY_RATIO = 0.01
+"""Part of the lowest mode's frequency below which the drive's response is not looked at."""
 
 
 @dataclass(frozen=True)
@@ -65,18 +72,17 @@ class OutOfBandLines:
     """How many lines each stands for, (n,); None where that is one."""
     between: bool = False
     """Whether there may be lines between these, no larger than their neighbours."""
+    falling: bool = False
+    """Whether there may be lines above these, too, no larger than the last."""
 
     def within(self, low: float, high: float) -> OutOfBandLines:
         """Those between two frequencies [Hz], which belong to it."""
         first = int(np.searchsorted(self.frequency, low))
         last = int(np.searchsorted(self.frequency, high, "right"))
-        if (
-            self.between
-            and self.frequency.size
-            and low <= self.frequency[-1]
-            and high >= self.frequency[0]
-        ):
-            first, last = max(first - 1, 0), last + 1
+        if self.between and self.frequency.size and high >= self.frequency[0]:
+            last += 1
+            if low <= self.frequency[-1] or self.falling:
+                first = max(first - 1, 0)
         part = slice(first, last)
         if self.number is None:
             number = None
@@ -100,26 +106,64 @@ def out_of_band_lines(
     yield from clock_line_bounds(scenario, start, high)
     yield from _extrapolated_bounds(scenario, table, start, high)
     yield from _noise_driven_modes(scenario, start, high)
+    shown = PASSBAND * table.sample_rate
+    if shown < _SWITCHING_SEEN_RATIO * _switching_frequency(scenario):
+        yield from nonlinear_torque_bounds(scenario, start, high)
     if any(x.status == TRANSIENT for x in table):  # in the steady state nothing rings
         return
-    yield from stick_slip_bounds(scenario, start, high)
     for mode in modes:
         if mode.damping > 0.0 and mode.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS:
             yield _unbounded(f"ringing of {mode.name}", mode.frequency)
 
 
-def stick_slip_bounds(scenario: Scenario, start: float, high: float) -> Iterator[OutOfBandLines]:
-    """Modes between two frequencies [Hz] that stick and slip of either shaft may keep going."""
-    held = (
-        scenario.friction.breakaway_torque
-        + scenario.reducer.ratio * scenario.motor.friction.breakaway_torque
-    )
-    for mode in coupled_modes(scenario) if held > 0.0 else ():
-        if start < mode.frequency <= high:
-            f, pull = np.array([mode.frequency]), np.array([4.0 / math.pi * held])
-            yield _bounds_by_torque(
-                scenario, f"stick and slip of {mode.name}", f, pull, on_output=True
-            )
+def nonlinear_torque_bounds(
+    scenario: Scenario, start: float, high: float
+) -> Iterator[OutOfBandLines]:
+    """What friction, backlash and hysteresis may make at any frequency between two [Hz].
+
+    Each is a torque beside the linear drive that never exceeds a size of its own: whatever it does,
+    the root mean square of its lines together is at most that size, and one line at most sqrt(2)
+    times it. It switches at most twice in a period of the drive's fastest mode and twice in a
+    microstep; lines of such a torque fall with their frequency above that.
+    """
+    reducer = scenario.reducer
+    in_gear = sum(share for _, share in reducer.memory)
+    if reducer.backlash and not reducer.rigid:
+        in_gear += 0.5 * float(reducer.stiffness) * reducer.backlash
+    at = _frequency_grid(scenario, start, high)
+    falling = math.sqrt(2.0) * np.minimum(1.0, 2.0 * _switching_frequency(scenario) / at)
+    # What acts in the gear acts on both shafts at once: either is given twice its torque, which
+    # bounds their sum.
+    for what, size, on_output in (
+        ("a line of the rotor's friction", scenario.motor.friction.largest_torque, False),
+        ("a line of the output's friction", scenario.friction.largest_torque, True),
+        ("a line of backlash or hysteresis", 2.0 * in_gear / reducer.ratio, False),
+        ("a line of backlash or hysteresis", 2.0 * in_gear, True),
+    ):
+        if size > 0.0 and at.size:
+            found = _bounds_by_torque(scenario, what, at, size * falling, on_output=on_output)
+            yield replace(found, between=True, falling=True)
+
+
+def _switching_frequency(scenario: Scenario) -> float:
+    """How often friction or a gap may switch at most [Hz]: once a microstep or with the fastest
+    mode.
+    """
+    modes = (m.frequency for m in coupled_modes(scenario))
+    return max(scenario.driving_frequency or 0.0, *modes, 0.0)
+
+
+def _frequency_grid(scenario: Scenario, start: float, high: float) -> np.ndarray:
+    """Frequencies [Hz], ascending, between whose neighbours the drive amplifies no more than at
+    one of them: evenly spread, and those of its modes.
+    """
+    modes = np.array([m.frequency for m in coupled_modes(scenario)])
+    end = min(2.0 * max(start, modes.max(initial=0.0)), high)
+    start = max(start, _LOWEST_FREQUENCY_RATIO * modes.min(initial=end))
+    if not end > start > 0.0:
+        return np.empty(0)
+    even = np.geomspace(start, end, 50 if modes.size < _MANY_MODES else 10)
+    return np.union1d(even, modes[(modes > start) & (modes < end)])
 
 
 def clock_line_bounds(
@@ -265,8 +309,8 @@ def output_torque_gain(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
 def _extrapolated_bounds(
     scenario: Scenario, table: LineTable, start: float, high: float
 ) -> Iterator[OutOfBandLines]:
-    """What stands in the highest octave of the record, as torques on rotor or output would carry it
-    on.
+    """What stands in the two highest octaves of the record, as torques on rotor or output would
+    carry it on.
 
     Such torques have jumps at most, whose lines fall as their frequency rises.
     """
@@ -278,18 +322,17 @@ def _extrapolated_bounds(
     ]
     if table.rest is not None:
         known += zip(table.rest.frequency.tolist(), table.rest.amplitude.tolist(), strict=True)
-    octave = np.array([row for row in known if 0.5 * edge <= row[0] <= edge]).reshape(-1, 2)
-    modes = np.array([m.frequency for m in coupled_modes(scenario)])
-    end = min(2.0 * max(start, modes.max(initial=0.0)), high)
-    even = np.geomspace(start, end, 50 if modes.size < _MANY_MODES else 10)
-    at = np.union1d(even, modes[(modes > start) & (modes < end)])
+    octaves = np.array([row for row in known if 0.25 * edge <= row[0] <= edge]).reshape(-1, 2)
+    seen, size = octaves.T
+    fallen = np.where(seen < 0.5 * edge, seen / edge, 1.0)
+    at = _frequency_grid(scenario, start, high)
     for on_output, by in ((False, rotor_torque_gain), (True, output_torque_gain)):
-        level = np.max(octave[:, 1] / np.maximum(by(scenario, octave[:, 0]), 1e-300), initial=0.0)
+        level = np.max(fallen * size / np.maximum(by(scenario, seen), 1e-300), initial=0.0)
         pull = EXTRAPOLATION_FACTOR * level * edge / at
         found = _bounds_by_torque(
-            scenario, "a continuation of the highest octave's lines", at, pull, on_output=on_output
+            scenario, "a continuation of the highest octaves' lines", at, pull, on_output=on_output
         )
-        yield replace(found, between=True)
+        yield replace(found, between=True, falling=True)
 
 
 def _noise_driven_modes(scenario: Scenario, start: float, high: float) -> Iterator[OutOfBandLines]:

@@ -108,6 +108,13 @@ class Friction(Part):
         return self.sliding_torque + self.stribeck_torque
 
     @property
+    def largest_torque(self) -> float:
+        """Largest torque that can be held at rest at any angle of the shaft [N m]."""
+        if self.position is None:
+            return self.breakaway_torque
+        return self.breakaway_torque * self.position.largest_factor
+
+    @property
     def with_new_seed(self) -> Friction:
         """The same of another unit: its noise and its roughness are other draws."""
         noise, position = self.torque_noise, self.position

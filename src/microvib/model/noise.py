@@ -198,17 +198,28 @@ class FrictionPosition(Part):
     )
 
     def _misfits(self) -> Iterator[str]:
-        periodic = sum(h.amplitude for h in self.harmonics)
-        if self.roughness:
-            random = _ROUGHNESS_SIGMAS * self.roughness.deviation
-        else:
-            random = 0.0
+        periodic, random = self._periodic_variation, self._random_variation
         if periodic + random > 1.0:
             yield (
                 f"harmonics: amplitudes add up to {periodic:.3g} and {_ROUGHNESS_SIGMAS:g} standard"
                 f" deviations of roughness to {random:.3g};"
                 " together they must be at most 1, or friction would change its sign"
             )
+
+    @property
+    def _periodic_variation(self) -> float:
+        return sum(h.amplitude for h in self.harmonics)
+
+    @property
+    def _random_variation(self) -> float:
+        if self.roughness is None:
+            return 0.0
+        return _ROUGHNESS_SIGMAS * self.roughness.deviation
+
+    @property
+    def largest_factor(self) -> float:
+        """What friction is multiplied by at most, at any angle."""
+        return 1.0 + self._periodic_variation + self._random_variation
 
     @property
     def acts(self) -> bool:

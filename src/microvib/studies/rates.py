@@ -18,8 +18,8 @@ from microvib.analysis.start import mode_has_decayed, not_moving_reason, rounded
 from microvib.analysis.unseen import (
     OutOfBandLines,
     clock_line_bounds,
+    nonlinear_torque_bounds,
     out_of_band_lines,
-    stick_slip_bounds,
 )
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
@@ -493,7 +493,7 @@ def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
     )
     others = (
         *clock_line_bounds(changed, 0.0, math.inf, known=HARMONICS),
-        *stick_slip_bounds(changed, 0.0, math.inf),
+        *nonlinear_torque_bounds(changed, 0.0, math.inf),
     )
     return RateCase(rate, microsteps, lines, shown=0.0, unseen=others)
 
