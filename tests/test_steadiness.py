@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ from microvib.analysis.lines import recording_warnings
 from microvib.analysis.steadiness import may_be_larger
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_bench
+from microvib.reports.comparison import verdict_sentence
 from microvib.signals.line_fit import estimate_lines
 from microvib.signals.unaccounted import excesses
 from microvib.studies.budget.files import Requirements
@@ -117,6 +119,19 @@ def test_a_steady_recording_stays_judged(torque: np.ndarray, scenario: mv.Scenar
     )
 
 
+@pytest.mark.parametrize(
+    "name", sorted(UNSTEADY.keys() - {"on in the last 90 %"})
+)  # lines a tenth off
+def test_what_is_not_steady_is_said_beside_the_lines(
+    name: str, torque: np.ndarray, scenario: mv.Scenario
+) -> None:
+    """Also where the lines are so smeared that none of them stands out."""
+    recording = recorded(UNSTEADY[name](np.arange(torque.size) / FS, torque))
+    table = mv.lines(recording, scenario=scenario)
+    told = list(recording_warnings(recording, "Mz", scenario, table))
+    assert any("not steady" in note or "the lines that count" in note for note in told), told
+
+
 def test_a_recording_of_the_bench_stays_judged() -> None:
     """With noise, drift and pick-up of the mains, and a mode that rings."""
     scenario = mv.load_scenario("state-1")
@@ -150,6 +165,8 @@ def test_lines_of_what_is_not_steady_are_not_compared(
     changed = Prepared(recorded(UNSTEADY[name](np.arange(torque.size) / FS, torque)))
     rows = {row.line: row.verdict for row in compare(steady, changed, scenario=scenario).rows}
     assert rows["drive_1"] == "not judged"
+    told = verdict_sentence(compare(steady, changed, scenario=scenario).rows)
+    assert re.search(r"in bands that are not steady \([^)]*drive_1", told)
     same = {row.line: row.verdict for row in compare(steady, steady, scenario=scenario).rows}
     assert same["drive_1"] == "agrees"
 

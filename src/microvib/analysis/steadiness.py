@@ -66,14 +66,20 @@ def steadiness_notes(table: LineTable) -> Iterator[str]:
     """Sentences on bands in which it leaves open how large the clock's larger lines are that a
     recording holds more than lines.
     """
-    large = [
-        x
-        for x in table
-        if x.seen and x.amplitude_n_m > _LARGE * table.largest and blurred(table, x)
-    ]
-    bands = [one for one in table.excess if any(one.low <= x.place_hz <= one.high for x in large)]
+    largest = max([table.largest, *(one.amplitude for one in table.excess)])
+    bands = [one for one in table.excess if _hides_clock_line(table, one, _LARGE * largest)]
     for group in joined(bands):
         yield max(group, key=lambda one: one.rms).told()
+
+
+def _hides_clock_line(table: LineTable, one: Excess, least: float) -> bool:
+    """Whether a band leaves open how large one of the clock's lines in it is that is, or may be,
+    larger than ``least``.
+    """
+    inside = [x for x in table if x.of_clock and one.low <= x.place_hz <= one.high]
+    if any(x.seen and x.amplitude_n_m > least and blurred(table, x) for x in inside):
+        return True
+    return one.amplitude > least and not all(x.seen for x in inside)
 
 
 def _largest(table: LineTable, one: Excess) -> float:

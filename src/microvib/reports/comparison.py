@@ -134,10 +134,17 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
         (HIDDEN, "hidden by the floor of one side"),
         (ONLY_A, "only A has"),
         (ONLY_B, "only B has"),
-        (UNJUDGED, "without uncertainties"),
     ):
-        if of[v] and (judged or v != UNJUDGED):
+        if of[v]:
             rest += f" {count_text(len(of[v]), 'line')} {text}{_names(of[v])}."
+    unsteady = [r for r in of[UNJUDGED] if not (r.a.steady and r.b.steady)]
+    if unsteady:
+        rest += (
+            f" {count_text(len(unsteady), 'line')} in bands that are not steady{_names(unsteady)}."
+        )
+    others = [r for r in of[UNJUDGED] if r not in unsteady]
+    if others and judged:
+        rest += f" {count_text(len(others), 'line')} without uncertainties{_names(others)}."
     return rest
 
 
