@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -183,52 +183,84 @@ def recording_of(
     ``mixed`` says that the file may hold vectors that are not channels.
     """
     said, columns = list(notes), list(columns)
-    rated: list[tuple[Column, float]] = []
-    known: dict[tuple[object, ...], float] = {}
     named = _time_history_columns(_with_time(_with_units(columns, hints), hints), hints, said)
-    sampled = [c for c in named if c.rates or c.time is not None or c.axis is not None]
-    if mixed and sampled and hints.sample_rate is None:
-        bare = (c for c in named if not any(c is s for s in sampled))
-        said += [f"left out, without a sample rate: {c.name} ({c.values.size})" for c in bare]
-        named = sampled
-    for column in named:
-        key = (
-            id(column.time),
-            column.axis and replace(column.axis, start=None),
-            *column.rates.items(),
-        )
-        if key not in known:
-            known[key] = _rate(column, hints, said)
-        rated.append((column, known[key]))
-    rate = max((column.values.size, rate) for column, rate in rated)[1]
-    pairs = _aligned([column for column, own in rated if own == rate], rate, hints, said)
-    size = max(column.values.size for _, column in pairs)
-    alike = [column for _, column in pairs if column.values.size == size]
-    sizes = {column.name: column.values.size for _, column in pairs}
-    if not mixed and len(alike) < len(pairs):
-        raise RecordingError(f"its channels differ in length: {sizes}")
-    used = [whole for whole, column in pairs if column.values.size == size]
-    _check_alike(
-        alike, [column for column, _ in rated if not any(column is u for u in used)], rate, said
-    )
-    said += [
-        f"channel {c.name} contains only integers: are these {c.unit}, or counts of a converter?"
-        for c in alike
-        if as_load(f"1 {c.unit}") is not None
-        and not re.match(r"\s*[+-]?[\d.]", hints.units.get(c.name, ""))
-        and _integer_valued(c.values)
-    ]
-    for column in alike:
-        bad = int(np.count_nonzero(~np.isfinite(column.values)))
-        if bad:
-            said.append(f"channel {column.name}: {bad} of {size} samples are not numbers")
-    units = {c.name: c.unit.strip().strip("[]").strip() for c in alike}
-    axes = {axis.name for c in named for axis in (c.time, c.axis) if axis is not None}
-    axes |= {c.name for c in columns if c.name not in units}
-    told = tuple(dict.fromkeys(note for note in said if note))
+    if mixed and hints.sample_rate is None:
+        named = _with_known_rate(named, said)
+    rates = _rates_of(named, hints, said)
+    rate = max((column.values.size, rate) for column, rate in zip(named, rates, strict=True))[1]
+    at_rate = [column for column, own in zip(named, rates, strict=True) if own == rate]
+    cuts = _aligned(at_rate, rate, hints, said)
+    if not mixed:
+        _check_lengths([cut.part for cut in cuts])
+    size = max(cut.part.values.size for cut in cuts)
+    cuts = [cut for cut in cuts if cut.part.values.size == size]
+    channels = [cut.part for cut in cuts]
+    used = {id(cut.whole) for cut in cuts}
+    _check_alike(channels, [column for column in named if id(column) not in used], rate, said)
+    said += [note for channel in channels for note in _integer_notes(channel, hints)]
+    said += [note for channel in channels for note in _not_a_number_notes(channel)]
     return Recording(
-        {c.name: c.values for c in alike}, rate, units, notes=told, axes=frozenset(axes)
+        {channel.name: channel.values for channel in channels},
+        rate,
+        {channel.name: channel.unit.strip().strip("[]").strip() for channel in channels},
+        notes=tuple(dict.fromkeys(filter(None, said))),
+        axes=_names_beside(channels, named, columns),
     )
+
+
+def _with_known_rate(columns: list[Column], said: list[str]) -> list[Column]:
+    """The columns of which the file says a rate or an axis, or all where it says none."""
+    sampled = [c for c in columns if c.rates or c.time is not None or c.axis is not None]
+    if not sampled:
+        return columns
+    known = {id(column) for column in sampled}
+    bare = [column for column in columns if id(column) not in known]
+    said += [f"left out, without a sample rate: {c.name} ({c.values.size})" for c in bare]
+    return sampled
+
+
+def _rates_of(columns: list[Column], hints: Hints, said: list[str]) -> list[float]:
+    """Sample rate [Hz] of each column; what states it is read once for all that share it."""
+    known: dict[tuple[object, ...], float] = {}
+    rates = []
+    for column in columns:
+        step = column.axis and replace(column.axis, start=None)
+        statements = (id(column.time), step, *column.rates.items())
+        if statements not in known:
+            known[statements] = _rate(column, hints, said)
+        rates.append(known[statements])
+    return rates
+
+
+def _check_lengths(columns: list[Column]) -> None:
+    sizes = {column.name: column.values.size for column in columns}
+    if len({column.values.size for column in columns}) > 1:
+        raise RecordingError(f"its channels differ in length: {sizes}")
+
+
+def _integer_notes(channel: Column, hints: Hints) -> Iterator[str]:
+    """A question where all samples of a load are whole numbers, and no scale is given."""
+    scaled = re.match(r"\s*[+-]?[\d.]", hints.units.get(channel.name, ""))
+    if as_load(f"1 {channel.unit}") is None or scaled or not _integer_valued(channel.values):
+        return
+    yield (
+        f"channel {channel.name} contains only integers: are these {channel.unit}, or counts of a"
+        " converter?"
+    )
+
+
+def _not_a_number_notes(channel: Column) -> Iterator[str]:
+    bad = int(np.count_nonzero(~np.isfinite(channel.values)))
+    if bad:
+        yield f"channel {channel.name}: {bad} of {channel.values.size} samples are not numbers"
+
+
+def _names_beside(
+    channels: list[Column], named: list[Column], columns: list[Column]
+) -> frozenset[str]:
+    """Names of the axes, and of all columns of the file that are not channels."""
+    axes = {axis.name for c in named for axis in (c.time, c.axis) if axis is not None}
+    return frozenset(axes | ({c.name for c in columns} - {c.name for c in channels}))
 
 
 def _with_units(columns: list[Column], hints: Hints) -> list[Column]:
@@ -265,17 +297,21 @@ def _time_history_columns(columns: list[Column], hints: Hints, said: list[str]) 
         )
         if reason:
             reasons.append(reason)
-        elif column.scales and column.name in hints.sensitivity and _integer_valued(column.values):
-            kept.append(replace(column, unit="counts"))
         else:
-            kept.append(column)
+            kept.append(_in_counts_where_scaled(column, hints))
     longest = max(column.values.size for column in columns)
-    if not any(
-        2 * column.values.size > longest for column in kept
-    ):  # what is left are lists of something else
+    kept_longest = max((column.values.size for column in kept), default=0)
+    if 2 * kept_longest <= longest:  # what is left are lists of something else
         raise RecordingError(reasons[0] if reasons else "has no channels", remedy="prepare")
     said += [f"left out: {reason}" for reason in reasons]
     return kept
+
+
+def _in_counts_where_scaled(column: Column, hints: Hints) -> Column:
+    """The column, in counts where the preparation says the sensitivity of the file's counts."""
+    if column.scales and column.name in hints.sensitivity and _integer_valued(column.values):
+        return replace(column, unit="counts")
+    return column
 
 
 def _over_another_axis(column: Column, hints: Hints) -> str:
@@ -388,45 +424,53 @@ def _integer_valued(values: np.ndarray) -> bool:
     return bool(finite.size and np.all(finite == np.rint(finite)) and np.ptp(finite) > 0)
 
 
-def _aligned(
-    columns: list[Column], rate: float, hints: Hints, said: list[str]
-) -> list[tuple[Column, Column]]:
-    """Columns, each with its part from the latest of their starts on; RecordingError where they
-    differ by parts of a sample.
+@dataclass(frozen=True)
+class _Cut:
+    """A column, and its part from the latest start of all on."""
+
+    whole: Column
+    part: Column
+
+
+def _aligned(columns: list[Column], rate: float, hints: Hints, said: list[str]) -> list[_Cut]:
+    """Columns from the latest of their starts on; RecordingError where they differ by parts of a
+    sample.
     """
-    starts = [_start(column, hints) for column in columns]
-    longest = max(column.values.size for column in columns)
-    meant = [c.name in hints.channels for c in columns]
-    if not any(meant):
-        meant = [2 * c.values.size > longest for c in columns]
-    chosen = [
-        (c, at) for c, at, own in zip(columns, starts, meant, strict=True) if own and at is not None
-    ]
-    known = [at for _, at in chosen]
-    if not known or max(known) - min(known) <= 0.01 / rate:
-        return [(c, c) for c in columns]
-    first, last = min(known), max(known)
-    late = [(last - at) * rate for at in known]
-    size = min(c.values.size - round(k) for (c, _), k in zip(chosen, late, strict=True))
-    if size < 8 or any(abs(k - round(k)) > 0.01 for k in late):
-        names = ", ".join(f"{c.name} at {at:.6g} s" for c, at in chosen[:6])
+    started = _columns_with_start(columns, hints)
+    starts = [start for _, start in started]
+    if not starts or max(starts) - min(starts) <= 0.01 / rate:
+        return [_Cut(column, column) for column in columns]
+    first, last = min(starts), max(starts)
+    late = [(column, (last - start) * rate) for column, start in started]  # samples
+    size = min(column.values.size - round(k) for column, k in late)
+    if size < 8 or any(abs(k - round(k)) > 0.01 for _, k in late):
+        names = ", ".join(f"{column.name} at {start:.6g} s" for column, start in started[:6])
         raise RecordingError(
             f"its channels start at different times, {first:g} to {last:g} s, and not by whole"
             " samples within the record; they must"
             " be cut to one time. Or name in the preparation file those that start together, such"
             f" as channels: {{Mz:"
-            f" {yaml_quoted(chosen[-1][0].name)}}}; there are {names}",
+            f" {yaml_quoted(started[-1][0].name)}}}; there are {names}",
             remedy="prepare",
         )
     said.append(
         f"channels start at different times, {first:g} to {last:g} s; all are taken from the latest"
         f" start on, {size} samples"
     )
-    cut = [round(k) for k in late]
     return [
-        (c, replace(c, values=c.values[k : k + size]))
-        for (c, _), k in zip(chosen, cut, strict=True)
+        _Cut(column, replace(column, values=column.values[round(k) : round(k) + size]))
+        for column, k in late
     ]
+
+
+def _columns_with_start(columns: list[Column], hints: Hints) -> list[tuple[Column, float]]:
+    """The columns that are wanted, or else the longer ones, with their start [s] where known."""
+    longest = max(column.values.size for column in columns)
+    wanted = [column for column in columns if column.name in hints.channels]
+    if not wanted:
+        wanted = [column for column in columns if 2 * column.values.size > longest]
+    starts = ((column, _start(column, hints)) for column in wanted)
+    return [(column, start) for column, start in starts if start is not None]
 
 
 def _start(column: Column, hints: Hints) -> float | None:
@@ -459,44 +503,60 @@ def _check_alike(kept: list[Column], others: list[Column], rate: float, said: li
 
 
 def _with_time(columns: list[Column], hints: Hints) -> list[Column]:
-    """The columns that are not time axes, each with the time axis that is meant for it."""
-    if hints.time is not None and hints.time not in [c.name for c in columns]:
-        raise RecordingError(
-            f"time: there is no column '{hints.time}'; there are"
-            f" {', '.join(c.name for c in columns)}"
-        )
-    axes = [
-        c for c in columns if (c.name == hints.time if hints.time is not None else is_time(c.name))
-    ]
-    if not axes and hints.time is None:  # one whose unit alone says it, such as X_Value [s]
-        axes = [c for c in columns if _runs_in_time(c)][:1]
+    """The columns that are not axes, each with the time axis that is meant for it."""
+    axes = _time_axes(columns, hints)
     timed = {axis.values.size for axis in axes}
     spectral = [c for c in columns if c.values.size not in timed and _runs_over_spectra(c)]
+    runs_over = ""
     if len(columns) > 1 and not axes:
-        elsewhere = _evenly_over(columns[0], hints)
-    else:
-        elsewhere = ""
+        runs_over = _evenly_over(columns[0], hints)
+    left_out = {id(column) for column in (*axes, *spectral)}
+    if runs_over:
+        left_out.add(id(columns[0]))
     found = []
     for column in columns:
-        if any(column is axis for axis in (*axes, *spectral)):
-            continue
-        fitting = [a for a in axes if a.values.size == column.values.size]
-        rates = dict(column.rates)
-        for axis in fitting[1:]:  # a second axis is a second statement
-            rates |= _rate_of_axis(axis, hints, [])
-        if column.time is None and fitting:
-            column = replace(column, time=fitting[0], rates=rates)
-        if elsewhere and column is columns[0]:
-            continue
-        if elsewhere and column.time is None and column.axis is None:
-            column = replace(
-                column, unfit=f"channel {column.name} is not a time history but {elsewhere}"
-            )
-        over = next((a for a in spectral if a.values.size == column.values.size), None)
-        if column.time is None and column.axis is None and over is not None:
-            column = replace(column, unfit=_spectrum(column, over))
-        found.append(column)
+        if id(column) not in left_out:
+            timed_column = _with_time_of_same_length(column, axes, hints)
+            unfit = _unfit_without_time(timed_column, spectral, runs_over)
+            found.append(replace(timed_column, unfit=unfit))
     return found
+
+
+def _time_axes(columns: list[Column], hints: Hints) -> list[Column]:
+    """The columns that are time axes, by the preparation, by name or else by unit."""
+    names = [column.name for column in columns]
+    if hints.time is not None:
+        if hints.time not in names:
+            raise RecordingError(
+                f"time: there is no column '{hints.time}'; there are {', '.join(names)}"
+            )
+        return [column for column in columns if column.name == hints.time]
+    called_time = [column for column in columns if is_time(column.name)]
+    # one whose unit alone says it, such as X_Value [s]
+    return called_time or [column for column in columns if _runs_in_time(column)][:1]
+
+
+def _with_time_of_same_length(column: Column, axes: list[Column], hints: Hints) -> Column:
+    """The column with the first axis of its length, and with what further ones say of its rate."""
+    fitting = [axis for axis in axes if axis.values.size == column.values.size]
+    rates = dict(column.rates)
+    for axis in fitting[1:]:  # a second axis is a second statement
+        rates |= _rate_of_axis(axis, hints, [])
+    if column.time is None and fitting:
+        return replace(column, time=fitting[0], rates=rates)
+    return column
+
+
+def _unfit_without_time(column: Column, spectral: list[Column], runs_over: str) -> str:
+    """Why a column is no time history, as other columns show it or its file says."""
+    if column.time is not None or column.axis is not None:
+        return column.unfit
+    for axis in spectral:
+        if axis.values.size == column.values.size:
+            return _spectrum(column, axis)
+    if runs_over:
+        return f"channel {column.name} is not a time history but {runs_over}"
+    return column.unfit
 
 
 def _runs_in_time(column: Column) -> bool:
