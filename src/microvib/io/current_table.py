@@ -30,41 +30,46 @@ def read_current_table(path: Path) -> dict[str, Any]:
     0.
     """
     head, *rows = csv_rows(path, ScenarioError) or [[]]
-    names = [name.strip().lower() for name in head]
     if len(rows) > MAX_TABLE:
         raise ScenarioError(f"{path}: has {len(rows)} rows; at most {MAX_TABLE} are read")
-    columns = {
-        name: np.array(
-            [
-                parse_finite(f"{path}, row {k}: {name}", "".join(row[j : j + 1]), ScenarioError)
-                for k, row in enumerate(rows, 2)
-            ]
-        )
-        for j, name in enumerate(names)
-    }
+    names = [name.strip().lower() for name in head]
+    columns = {name: _parsed(path, rows, j, name) for j, name in enumerate(names)}
     if names == ["i_a", "i_b"]:
-        return {"currents": np.column_stack([columns["i_a"], columns["i_b"]]).tolist()}
+        return _currents(columns["i_a"], columns["i_b"])
     angle = _angle(columns, "angle")
     if len(names) == 1 and angle is not None:
-        theta_e = 2.0 * np.pi * np.arange(len(rows)) / len(rows) + angle
-        return {"currents": np.column_stack([np.cos(theta_e), np.sin(theta_e)]).tolist()}
+        theta_e = 2.0 * np.pi * np.arange(angle.size) / angle.size + angle
+        return _currents(np.cos(theta_e), np.sin(theta_e))
     amplitude, phase = _angle(columns, "amplitude"), _angle(columns, "phase")
     if names[:1] != ["order"] or amplitude is None or len(names) != (2 if phase is None else 3):
         raise ScenarioError(f"{path}: is not a table of currents; its first line must be {FORMS}")
-    return {
-        "harmonics": [
-            {
-                "order": int(order) if order == int(order) else float(order),
-                "amplitude": f"{a!r} rad",
-                "phase": f"{p!r} rad",
-            }
-            for order, a, p in zip(
-                columns["order"].tolist(),
-                amplitude.tolist(),
-                (0.0 * amplitude if phase is None else phase).tolist(),
-                strict=True,
+    if phase is None:
+        phase = 0.0 * amplitude
+    return {"harmonics": list(map(_harmonic, columns["order"], amplitude, phase))}
+
+
+def _parsed(path: Path, rows: list[list[str]], column: int, name: str) -> np.ndarray:
+    """Numbers of one column."""
+    return np.array(
+        [
+            parse_finite(
+                f"{path}, row {k}: {name}", "".join(row[column : column + 1]), ScenarioError
             )
+            for k, row in enumerate(rows, 2)
         ]
+    )
+
+
+def _currents(i_a: np.ndarray, i_b: np.ndarray) -> dict[str, Any]:
+    return {"currents": np.column_stack([i_a, i_b]).tolist()}
+
+
+def _harmonic(order: float, amplitude: float, phase: float) -> dict[str, Any]:
+    """One harmonic of what is added to theta_e, angles [rad]."""
+    return {
+        "order": int(order) if order == int(order) else float(order),
+        "amplitude": f"{float(amplitude)!r} rad",
+        "phase": f"{float(phase)!r} rad",
     }
 
 

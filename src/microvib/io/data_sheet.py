@@ -7,13 +7,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
 from microvib.errors import OptionError, ScenarioError, quoted_value
-from microvib.io.gears import NON_CATALOG_GEARS, Entry, catalog_gears, find_gear
+from microvib.io.gears import NON_CATALOG_GEARS, Entry, Gear, catalog_gears, find_gear
 from microvib.io.questions import QUESTIONS
 from microvib.model.driver import Driver
 from microvib.model.motor import Motor
@@ -120,23 +121,24 @@ def read_entry(key: str, text: str) -> Any:
             f"{quoted_value(text)} is not allowed; a text as in the data sheet is expected:"
             f" {QUESTIONS[key]}",
         )
-    if key in ("phases", "phases_on", "microsteps") and text.strip().isdecimal():
-        given: Any = int(text)
-    else:
-        given = text.strip()
     if key == "detent" and _is_torque(text):
         key = "detent_torque"  # as most data sheets state it
-    if key == "ratio" and isinstance(given, str):
-        given = _ONE_TO.sub("", given)  # data sheets write 1:100 and 100:1
     try:
-        value = getattr(
-            validate_part(DataSheet, {key: given[:200] if isinstance(given, str) else given}), key
-        )
+        value = getattr(validate_part(DataSheet, {key: _plain_entry(key, text.strip())}), key)
     except ScenarioError as error:
         raise OptionError(key, str(error).removeprefix(f"{key}: ")) from None
     if key == "gear" and value.lower() not in NON_CATALOG_GEARS:
         find_gear(value, None if "ratio" in value.lower() else RATIO)
     return value
+
+
+def _plain_entry(key: str, text: str) -> str | int:
+    """A whole number of a count, a ratio without its one, or the text as it is."""
+    if key in ("phases", "phases_on", "microsteps") and text.isdecimal():
+        return int(text)
+    if key == "ratio":
+        return _ONE_TO.sub("", text)[:200]  # data sheets write 1:100 and 100:1
+    return text[:200]
 
 
 def read_sheet(texts: dict[str, str]) -> DataSheet:
@@ -188,27 +190,6 @@ _Found = tuple[str, Entry]
 
 def _motor(sheet: DataSheet, torque: TypicalRange) -> Iterator[_Found]:
     phases, current = sheet.phases or 2, sheet.current or CURRENT
-    count = sheet.phases_on or PHASES_ON[phases]
-    if count == 1:
-        on = "one phase on"
-    elif phases == 2:
-        on = "both phases on"
-    else:
-        on = f"{count} of {phases} phases on"
-    if sheet.phases_on:
-        usual = ""
-    elif phases == 2:
-        usual = ", the usual statement"
-    else:
-        usual = ", assumed"
-    spring, most = (
-        math.sin(0.5 * math.pi * j / phases) / math.sin(0.5 * math.pi / phases) * current
-        for j in (count, phases)
-    )
-    if sheet.phases_on:
-        per = _exactly(1.0 / spring)
-    else:
-        per = TypicalRange(1.0 / most, 1.0 / spring, 1.0 / current)
     if sheet.phases is not None:
         yield "motor.phases", Entry(f"{phases}", "data sheet: phases")
         yield (
@@ -225,19 +206,54 @@ def _motor(sheet: DataSheet, torque: TypicalRange) -> Iterator[_Found]:
         "motor.current",
         Entry(_text(Motor, "current", current), stated if sheet.current else lacking),
     )
-    said = f"holding torque of {torque.value:.4g} N m with {on}{usual}, over {spring:.4g} A{'' if sheet.current else ', assumed'}"
-    yield "motor.torque_constant", _entry(Motor, "torque_constant", torque.times(per), said)
+    constant, said = _torque_constant(sheet, torque)
+    yield "motor.torque_constant", _entry(Motor, "torque_constant", constant, said)
     detent, said = _detent(sheet, torque)
     yield "motor.detent_torque", _entry(Motor, "detent_torque", detent, said)
     if sheet.rotor_inertia is None:
         rotor = torque.times(INERTIA)
+        said = "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"
     else:
         rotor = _exactly(sheet.rotor_inertia)
-    if sheet.rotor_inertia is not None:
         said = "rotor"
-    else:
-        said = "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"
     yield "motor.rotor_inertia", _entry(Motor, "rotor_inertia", rotor, said)
+
+
+def _torque_constant(sheet: DataSheet, torque: TypicalRange) -> tuple[TypicalRange, str]:
+    """Torque constant [N m/A] from the holding torque, and where it is from."""
+    phases, current = sheet.phases or 2, sheet.current or CURRENT
+    count = sheet.phases_on or PHASES_ON[phases]
+    spring, most = (
+        math.sin(0.5 * math.pi * j / phases) / math.sin(0.5 * math.pi / phases) * current
+        for j in (count, phases)
+    )
+    if sheet.phases_on:
+        per_current = _exactly(1.0 / spring)
+    else:
+        per_current = TypicalRange(1.0 / most, 1.0 / spring, 1.0 / current)
+    assumed_current = "" if sheet.current else ", assumed"
+    said = (
+        f"holding torque of {torque.value:.4g} N m with {_phases_on_text(sheet)}, over"
+        f" {spring:.4g} A{assumed_current}"
+    )
+    return torque.times(per_current), said
+
+
+def _phases_on_text(sheet: DataSheet) -> str:
+    """How many phases are on at the holding torque, and whether that is assumed."""
+    phases = sheet.phases or 2
+    count = sheet.phases_on or PHASES_ON[phases]
+    if count == 1:
+        on = "one phase on"
+    elif phases == 2:
+        on = "both phases on"
+    else:
+        on = f"{count} of {phases} phases on"
+    if sheet.phases_on:
+        return on
+    if phases == 2:
+        return f"{on}, the usual statement"
+    return f"{on}, assumed"
 
 
 def _detent(sheet: DataSheet, torque: TypicalRange) -> tuple[TypicalRange, str]:
@@ -300,45 +316,78 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
     )
 
 
+@dataclass(frozen=True)
+class _Reduction:
+    """Ratio between motor and output."""
+
+    ratio: float
+    is_stated: bool
+    gear: Gear | None = None  # of the catalog
+
+
 def _train(sheet: DataSheet, inertia: float) -> Iterator[_Found]:
     """Rotor teeth, ratio and gear."""
-    steps, kind, gear = 2 * (sheet.phases or 2), (sheet.gear or "").lower(), None
-    stated = 1.0 if kind == "none" else sheet.ratio
-    if kind == "none" and sheet.ratio not in (None, 1.0):
-        raise OptionError(
-            "ratio", f"{sheet.ratio:g} is not allowed without a gear; 1 is expected, or none"
-        )
-    ratio = stated or (RATIO if sheet.step_angle is None else _usual_ratio(sheet.step_angle, steps))
-    if kind and kind not in NON_CATALOG_GEARS:
-        own = "ratio" in kind
-        gear, ratio = find_gear(kind, stated or (None if own else ratio))
-        stated = stated or (ratio if own else None)
-    yield "motor.rotor_teeth", _teeth(sheet.step_angle, ratio, stated is not None, steps)
+    steps = 2 * (sheet.phases or 2)
+    reduction = _reduction(sheet, steps)
+    yield (
+        "motor.rotor_teeth",
+        _teeth(sheet.step_angle, reduction.ratio, reduction.is_stated, steps),
+    )
+    yield from _reducer(reduction, (sheet.gear or "").lower() == "planetary", inertia)
+    if reduction.gear is None or not reduction.is_stated:
+        yield "reducer.ratio", Entry(f"{reduction.ratio:g}", _ratio_source(sheet, reduction, steps))
+
+
+def _reduction(sheet: DataSheet, steps: int) -> _Reduction:
+    """Ratio of the data sheet, of its gear's name or of its step; OptionError where they
+    contradict each other.
+    """
+    kind = (sheet.gear or "").lower()
+    if kind == "none":
+        if sheet.ratio not in (None, 1.0):
+            raise OptionError(
+                "ratio", f"{sheet.ratio:g} is not allowed without a gear; 1 is expected, or none"
+            )
+        return _Reduction(1.0, is_stated=True)
+    is_stated = sheet.ratio is not None
+    if sheet.ratio is not None:
+        ratio = sheet.ratio
+    elif sheet.step_angle is not None:
+        ratio = _usual_ratio(sheet.step_angle, steps)
+    else:
+        ratio = RATIO
+    if kind in ("", *NON_CATALOG_GEARS):
+        return _Reduction(ratio, is_stated)
+    if "ratio" in kind and not is_stated:
+        gear, ratio = find_gear(kind, None)
+        return _Reduction(ratio, is_stated=True, gear=gear)
+    gear, ratio = find_gear(kind, ratio)
+    return _Reduction(ratio, is_stated, gear)
+
+
+def _reducer(reduction: _Reduction, is_planetary: bool, inertia: float) -> Iterator[_Found]:
+    """What the reducer is made of, and its ratio where a gear of the catalog gives it."""
+    ratio = reduction.ratio
     if ratio == 1.0:
         yield from _no_gear()
-    elif gear is None and (kind == "planetary" or ratio < HARMONIC):
+    elif reduction.gear is not None:
+        yield from reduction.gear.entries(ratio, inertia).items()
+    elif is_planetary or ratio < HARMONIC:
         yield from _planetary(ratio, inertia)
     else:
-        yield from (gear or catalog_gears()[SIZE]).entries(ratio, inertia).items()
-        if gear is None:
-            yield (
-                "reducer.stiffness",
-                _entry(Reducer, "stiffness", _stiffness(), f"K1 of a harmonic gear of size {SIZE}"),
-            )
-    if stated is None:
-        if sheet.step_angle is None:
-            why = "a usual one"
-        else:
-            why = f"of a motor with steps of {_usual_step(steps):g} deg"
-        yield "reducer.ratio", Entry(f"{ratio:g}", f"assumed: no range: {why}")
-    elif gear is None:
+        yield from catalog_gears()[SIZE].entries(ratio, inertia).items()
         yield (
-            "reducer.ratio",
-            Entry(
-                f"{ratio:g}",
-                "data sheet: no gear" if ratio == 1.0 else "data sheet: reduction ratio",
-            ),
+            "reducer.stiffness",
+            _entry(Reducer, "stiffness", _stiffness(), f"K1 of a harmonic gear of size {SIZE}"),
         )
+
+
+def _ratio_source(sheet: DataSheet, reduction: _Reduction, steps: int) -> str:
+    if reduction.is_stated:
+        return "data sheet: no gear" if reduction.ratio == 1.0 else "data sheet: reduction ratio"
+    if sheet.step_angle is None:
+        return "assumed: no range: a usual one"
+    return f"assumed: no range: of a motor with steps of {_usual_step(steps):g} deg"
 
 
 def _no_gear() -> Iterator[_Found]:

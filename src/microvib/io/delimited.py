@@ -65,43 +65,66 @@ class _Form:
         return 0
 
 
+@dataclass(frozen=True)
+class _Layout:
+    """Where the numbers of a text file are."""
+
+    form: _Form
+    first: int  # line of the first row
+    width: int  # numbers in a row
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Names and units of the columns."""
+
+    names: list[str]
+    units: list[str]
+    is_in_file: bool = True
+
+
 def read_delimited(path: Path, hints: Hints) -> Recording:
     """Recording of a text file; RecordingError says which row or column is wrong, or what the
     preparation must add.
     """
     text = read_text_of(path)
     lines = [line for line in text.splitlines() if line.strip()]
-    lines, (form, first, width), notes = _laid_out(lines, hints)
-    top = [line.lstrip("#%").strip(" ") for line in lines[:first]]
-    names, units, headed = _header(top, form, width)
-    body = [line.rstrip(form.separator) for line in lines[first:] if not line.startswith("#")]
-    if not text.endswith(("\n", "\r")):
-        last = body[-1]
-    else:
-        last = None
-    data = _values(body, form, width, names)
-    if last is not None and _last_number_truncated([form.split(line)[-1] for line in body[-2000:]]):
-        data = data[:-1]
-        notes.append("the last row has no end of line and may be cut off: it was left out")
-    elif last is not None:
-        notes.append("the last row has no end of line")
-    said = _header_values(top, form.decimal if any(form.decimal in line for line in body) else "")
-    rates = _rates(
-        top, form.decimal if any(form.decimal in line for line in body) else ""
-    ) or stated_rates(said)
-    columns = [
-        Column(name, data[:, k], units[k], rates, scales=said) for k, name in enumerate(names)
+    lines, layout, notes = _laid_out(lines, hints)
+    form = layout.form
+    top = [line.lstrip("#%").strip(" ") for line in lines[: layout.first]]
+    body = [
+        line.rstrip(form.separator) for line in lines[layout.first :] if not line.startswith("#")
     ]
-    if not headed and hints.time is None and not rates and hints.sample_rate is None:
-        raise RecordingError(
-            f"has no header; its columns are called {names[0]} to {names[-1]}; add to the"
-            " preparation file what"
-            f" they are, such as time: {names[0]}, units: {{{yaml_quoted(names[0])}: s,"
-            f" {yaml_quoted(names[-1])}: N*m}}, channels: {{Mz:"
-            f" {yaml_quoted(names[-1])}}}; without a time axis, sample_rate: 4096 Hz",
-            remedy="prepare",
-        )
+    header = _header(top, form, layout.width)
+    data = _values(body, form, layout.width, header.names)
+    if not text.endswith(("\n", "\r")):
+        if _last_number_truncated([form.split(line)[-1] for line in body[-2000:]]):
+            data = data[:-1]
+            notes.append("the last row has no end of line and may be cut off: it was left out")
+        else:
+            notes.append("the last row has no end of line")
+    decimal = form.decimal if any(form.decimal in line for line in body) else ""
+    said = _header_values(top, decimal)
+    rates = _rates(top, decimal) or stated_rates(said)
+    is_sampling_known = rates or hints.time is not None or hints.sample_rate is not None
+    if not (header.is_in_file or is_sampling_known):
+        raise _unnamed_columns(header.names)
+    columns = [
+        Column(name, values, unit, rates, scales=said)
+        for name, values, unit in zip(header.names, data.T, header.units, strict=True)
+    ]
     return recording_of(columns, hints, notes)
+
+
+def _unnamed_columns(names: list[str]) -> RecordingError:
+    return RecordingError(
+        f"has no header; its columns are called {names[0]} to {names[-1]}; add to the"
+        " preparation file what"
+        f" they are, such as time: {names[0]}, units: {{{yaml_quoted(names[0])}: s,"
+        f" {yaml_quoted(names[-1])}: N*m}}, channels: {{Mz:"
+        f" {yaml_quoted(names[-1])}}}; without a time axis, sample_rate: 4096 Hz",
+        remedy="prepare",
+    )
 
 
 def read_text_of(path: Path) -> str:
@@ -119,9 +142,7 @@ def read_text_of(path: Path) -> str:
         return data.decode("cp1252", "replace")  # as older test software writes its units
 
 
-def _laid_out(
-    lines: list[str], hints: Hints
-) -> tuple[list[str], tuple[_Form, int, int], list[str]]:
+def _laid_out(lines: list[str], hints: Hints) -> tuple[list[str], _Layout, list[str]]:
     """Lines and their ``_layout``, with seconds in place of dates and times, and notes."""
     try:
         return lines, _layout(lines), []
@@ -133,17 +154,17 @@ def _laid_out(
     return lines, _layout(lines), [f"time is counted from '{start}'"]
 
 
-def _layout(lines: Sequence[str]) -> tuple[_Form, int, int]:
-    """Form of the rows, the first of them, and how many numbers each has; from where rows of equal
-    length come.
+def _layout(lines: Sequence[str]) -> _Layout:
+    """Where rows of equal length come.
 
     Of several forms the first that has as many numbers as the header has names: a comma may part
     numbers or be their decimal mark.
     """
     fitting = list(_fitting(lines))
-    for form, first, width in fitting:
-        if first > 0 and len(form.split(lines[first - 1])) == width:
-            return form, first, width
+    for layout in fitting:
+        above = lines[layout.first - 1 : layout.first]
+        if above and len(layout.form.split(above[0])) == layout.width:
+            return layout
     if fitting:
         return fitting[0]
     raise RecordingError(
@@ -155,56 +176,71 @@ def _layout(lines: Sequence[str]) -> tuple[_Form, int, int]:
     )
 
 
-def _fitting(lines: Sequence[str]) -> Iterator[tuple[_Form, int, int]]:
-    """Every form in which rows of equal length come, with the first of them and their length."""
+def _fitting(lines: Sequence[str]) -> Iterator[_Layout]:
+    """Every form in which rows of equal length come, and where."""
     for separator, decimal in _FORMS:
         form = _Form(separator, decimal)
         counts = [form.numbers(line) for line in lines[: MAX_HEADER_LINES + FEWEST_ROWS]]
         for first in range(max(len(counts) - FEWEST_ROWS + 1, 0)):
             if counts[first] and len(set(counts[first : first + FEWEST_ROWS])) == 1:
-                yield form, first, counts[first]
+                yield _Layout(form, first, counts[first])
                 break
 
 
-def _header(top: Sequence[str], form: _Form, width: int) -> tuple[list[str], list[str], bool]:
-    """Names and units of the columns, and whether the file names them."""
-    none = [f"column {k + 1}" for k in range(width)]
+def _header(top: Sequence[str], form: _Form, width: int) -> _Header:
+    """Names and units of the columns: those in the last line on top, or in the last two."""
+    rows = _header_cells(top, form, width)
+    if not rows or len(rows[-1]) > width or not any(rows[-1]):
+        return _without_header(width)
+    last = rows[-1] + [""] * (width - len(rows[-1]))
+    if len(rows) == 2 and len(rows[0]) in (width, width - 1) and all(map(_may_be_unit, last)):
+        names = rows[0] + [""] * (width - len(rows[0]))
+        return _header_of_units_below(names, last)
+    if len(rows[-1]) < width or any(cell and form.numbers(cell) for cell in last):
+        return _without_header(width)
+    return _header_of_units_below(last, [""] * width)
+
+
+def _header_cells(top: Sequence[str], form: _Form, width: int) -> list[list[str]]:
+    """Cells of the last two lines on top."""
     rows = [
-        [unescape_formula(field.strip().strip('"').strip()) for field in form.split(line)]
+        [unescape_formula(cell.strip().strip('"').strip()) for cell in form.split(line)]
         for line in top[-2:]
     ]
     if form.separator is None:  # blanks separate names from units, too
-        rows = [row for row in rows if len(row) == width]
-    padded = [row + [""] * (width - len(row)) for row in rows]
-    if not rows or len(rows[-1]) > width or not any(rows[-1]):
-        return none, [""] * width, False
-    below = padded[-1]
-    if (
-        len(rows) == 2
-        and len(rows[0]) in (width, width - 1)
-        and all(not x or x in ("-", "1") or is_unit(x) for x in below)
-    ):
-        named = [named_unit(x) for x in padded[0]]
-        units = [u.strip(" []()") if u not in ("-", "1") else "" for u in below]
-        return (
-            [n or none[k] for k, (n, _) in enumerate(named)],
-            [u or v for u, (_, v) in zip(units, named, strict=True)],
-            True,
-        )
-    if len(rows[-1]) != width or any(form.numbers(x) and x for x in below):
-        return none, [""] * width, False
-    found = [named_unit(x) for x in below]
-    return [n or none[k] for k, (n, _) in enumerate(found)], [u for _, u in found], True
+        return [row for row in rows if len(row) == width]
+    return rows
+
+
+def _may_be_unit(cell: str) -> bool:
+    return cell in ("", "-", "1") or is_unit(cell)
+
+
+def _without_header(width: int) -> _Header:
+    return _Header([_nth_column(k) for k in range(width)], [""] * width, is_in_file=False)
+
+
+def _header_of_units_below(names: list[str], units: list[str]) -> _Header:
+    """Names that may hold a unit, and a row of units, which counts first."""
+    named = [named_unit(name) for name in names]
+    below = ["" if unit in ("-", "1") else unit.strip(" []()") for unit in units]
+    return _Header(
+        [name or _nth_column(k) for k, (name, _) in enumerate(named)],
+        [unit or own for unit, (_, own) in zip(below, named, strict=True)],
+    )
+
+
+def _nth_column(k: int) -> str:
+    return f"column {k + 1}"
 
 
 def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> np.ndarray:
     """The numbers, (rows, columns); RecordingError names the first row that is cut off or has
     anything else.
     """
-    clean = [
-        line.replace('"', "").replace(",", ".") if form.decimal == "," else line.replace('"', "")
-        for line in body
-    ]
+    clean = [line.replace('"', "") for line in body]
+    if form.decimal == ",":
+        clean = [line.replace(",", ".") for line in clean]
     try:
         data = np.loadtxt(clean, delimiter=form.separator, comments=None, ndmin=2)
     except ValueError:
@@ -213,22 +249,10 @@ def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> n
         return data
     for k, line in enumerate(body):
         fields = form.split(line)
-        last = k == len(body) - 1
         if len(fields) != width:
-            ended = not last and all(
-                len(form.split(x)) < width or not all(form.split(x)) for x in body[k:]
-            )
-            if last and len(fields) < width:
-                what = "; the file is truncated"
-            else:
-                what = ""
-            if ended:
-                what = "; columns that end here, as of another sample rate, go into a file of their own"
-            else:
-                what = what
             raise RecordingError(
                 f"row {k + 1} of its numbers has {len(fields)} of {width} columns:"
-                f" {line[:60]!r}{what}"
+                f" {line[:60]!r}{_why_of_other_length(body[k:], form, width)}"
             )
         for name, field in zip(names, fields, strict=True):
             if not form.numbers(field):
@@ -236,6 +260,16 @@ def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> n
                     f"row {k + 1} of its numbers, {name}: {field.strip()[:40]!r} is not a number"
                 )
     raise RecordingError(f"has rows that are not {width} numbers")
+
+
+def _why_of_other_length(rows: list[str], form: _Form, width: int) -> str:
+    """Why the first of the last rows has not as many columns as those before, where that shows."""
+    fields = [form.split(row) for row in rows]
+    if len(rows) == 1 and len(fields[0]) < width:
+        return "; the file is truncated"
+    if len(rows) > 1 and all(len(row) < width or not all(row) for row in fields):
+        return "; columns that end here, as of another sample rate, go into a file of their own"
+    return ""
 
 
 def _last_number_truncated(texts: Sequence[str]) -> bool:
