@@ -4,8 +4,10 @@ craft.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -42,48 +44,66 @@ def hub_from(group: dict[str, Any], files: FileAccess = NO_FILES) -> Hub:
     Raises ScenarioError or ModalError.
     """
     files = files.under("spacecraft.hub.modes")
-    name, ending = str(group["modes"]), Path(str(group["modes"])).suffix.lower()
+    name = str(group["modes"])
     if name not in hub_names():
         files.path(name, hub_names())
-    described = name in hub_names() or ending in DESCRIPTIONS
-    clamped = "interface" in group and not described
-    if not (described or clamped or ending in (".csv", *_FREE)):
-        raise ScenarioError(
-            f"spacecraft.hub.modes: {quoted_value(name)} is not a source of a hub's modes; allowed"
-            f" are {', '.join(hub_names())}, a"
-            f" description of a craft ({', '.join(DESCRIPTIONS)}), a table of free-free modes"
-            " (.csv), results of Nastran"
-            f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped,"
-            " from what an array is read"
-        )
-    nastran = ending in _FREE and not clamped
-    if clamped:
-        beside = _INTERFACE
-    else:
-        beside = ("damping", "count", *(("units", "points") if nastran else ()))
-    extra = [key for key in group if key not in ("modes", *beside)]
-    if extra:
-        raise ScenarioError(
-            f"spacecraft.hub.{extra[0]}: does not go with hub.modes: {name}, which brings mass,"
-            " inertia and modes; allowed beside"
-            f" it are {', '.join(beside)}"
-        )
+    source = _source_of(name, "interface" in group)
+    _check_keys(group, name, source)
     damping, count = _damping(group), _count(group)
-    if described:
-        return hub_of(
-            _described(name, files, DEFAULT_MODES if count is None else count), damping, count
-        )
-    points = _points(group) if nastran else {}
+    if source == "description":
+        kept = DEFAULT_MODES if count is None else count
+        return hub_of(_described(name, files, kept), damping, count)
+    if source == "clamped":
+        return hub_of(_clamped(files.path(name, hub_names()), group), damping, count)
+    read: Callable[[Path], FreeModes] = read_hub_table
+    if source == "nastran":
+        read = partial(_nastran, points=_points(group), units=str(group["units"]))
     path = files.path(name, hub_names())
-    if clamped:
-        return hub_of(_clamped(path, group), damping, count)
     with as_read_errors(path, ModalError):
         check_file(path)
-        return hub_of(
-            _nastran(path, points, str(group["units"])) if nastran else read_hub_table(path),
-            damping,
-            count,
-        )
+        return hub_of(read(path), damping, count)
+
+
+_Source = Literal["description", "clamped", "table", "nastran"]
+_KEYS: dict[_Source, tuple[str, ...]] = {
+    "description": ("damping", "count"),
+    "clamped": _INTERFACE,
+    "table": ("damping", "count"),
+    "nastran": ("damping", "count", "units", "points"),
+}
+"""Keys that go beside ``hub.modes``."""
+
+
+def _source_of(name: str, has_interface: bool) -> _Source:
+    """What is read, by name and ending; ``has_interface`` says that modes have it clamped."""
+    ending = Path(name).suffix.lower()
+    if name in hub_names() or ending in DESCRIPTIONS:
+        return "description"
+    if has_interface:
+        return "clamped"
+    if ending == ".csv":
+        return "table"
+    if ending in _FREE:
+        return "nastran"
+    raise ScenarioError(
+        f"spacecraft.hub.modes: {quoted_value(name)} is not a source of a hub's modes; allowed"
+        f" are {', '.join(hub_names())}, a"
+        f" description of a craft ({', '.join(DESCRIPTIONS)}), a table of free-free modes"
+        " (.csv), results of Nastran"
+        f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped,"
+        " from what an array is read"
+    )
+
+
+def _check_keys(group: dict[str, Any], name: str, source: _Source) -> None:
+    beside = _KEYS[source]
+    for key in group:
+        if key not in ("modes", *beside):
+            raise ScenarioError(
+                f"spacecraft.hub.{key}: does not go with hub.modes: {name}, which brings mass,"
+                " inertia and modes; allowed beside"
+                f" it are {', '.join(beside)}"
+            )
 
 
 def _described(name: str, files: FileAccess, count: int) -> FreeModes:
@@ -180,14 +200,7 @@ def read_hub_table(path: Path) -> FreeModes:
     places, shapes = np.full((len(names), 3), np.nan), np.full((len(names), 6, len(labels)), np.nan)
     for number, row in enumerate(rows, 2):
         k, p = labels.index(row["mode"].strip()), names.index(row["point"].strip())
-        given = [
-            name
-            for name in ("frequency_hz", "damping", *COLUMNS[3:])
-            if name != "damping" or row.get(name)
-        ]
-        value = {
-            name: parse_finite(f"row {number}: {name}", row[name], ModalError) for name in given
-        }
+        value = _row_numbers(row, number)
         frequency[k] = _same(frequency[k], value["frequency_hz"], f"row {number}: frequency_hz")
         xi[k] = value.get("damping", xi[k])
         for j, column in enumerate(COLUMNS[3:6]):
@@ -203,6 +216,14 @@ def read_hub_table(path: Path) -> FreeModes:
     if np.any(frequency < 0.0) or np.any((xi < 0.0) | (xi > 0.99)):
         raise ModalError("a frequency is negative, or a damping ratio not from 0 to 0.99")
     return FreeModes(frequency, xi, names, places, shapes)
+
+
+def _row_numbers(row: dict[str, str], number: int) -> dict[str, float]:
+    """Numbers of one row by column; the damping may be left out."""
+    columns = ["frequency_hz", *COLUMNS[3:]]
+    if row.get("damping"):
+        columns.insert(1, "damping")
+    return {name: parse_finite(f"row {number}: {name}", row[name], ModalError) for name in columns}
 
 
 def _same(before: float, now: float, where: str) -> float:

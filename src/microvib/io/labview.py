@@ -35,19 +35,25 @@ def read_labview(path: Path, hints: Hints) -> Recording:
     ends = [k for k, line in enumerate(lines) if line.startswith(_END)]
     if not ends:
         raise RecordingError("is truncated; its header does not end")
-    top = [line for line in lines[: ends[0]] if line.strip()]
-    comma = any(line.lower().startswith("separator") and "comma" in line.lower() for line in top)
-    separator = "," if comma else "\t"
-    file = {line.split(separator)[0]: line.split(separator)[1:] for line in top}
-    decimal = (file.get("Decimal_Separator") or ["."])[0].strip() or "."
     if len(ends) > 2:
         raise RecordingError(
             f"has {len(ends) - 1} segments; save them as files of their own, or write the file with"
             " one header only"
         )
+    top = [line for line in lines[: ends[0]] if line.strip()]
+    separator = _separator(top)
+    file = {line.split(separator)[0]: line.split(separator)[1:] for line in top}
+    decimal = (file.get("Decimal_Separator") or ["."])[0].strip() or "."
     segment = _segment(lines[ends[0] + 1 :], separator, decimal)
     shared = _AXES_OF.get((file.get("X_Columns") or ["One"])[0].strip().lower())
     return recording_of(_columns(segment, shared), hints)
+
+
+def _separator(top: Sequence[str]) -> str:
+    said = [line.lower() for line in top if line.lower().startswith("separator")]
+    if any("comma" in line for line in said):
+        return ","
+    return "\t"
 
 
 def _segment(lines: Sequence[str], separator: str, decimal: str) -> _Segment:
@@ -83,57 +89,67 @@ def _columns(segment: _Segment, shared: int | None) -> list[Column]:
         names = names[:-1]
     if shared == 0 and names and names[0].lower() in ("", "x_value"):
         names = ["", *names[1:]]
-    count = len(names)
-    table = np.full((len(segment.rows), count), np.nan)
-    for k, row in enumerate(segment.rows):
-        for j, cell in enumerate(row[:count]):
-            try:
-                table[k, j] = float(cell) if cell else np.nan
-            except ValueError:
-                raise RecordingError(
-                    f"row {k + 1} of its numbers, {names[j]}: {cell[:40]!r} is not a number"
-                ) from None
-    xs = [j for j in range(count) if names[j].lower().startswith("x_value")]
+    table = _numbers(segment.rows, names)
     found: list[Column] = []
-    for j, name in enumerate(names):
-        if not name or j in xs:
-            continue
-        beside = [x for x in xs if x < j]
-        if not beside:
+    xs: list[np.ndarray] = []  # the columns of x so far
+    for name, values in zip(names, table.T, strict=True):
+        if name.lower().startswith("x_value"):
+            xs.append(values)
+        elif name:
             x = None
-        else:
-            x = table[:, beside[-1] if shared is None else beside[0]]
-        found.append(_column(segment.said, name, len(found), table[:, j], x))
+            if xs:
+                x = xs[-1] if shared is None else xs[0]
+            found.append(_column(segment.said, name, len(found), values, x))
     if not found:
         raise RecordingError("has no channels")
     return found
+
+
+def _numbers(rows: Sequence[Sequence[str]], names: Sequence[str]) -> np.ndarray:
+    """Cells as numbers, (rows, columns), nan where a cell is empty or missing."""
+    table = np.full((len(rows), len(names)), np.nan)
+    for k, row in enumerate(rows):
+        for j, (name, cell) in enumerate(zip(names, row, strict=False)):
+            if cell:
+                table[k, j] = _number(cell, f"row {k + 1} of its numbers, {name}")
+    return table
+
+
+def _number(cell: str, where: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        raise RecordingError(f"{where}: {cell[:40]!r} is not a number") from None
 
 
 def _column(
     said: dict[str, list[str]], name: str, k: int, values: np.ndarray, x: np.ndarray | None
 ) -> Column:
     """The ``k``-th channel, without the rows that it does not have."""
-
-    def of(key: str) -> str:
-        cells = said.get(key, [])
-        if k < len(cells):
-            return cells[k]
-        return ""
-
-    if np.any(np.isfinite(values)):
-        size = int(np.flatnonzero(np.isfinite(values))[-1]) + 1
-    else:
-        size = 0
-    unit, quantity = of("Y_Unit_Label"), of("X_Dimension")
-    along = of("X_Unit_Label") or ("s" if quantity.lower() in ("", "time") else "")
-    axis = time = None
-    try:
-        axis = Axis("Delta_X", float(of("Delta_X")), float(of("X0") or 0.0), along, quantity)
-    except ValueError:
-        axis = None
-    even = axis is not None and axis.step > 0.0
-    if x is not None and np.all(np.isfinite(x[:size])) and size > 1:
+    own = {key: cells[k] for key, cells in said.items() if k < len(cells)}
+    size = int(np.max(np.flatnonzero(np.isfinite(values)), initial=-1)) + 1
+    axis = _even_axis(own)
+    time = None
+    if x is not None and size > 1 and np.all(np.isfinite(x[:size])):
         step = float(x[size - 1] - x[0]) / (size - 1)
-        if not even or abs(step / (axis.step if axis else 1.0) - 1.0) > 1e-3:
-            time = Column("X_Value", x[:size], along)
-    return Column(name, values[:size], unit, time=time, axis=axis if even else None)
+        if axis is None or abs(step / axis.step - 1.0) > 1e-3:
+            time = Column("X_Value", x[:size], _axis_unit(own))
+    return Column(name, values[:size], own.get("Y_Unit_Label", ""), time=time, axis=axis)
+
+
+def _even_axis(own: dict[str, str]) -> Axis | None:
+    """The axis that a channel's header gives with its step, where it runs forward."""
+    try:
+        step, start = float(own.get("Delta_X", "")), float(own.get("X0") or 0.0)
+    except ValueError:
+        return None
+    if step > 0.0:
+        return Axis("Delta_X", step, start, _axis_unit(own), own.get("X_Dimension", ""))
+    return None
+
+
+def _axis_unit(own: dict[str, str]) -> str:
+    unit = own.get("X_Unit_Label")
+    if not unit and own.get("X_Dimension", "").lower() in ("", "time"):
+        return "s"
+    return unit or ""
