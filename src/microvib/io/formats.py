@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from microvib.io.delimited import read_delimited
 from microvib.io.files import library, suppress_output
-from microvib.io.hdf5 import MAX_BYTES, Dataset, open_hdf5
+from microvib.io.hdf5 import MAX_BYTES, Dataset, Group, open_hdf5
 from microvib.io.labview import read_labview
 from microvib.io.matlab import read_matlab
 from microvib.io.measured import Axis, Column, Hints, recording_of, stated_rates
@@ -35,45 +35,47 @@ def _read_mat(path: Path, hints: Hints) -> Recording:
 
 def _read_netcdf(path: Path, hints: Hints) -> Recording:
     with path.open("rb") as stream:
-        start = stream.read(3)
-    if start == b"CDF":
-        raise RecordingError(
-            f"is netCDF 3; netCDF 4 is read, made by: nccopy -k nc4 {path.name} new.nc"
-        )
+        if stream.read(3) == b"CDF":
+            raise RecordingError(
+                f"is netCDF 3; netCDF 4 is read, made by: nccopy -k nc4 {path.name} new.nc"
+            )
     with open_hdf5(path) as root:
-        numeric = {k: x for k, x in root.members().items() if isinstance(x, Dataset) and x.numeric}
-        variables = {
-            k: x for k, x in numeric.items() if _NO_VARIABLE not in str(x.attribute("NAME"))
-        }
-        said = {
-            k: root.attribute(k)
-            for k in ("fs", "sample_rate", "sample_rate_hz", "sampling_frequency")
-        }
-        said |= {
-            k: float(x.numbers().ravel()[0]) for k, x in variables.items() if x.shape in ((), (1,))
-        }
-        rates = stated_rates({k: v for k, v in said.items() if v is not None})
+        variables = {name: x for name, x in root.members().items() if _is_variable(x)}
+        rates = _netcdf_rates(root, variables)
         columns = [
             Column(
-                k,
+                name,
                 _decoded(x),
                 str(x.attribute("units") or ""),
                 rates,
                 scales=_not_of_the_convention(x),
             )
-            for k, x in variables.items()
+            for name, x in variables.items()
             if len(x.shape) == 1 and x.shape[0] > 1
         ]
-    names = [c.name for c in columns]
-    if (
-        "T_d" in names and "Mz" not in names
-    ):  # a motion of ours: what a table would feel about the drive axis
-        columns = [
-            replace(c, name="Mz", unit="N*m") if c.name == "T_d" else c
-            for c in columns
-            if c.name in ("T_d", "time")
-        ]
-    return recording_of(columns, hints, mixed=True)
+    return recording_of(_torque_of_motion(columns), hints, mixed=True)
+
+
+def _is_variable(x: Group | Dataset) -> TypeGuard[Dataset]:
+    return isinstance(x, Dataset) and x.numeric and _NO_VARIABLE not in str(x.attribute("NAME"))
+
+
+def _netcdf_rates(root: Group, variables: dict[str, Dataset]) -> dict[str, float]:
+    """Sample rates [Hz] that attributes of the file, or variables of one value, say."""
+    said: dict[str, Any] = {name: root.attribute(name) for name in _RATE_ATTRIBUTES}
+    for name, x in variables.items():
+        if x.shape in ((), (1,)):
+            said[name] = float(x.numbers().ravel()[0])
+    return stated_rates({name: value for name, value in said.items() if value is not None})
+
+
+def _torque_of_motion(columns: list[Column]) -> list[Column]:
+    """Of a motion of ours only what a table would feel about the drive axis; others as they are."""
+    by_name = {column.name: column for column in columns}
+    if "T_d" not in by_name or "Mz" in by_name:
+        return columns
+    by_name["T_d"] = replace(by_name["T_d"], name="Mz", unit="N*m")
+    return [column for name, column in by_name.items() if name in ("T_d", "time")]
 
 
 def _not_of_the_convention(x: Dataset) -> dict[str, Any]:
@@ -90,6 +92,7 @@ def _not_of_the_convention(x: Dataset) -> dict[str, Any]:
     }
 
 
+_RATE_ATTRIBUTES = ("fs", "sample_rate", "sample_rate_hz", "sampling_frequency")
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 
 
@@ -163,36 +166,45 @@ def _logged_errors(library: str) -> Iterator[None]:
 
 def _tdms_column(channel: Any, grouped: bool) -> Column:
     """A channel; by group and name where its name is in several groups."""
+    name = channel.name
     if grouped:
         name = f"{channel.group_name}/{channel.name}"
-    else:
-        name = channel.name
-    given = {
-        k: str(v).strip()
-        for k, v in channel.properties.items()
-        if k.lower() in _TDMS_UNITS and str(v).strip()
-    }
-    if len(set(given.values())) > 1:
-        raise RecordingError(
-            f"channel {name} has two units: {', '.join(f'{v} by {k}' for k, v in given.items())}"
-        )
     said = {
         k: v for k, v in channel.properties.items() if isinstance(v, (str, int, float, np.number))
     }
     axis = None
     if "wf_increment" in said and not is_time(channel.name):
-        x = {k.lower(): str(v).strip() for k, v in said.items()}
-        offset = said.get("wf_start_offset")
-        if offset is None:
-            start = None
-        else:
-            start = float(offset)
-        unit = x.get("wf_xunit_string", "")
-        axis = Axis("wf_increment", float(said["wf_increment"]), start, unit, x.get("wf_xname", ""))
+        axis = _waveform_axis(said)
     rates = stated_rates({k: v for k, v in said.items() if not k.startswith("wf_")})
     scales = {k: v for k, v in said.items() if not k.startswith(("wf_", "NI_"))}
     values = np.asarray(channel[:], dtype=float)
-    return Column(name, values, next(iter(given.values()), ""), rates, axis=axis, scales=scales)
+    return Column(name, values, _tdms_unit(channel, name), rates, axis=axis, scales=scales)
+
+
+def _tdms_unit(channel: Any, name: str) -> str:
+    """The unit that the properties of a channel say; RecordingError where they say two."""
+    given = {
+        key: str(value).strip()
+        for key, value in channel.properties.items()
+        if key.lower() in _TDMS_UNITS and str(value).strip()
+    }
+    if len(set(given.values())) > 1:
+        raise RecordingError(
+            f"channel {name} has two units: {', '.join(f'{v} by {k}' for k, v in given.items())}"
+        )
+    return next(iter(given.values()), "")
+
+
+def _waveform_axis(said: dict[str, Any]) -> Axis:
+    x = {key.lower(): str(value).strip() for key, value in said.items()}
+    offset = said.get("wf_start_offset")
+    return Axis(
+        "wf_increment",
+        float(said["wf_increment"]),
+        None if offset is None else float(offset),
+        x.get("wf_xunit_string", ""),
+        x.get("wf_xname", ""),
+    )
 
 
 _TDMS_UNITS = ("unit_string", "unit", "units", "ni_unitdescription", "engineering_units")

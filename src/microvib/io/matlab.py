@@ -100,32 +100,40 @@ def _plain_7_3(x: Group | Dataset | None) -> Any:
     if x is None:
         return None
     if isinstance(x, Group):
-        fields = x.members()
-        if fields and all(
-            isinstance(v, Dataset) and v.refers and v.attribute("MATLAB_class") is None
-            for v in fields.values()
-        ):
-            columns = {
-                name: _plain_7_3(v) for name, v in fields.items()
-            }  # a struct array: each field a list
-            return [
-                dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-            ]
-        return _members_7_3(x)
+        return _struct_7_3(x)
     if x.attribute("MATLAB_empty"):
-        if x.attribute("MATLAB_class") == "char":
-            return ""
-        return np.empty(0)
+        return "" if _is_text_7_3(x) else np.empty(0)
     if x.refers:
         return [_plain_7_3(v) for v in x.referred()]
     if not x.numeric:
         return None
     values = x.numbers(whole=True).T.squeeze()  # MATLAB stores columns first
-    if x.attribute("MATLAB_class") == "char":
-        if values.ndim < 2:
-            return "".join(chr(int(k)) for k in values.ravel())
-        return ["".join(map(chr, row)) for row in values]
-    return values
+    if not _is_text_7_3(x):
+        return values
+    if values.ndim < 2:
+        return _text(values.ravel())
+    return [_text(row) for row in values]
+
+
+def _struct_7_3(group: Group) -> dict[str, Any] | list[dict[str, Any]]:
+    """A struct, or a list of the structs of an array, each field of which is a list of references."""
+    fields = group.members()
+    if not fields or not all(_is_field_of_array(x) for x in fields.values()):
+        return _members_7_3(group)
+    columns = {name: _plain_7_3(x) for name, x in fields.items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _is_field_of_array(x: Group | Dataset) -> bool:
+    return isinstance(x, Dataset) and x.refers and x.attribute("MATLAB_class") is None
+
+
+def _is_text_7_3(x: Dataset) -> bool:
+    return x.attribute("MATLAB_class") == "char"
+
+
+def _text(codes: np.ndarray) -> str:
+    return "".join(chr(int(code)) for code in codes)
 
 
 def _check_4(path: Path) -> None:

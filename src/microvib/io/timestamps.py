@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from microvib.testdata.channels import is_time, is_unit, named_unit
 from microvib.testdata.recording import RecordingError
@@ -29,46 +30,59 @@ def in_seconds(
     a time axis, or ``time``, the name that is given. RecordingError where a row has none, or where
     dates and times contradict each other.
     """
-    if sum(line.count(";") + line.count("\t") for line in lines[: longest_top + rows][-rows:]):
-        marks = ".,"
-    else:
-        marks = "."
-    stamp = _STAMPS[marks]
-    found = [stamp.search(line) for line in lines[: longest_top + rows]]
+    start = lines[: longest_top + rows]
+    has_separators = any(mark in line for line in start[-rows:] for mark in (";", "\t"))
+    stamp = _STAMPS[".," if has_separators else "."]
+    found = [stamp.search(line) for line in start]
     first = next((k for k in range(len(found) - rows + 1) if all(found[k : k + rows])), None)
     if first is None:
         return None
-    one = stamp.search(lines[first])
+    one = found[first]
     assert one is not None
-    body: list[tuple[str, re.Match[str], float]] = []
-    days, last = 0.0, one
-    for k, line in enumerate((line for line in lines[first:] if not line.startswith("#")), 1):
-        this = stamp.search(line)
-        if this is None or (this["date"] is None) != (one["date"] is None):
+    body = _moments([line for line in lines[first:] if not line.startswith("#")], stamp, one)
+    separator = _separator(lines[first], one)
+    decimal = "."
+    if separator != "," and any("," in row.after for row in body[:rows]):
+        decimal = ","
+    rest = []
+    for row in body:
+        seconds = f"{row.moment - body[0].moment:.9f}".replace(".", decimal)
+        rest.append((row.before + seconds + row.after).replace('"', ""))
+    return [*_header(lines[:first], lines[first], one, separator, time), *rest], one[0]
+
+
+@dataclass(frozen=True)
+class _StampedRow:
+    """A row with its time [s] from the midnight before the first, and the text about the stamp."""
+
+    moment: float
+    before: str
+    after: str
+
+
+def _moments(
+    lines: Sequence[str], pattern: re.Pattern[str], first: re.Match[str]
+) -> list[_StampedRow]:
+    """Times of rows; RecordingError where one has none, or a day is missing or there twice."""
+    rows: list[_StampedRow] = []
+    days, last = 0.0, first
+    for k, line in enumerate(lines, 1):
+        this = pattern.search(line)
+        if this is None or (this["date"] is None) != (first["date"] is None):
             raise RecordingError(
-                f"row {k} of its numbers has no time such as '{one[0]}': {line[:60]!r}"
+                f"row {k} of its numbers has no time such as '{first[0]}': {line[:60]!r}"
             )
         # A new day is told by the clock, whichever way its date is written.
-        new = _of_day(this) < _of_day(last) - 0.5 * _DAY
-        if one["date"] and (this["date"] != last["date"]) != new:
+        is_new_day = _of_day(this) < _of_day(last) - 0.5 * _DAY
+        if first["date"] and (this["date"] != last["date"]) != is_new_day:
             raise RecordingError(
                 f"row {k} of its numbers is of '{this[0]}', and the row before of '{last[0]}'; a"
                 " day is missing or twice"
             )
-        days, last = days + _DAY * new, this
-        body.append((line, this, _of_day(this) + days - _utc_offset(this)))
-    start, separator = body[0][2], _separator(lines[first], one)
-    if separator != "," and any("," in line[this.end() :] for line, this, _ in body[:rows]):
-        mark = ","
-    else:
-        mark = "."
-    rest = [
-        (
-            line[: this.start()] + f"{moment - start:.9f}".replace(".", mark) + line[this.end() :]
-        ).replace('"', "")
-        for line, this, moment in body
-    ]
-    return [*_header(lines[:first], lines[first], one, separator, time), *rest], one[0]
+        days, last = days + _DAY * is_new_day, this
+        moment = _of_day(this) + days - _utc_offset(this)
+        rows.append(_StampedRow(moment, line[: this.start()], line[this.end() :]))
+    return rows
 
 
 def _of_day(stamp: re.Match[str]) -> float:
@@ -104,34 +118,40 @@ def _header(
 ) -> list[str]:
     """The lines above the numbers, in whose header date and time are one column, in seconds."""
     columns = len(row.rstrip(separator).split(separator))
-    if separator:
-        place = row[: stamp.start()].count(separator)
-    else:
-        place = len(row[: stamp.start()].split())
-    apart = (stamp["between"] or "").strip('"')
-    if apart not in ("", "T") and (separator is None or separator in apart):
-        wide = 2
-    else:
-        wide = 1
+    stamped = _stamped_columns(row, stamp, separator)
     rows = [line.lstrip("#%").strip(" ").rstrip(separator).split(separator) for line in top[-2:]]
-    fits = [len(fields) == columns for fields in rows]
-    below = (
-        len(rows) == 2
-        and all(fits)
-        and all(not x.strip() or is_unit(x.strip('" ')) for x in rows[1])
-    )
-    found = list(top[: len(top) - len(rows)])
-    for k, fields in enumerate(rows):
-        own = [x.strip().strip('"').strip() for x in fields[place : place + wide]]
-        name = next((x for x in own if x == time or is_time(named_unit(x)[0])), "time")
-        if fits[k] and (below or k == len(rows) - 1):
-            unit = "s" if k == 1 else named_unit(name)[0]
-            if below:
-                cell = unit
-            elif separator:
-                cell = f"{named_unit(name)[0]} [s]"
-            else:
-                cell = f"{named_unit(name)[0]}_s"
-            fields = [*fields[:place], cell, *fields[place + wide :]]
-        found.append((separator or " ").join(fields))
-    return found
+    fits = [len(cells) == columns for cells in rows]
+    has_units = len(rows) == 2 and all(fits) and all(map(_may_be_unit, rows[1]))
+    if has_units:
+        rows[0][stamped] = [_time_name(rows[0][stamped], time)]
+        rows[1][stamped] = ["s"]
+    elif rows and fits[-1]:
+        name = _time_name(rows[-1][stamped], time)
+        rows[-1][stamped] = [f"{name} [s]" if separator else f"{name}_s"]
+    return [
+        *top[: len(top) - len(rows)],
+        *((separator or " ").join(cells) for cells in rows),
+    ]
+
+
+def _stamped_columns(row: str, stamp: re.Match[str], separator: str | None) -> slice:
+    """The column of date and time, or the two where each has its own."""
+    before = row[: stamp.start()]
+    place = before.count(separator) if separator else len(before.split())
+    between = (stamp["between"] or "").strip('"')
+    if between not in ("", "T") and (separator is None or separator in between):
+        return slice(place, place + 2)
+    return slice(place, place + 1)
+
+
+def _may_be_unit(cell: str) -> bool:
+    return not cell.strip() or is_unit(cell.strip('" '))
+
+
+def _time_name(cells: Sequence[str], time: str | None) -> str:
+    """Name of the time axis, as the header or the preparation has it."""
+    for cell in cells:
+        name = cell.strip().strip('"').strip()
+        if name == time or is_time(named_unit(name)[0]):
+            return named_unit(name)[0]
+    return "time"
