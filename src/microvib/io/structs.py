@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -134,61 +135,111 @@ class _StructContext:
         )
 
 
+@dataclass(frozen=True)
+class _Struct:
+    """One struct, or all variables of a file, under no name, with what it says of its channels."""
+
+    name: str
+    numbers: Mapping[str, np.ndarray]
+    unit_of: Mapping[str, str]  # units by the fields that they are of
+    axis_unit: str
+    names: list[str]  # of channels, listed in one field
+    units: list[str]
+
+    @property
+    def at(self) -> str:
+        """What stands before the names of its fields."""
+        return f"{self.name}." if self.name else ""
+
+    @cached_property
+    def time_axes(self) -> dict[str, Column]:
+        """Time axes by field."""
+        return {
+            key: Column(self.at + key, values, self.unit_of.get(key) or self.axis_unit)
+            for key, values in self.numbers.items()
+            if values.ndim == 1 and values.size > 1 and is_time(key)
+        }
+
+    @cached_property
+    def channels(self) -> list[str]:
+        """Fields that are samples of channels."""
+        axes = self.time_axes
+        return [key for key in self.numbers if key not in axes and self._may_be_channel(key)]
+
+    def _may_be_channel(self, key: str) -> bool:
+        values = self.numbers[key]
+        if values.size <= _FEW and names_scale(key):
+            return False
+        return values.size >= 2 and values.ndim <= 2
+
+    def columns(self, key: str, around: _StructContext) -> Iterator[Column]:
+        """The channel that a field holds, or those of a matrix."""
+        values, where = self.numbers[key], self.at + key
+        if values.ndim == 2:
+            units = self.units or [self.unit_of.get(key, "")]
+            yield from _matrix(where, values, self.names, units, around)
+        else:
+            yield around.column(self._label(key), values, self._unit(key), where)
+
+    def _holds_values(self, key: str) -> bool:
+        """Whether a field is called what the struct's own samples are."""
+        return bool(self.name) and _word(key) in _VALUES
+
+    def _label(self, key: str) -> str:
+        if not self._holds_values(key):
+            return self.at + key
+        if len(self.names) == 1:
+            return self.names[0] or self.name
+        return self.name
+
+    def _unit(self, key: str) -> str:
+        if self.unit_of.get(key):
+            return self.unit_of[key]
+        if key in self.names and len(self.units) == len(self.names):
+            unit = self.units[self.names.index(key)]
+            if unit:
+                return unit
+        if len(self.units) == 1 and (self._holds_values(key) or len(self.channels) == 1):
+            return self.units[0]
+        return ""
+
+
 def _scope(
     name: str, fields: Mapping[str, Any], around: _StructContext, depth: int
 ) -> Iterator[Column]:
     """Channels of one struct; what it says of rate and time holds for those within, too."""
-    at = f"{name}." if name else ""
     by_word = {_word(key): value for key, value in fields.items()}
     x, y = by_word.get("xvalues"), by_word.get("yvalues")
     if isinstance(x, Mapping) and isinstance(y, Mapping):
         yield from _of_x_and_y(name, fields, x, y)
         return
-    numbers = {
-        k: np.asarray(v, dtype=float) for k, v in map(_stacked, fields.items()) if v is not None
-    }
-    unit_of = _units_beside(fields)
-    axes = [
-        Column(at + k, v, unit_of.get(k) or _axis_unit(fields))
-        for k, v in numbers.items()
-        if v.ndim == 1 and v.size > 1 and is_time(k)
-    ]
-    names, listed = _texts(_of(fields, _NAMES)), _texts(_of(fields, _UNITS))
-    channels = [
-        k
-        for k, v in numbers.items()
-        if v.size >= 2
-        and v.ndim <= 2
-        and not any(a.name == at + k for a in axes)
-        and not (v.size <= _FEW and names_scale(k))
-    ]
-    around = _with_what_is_said(at, fields, channels, around)
+    struct = _struct(name, fields)
+    channels, axes = struct.channels, list(struct.time_axes.values())
+    around = _with_what_is_said(struct.at, fields, channels, around)
     if name and axes:
         around = replace(around, time=axes[0])
     elif axes:
         yield from axes
     for key in channels:
-        values, own = numbers[key], f"{at}{key}"
-        beside = _without_those_of_others(around, key, channels)
-        if values.ndim == 2:
-            yield from _matrix(own, values, names, listed or [unit_of.get(key, "")], beside)
-            continue
-        single = _word(key) in _VALUES and name
-        if single:
-            if single and len(names) == 1 and names[0]:
-                label = names[0]
-            else:
-                label = name
-        else:
-            label = own
-        unit = unit_of.get(key) or (
-            listed[names.index(key)] if key in names and len(listed) == len(names) else ""
-        )
-        if not unit and len(listed) == 1 and (single or len(channels) == 1):
-            unit = listed[0]
-        yield beside.column(label, values, unit, own)
+        yield from struct.columns(key, _without_those_of_others(around, key, channels))
     if depth < _DEEPEST:
-        yield from _nested_columns(at, fields, around, depth)
+        yield from _nested_columns(struct.at, fields, around, depth)
+
+
+def _struct(name: str, fields: Mapping[str, Any]) -> _Struct:
+    numbers = {
+        key: np.asarray(values, dtype=float)
+        for key, values in map(_stacked, fields.items())
+        if values is not None
+    }
+    return _Struct(
+        name,
+        numbers,
+        _units_beside(fields),
+        _axis_unit(fields),
+        _texts(_of(fields, _NAMES)),
+        _texts(_of(fields, _UNITS)),
+    )
 
 
 def _units_beside(fields: Mapping[str, Any]) -> dict[str, str]:
@@ -226,34 +277,43 @@ def _with_what_is_said(
     at: str, fields: Mapping[str, Any], channels: Sequence[str], around: _StructContext
 ) -> _StructContext:
     """What stands about the samples, with rates, step of the axis and scales that this struct says."""
-    said = {
-        at + k: v if isinstance(v, str) else float(np.ravel(v)[0])
-        for k, v in fields.items()
-        if isinstance(v, str)
-        or (isinstance(v, np.ndarray) and v.size == 1 and v.dtype.kind in "fiub")
-    }
+    said = {key: _text_or_number(value) for key, value in fields.items()}
+    step = next((key for key in fields if STEPS.fullmatch(key) and _is_number(said[key])), None)
     axis = around.axis
-    step = next(
-        (k for k in fields if STEPS.fullmatch(k) and isinstance(said.get(at + k), float)), None
-    )
     if step is not None:
-        starts = [
-            said[at + k]
-            for k in fields
-            if _word(k) in _AXIS_STARTS and isinstance(said.get(at + k), float)
-        ]
-        start = float(starts[0]) if starts else None
-        quantity = _of(fields, _AXIS_NAMES)
-        unit = _units_beside(fields).get(step) or _axis_unit(fields)
-        axis = Axis(
-            at + step,
-            float(said.pop(at + step)),
-            start,
-            unit,
-            quantity if isinstance(quantity, str) else "",
-        )
+        axis = _axis_with_step(at, fields, step, said)
+        del said[step]
+    rates = stated_rates({at + key: value for key, value in said.items() if value is not None})
     scales = {**around.scales, **_small(at, fields, channels)}
-    return _StructContext({**around.rates, **stated_rates(said)}, around.time, axis, scales)
+    return _StructContext({**around.rates, **rates}, around.time, axis, scales)
+
+
+def _text_or_number(value: Any) -> str | float | None:
+    """A text or one number; None for anything else."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "fiub":
+        return float(np.ravel(value)[0])
+    return None
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, float)
+
+
+def _axis_with_step(
+    at: str, fields: Mapping[str, Any], step: str, said: Mapping[str, str | float | None]
+) -> Axis:
+    """The axis of the samples in a struct that says its step."""
+    starts = (said[key] for key in fields if _word(key) in _AXIS_STARTS)
+    quantity = _of(fields, _AXIS_NAMES)
+    return Axis(
+        at + step,
+        float(said[step] or 0.0),
+        next(filter(_is_number, starts), None),
+        _units_beside(fields).get(step) or _axis_unit(fields),
+        quantity if isinstance(quantity, str) else "",
+    )
 
 
 def _small(at: str, fields: Mapping[str, Any], channels: Sequence[str]) -> dict[str, Any]:
@@ -261,22 +321,29 @@ def _small(at: str, fields: Mapping[str, Any], channels: Sequence[str]) -> dict[
     found: dict[str, Any] = {}
     for key, value in fields.items():
         if isinstance(value, Mapping):
-            inner = [k for k, v in value.items() if isinstance(v, np.ndarray) and v.size > _FEW]
-            if not inner:  # no channel of its own
-                found |= {
-                    f"{at}{key}.{k}": v
-                    for k, v in value.items()
-                    if isinstance(v, (str, np.ndarray))
-                }
-                found |= {
-                    f"{at}{key}": v
-                    for v in value.values()
-                    if isinstance(v, np.ndarray) and v.size == 1
-                }
+            found |= _small_in_struct(at + key, value)
         elif isinstance(value, str) or (
             isinstance(value, np.ndarray) and (key not in channels or value.size <= _FEW)
         ):
             found[at + key] = value
+    return found
+
+
+def _small_in_struct(path: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers and texts of a struct that has no channel of its own; the last single number under
+    the struct's path, too.
+    """
+    arrays = [value for value in fields.values() if isinstance(value, np.ndarray)]
+    if any(value.size > _FEW for value in arrays):
+        return {}
+    found = {
+        f"{path}.{key}": value
+        for key, value in fields.items()
+        if isinstance(value, (str, np.ndarray))
+    }
+    single = [value for value in arrays if value.size == 1]
+    if single:
+        found[path] = single[-1]
     return found
 
 
@@ -303,66 +370,19 @@ def _of_x_and_y(
     """Channels of a function as Simcenter writes it: an axis in ``x_values``, samples in
     ``y_values``, each with its quantity.
     """
-    samples = y.get("values")
-    if isinstance(samples, list):
-        samples = _stacked(("values", samples))[1]
-    if (
-        not isinstance(samples, np.ndarray)
-        or samples.size < 2
-        or samples.ndim > 2
-        or samples.dtype.kind not in "fiubc"
-    ):
+    table = _samples(x, y)
+    if table is None:
         return
-    count = _number(x.get("numberofvalues", x.get("number_of_values")))
-    if samples.ndim == 1:
-        table = samples[:, None]
-    else:
-        table = samples
-    if table.shape[0] != count and (table.shape[1] == count or table.shape[0] < table.shape[1]):
-        table = table.T
-    labels, factor, _ = _quantity(x)
-    unit = labels[0] if labels else ""
-    size = seconds_per(unit) if unit else None
-    if size is not None and factor is not None and _stored_in_si(factor, size):
-        unit = "s"
-    kind = str(_of(fields, ("type", "functiontype", "functionclass")) or "")
-    if not unit and re.search(r"spectr|power|frf|psd|coheren|order|fft", kind, re.IGNORECASE):
-        quantity = "Frequency"
-    else:
-        quantity = ""
-    given = x.get("values")
-    time = axis = None
-    if isinstance(given, np.ndarray) and given.ndim == 1 and given.size == table.shape[0]:
-        time = Column("x_values", given.astype(float), unit)
-    else:
-        step = next((_number(x[k]) for k in x if _word(k) in ("increment", "delta")), None)
-        start = next((_number(x[k]) for k in x if _word(k) in ("startvalue", "start")), None)
-        if step is None:
-            axis = None
-        else:
-            axis = Axis("x_values", step, start, unit, quantity)
-    names, (units, factor, offset) = _texts(_of(fields, _NAMES)), _quantity(y)
-    for k, values in enumerate(table.T):
-        if len(names) == table.shape[1] and names[k]:
-            label = names[k]
-        else:
-            label = name
-        if table.shape[1] == 1 or label != name:
-            label = label
-        else:
-            label = f"{name}({k + 1})"
-        if len(units) == table.shape[1]:
-            own = units[k]
-        elif units:
-            own = units[0]
-        else:
-            own = ""
-        own, unfit = _unit_of_values(own, factor, offset, label)
+    time, axis = _axis_of_x(fields, x, table.shape[0])
+    quantity = _quantity(y)
+    labels = _labels(name, _texts(_of(fields, _NAMES)), table.shape[1])
+    units = _one_for_each(quantity.labels, table.shape[1])
+    beside = {key: value for key, value in y.items() if key != "values"}
+    scales = _small(f"{name}.", fields, ()) | _small(f"{name}.y_values.", beside, ())
+    for label, unit, values in zip(labels, units, table.T, strict=True):
+        own, unfit = _unit_of_values(unit, quantity, label)
         if values.dtype.kind == "c":
             unfit = f"channel {label} is not a time history but has complex values, as a spectrum; export the time history"
-        scales = _small(f"{name}.", fields, ()) | _small(
-            f"{name}.y_values.", {k: v for k, v in y.items() if k != "values"}, ()
-        )
         yield Column(
             label,
             values.real.astype(float),
@@ -376,37 +396,102 @@ def _of_x_and_y(
         )
 
 
+def _samples(x: Mapping[str, Any], y: Mapping[str, Any]) -> np.ndarray | None:
+    """Samples in ``y_values``, (samples, channels); None where they are no numbers."""
+    samples = y.get("values")
+    if isinstance(samples, list):
+        samples = _stacked(("values", samples))[1]
+    if not isinstance(samples, np.ndarray) or samples.dtype.kind not in "fiubc":
+        return None
+    if samples.size < 2 or samples.ndim > 2:
+        return None
+    if samples.ndim == 1:
+        samples = samples[:, None]
+    rows, columns = samples.shape
+    count = _number(x.get("numberofvalues", x.get("number_of_values")))
+    if rows != count and (columns == count or rows < columns):
+        return samples.T
+    return samples
+
+
+def _axis_of_x(
+    fields: Mapping[str, Any], x: Mapping[str, Any], count: int
+) -> tuple[Column | None, Axis | None]:
+    """The axis of ``count`` samples in ``x_values``: each of its values, or else its step."""
+    unit = _unit_of_axis(_quantity(x))
+    given = x.get("values")
+    if isinstance(given, np.ndarray) and given.ndim == 1 and given.size == count:
+        return Column("x_values", given.astype(float), unit), None
+    step = next((_number(x[key]) for key in x if _word(key) in ("increment", "delta")), None)
+    if step is None:
+        return None, None
+    start = next((_number(x[key]) for key in x if _word(key) in ("startvalue", "start")), None)
+    kind = str(_of(fields, ("type", "functiontype", "functionclass")) or "")
+    is_spectrum = re.search(r"spectr|power|frf|psd|coheren|order|fft", kind, re.IGNORECASE)
+    quantity = "Frequency" if is_spectrum and not unit else ""
+    return None, Axis("x_values", step, start, unit, quantity)
+
+
+def _unit_of_axis(quantity: _Quantity) -> str:
+    """Unit of an axis by its label, s where the factor beside it says that it is stored in that."""
+    if not quantity.labels or not quantity.labels[0]:
+        return ""
+    unit = quantity.labels[0]
+    size = seconds_per(unit)
+    if size is not None and quantity.factor is not None and _stored_in_si(quantity.factor, size):
+        return "s"
+    return unit
+
+
+def _labels(name: str, names: list[str], count: int) -> list[str]:
+    """Names of the channels of a function, by number where they are not listed."""
+    if count == 1:
+        return [names[0] or name] if len(names) == 1 else [name]
+    if len(names) != count:
+        names = [""] * count
+    return [f"{name}({k + 1})" if label in ("", name) else label for k, label in enumerate(names)]
+
+
+def _one_for_each(units: list[str], count: int) -> list[str]:
+    """Units of so many channels; where their number is another, the first is that of all."""
+    if len(units) == count:
+        return units
+    return [units[0] if units else ""] * count
+
+
 def _number(given: Any) -> float | None:
     if isinstance(given, np.ndarray) and given.size:
         return float(np.ravel(given)[0])
     return None
 
 
-def _quantity(axis: Mapping[str, Any]) -> tuple[list[str], float | None, float]:
+@dataclass(frozen=True)
+class _Quantity:
+    """What a file says of the unit of an axis."""
+
+    labels: list[str]
+    factor: float | None = None
+    offset: float = 0.0
+
+
+def _quantity(axis: Mapping[str, Any]) -> _Quantity:
     """Labels of an axis' unit, and factor and offset that its file gives with it."""
     quantity = axis.get("quantity")
-    if isinstance(quantity, list):
-        several = quantity
-    else:
-        several = [quantity]
-    labels = [
-        str(q.get("label", "")).strip() if not isinstance(q.get("label"), list) else ""
-        for q in several
-        if isinstance(q, Mapping)
-    ]
-    if (
-        len(several) == 1
-        and isinstance(quantity, Mapping)
-        and isinstance(quantity.get("label"), list)
-    ):
+    several = quantity if isinstance(quantity, list) else [quantity]
+    structs = [item for item in several if isinstance(item, Mapping)]
+    if isinstance(quantity, Mapping) and isinstance(quantity.get("label"), list):
         labels = _texts(quantity["label"])
-    if isinstance(several[0], Mapping):
-        change = several[0].get("unit_transformation")
     else:
-        change = None
+        labels = [_label_text(item) for item in structs]
+    change = several[0].get("unit_transformation") if isinstance(several[0], Mapping) else None
     if not isinstance(change, Mapping):
-        return labels, None, 0.0
-    return labels, _number(change.get("factor")), _number(change.get("offset")) or 0.0
+        return _Quantity(labels)
+    return _Quantity(labels, _number(change.get("factor")), _number(change.get("offset")) or 0.0)
+
+
+def _label_text(quantity: Mapping[str, Any]) -> str:
+    label = quantity.get("label", "")
+    return "" if isinstance(label, list) else str(label).strip()
 
 
 def _stored_in_si(factor: float, size: float) -> bool:
@@ -416,19 +501,19 @@ def _stored_in_si(factor: float, size: float) -> bool:
     return abs(size - 1.0) > 1e-9 and abs(factor * size - 1.0) < 1e-3
 
 
-def _unit_of_values(label: str, factor: float | None, offset: float, name: str) -> tuple[str, str]:
+def _unit_of_values(label: str, quantity: _Quantity, name: str) -> tuple[str, str]:
     """Unit of a force's or torque's samples by its label and the factor beside it, and why that is
     not known.
     """
+    factor, offset = quantity.factor, quantity.offset
     load = as_load(f"1 {label}") if label else None
     if load is None or factor is None:
         return label, ""
     size, si = load
     if _stored_in_si(factor, size):
         return si, ""
-    if (abs(factor - 1.0) < 1e-9 and not offset) or (
-        abs(factor / size - 1.0) < 1e-3 and not offset
-    ):
+    is_factor_of_unit = abs(factor - 1.0) < 1e-9 or abs(factor / size - 1.0) < 1e-3
+    if is_factor_of_unit and not offset:
         return label, ""
     return label, (
         f"channel {name} is in '{label}' with a factor of {factor:.6g} and an offset of"
