@@ -21,7 +21,12 @@ from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import mode_has_decayed
 from microvib.analysis.steadiness import steadiness_notes, with_excess
 from microvib.errors import expect_channel, whole_number
-from microvib.model.driven import noise_bin_amplitude, noise_density, noise_driven_lines
+from microvib.model.driven import (
+    NoiseDrivenLine,
+    noise_bin_amplitude,
+    noise_density,
+    noise_driven_lines,
+)
 from microvib.model.expected import UNLISTED_PREFIX, ExpectedLine, expected_lines
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
@@ -208,16 +213,23 @@ def _refit_clock(
     ratio = search_wide_clock_ratio(expected, table.clock_ratio, highest, spectrum)
     if ratio is None or abs(ratio - 1.0) <= CLOCK_TOLERANCE:
         return table
-    moved = [_shift_frequency(line, ratio) if line.of_clock else line for line in expected]
+    moved = [_at_clock_ratio(line, ratio) for line in expected]
     there = estimate_lines(x, sample_rate, [line for line in moved if line.frequency <= highest])
     if there.clock_ratio is None or there.clock_ratio_uncertainty is None:
         return table
-    lines = tuple(
-        replace(line, expected_hz=line.expected_hz / ratio) if line.of_clock else line
-        for line in there.lines
+    return replace(
+        there,
+        lines=tuple(_with_own_expectation(line, ratio) for line in there.lines),
+        clock_ratio=ratio * there.clock_ratio,
+        clock_ratio_uncertainty=ratio * there.clock_ratio_uncertainty,
     )
-    its, unsure = ratio * there.clock_ratio, ratio * there.clock_ratio_uncertainty
-    return replace(there, lines=lines, clock_ratio=its, clock_ratio_uncertainty=unsure)
+
+
+def _with_own_expectation(line: Line, ratio: float) -> Line:
+    """A line found at a clock of this ``ratio``, with the frequency that the scenario expects."""
+    if line.of_clock:
+        return replace(line, expected_hz=line.expected_hz / ratio)
+    return line
 
 
 def _clock_is_doubtful(table: LineTable) -> bool:
@@ -230,7 +242,10 @@ def _clock_is_doubtful(table: LineTable) -> bool:
     return others > small or clock.get("drive_1", 0.0) <= small
 
 
-def _shift_frequency(line: ExpectedLine, ratio: float) -> ExpectedLine:
+def _at_clock_ratio(line: ExpectedLine, ratio: float) -> ExpectedLine:
+    """The line as a clock of this ``ratio`` to the scenario's makes it."""
+    if not line.of_clock:
+        return line
     return replace(
         line, frequency=ratio * line.frequency, low=ratio * line.low, high=ratio * line.high
     )
@@ -309,36 +324,46 @@ def with_noise_statistics(
     """
     if scenario.friction.torque_noise is None and scenario.friction.position is None:
         return table
+    in_closed_form: dict[str, NoiseDrivenLine] = {}
     if disturbance:
-        alone = {x.line: x for x in noise_driven_lines(scenario, table.duration)}
-    else:
-        alone = {}
+        in_closed_form = {x.line: x for x in noise_driven_lines(scenario, table.duration)}
     rows = []
     for line in table:
-        noise = alone.get(line.line)
+        noise = in_closed_form.get(line.line)
         if noise is not None:
-            drawn = noise.quantile > (
-                line.floor_n_m
-                if line.status == BELOW_FLOOR
-                else _NEGLIGIBLE_NOISE_RATIO * line.amplitude_n_m
-            )
-            line = replace(
-                line,
-                noise_mean_n_m=noise.mean,
-                noise_deviation_n_m=noise.deviation,
-                noise_p95_n_m=noise.quantile,
-            )
-        elif line.of_clock or not line.frequency_hz > 0.0:
-            drawn = False
-        elif disturbance:
-            drawn = line.amplitude_n_m < _MAX_NOISE_RATIO * noise_bin_amplitude(
-                scenario, line.frequency_hz, table.duration
-            )
+            rows.append(_with_noise_in_closed_form(line, noise))
+        elif line.seen and _is_made_by_noise(line, scenario, table.duration, disturbance):
+            rows.append(replace(line, status=NOISE_DRIVEN))
         else:
-            drawn = bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
-        own = line.seen or (noise is not None and line.status == BELOW_FLOOR)
-        rows.append(replace(line, status=NOISE_DRIVEN) if drawn and own else line)
+            rows.append(line)
     return replace(table, lines=tuple(rows))
+
+
+def _with_noise_in_closed_form(line: Line, noise: NoiseDrivenLine) -> Line:
+    """A line with the statistics of what noise gives it, driven by it where that is not
+    negligible.
+    """
+    negligible = _NEGLIGIBLE_NOISE_RATIO * line.amplitude_n_m
+    if line.status == BELOW_FLOOR:
+        negligible = line.floor_n_m
+    is_driven = (line.seen or line.status == BELOW_FLOOR) and noise.quantile > negligible
+    return replace(
+        line,
+        noise_mean_n_m=noise.mean,
+        noise_deviation_n_m=noise.deviation,
+        noise_p95_n_m=noise.quantile,
+        status=NOISE_DRIVEN if is_driven else line.status,
+    )
+
+
+def _is_made_by_noise(line: Line, scenario: Scenario, duration: float, disturbance: bool) -> bool:
+    """Whether noise may be all that is seen of a line without statistics in closed form."""
+    if line.of_clock or not line.frequency_hz > 0.0:
+        return False
+    if not disturbance:
+        return bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
+    in_bin = noise_bin_amplitude(scenario, line.frequency_hz, duration)
+    return line.amplitude_n_m < _MAX_NOISE_RATIO * in_bin
 
 
 def lines_by_name(
@@ -423,20 +448,26 @@ def rate_warnings(clock_ratio: float | None) -> Iterator[str]:
 def clock_warnings(table: LineTable) -> Iterator[str]:
     """What speaks against a recording being of the scenario's drive at its rate: a sentence each."""
     clock = [x for x in table if x.kind and x.of_clock]
-    seen = [x for x in clock if x.seen]
-    drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
-    common = math.gcd(*(k for k, x in drive.items() if x in seen))
     yield from rate_warnings(table.clock_ratio)
+    yield from _no_motion_warnings(table, clock)
+    yield from _other_machinery_warnings(table, clock)
+    yield from _multiple_of_rate_warnings(clock)
+
+
+def _no_motion_warnings(table: LineTable, clock: Sequence[Line]) -> Iterator[str]:
+    """Where no line of the ``clock`` is seen, or those alone that the mains may make."""
+    seen = [x for x in clock if x.seen]
     if table.clock_ratio is None and any(x.status == BELOW_FLOOR for x in clock):
         yield f"no line of the step clock is detected within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
     elif seen and all(near_mains(x.frequency_hz, table.duration) for x in seen):
         yield "all detected lines of the step clock coincide with mains harmonics (50 or 60 Hz): the drive may not have been moving"
-    largest = max((x.amplitude_n_m for x in seen), default=math.inf)
-    comb = list(
-        _largest_harmonic_series(
-            [x for x in table if x.kind == "other" and x.amplitude_n_m > largest], table.duration
-        )
-    )
+
+
+def _other_machinery_warnings(table: LineTable, clock: Sequence[Line]) -> Iterator[str]:
+    """Where lines larger than all of the ``clock`` are multiples of one frequency."""
+    largest = max((x.amplitude_n_m for x in clock if x.seen), default=math.inf)
+    larger = [x for x in table if x.kind == "other" and x.amplitude_n_m > largest]
+    comb = list(_largest_harmonic_series(larger, table.duration))
     if len(comb) >= _MIN_COMB_LINES:
         yield (
             f"{', '.join(x.line for x in comb)}, multiples of {comb[0].frequency_hz:.5g} Hz, are"
@@ -444,9 +475,18 @@ def clock_warnings(table: LineTable) -> Iterator[str]:
             " clock: the drive may have run at another rate, or other machinery may have been"
             " running nearby"
         )
+
+
+def _multiple_of_rate_warnings(clock: Sequence[Line]) -> Iterator[str]:
+    """Where of the driving lines those alone are seen that a multiple of the rate has."""
+    drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
+    seen = {k: x.line for k, x in drive.items() if x.seen}
+    common = math.gcd(*seen)
     if common > 1 and all(x.status == BELOW_FLOOR for k, x in drive.items() if k % common):
-        names = ", ".join(x.line for x in drive.values() if x in seen)
-        yield f"only the driving lines {names} are detected: the drive may have run at {common} times the scenario's rate"
+        yield (
+            f"only the driving lines {', '.join(seen.values())} are detected: the drive may have"
+            f" run at {common} times the scenario's rate"
+        )
 
 
 def clock_and_mains_warnings(table: LineTable) -> Iterator[str]:

@@ -108,43 +108,58 @@ def _phases(n: np.ndarray, bins: np.ndarray, samples: int) -> np.ndarray:
 
 
 def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable:
+    """Lines of the first block, with means over all; ``bins`` are frequency and amplitude in the
+    nearest bin of the whole record.
+    """
     lines = []
     for first, (bin_hz, bin_amplitude) in zip(tables[0], bins, strict=True):
-        column = [
-            row for row in (_matching_line(table, first) for table in tables) if row is not None
-        ]
-        # A mode that has died away says nothing of its frequency: blocks count by the square of
-        # what they show.
-        weights = np.array([x.amplitude_n_m**2 if x.seen else 0.0 for x in column])
-        if not np.any(weights > 0.0):
-            weights = np.ones(len(column))
-        means: dict[str, Any] = {
-            name: float(np.average([getattr(x, name) for x in column], weights=by))
-            for name, by in (("frequency_hz", weights), ("decay_per_s", weights), ("amplitude_n_m", None), ("floor_n_m", None))
-        }  # fmt: skip
-        means |= {
-            name: _uncertainty_of_mean([getattr(x, name) for x in column])
-            for name in ("frequency_uncertainty_hz", "amplitude_uncertainty_n_m")
-        }
-        status = column[int(np.argmax(weights))].status
-        means |= {"status": status, "bin_frequency_hz": bin_hz, "bin_amplitude_n_m": bin_amplitude}
-        lines.append(replace(column[0], **means))
+        in_blocks = [_matching_line(table, first) for table in tables]
+        mean = _mean_line([line for line in in_blocks if line is not None])
+        lines.append(replace(mean, bin_frequency_hz=bin_hz, bin_amplitude_n_m=bin_amplitude))
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
-    left = [table.rest for table in tables if table.rest is not None]
-    left += [_unmatched_peaks(table, tables[0]) for table in tables[1:]]
-    rest = ResidualPeaks.of(
-        *(np.concatenate([getattr(r, name) for r in left]) for name in ("frequency", "amplitude"))
-    )
-    rest = replace(rest, slow=max(one.slow for one in left))
     return replace(
         tables[0],
         lines=tuple(lines),
         clock_ratio=float(np.mean(ratios)) if ratios else None,
         clock_ratio_uncertainty=_uncertainty_of_mean(spreads) if spreads else None,
         samples=sum(table.samples for table in tables),
-        rest=rest,
+        rest=_rest_of_blocks(tables),
     )
+
+
+def _mean_line(blocks: list[Line]) -> Line:
+    """One line's mean over the blocks."""
+    # A mode that has died away says nothing of its frequency: blocks count by the square of what
+    # they show.
+    weights = np.array([x.amplitude_n_m**2 if x.seen else 0.0 for x in blocks])
+    if not np.any(weights > 0.0):
+        weights = np.ones(len(blocks))
+
+    def values(name: str) -> list[float]:
+        return [getattr(line, name) for line in blocks]
+
+    return replace(
+        blocks[0],
+        frequency_hz=float(np.average(values("frequency_hz"), weights=weights)),
+        decay_per_s=float(np.average(values("decay_per_s"), weights=weights)),
+        amplitude_n_m=float(np.average(values("amplitude_n_m"))),
+        floor_n_m=float(np.average(values("floor_n_m"))),
+        frequency_uncertainty_hz=_uncertainty_of_mean(values("frequency_uncertainty_hz")),
+        amplitude_uncertainty_n_m=_uncertainty_of_mean(values("amplitude_uncertainty_n_m")),
+        status=blocks[int(np.argmax(weights))].status,
+    )
+
+
+def _rest_of_blocks(tables: list[LineTable]) -> ResidualPeaks:
+    """What no line of the first block accounts for, in any block."""
+    left = [table.rest for table in tables if table.rest is not None]
+    left += [_unmatched_peaks(table, tables[0]) for table in tables[1:]]
+    rest = ResidualPeaks.of(
+        np.concatenate([one.frequency for one in left]),
+        np.concatenate([one.amplitude for one in left]),
+    )
+    return replace(rest, slow=max(one.slow for one in left))
 
 
 def _matching_line(table: LineTable, line: Line) -> Line | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario, expect_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
-from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line
+from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
 from microvib.units import Band, GivenQuantity, Si, quantity
@@ -295,74 +295,107 @@ def plan_rates(
     becomes a time integration.
     """
     expect_scenario(scenario)
+    grid, counts = _checked_grid(scenario, rates, microsteps)
+    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
+    within = (0.0, math.inf) if band is None else ends(band)
+    modes = tuple(mode for mode in coupled_modes(scenario) if _may_resonate(mode))
+    crossings = [
+        crossing
+        for count in counts
+        for crossing in _resonance_crossings(scenario, count, modes, min(grid), max(grid))
+    ]
+    solve_case = linear_case if linear else full_case
+    with parallel_calls(progress, workers) as calls:
+
+        def solve(wanted: Iterable[tuple[float, int, bool]]) -> list[RateCase]:
+            return calls(
+                solve_case, ((scenario, Si(rate), n, confirmed) for rate, n, confirmed in wanted)
+            )
+
+        wanted = {(float(rate), count) for count in counts for rate in grid}
+        for crossing in crossings:
+            wanted |= {(rate, crossing.microsteps) for rate in _rates_to_examine(crossing, modes)}
+        found = _solved_cases(wanted, within, solve)
+        rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in counts]
+        forbidden = []
+        if most is not None:
+            forbidden = [b for row in rows for b in _forbidden(row, most, within, solve)]
+    resonances = _resonances(crossings, modes, found)
+    if keep_away > 0.0:
+        forbidden += [_too_near(resonance, keep_away) for resonance in resonances]
+    return RatePlan(
+        scenario,
+        tuple(chain.from_iterable(rows)),
+        modes,
+        resonances,
+        tuple(forbidden),
+        most,
+        within,
+        linear,
+        keep_away,
+    )
+
+
+def _checked_grid(
+    scenario: Scenario, rates: Sequence[GivenQuantity], microsteps: Sequence[int] | None
+) -> tuple[list[Si], tuple[int, ...]]:
+    """Rates [rad/s] and microstep counts of a plan; OptionError."""
     expect_list(rates, "rates", "['0.06 deg/s']")
     expect_list(() if microsteps is None else microsteps, "microsteps", "[16, 32]")
     grid = [quantity("rates", rate, "rad/s", example="deg/s") for rate in rates]
     if microsteps is None:
         microsteps = (scenario.driver.microsteps,)
-    else:
-        microsteps = tuple(whole_number("microsteps", count, 1, 65_536) for count in microsteps)
-    for key, given in {"rates": grid, "microsteps": microsteps}.items():
+    counts = tuple(whole_number("microsteps", count, 1, 65_536) for count in microsteps)
+    for key, given in {"rates": grid, "microsteps": counts}.items():
         if not given:
             raise OptionError(key, "an empty list plans nothing; at least one is expected")
-    if limit is None:
-        most = None
-    else:
-        most = quantity("limit", limit, "N*m", positive=True)
-    if band is None:
-        within = (0.0, math.inf)
-    else:
-        within = ends(band)
-    modes = tuple(
-        m
-        for m in coupled_modes(scenario)
-        if m.fixed_frequency is not None or m.damping < MAX_RESONANCE_DAMPING
-    )
-    meetings = [
-        m
-        for n in microsteps
-        for m in _resonance_crossings(scenario, n, modes, min(grid), max(grid))
-    ]
-    wanted = {(float(rate), n) for n in microsteps for rate in grid}
-    wanted |= {(rate, m.microsteps) for m in meetings for rate in _rates_to_examine(m, modes)}
-    one = linear_case if linear else full_case
-    with parallel_calls(progress, workers) as calls:
+    return grid, counts
 
-        def solve(wanted: Iterable[tuple[float, int, bool]]) -> list[RateCase]:
-            return calls(one, ((scenario, Si(rate), n, confirmed) for rate, n, confirmed in wanted))
 
-        found = {
-            (case.rate, case.microsteps): case
-            for case in solve((*key, False) for key in sorted(wanted))
-        }
-        while suspicious := _unconfirmed_cases(found.values(), within):
-            confirmed = solve((case.rate, case.microsteps, True) for case in suspicious)
-            found |= {(case.rate, case.microsteps): case for case in confirmed}
-        rows = [[found[key] for key in sorted(wanted) if key[1] == n] for n in microsteps]
-        if most is None:
-            forbidden = []
-        else:
-            forbidden = [b for row in rows for b in _forbidden(row, most, within, solve)]
-    cases = tuple(case for row in rows for case in row)
-    met = (
-        _strongest_crossing(m, [found[rate, m.microsteps] for rate in _rates_to_examine(m, modes)])
-        for m in meetings
-    )
-    resonances = tuple(m for m in met if m is not None)
-    for r in resonances if keep_away > 0.0 else ():
-        low, high = r.rate * (1.0 - keep_away), r.rate * (1.0 + keep_away)
-        forbidden.append(
-            Forbidden(
-                r.microsteps,
-                low,
-                high,
-                f"{NEAR_RESONANCE} {r.line} on {r.mode}",
-                r.line,
-                r.amplitude,
-            )
+def _may_resonate(mode: CoupledMode) -> bool:
+    """Whether a mode of the array, or one of the drive that is not damped too much for that."""
+    return mode.fixed_frequency is not None or mode.damping < MAX_RESONANCE_DAMPING
+
+
+def _solved_cases(
+    wanted: Iterable[tuple[float, int]], band: tuple[float, float], solve: Solve
+) -> dict[tuple[float, int], RateCase]:
+    """Cases by rate and microstep count, those beside a drive that excites itself confirmed."""
+    found = {
+        (case.rate, case.microsteps): case
+        for case in solve((*key, False) for key in sorted(wanted))
+    }
+    while suspicious := _unconfirmed_cases(found.values(), band):
+        confirmed = solve((case.rate, case.microsteps, True) for case in suspicious)
+        found |= {(case.rate, case.microsteps): case for case in confirmed}
+    return found
+
+
+def _resonances(
+    crossings: Iterable[Resonance],
+    modes: Sequence[CoupledMode],
+    found: dict[tuple[float, int], RateCase],
+) -> tuple[Resonance, ...]:
+    """The crossings at which a line is large enough, each at the strongest of its rates."""
+    strongest = (
+        _strongest_crossing(
+            crossing,
+            [found[rate, crossing.microsteps] for rate in _rates_to_examine(crossing, modes)],
         )
-    return RatePlan(
-        scenario, cases, modes, resonances, tuple(forbidden), most, within, linear, keep_away
+        for crossing in crossings
+    )
+    return tuple(resonance for resonance in strongest if resonance is not None)
+
+
+def _too_near(resonance: Resonance, keep_away: float) -> Forbidden:
+    """The band within ``keep_away`` of a resonance, a part of its rate."""
+    return Forbidden(
+        resonance.microsteps,
+        resonance.rate * (1.0 - keep_away),
+        resonance.rate * (1.0 + keep_away),
+        f"{NEAR_RESONANCE} {resonance.line} on {resonance.mode}",
+        resonance.line,
+        resonance.amplitude,
     )
 
 
@@ -401,23 +434,16 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         return RateCase(rate, microsteps, (), held)
     if broken := failed_invariants_reason(result.lines.broken, changed):
         return RateCase(rate, microsteps, (), broken)
-    f_d = changed.driving_frequency or math.nan
     seen = [
         x
         for x in result.lines
         if not x.is_mode and x.status != BELOW_FLOOR and x.amplitude_n_m > 0.0
     ]
-    top = max((x.amplitude_n_m for x in seen), default=0.0)
-    kept = (x for x in seen if x.amplitude_n_m >= MIN_LINE_RATIO * top)
-    lines = (
-        RateLine(x.line, x.kind, x.frequency_hz / f_d, x.frequency_hz, x.amplitude_n_m)
-        for x in kept
-    )
     shown = PASSBAND * result.lines.sample_rate
     return RateCase(
         rate,
         microsteps,
-        tuple(lines),
+        _without_rounding(seen, changed.driving_frequency or math.nan),
         result.fallback,
         tuple(_hidden(changed, result, seen)),
         confirmed and not result.fallback,
@@ -426,18 +452,25 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
     )
 
 
+def _without_rounding(seen: Sequence[Line], driving_frequency: float) -> tuple[RateLine, ...]:
+    """The lines that are not smaller than rounding beside the largest."""
+    top = max((x.amplitude_n_m for x in seen), default=0.0)
+    return tuple(
+        RateLine(
+            x.line, x.kind, x.frequency_hz / driving_frequency, x.frequency_hz, x.amplitude_n_m
+        )
+        for x in seen
+        if x.amplitude_n_m >= MIN_LINE_RATIO * top
+    )
+
+
 def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator[RateLine]:
     """Lines up to the passband without a figure of their own, with what they may have at most in
     the steady state: those that are not ``seen``, modes that a run in time leaves ringing, and what
     no line accounts for."""
     f_d = scenario.driving_frequency or math.nan
-    for x in (x for x in found.lines if x not in seen) if found.fallback else ():
-        if x.is_mode:
-            most = _mode_amplitude_bound(x, found.lines.duration)
-        else:
-            most = amplitude_bound(x)
-        if most > 0.0 and not mode_has_decayed(x, scenario):
-            yield RateLine(x.line, x.kind, x.place_hz / f_d, x.place_hz, most)
+    if found.fallback:
+        yield from _not_seen(scenario, found.lines, seen)
     if (rest := found.lines.rest) is None:
         return
     for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
@@ -454,6 +487,17 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
                 float(f),
                 ABOVE_PASSBAND_FACTOR * rest.slow,
             )
+
+
+def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Iterator[RateLine]:
+    """Lines of a run in time that are not ``seen`` and may last."""
+    f_d = scenario.driving_frequency or math.nan
+    for x in table:
+        if x in seen:
+            continue
+        most = _mode_amplitude_bound(x, table.duration) if x.is_mode else amplitude_bound(x)
+        if most > 0.0 and not mode_has_decayed(x, scenario):
+            yield RateLine(x.line, x.kind, x.place_hz / f_d, x.place_hz, most)
 
 
 def _mode_amplitude_bound(x: Line, duration: float) -> float:
@@ -625,54 +669,49 @@ def _forbidden(
 ) -> list[Forbidden]:
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
-    def state(case: RateCase) -> str:
+    def verdict(case: RateCase) -> str:
         return case.verdict(band, limit)
 
-    edges = [(a, b) for a, b in pairwise(row) if state(a) != state(b)]
-    n = row[0].microsteps
+    edges = [(a, b) for a, b in pairwise(row) if verdict(a) != verdict(b)]
     for _ in range(BISECTIONS):
         middles = solve(
-            [(0.5 * (a.rate + b.rate), n, a.rings(band) or b.rings(band)) for a, b in edges]
+            [
+                (0.5 * (a.rate + b.rate), a.microsteps, a.rings(band) or b.rings(band))
+                for a, b in edges
+            ]
         )
         edges = [
-            (m, b) if state(m) == state(a) else (a, m)
-            for (a, b), m in zip(edges, middles, strict=True)
+            (middle, b) if verdict(middle) == verdict(a) else (a, middle)
+            for (a, b), middle in zip(edges, middles, strict=True)
         ]
-    turns = iter(0.5 * (a.rate + b.rate) for a, b in edges)
-    bands, low = [], row[0].rate
-    for why, group in groupby(row, state):
-        members = list(group)
-        if members[-1] is row[-1]:
-            high = row[-1].rate
-        else:
-            high = next(turns)
-        if why:
-            beyond = why in (ABOVE_PASSBAND, BEYOND_LINEAR_MODEL)
-            each = (
-                case.largest_unseen(band)
-                if beyond
-                else case.largest(band, hidden=why == HIDDEN_LINE)
-                for case in members
-            )
-            top = max(
-                (line for line in each if line is not None),
-                key=lambda line: line.amplitude,
-                default=None,
-            )
-            if why == "failed":
-                text = members[0].reason
-            else:
-                text = why
-            if why == ABOVE_PASSBAND:
-                such = f", such as {top.line}" if top else ""
-                text = f"{why} ({_required_sample_rate(members, band, limit)}){such}"
-            bands.append(
-                Forbidden(
-                    n, low, high, text, top.line if top else "", top.amplitude if top else math.nan
-                )
-            )
-        low = high
-    return bands
+    turns = [row[0].rate, *(0.5 * (a.rate + b.rate) for a, b in edges), row[-1].rate]
+    members = [list(group) for _, group in groupby(row, verdict)]
+    return [
+        _forbidden_band(cases, low, high, limit, band)
+        for cases, (low, high) in zip(members, pairwise(turns), strict=True)
+        if verdict(cases[0])
+    ]
+
+
+def _forbidden_band(
+    cases: Sequence[RateCase], low: float, high: float, limit: float, band: tuple[float, float]
+) -> Forbidden:
+    """The band of rates of cases in a row with one verdict, and its largest line."""
+    why = cases[0].verdict(band, limit)
+    if why in (ABOVE_PASSBAND, BEYOND_LINEAR_MODEL):
+        each = [case.largest_unseen(band) for case in cases]
+    else:
+        each = [case.largest(band, hidden=why == HIDDEN_LINE) for case in cases]
+    found = [line for line in each if line is not None]
+    top = max(found, key=lambda line: line.amplitude, default=None)
+    if why == "failed":
+        why = cases[0].reason
+    elif why == ABOVE_PASSBAND:
+        such = f", such as {top.line}" if top else ""
+        why = f"{why} ({_required_sample_rate(cases, band, limit)}){such}"
+    if top is None:
+        return Forbidden(cases[0].microsteps, low, high, why, "", math.nan)
+    return Forbidden(cases[0].microsteps, low, high, why, top.line, top.amplitude)
 
 
 def _required_sample_rate(
