@@ -68,14 +68,14 @@ def _row(name: str, scenario: mv.Scenario) -> tuple[str, str, float]:
     begun = time.process_time()
     motion = mv.simulate(scenario)
     simulated = time.process_time()
-    table = mv.lines(motion)
+    table = mv.find_lines(motion)
     found_lines = time.process_time()
     estimate = accuracy(motion, table)
     cost = (time.process_time() - found_lines) / (simulated - begun)
     assert estimate is not None
     finer = mv.simulate(scenario.with_({"solver.refinement": 4}), channels=("T_d",))
     T_d, exact = motion["T_d"], finer["T_d"]
-    line, at = worst_change(table, mv.lines(finer))
+    line, at = worst_change(table, mv.find_lines(finer))
     rms = float(np.std(T_d) / np.std(exact)) - 1.0
     apart = float(np.std(T_d - exact) / np.std(exact))
     said = "sensitive" if estimate.sensitive else "refine" if estimate.advised else "fine"

@@ -49,13 +49,13 @@ def main() -> None:
     worst, times = [], []
     for k in range(arguments.seed, arguments.seed + arguments.sets):
         scenario = random_scenario(k).with_si(record)
-        exact = mv.lines(rodas4.simulate(scenario.with_si({"solver.refinement": 4})))
+        exact = mv.find_lines(rodas4.simulate(scenario.with_si({"solver.refinement": 4})))
         table, seconds = _measured(scenario)
         off, name = worst_change(table, exact)
         worst.append(off)
         times.append(seconds)
         if off > MAX_LINE_CHANGE:
-            finest = mv.lines(rodas4.simulate(scenario.with_si({"solver.refinement": 8})))
+            finest = mv.find_lines(rodas4.simulate(scenario.with_si({"solver.refinement": 8})))
             changes = worst_change(exact, finest)[0]
             print(
                 f"set {k:4d}: {100 * off:.3g} % ({name}); the reference changes by {100 * changes:.2g} %",
@@ -79,7 +79,7 @@ def _measured(scenario: mv.Scenario) -> tuple[LineTable, tuple[float, float]]:
     motion, moved = _timed(mv.simulate, scenario)
     _, alone = _timed(torque_from_rest, scenario)
     _, reference = _timed(rodas4.simulate, scenario)
-    return mv.lines(motion), (moved / reference, alone / reference)
+    return mv.find_lines(motion), (moved / reference, alone / reference)
 
 
 def _timed(solve: Callable[[mv.Scenario], Any], scenario: mv.Scenario) -> tuple[Any, float]:

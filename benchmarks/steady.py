@@ -265,7 +265,7 @@ def allowed_rates(seeds: Sequence[int]) -> None:
             late = turning.with_si({"record.settle": _settling(state), "record.duration": 16.0})
             inside = [
                 x.amplitude_n_m
-                for x in mv.lines(mv.simulate(late, channels=("T_d",)))
+                for x in mv.find_lines(mv.simulate(late, channels=("T_d",)))
                 if _in(x, band)
             ]
             if max(inside, default=0.0) > (1.0 + FALSE) * limit:

@@ -2,7 +2,7 @@
 import microvib as mv
 
 motion = mv.simulate(mv.load_scenario("state-1").with_({"record.duration": "8 s"}))
-table = mv.lines(motion)
+table = mv.find_lines(motion)
 
 print(
     f"two forms of the torque differ by {motion.invariants.torque_forms:.0e}, momentum by {motion.invariants.momentum:.0e}"

@@ -2,7 +2,7 @@
 import microvib as mv
 
 scenario = mv.load_scenario("state-1")
-plan = mv.rates(scenario, mv.rate_grid("0.01 deg/s", "0.1 deg/s", 60), (16, 64), limit="30 mN*m", linear=True)
+plan = mv.plan_rates(scenario, mv.rate_grid("0.01 deg/s", "0.1 deg/s", 60), (16, 64), limit="30 mN*m", linear=True)
 
 for microsteps in plan.counts:
     met = [f"{r.line} on {r.mode}" for r in plan.resonances if r.microsteps == microsteps]

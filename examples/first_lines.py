@@ -2,7 +2,7 @@
 import microvib as mv
 
 scenario = mv.load_scenario("state-1")
-table = mv.lines(mv.steady(scenario))
+table = mv.find_lines(scenario, start="steady")
 
 print(repr(table))
 print("\nThe largest:", max(table, key=lambda line: line.bin_amplitude_n_m).origin)

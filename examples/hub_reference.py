@@ -2,7 +2,6 @@
 from pathlib import Path
 
 import microvib as mv
-from microvib.analysis.hub_lines import hub_lines
 
 changes = {
     "spacecraft.hub": {"modes": "reference-hub", "count": 20},  # or a description of your own, hub.yaml
@@ -14,7 +13,6 @@ scenario = mv.load_scenario(Path(__file__).parent / "spacecraft.yaml", changes)
 hub = scenario.spacecraft.hub
 print(f"{hub.mass:.1f} kg, first modes", ", ".join(f"{mode.frequency:.1f} Hz" for mode in hub.modes[:3]))
 
-result = mv.run(scenario)
-found = hub_lines(result.motion, result.table)
-for name, rms in found.ranking("rpe", 0.01)[:4]:
+found = mv.run_scenario(scenario)
+for name, rms in found.hub.ranking("rpe", 0.01)[:4]:
     print(f"{name}: {1e9 * rms:.3g} nrad in a window of 10 ms")

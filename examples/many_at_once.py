@@ -6,9 +6,9 @@ import microvib as mv
 scenario = mv.load_scenario("state-1").with_({"record.settle": "6 s", "record.duration": "4 s"})
 rng = np.random.default_rng(1)
 stiffness = scenario["reducer.stiffness"] * rng.normal(1.0, 0.1, 16)
-torques = mv.batch([scenario.with_si({"reducer.stiffness": float(k)}) for k in stiffness])
+motions = mv.simulate_many([scenario.with_si({"reducer.stiffness": float(k)}) for k in stiffness])
 
-amplitudes = np.array([1e3 * mv.lines(torque)["drive_1"].amplitude_n_m for torque in torques])
+amplitudes = np.array([1e3 * mv.find_lines(motion)["drive_1"].amplitude_n_m for motion in motions])
 print(f"drive_1: {amplitudes.mean():.2f} mN m on average, {amplitudes.min():.2f} to {amplitudes.max():.2f}")
 print(
     f"one per cent of stiffness changes it by {np.polyfit(stiffness / stiffness.mean() * 100, amplitudes, 1)[0]:+.3f} mN m"

@@ -15,7 +15,7 @@ LINES = ("full_step_1", "drive_1", "drive_2", "drive_3")
 def lines_with(count: int) -> tuple[float, float, dict[str, float]]:
     """Residual inertia [kg m^2], highest frequency kept [Hz] and amplitudes [N m] with ``count`` modes of ``reference-array``."""
     scenario = mv.load_scenario("state-1", {"array.fem": "reference-array", "array.modes": count})
-    table = mv.lines(mv.simulate(scenario))
+    table = mv.find_lines(mv.simulate(scenario))
     amplitudes = {name: table[name].amplitude_n_m for name in LINES}
     return scenario.array.J_h, scenario.array.modes[-1].frequency, amplitudes
 

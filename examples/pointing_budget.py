@@ -4,7 +4,7 @@ from pathlib import Path
 import microvib as mv
 
 here = Path(__file__).parent
-budget = mv.budget(
+budget = mv.pointing_budget(
     mv.load_scenario(here / "spacecraft.yaml"), here / "requirement.yaml", sources=here / "sources.yaml", steady=True
 )
 for one in budget.judged:

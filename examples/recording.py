@@ -8,7 +8,7 @@ motion = mv.simulate(scenario.with_({"tracking.clock_ratio": 0.9965}))
 noise = np.random.default_rng(1).normal(0.0, 5e-3, motion.time.size)
 recording = mv.Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz": "N*m"}, "bench, run 7")
 
-named, unnamed = mv.lines(recording, scenario=scenario), mv.lines(recording)
+named, unnamed = mv.find_lines(recording, scenario=scenario), mv.find_lines(recording)
 print(f"clock {named.clock_ratio:.6f} ± {named.clock_ratio_uncertainty:.6f} of the scenario's")
 line = named["drive_1"]
 print(

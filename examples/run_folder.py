@@ -2,7 +2,7 @@
 import microvib as mv
 
 scenario = mv.load_scenario("state-1").with_({"record.settle": "4 s", "record.duration": "4 s"})
-files = mv.write_run(mv.run(scenario), "kept", limit=mv.Limit("60 mN*m"))
+files = mv.write_run(mv.run_scenario(scenario), "kept", limit=mv.Limit("60 mN*m"))
 print(", ".join(files))
 
 kept = mv.read_run("kept")

@@ -7,7 +7,7 @@ six = scenario.with_({"array.modes.0.interface_participation": [0.4, 3.0, 0.0, 1
 motion = mv.simulate(six)
 
 for component in ("Fx", "Fy", "Mx", "Mz"):
-    table = mv.lines(motion, component)
+    table = mv.find_lines(motion, component)
     top = max((line for line in table if line.status == "ok"), key=lambda line: line.amplitude_n_m)
     print(
         f"{component}: largest steady line {top.line}, {top.amplitude_n_m:.3g} {table.unit} at {top.frequency_hz:.4g} Hz"

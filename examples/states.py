@@ -20,7 +20,7 @@ def run_states() -> dict[int, tuple[mv.Motion, dict[str, float]]]:
     result = {}
     for state in range(1, 6):
         motion = mv.simulate(mv.load_scenario(f"state-{state}"))
-        table = mv.lines(motion)
+        table = mv.find_lines(motion)
         result[state] = motion, {name: table[name].amplitude_n_m for name in LINES}
     return result
 

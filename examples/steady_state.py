@@ -5,9 +5,9 @@ import microvib as mv
 
 scenario = mv.load_scenario("state-1").with_({"record.settle": "60 s", "record.duration": "8 s"})
 begun = time.perf_counter()
-steady = mv.lines(mv.steady(scenario))
+steady = mv.find_lines(scenario, start="steady")
 between = time.perf_counter()
-settled = mv.lines(mv.simulate(scenario, channels=("T_d",)))
+settled = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
 took = time.perf_counter() - between
 
 for name in ("drive_1", "drive_2", "full_step_1"):

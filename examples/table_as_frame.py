@@ -1,7 +1,7 @@
 # A table of lines as a DataFrame: the largest, and what each kind of line carries.
 import microvib as mv
 
-table = mv.lines(mv.steady(mv.load_scenario("state-1")))
+table = mv.find_lines(mv.load_scenario("state-1"), start="steady")
 frame = table.to_dataframe()
 
 largest = frame.nlargest(5, "amplitude_n_m")

@@ -19,9 +19,10 @@ from microvib.analysis.accuracy import (
     with_integration_error,
 )
 from microvib.analysis.limits import judge
-from microvib.analysis.run import solve_run
+from microvib.analysis.run import run_scenario
 from microvib.cli.main import main
 from microvib.io.runs import read_run
+from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import rerun_refined
 
 OFF, WANDERS, REMEMBERS = 13, 186, 18
@@ -86,28 +87,30 @@ def coarse(k):
 @pytest.fixture(scope="module")
 def off():
     motion = mv.simulate(coarse(OFF))
-    table = mv.lines(motion)
+    table = mv.find_lines(motion)
     return motion, table, accuracy(motion, table)
 
 
 @pytest.fixture(scope="module")
 def wanders():
     motion = mv.simulate(random_scenario(WANDERS))
-    table = mv.lines(motion)
+    table = mv.find_lines(motion)
     return motion, table, accuracy(motion, table)
 
 
 def test_a_run_is_done_again_to_the_last_bit(motion_1):
     shorter = motion_1.scenario.with_si({"record.settle": 0.5, "record.duration": 2.0})
     beginning = mv.simulate(shorter, channels=("T_d",)).beginning
-    assert np.array_equal(rerun_refined(shorter, beginning, 1, 2.0), mv.batch([shorter])[0].T_d)
+    assert np.array_equal(
+        rerun_refined(shorter, beginning, 1, 2.0), simulate_torques([shorter])[0].T_d
+    )
 
 
 def test_what_a_motion_remembers_of_its_settling_is_seen():
     scenario = random_scenario(REMEMBERS)
     motion = mv.simulate(scenario, channels=("T_d",))
-    table = mv.lines(motion)
-    exact = mv.lines(mv.simulate(scenario.with_({"solver.refinement": 4}), channels=("T_d",)))
+    table = mv.find_lines(motion)
+    exact = mv.find_lines(mv.simulate(scenario.with_({"solver.refinement": 4}), channels=("T_d",)))
     assert worst_change(table, exact)[0] > MAX_LINE_CHANGE
     estimate = accuracy(motion, table)
     assert estimate.sensitive or estimate.line > MAX_LINE_CHANGE
@@ -119,18 +122,18 @@ def test_a_set_whose_lines_are_off_is_told_what_to_set(off):
     assert estimate.advised
     assert not estimate.sensitive
     assert str(estimate).endswith(f"set solver.refinement={estimate.refinement}")
-    exact = mv.lines(mv.simulate(motion.scenario.with_({"solver.refinement": 8})))
+    exact = mv.find_lines(mv.simulate(motion.scenario.with_({"solver.refinement": 8})))
     change = worst_change(table, exact)[0]
     assert change > MAX_LINE_CHANGE
     assert change / 3.0 < estimate.line < 3.0 * change
     finer = mv.simulate(motion.scenario.with_({"solver.refinement": estimate.refinement}))
-    refined = mv.lines(finer)
+    refined = mv.find_lines(finer)
     assert worst_change(refined, exact)[0] < MAX_LINE_CHANGE
     assert not accuracy(finer, refined).advised
 
 
 def test_a_run_that_is_fine_is_left_alone(motion_1):
-    table = mv.lines(motion_1)
+    table = mv.find_lines(motion_1)
     estimate = accuracy(motion_1, table)
     assert not estimate.advised
     assert not estimate.sensitive
@@ -138,7 +141,7 @@ def test_a_run_that_is_fine_is_left_alone(motion_1):
     finer = mv.simulate(motion_1.scenario.with_({"solver.refinement": 4}))
     apart = np.std(finer["T_d"] - motion_1["T_d"]) / np.std(finer["T_d"])
     assert apart / 3.0 < estimate.rms < 3.0 * apart
-    assert 0.5 * worst_change(table, mv.lines(finer))[0] < estimate.line < MAX_LINE_CHANGE
+    assert 0.5 * worst_change(table, mv.find_lines(finer))[0] < estimate.line < MAX_LINE_CHANGE
 
 
 def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
@@ -176,7 +179,7 @@ def test_lines_that_agree_do_not_hide_that_a_finer_run_is_another_motion(off, mo
 def test_a_drive_whose_motion_has_several_forms_is_sensitive():
     """With a refinement of 1 and 2 drive_1 is the same to 0.1 %, with 4 a quarter of it, and T_d is another motion."""
     motion = mv.simulate(basin(), channels=("T_d",))
-    table = mv.lines(motion)
+    table = mv.find_lines(motion)
     estimate = accuracy(motion, table)
     assert estimate.sensitive
     assert estimate.rms > 0.3
@@ -220,7 +223,7 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
 
 
 def test_lines_alone_say_it_too(off):
-    found = solve_run(coarse(OFF), lines_only=True)
+    found = run_scenario(coarse(OFF), lines_only=True)
     assert found.solver["error_estimate"]["line"] == pytest.approx(off[2].line, rel=1e-6)
     assert found.table.own_error == pytest.approx(off[2].doubt, rel=1e-6)
 
@@ -228,8 +231,8 @@ def test_lines_alone_say_it_too(off):
 def test_no_estimate_where_no_step_is_finer_or_the_state_is_not_known(state_1):
     short = state_1.with_si({"record.settle": 0.1, "record.duration": 0.2, "solver.refinement": 32})
     motion = mv.simulate(short)
-    assert accuracy(motion, mv.lines(motion)) is None
+    assert accuracy(motion, mv.find_lines(motion)) is None
     coarse = mv.simulate(short.with_({"solver.refinement": 1}))
-    assert accuracy(coarse, mv.lines(coarse)) is not None
-    assert accuracy(replace(coarse, beginning=None), mv.lines(coarse)) is None
-    assert math.isfinite(accuracy(coarse, mv.lines(coarse)).rms)
+    assert accuracy(coarse, mv.find_lines(coarse)) is not None
+    assert accuracy(replace(coarse, beginning=None), mv.find_lines(coarse)) is None
+    assert math.isfinite(accuracy(coarse, mv.find_lines(coarse)).rms)

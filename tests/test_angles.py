@@ -55,7 +55,7 @@ def test_each_angle_is_a_run_of_its_own(tmp_path: Path) -> None:
     short = {"record.settle": Si(1.0), "record.duration": Si(2.0)}
     scenario = scenario_of(whole.FullCraft(bandwidth=0.1), **short)
     found = sweep_angles(scenario, angles_in("0,75"))
-    result = mv.run(scenario.with_si({"spacecraft.array_angle": math.radians(75.0)}))
+    result = mv.run_scenario(scenario.with_si({"spacecraft.array_angle": math.radians(75.0)}))
     assert result.motion is not None
     one = hub_lines(result.motion, result.table)
     assert found.los("drive_1")[1] == pytest.approx(

@@ -136,7 +136,7 @@ def test_what_goes_in_comes_out(tmp_path, measured, suffix):
     assert back.sample_rate == 4096.0
     np.testing.assert_allclose(back["Mz"], recording["Mz"], rtol=1e-11, atol=1e-12)
     table = lines_of_recording(back, "Mz", mv.load_scenario("state-1"))
-    truth = mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    truth = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
     assert table.clock_ratio * 0.994 == pytest.approx(0.9965 / (1 + 10e-6), abs=3e-7)
     for name in ("drive_1", "drive_2", "drive_3"):
         f = truth[name].frequency_hz

@@ -688,7 +688,7 @@ def test_no_record_turns_a_verdict_round() -> None:
     each = []
     for record in records:
         scenario = base.with_si(record)
-        each.append(contribution_of_run("drive", scenario, mv.run(scenario))[0])
+        each.append(contribution_of_run("drive", scenario, mv.run_scenario(scenario))[0])
     keys = [
         {"metric": "smear", "window": Si(2.0), "axis": "x"},
         {"metric": "ape"},
@@ -708,7 +708,7 @@ def test_a_mode_whose_decay_does_not_show_decides_nothing() -> None:
     scenario = scenario_of(
         whole.FullCraft(bandwidth=0.2), **{"record.settle": Si(1.0), "record.duration": Si(8.0)}
     )
-    result = mv.run(scenario)
+    result = mv.run_scenario(scenario)
     steady = (
         replace(x, status="ok", decay_per_s=0.0) if x.line == "array_mode_2" else x
         for x in result.table
@@ -765,7 +765,7 @@ def test_a_narrow_band_hides_what_its_neighbours_may(band: tuple[float, float | 
 def test_small_lines_are_known_in_a_budget_as_they_are_in_the_verdict_of_a_run() -> None:
     """The error of integration does not fall with a line: 4 % of a quarter of the largest is 100 % of one of a hundredth."""
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady"})
-    result = mv.run(scenario)
+    result = mv.run_scenario(scenario)
     sizes = {x.line: x.amplitude_n_m for x in result.table if x.status == "ok"}
     largest = max(sizes.values())
     doubted = replace(result, table=replace(result.table, own_error=0.04))
@@ -1274,7 +1274,7 @@ def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
         whole.FullCraft(bandwidth=0.2),
         **{"record.sample_rate": Si(8.0), "record.duration": Si(30.0)},
     )
-    one, _ = contribution_of_run("drive", low, mv.run(low))
+    one, _ = contribution_of_run("drive", low, mv.run_scenario(low))
     found = assess(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("not even two driving lines" in why for why in found.why)
@@ -1384,7 +1384,7 @@ def test_what_can_be_refused_is_refused_before_anything_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "microvib.studies.budget.study.solve_run", lambda *a, **k: pytest.fail("was simulated")
+        "microvib.studies.budget.study.run_scenario", lambda *a, **k: pytest.fail("was simulated")
     )
     scenario = scenario_of(whole.FullCraft())
     gains = {f"driver.{key}_gain": 0.0 for key in ("proportional", "integral", "derivative")}
@@ -1581,7 +1581,7 @@ def test_lines_and_densities_from_files(tmp_path: Path) -> None:
 )
 def test_noise_of_the_friction_is_one_draw_of_many(noise: dict[str, object]) -> None:
     noisy = scenario_of(whole.FullCraft(bandwidth=0.2), **noise)
-    one, _ = contribution_of_run("drive", noisy, mv.run(noisy))
+    one, _ = contribution_of_run("drive", noisy, mv.run_scenario(noisy))
     found = assess(requirement(limit=Si(1.0)), [one], "rss")
     assert found.verdict == "not judged"
     assert any("a run is a single noise draw" in why for why in found.why)
@@ -1598,7 +1598,7 @@ def test_a_free_hub_is_not_judged_below_its_lowest() -> None:
             "record.duration": Si(8.0),
         },
     )
-    one, _ = contribution_of_run("drive", slow, mv.run(slow))
+    one, _ = contribution_of_run("drive", slow, mv.run_scenario(slow))
     assert any(
         "attitude_control" in why for why in assess(requirement(limit=Si(1.0)), [one], "rss").why
     )
@@ -1783,11 +1783,11 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
     campaign.write(0, compute_bytes(campaign.work(0)))
     merge(campaign)
-    one, _ = contribution_of_run("drive", scenario, mv.run(scenario))
+    one, _ = contribution_of_run("drive", scenario, mv.run_scenario(scenario))
     cases = with_campaign(one, ensemble_of(scenario, tmp_path / "c")).cases
     assert cases is not None
     case = campaign.design.scenario(1)
-    result = mv.run(case)
+    result = mv.run_scenario(case)
     assert result.motion is not None
     own = hub_lines(result.motion, result.table)
     for name in ("drive_1", "full_step_1"):

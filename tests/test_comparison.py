@@ -243,13 +243,13 @@ def test_bands_and_bins_without_a_reference(state_1):
 
 def test_a_limit_is_not_passed_by_a_drive_that_stood_still(state_1):
     scenario, limit = state_1.with_(SHORT), mv.Limit("20 mN*m", "10 Hz", "300 Hz")
-    judged = mv.judge(mv.lines(heard(), scenario=scenario), limit, scenario)
+    judged = mv.judge(mv.find_lines(heard(), scenario=scenario), limit, scenario)
     assert judged.verdict == "not judged"
     assert judged.gaps[0].startswith("no line of the step clock is detected within 2 %")
     moved = heard((53.0, 0.015), (106.0, 0.01), (159.0, 0.002))
-    assert mv.judge(mv.lines(moved, scenario=scenario), limit, scenario).verdict == "pass"
+    assert mv.judge(mv.find_lines(moved, scenario=scenario), limit, scenario).verdict == "pass"
     twice = mv.judge(
-        mv.lines(heard((106.0, 0.01), (212.0, 0.005)), scenario=scenario), limit, scenario
+        mv.find_lines(heard((106.0, 0.01), (212.0, 0.005)), scenario=scenario), limit, scenario
     )
     assert (twice.verdict, len(twice.gaps)) == ("not judged", 1)
 

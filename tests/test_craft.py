@@ -30,12 +30,14 @@ from support.craft_scenarios import (
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.lines import steady_lines
 from microvib.cli.main import main
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.linear import coupled_modes
 from microvib.model.mode_names import names_a_mode
 from microvib.signals.pointing import metric_weight
 from microvib.solve import kernel
+from microvib.solve.batch import simulate_torques
 from microvib.solve.command import Command
 from microvib.solve.integration import simulate_from_rest
 from microvib.solve.pack import pack
@@ -219,7 +221,7 @@ def test_both_methods_agree_where_bodies_stick(rigid: bool, damped: bool) -> Non
 def test_a_heavy_hub_is_firm_ground() -> None:
     heavy = scenario_of(whole.FullCraft(hub_scale=1e9))
     ground = heavy.with_({"spacecraft": None})
-    torques = [torque.T_d for torque in mv.batch([heavy, ground])]
+    torques = [torque.T_d for torque in simulate_torques([heavy, ground])]
     assert np.abs(torques[0] - torques[1]).max() < 1e-6 * np.abs(torques[1]).max()
 
 
@@ -258,7 +260,7 @@ def test_about_one_axis_a_rigid_hub_in_closed_form() -> None:
 
 def test_lines_of_angles_are_those_of_the_angles_themselves() -> None:
     scenario = scenario_of(whole.FullCraft(), **{"record.duration": 6.0, "record.settle": 2.0})
-    result = mv.run(scenario)
+    result = mv.run_scenario(scenario)
     assert result.motion is not None
     found = hub_lines(result.motion, result.table)
     k = found.names.index("drive_1")
@@ -287,7 +289,7 @@ def test_lines_of_angles_are_those_of_the_angles_themselves() -> None:
 def test_the_steady_state_on_a_craft_is_that_of_a_long_run(control: float) -> None:
     damped = whole.FullCraft(damping=np.full(4, 0.08), bandwidth=control, control_damping=1.5)
     scenario = scenario_of(damped, **{"record.settle": 20.0, "record.duration": 6.0})
-    long, steady = mv.run(scenario), mv.steady(scenario)
+    long, steady = mv.run_scenario(scenario), steady_lines(scenario)
     assert steady.state is not None
     assert long.motion is not None
     a, b = hub_lines(long.motion, long.table), hub_lines(steady.state, steady.lines)
@@ -502,7 +504,7 @@ def test_the_line_of_sight_that_cases_of_a_campaign_keep_is_that_of_a_run(durati
     assert later.invariants.energy < 1e-5
     assert later.invariants.momentum < 1e-5
     assert later.invariants.energy_in < 0.9 * motion.invariants.energy_in  # of the record alone
-    table = mv.lines(motion)
+    table = mv.find_lines(motion)
     one, other = hub_lines(motion, table), hub_lines(few, table, los_only=True)
     assert one.names == other.names
     clock = np.array([not name.startswith("array_mode") for name in one.names])

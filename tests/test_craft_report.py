@@ -29,7 +29,7 @@ SHORT = {"record.settle": "5 s", "record.duration": "10 s"}
 
 @pytest.fixture(scope="module")
 def result() -> RunResult:
-    return mv.run(mv.load_scenario(EXAMPLE, dict(SHORT)))
+    return mv.run_scenario(mv.load_scenario(EXAMPLE, dict(SHORT)))
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_what_rings_after_the_start_is_said_beside_the_figure_that_it_is_in(
         fact.label
         == f"line of sight, RPE in 1 s, {plain_number(part, 2)} % of its square ringing after the start"
     )
-    steady = mv.run(result.scenario.with_({"record.start": "steady"}))
+    steady = mv.run_scenario(result.scenario.with_({"record.start": "steady"}))
     assert steady.state is not None
     assert hub_lines(steady.state, steady.table).rings == ()
 
@@ -178,7 +178,7 @@ def test_densities_add_up_to_what_they_are_of(motion: Motion) -> None:
         assert np.sum(found[f"{name}_psd_{unit}2_hz"]) * f[1] == pytest.approx(
             up[-1] ** 2, rel=0.01
         )
-    lines = hub_lines(motion, mv.lines(motion))
+    lines = hub_lines(motion, mv.find_lines(motion))
     k = lines.names.index("drive_1")
     near = np.abs(f - lines.frequency[k]) < 3.0 * f[1]
     square = np.sum(found["los_x_psd_rad2_hz"][near]) * f[1]
@@ -229,7 +229,7 @@ def test_lines_of_the_hub_have_as_many_members_as_those_of_the_torque(tmp_path) 
         }
 
     for harmonics in (3, 10):
-        result = mv.run(scenario, harmonics=harmonics)
+        result = mv.run_scenario(scenario, harmonics=harmonics)
         assert (
             orders(result.hub.names)
             == orders(x.line for x in result.table)

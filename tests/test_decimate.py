@@ -48,7 +48,8 @@ def test_low_sample_rates_do_not_alias_onto_lines():
 
     scenario = mv.load_scenario("state-1").with_si({"record.settle": 4.0, "record.duration": 30.0})
     fine, coarse = (
-        mv.lines(mv.simulate(scenario.with_si({"record.sample_rate": f}))) for f in (4096.0, 50.0)
+        mv.find_lines(mv.simulate(scenario.with_si({"record.sample_rate": f})))
+        for f in (4096.0, 50.0)
     )
     for name in ("full_step_1", "full_step_2"):
         assert coarse[name].amplitude_n_m == pytest.approx(fine[name].amplitude_n_m, rel=3e-3)

@@ -8,6 +8,7 @@ from support import rodas4
 from support.scenarios import NO_FRICTION, baseline, recorded
 
 import microvib as mv
+from microvib.analysis.lines import steady_lines
 from microvib.errors import OptionError
 from microvib.model.driver import quantized, references_over_electrical_period
 from microvib.model.expected import angle_errors, expected_lines
@@ -172,7 +173,7 @@ def distorted():
 
 @pytest.fixture(scope="module")
 def steady_distorted(distorted):
-    return mv.steady(distorted)
+    return steady_lines(distorted)
 
 
 def test_lines_of_the_electrical_period_are_named_by_what_makes_them(distorted, steady_distorted):
@@ -218,7 +219,7 @@ def test_any_driver_makes_lines_at_multiples_of_the_electrical_frequency_only(se
 
 
 def test_the_steady_state_is_that_of_a_run(distorted, steady_distorted):
-    run = mv.lines(mv.simulate(distorted.with_si({"record.settle": 60.0}), channels=("T_d",)))
+    run = mv.find_lines(mv.simulate(distorted.with_si({"record.settle": 60.0}), channels=("T_d",)))
     for name in ("electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_2"):
         assert run[name].amplitude_n_m == pytest.approx(
             steady_distorted.lines[name].amplitude_n_m, rel=0.01
@@ -228,8 +229,8 @@ def test_the_steady_state_is_that_of_a_run(distorted, steady_distorted):
 def test_reference_integration_finds_the_same_lines(distorted):
     changes = {"record.settle": 4.0, "driver.microstep_ramp": 0.5}
     exact = distorted.with_si(changes)
-    other = mv.lines(rodas4.simulate(exact, channels=("T_d",)))
-    found = mv.lines(mv.simulate(exact, channels=("T_d",)))
+    other = mv.find_lines(rodas4.simulate(exact, channels=("T_d",)))
+    found = mv.find_lines(mv.simulate(exact, channels=("T_d",)))
     for name in ("electrical_1", "electrical_2", "full_step_1", "drive_1", "drive_2"):
         assert found[name].amplitude_n_m == pytest.approx(other[name].amplitude_n_m, rel=1e-3), name
 
@@ -258,7 +259,7 @@ def test_a_slow_angle_error_turns_the_apparent_inertia(errors, name, error):
     order = int(name[-1])
     omega = 2 * math.pi * order * s.driving_frequency / 64
     seen_by_table = 0.2 - s.rotor_inertia * s.reducer.ratio  # the rotor turns the other way
-    found = mv.steady(s).lines[name].amplitude_n_m
+    found = mv.find_lines(s, start="steady")[name].amplitude_n_m
     assert found == pytest.approx(seen_by_table * omega**2 * error / (50 * 100), rel=0.02)
 
 
@@ -270,7 +271,7 @@ def test_a_table_against_the_detent_torque_removes_its_line():
         "harmonics": [{"order": 4, "amplitude": e}]
     }  # theta_e + e sin 4 theta_e, for a small e
     with_table = s.with_si({"driver.table": table})
-    before, after = (mv.steady(x).lines["full_step_1"] for x in (s, with_table))
+    before, after = (mv.find_lines(x, start="steady")["full_step_1"] for x in (s, with_table))
     assert after.amplitude_n_m < 0.1 * before.amplitude_n_m
     assert after.origin == "full step, order 1: table"
 
@@ -279,7 +280,7 @@ def test_a_table_against_the_detent_torque_removes_its_line():
 def test_a_ramp_weakens_driving_lines_by_its_spectrum(ramp):
     smooth = FREE | {"motor.detent_torque": 0.0, "driver.microstep_ramp": ramp}
     s = baseline().with_si(smooth)
-    table = mv.steady(s).lines
+    table = mv.find_lines(s, start="steady")
     stepped = {
         x.order: abs(x.amplitude) for x in linear_lines(s.with_si({"driver.microstep_ramp": 0.0}))
     }
@@ -322,7 +323,7 @@ def test_a_steady_state_with_ramps_is_found(distorted):
     s = distorted.with_si({"driver.microstep_ramp": 1.0, "record.settle": 40.0})
     state = steady_state(s)
     assert state.microsteps == 64
-    run, found = mv.lines(simulate_torques([s])[0]), mv.lines(state)
+    run, found = mv.find_lines(simulate_torques([s])[0]), mv.find_lines(state)
     for name in ("electrical_1", "electrical_2", "full_step_1"):
         assert run[name].amplitude_n_m == pytest.approx(found[name].amplitude_n_m, rel=0.01), name
 

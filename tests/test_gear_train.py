@@ -271,7 +271,7 @@ def test_lines_of_a_train_stand_where_its_teeth_put_them_with_the_size_of_its_er
     }
     listed = {x.name: x for x in expected_lines(scenario, "100 Hz")}
     motion = mv.simulate(scenario)
-    table = {x.line: x for x in mv.lines(motion)}
+    table = {x.line: x for x in mv.find_lines(motion)}
     assert motion["theta_m"][-1] * turn * (-1.0 if way == "against" else 1.0) > 10.0
     assert motion["theta_l"][-1] * turn > 1.0
     assert motion.invariants.torque_forms < 1e-9
@@ -306,7 +306,7 @@ def test_the_steady_state_takes_the_true_period_however_long():
 
 
 def steady_lines(scenario):
-    return mv.steady(scenario.with_si({"motor.detent_torque": 0.01})).lines
+    return mv.find_lines(scenario.with_si({"motor.detent_torque": 0.01}), start="steady")
 
 
 def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):

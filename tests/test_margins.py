@@ -28,7 +28,7 @@ def scenario(state_1) -> mv.Scenario:
 
 @pytest.fixture(scope="module")
 def table(motion_1) -> LineTable:
-    return mv.lines(motion_1)
+    return mv.find_lines(motion_1)
 
 
 def only(
@@ -67,7 +67,7 @@ def test_above_the_passband_counts_what_the_model_has_there(table, scenario):
 
 def test_a_run_at_a_low_sample_rate_does_not_pass_what_it_did_not_see(scenario, table):
     low = scenario.with_({"record.sample_rate": "100 Hz", "record.settle": "1 s"})
-    seen = mv.lines(mv.simulate(low, channels=("T_d",)))
+    seen = mv.find_lines(mv.simulate(low, channels=("T_d",)))
     limit = limit_of(0.9 * table["drive_1"].amplitude_n_m)
     assert judge(table, limit, scenario).verdict == "fail"
     assert judge(seen, limit, low).verdict == "not judged"
@@ -80,12 +80,12 @@ def test_every_line_above_the_passband_is_asked_for(state_1):
     """At 0.3 deg/s a full-step line stands on the drive's resonance at 33 Hz, above the 14 Hz that 40 samples a second show."""
     low, band = state_1.with_(LOW), (5.0, 100.0)
     whole = low.with_({"record.sample_rate": "4096 Hz"})
-    seen = mv.lines(mv.simulate(whole, channels=("T_d",)))
+    seen = mv.find_lines(mv.simulate(whole, channels=("T_d",)))
     largest = max(
         (x for x in seen if 14.0 < x.place_hz < 100.0 and x.seen), key=lambda x: x.amplitude_n_m
     )
     assert largest.line == "full_step_2"
-    shown = mv.lines(mv.simulate(low, channels=("T_d",)))
+    shown = mv.find_lines(mv.simulate(low, channels=("T_d",)))
     for part in (0.02, 0.3, 0.5):
         limit = limit_of(part * largest.amplitude_n_m, *band)
         assert judge(seen, limit, whole).verdict == "fail"
@@ -286,12 +286,12 @@ RECORDS = (
 
 def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, table):
     """Whatever is varied, for any limit and band: never pass in one record and fail in another."""
-    seen = [(scenario, table), *((scenario, mv.lines(motion_1, harmonics=n)) for n in (1, 40))]
+    seen = [(scenario, table), *((scenario, mv.find_lines(motion_1, harmonics=n)) for n in (1, 40))]
     seen += [
-        (other, mv.lines(mv.simulate(other, channels=("T_d",))))
+        (other, mv.find_lines(mv.simulate(other, channels=("T_d",))))
         for other in map(scenario.with_, RECORDS)
     ]
-    seen.append((scenario, mv.steady(scenario).lines))
+    seen.append((scenario, mv.find_lines(scenario, start="steady")))
     seen.append((scenario, lines_of_stream(scenario, 3)[0]))
     sizes = [x.amplitude_n_m for _, t in seen for x in t if x.amplitude_n_m > 5e-5]
     judged = 0
@@ -319,7 +319,7 @@ def test_what_is_not_settled_is_told_with_the_time_that_it_takes(table, scenario
         / table["array_mode_1"].decay_per_s
     )
     assert float(sentence.split(">= ")[1].split()[0]) == pytest.approx(needed, rel=0.01)
-    assert transient_warnings(mv.steady(scenario).lines, scenario) == []
+    assert transient_warnings(mv.find_lines(scenario, start="steady"), scenario) == []
 
 
 def test_the_ends_of_a_band_belong_to_it_whatever_the_rounding(table, scenario):
@@ -345,11 +345,13 @@ def test_a_drive_that_is_still_winding_up_passes_no_limit(state_1):
     held = state_1.with_(SLOW_START | {"record.settle": "5 s"})
     moved = mv.simulate(held)
     assert np.all(moved["theta_l"] == 0.0)
-    judged = judge(mv.lines(moved), limit_of(1.0, 5.0, 100.0), held)
+    judged = judge(mv.find_lines(moved), limit_of(1.0, 5.0, 100.0), held)
     assert judged.verdict == "not judged"
     (why,) = judged.gaps
     assert why.startswith("the array does not turn yet")
-    assert transient_warnings(mv.lines(moved), held)[0].startswith("The array does not turn yet")
+    assert transient_warnings(mv.find_lines(moved), held)[0].startswith(
+        "The array does not turn yet"
+    )
     needed = float(why.split("settle >= ")[1].split()[0])
     whole = mv.simulate(
         held.with_({"record.settle": "0 s", "record.duration": f"{1.2 * needed:.4g} s"})
@@ -359,14 +361,14 @@ def test_a_drive_that_is_still_winding_up_passes_no_limit(state_1):
     later = held.with_({"record.settle": f"{1.1 * needed:.4g} s"})
     assert not any(
         "does not turn" in gap
-        for gap in judge(mv.lines(mv.simulate(later)), limit_of(1.0), later).gaps
+        for gap in judge(mv.find_lines(mv.simulate(later)), limit_of(1.0), later).gaps
     )
 
 
 def test_a_motor_that_is_too_weak_for_the_friction_passes_no_limit(state_1):
     slow = {"tracking.rate": "0.001 deg/s", "record.settle": "1 s", "record.duration": "2 s"}
     weak = state_1.with_({"motor.current": "1 mA"} | slow)
-    judged = judge(mv.lines(mv.simulate(weak)), limit_of(1.0), weak)
+    judged = judge(mv.find_lines(mv.simulate(weak)), limit_of(1.0), weak)
     assert judged.verdict == "not judged"
     assert "exceeds the motor torque" in str(judged)
 
@@ -422,9 +424,12 @@ def test_a_band_that_cuts_off_a_higher_peak_does_not_pass_what_it_hides(
     name, changes, torque, band
 ):
     scenario = mv.load_scenario(name, {"record.start": "steady", **changes})
-    table, limit = mv.steady(scenario).lines, mv.Limit(torque, *band)
+    table, limit = mv.find_lines(scenario, start="steady"), mv.Limit(torque, *band)
     assert mv.judge(table, limit, scenario).verdict == "not judged"
-    assert mv.judge(mv.steady(scenario, harmonics=16).lines, limit, scenario).verdict == "fail"
+    assert (
+        mv.judge(mv.find_lines(scenario, harmonics=16, start="steady"), limit, scenario).verdict
+        == "fail"
+    )
 
 
 def test_a_small_line_is_known_no_better_than_the_motion_about_it(table, scenario):

@@ -265,7 +265,7 @@ def test_the_gears_hysteresis_is_the_quasi_static_one_of_its_twist(state_1):
 
 def test_stiff_contacts_give_the_lines_of_a_friction_that_sticks(state_1):
     short = state_1.with_si({"record.settle": 1.0, "record.duration": 2.0})
-    rigid, *stiff = mv.batch(
+    rigid, *stiff = simulate_torques(
         [short, *(short.with_si({"friction.presliding": {"stiffness": k}}) for k in (6e3, 1e8))]
     )
 
@@ -330,10 +330,10 @@ def test_a_rigid_reducer_mixes_a_friction_that_sticks_with_one_that_remembers(st
 
 def test_a_steady_state_goes_on_with_what_the_elements_remember(presliding):
     state = steady_state(presliding)
-    record = mv.lines(state.motion(channels=("T_d",)))
+    record = mv.find_lines(state.motion(channels=("T_d",)))
     for name in ("drive_1", "drive_2"):
         assert record[name].amplitude_n_m == pytest.approx(
-            mv.lines(state)[name].amplitude_n_m, rel=0.01
+            mv.find_lines(state)[name].amplitude_n_m, rel=0.01
         )
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import microvib as mv
 from microvib.analysis import stream as long_runs
-from microvib.analysis.lines import lines
+from microvib.analysis.lines import find_lines, steady_lines
 from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS
 from microvib.solve.integration import Simulation
@@ -47,7 +47,7 @@ def test_six_component_loads(state_1):
 def test_no_six_components_without_participation(state_1):
     motion = mv.simulate(state_1.with_si(SHORT))
     assert motion.interface_loads() is None
-    for door in (mv.lines, mv.spectrum, type(motion).__getitem__):
+    for door in (mv.find_lines, mv.spectrum, type(motion).__getitem__):
         with pytest.raises(
             mv.MicrovibError,
             match=r"'Fz' is not in this motion, whose array has no participation .* T_d",
@@ -59,7 +59,7 @@ def test_no_six_components_without_participation(state_1):
         ):
             door(motion, "Tz")
     with pytest.raises(mv.MicrovibError, match="'eta' has a column for each mode"):
-        mv.lines(motion, "eta")
+        mv.find_lines(motion, "eta")
 
 
 def test_lines_of_a_force_at_the_interface(state_1):
@@ -75,7 +75,7 @@ def test_lines_of_a_force_at_the_interface(state_1):
     twist = -(motion["T_l"] - scenario.array.inertia * motion["alpha_l"])
     assert motion["Fy"] == pytest.approx(twist * 3.0 / H, abs=1e-9 * abs(twist).max())
     assert (motion["Mz"] == motion["T_d"]).all()
-    force, torque = mv.lines(motion, "Fy"), mv.lines(motion)
+    force, torque = mv.find_lines(motion, "Fy"), mv.find_lines(motion)
     assert (force.unit, torque.unit) == ("N", "N*m")
     assert " N " in str(force).splitlines()[0]
     k = int(np.argmin(abs(np.fft.rfftfreq(twist.size, 1 / 4096) - force["drive_1"].frequency_hz)))
@@ -83,29 +83,29 @@ def test_lines_of_a_force_at_the_interface(state_1):
         2 / twist.size * abs(np.fft.rfft(motion["Fy"]))[k], rel=1e-6
     )
     assert force["drive_1"].status == "ok"
-    assert mv.lines(motion, "Mz")["drive_1"] == torque["drive_1"]
-    assert mv.lines(motion, "Fx").notable() == ()
+    assert mv.find_lines(motion, "Mz")["drive_1"] == torque["drive_1"]
+    assert mv.find_lines(motion, "Fx").notable() == ()
     kept = mv.simulate(state_1.with_si(SHORT), channels=("T_d",))
     with pytest.raises(
         mv.MicrovibError,
         match=r"of which alpha_l, eta, eta_rate, T_d were not kept; there are T_d$",
     ):
-        mv.lines(kept, "Fy")
+        mv.find_lines(kept, "Fy")
 
 
 def test_lines_of_a_force_in_the_steady_state(state_1):
     H = float(state_1.array.H[0])
-    state = mv.steady(
+    state = steady_lines(
         state_1.with_si({"array.modes.0.interface_participation": (0.0, 3.0, 0.0, 0.0, 0.0, H)})
     ).state
-    force, torque = mv.lines(state, "Fy"), mv.lines(state, "T_l")
+    force, torque = mv.find_lines(state, "Fy"), mv.find_lines(state, "T_l")
     array = state.scenario.array
     twist = -(state["T_l"] - array.inertia * state["alpha_l"])
     assert state["Fy"] == pytest.approx(twist * 3.0 / H, abs=1e-9 * abs(twist).max())
     assert (force.unit, torque.unit) == ("N", "N*m")
     assert force["drive_1"].amplitude_n_m > 0.0
     with pytest.raises(mv.MicrovibError, match="'Tz' is not in this motion"):
-        mv.lines(state, "Tz")
+        mv.find_lines(state, "Tz")
 
 
 def test_drive_axis_chooses_the_component(state_1):
@@ -146,7 +146,7 @@ def test_start_track_stop_and_reverse(state_1):
     assert at(2.45) == pytest.approx(at(2.0), abs=2e-5)
     assert motion["stuck_output"][int(2.3 * 4096)] == pytest.approx(1.0)
     assert at(3.9) == pytest.approx(at(2.4) - rate * 1.4, abs=2e-4)
-    kinds = {line.kind for line in mv.lines(motion)}
+    kinds = {line.kind for line in mv.find_lines(motion)}
     assert kinds == {"array mode"}  # the rate changes in the record: the clock has no lines
 
 
@@ -186,7 +186,7 @@ def test_only_the_channels_that_are_asked_for(state_1):
 
 def test_lines_of_a_stream_are_those_of_the_motion(state_1, monkeypatch):
     scenario = state_1.with_si({"record.settle": 2.0, "record.duration": 24.0})
-    whole = lines(mv.simulate(scenario))
+    whole = find_lines(mv.simulate(scenario))
     table, invariants, _ = long_runs.lines_of_stream(scenario, 8)
     assert table == whole
     monkeypatch.setattr(long_runs, "BLOCK_SAMPLES", 1 << 15)
@@ -216,7 +216,7 @@ def test_subharmonics_of_stick_and_slip_are_listed_though_not_expected(state_1):
     scenario = state_1.with_si(
         {**friction, **record, "reducer.damping": 0.5, "motor.detent_torque": 0.0}
     )
-    table = mv.lines(mv.simulate(scenario))
+    table = mv.find_lines(mv.simulate(scenario))
     unexpected = {line.origin: line.amplitude_n_m for line in table if line.kind == "other"}
     # this drive repeats itself only every five microsteps
     assert unexpected["6/5 of the driving frequency"] == pytest.approx(0.0554, rel=0.02)
@@ -231,7 +231,7 @@ def test_a_mode_that_cannot_be_seen_is_not_found_on_a_line_of_the_clock(state_1)
     scenario = state_1.with_si(
         {**SHORT, "record.duration": 16.0, "array.modes": modes, "array.rigid_inertia": None}
     )
-    table = mv.lines(mv.simulate(scenario))
+    table = mv.find_lines(mv.simulate(scenario))
     for k in (2, 3, 4):
         assert table[f"array_mode_{k}"].status not in ("ok", "decaying", "growing")
     assert table["array_mode_1"].status == "decaying"
@@ -256,10 +256,10 @@ def test_no_microstep_is_lost_where_the_command_is_cut_into_pieces(state_1):
 def test_a_record_may_start_in_the_steady_state(state_1):
     steady = mv.simulate(state_1.with_({"record.start": "steady"}), channels=("T_d",))
     assert steady.solver["steady"] == "used"
-    table = mv.lines(steady)
+    table = mv.find_lines(steady)
     assert table["array_mode_1"].amplitude_n_m < 1e-5  # 4.6e-3 from rest
     assert table["drive_1"].amplitude_n_m == pytest.approx(
-        mv.steady(state_1).lines["drive_1"].amplitude_n_m, rel=1e-4
+        mv.find_lines(state_1, start="steady")["drive_1"].amplitude_n_m, rel=1e-4
     )
 
 

@@ -50,7 +50,7 @@ def test_a_budget_names_the_line_that_fails_its_curve(tmp_path: Path) -> None:
     scenario = mv.load_scenario(CRAFT).with_(
         {"record.start": "steady", "record.settle": "0 s", "record.duration": "4 s"}
     )
-    budget = mv.budget(scenario, requirements=path)
+    budget = mv.pointing_budget(scenario, requirements=path)
     failing = [one for one in budget.judged if one.verdict == "fail"]
     assert failing
     assert failing[0].ranking

@@ -11,6 +11,7 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.limits import judge, transient_warnings
+from microvib.solve.batch import simulate_torques
 from microvib.solve.noise import torque_noise
 from microvib.solve.steady.state import steady_state
 
@@ -72,7 +73,7 @@ def test_two_forms_of_the_torque_and_the_balances_hold_with_noise(state_1):
     assert motion.invariants.torque_forms < 1e-9
     assert motion.invariants.momentum < 1e-5
     assert motion.invariants.energy_mechanical < 1e-3
-    (alone,) = mv.batch([scenario])
+    (alone,) = simulate_torques([scenario])
     assert np.std(alone.T_d - motion["T_d"]) < 1e-2 * np.std(alone.T_d)
 
 
@@ -115,7 +116,7 @@ def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
     scenario = state_1.with_si(
         {"friction.torque_noise": loud, "record.settle": 40.0, "record.duration": 8.0}
     )
-    table = mv.lines(mv.simulate(scenario, channels=("T_d",)))
+    table = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
     mode, drive = table["array_mode_1"], table["drive_1"]
     assert mode.amplitude_n_m > 0.0
     for torque in (10.0 * drive.amplitude_n_m, 0.1 * mode.amplitude_n_m):
@@ -130,5 +131,5 @@ def test_a_line_that_noise_drives_is_not_judged_by_one_draw(state_1):
     quiet = state_1.with_si({"record.settle": 2.0, "record.duration": 8.0})
     assert not any(
         "draw" in x
-        for x in transient_warnings(mv.lines(mv.simulate(quiet, channels=("T_d",))), quiet)
+        for x in transient_warnings(mv.find_lines(mv.simulate(quiet, channels=("T_d",))), quiet)
     )

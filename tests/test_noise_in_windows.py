@@ -25,7 +25,7 @@ def test_windows_of_a_run_have_lines_and_noise_once_each() -> None:
     }
     scenario = scenario_of(full, **changes, **{"record.sample_rate": Si(512.0)})
     motion = mv.simulate(scenario)
-    hub = hub_lines(motion, mv.lines(motion))
+    hub = hub_lines(motion, mv.find_lines(motion))
     x = np.column_stack([motion["los_x"], motion["los_y"]])
     window = 0.125
     parts = x[: 64 * (len(x) // 64)].reshape(-1, 64, 2)
@@ -81,7 +81,7 @@ def test_without_noise_nothing_is_said_of_it() -> None:
         whole.FullCraft(bandwidth=0.1), **{"record.settle": Si(1.0), "record.duration": Si(2.0)}
     )
     motion = mv.simulate(scenario)
-    hub = hub_lines(motion, mv.lines(motion))
+    hub = hub_lines(motion, mv.find_lines(motion))
     assert hub.density is None
     assert set(next(hub.totals())) == {"window_s", "metric", "los_x_rad", "los_y_rad", "radial_rad"}
     assert NOISE_LABEL not in dict(hub.ranking("rpe", 0.1))

@@ -13,12 +13,13 @@ import pytest
 import microvib as mv
 from microvib.errors import LineError
 from microvib.model.tracking import Tracking
+from microvib.solve.batch import simulate_torques
 from microvib.units import Si
 
 
 @pytest.fixture(scope="module")
 def table(motion_1):
-    return mv.lines(motion_1)
+    return mv.find_lines(motion_1)
 
 
 def test_keys_of_a_scenario_complete_and_give_their_values(state_1):
@@ -95,7 +96,7 @@ def test_a_table_becomes_a_frame_and_a_dataset(table):
 
 
 def test_amplitudes_of_another_channel_carry_its_unit(motion_1):
-    data = mv.lines(motion_1, "omega_l").to_xarray()
+    data = mv.find_lines(motion_1, "omega_l").to_xarray()
     assert data["amplitude_n_m"].attrs["units"] == data["floor_n_m"].attrs["units"] == "rad/s"
 
 
@@ -120,15 +121,15 @@ SHORT = {"record.settle": "1 s", "record.duration": "3 s"}
 
 
 def test_lines_of_all_that_has_some(state_1, motion_1, table):
-    assert mv.lines(mv.steady(state_1))["drive_1"].amplitude_n_m == pytest.approx(
-        mv.lines(mv.steady(state_1).state)["drive_1"].amplitude_n_m
+    assert mv.find_lines(state_1, start="steady")["drive_1"].amplitude_n_m == pytest.approx(
+        mv.find_lines(mv.steady_state(state_1))["drive_1"].amplitude_n_m
     )
-    motion, (torque,) = mv.simulate(state_1.with_(SHORT)), mv.batch([state_1.with_(SHORT)])
-    assert mv.lines(torque)["drive_1"].amplitude_n_m == pytest.approx(
-        mv.lines(motion)["drive_1"].amplitude_n_m, rel=1e-3
+    motion, (torque,) = mv.simulate(state_1.with_(SHORT)), mv.simulate_many([state_1.with_(SHORT)])
+    assert mv.find_lines(torque)["drive_1"].amplitude_n_m == pytest.approx(
+        mv.find_lines(motion)["drive_1"].amplitude_n_m, rel=1e-3
     )
     recording = mv.Recording({"Mz": motion_1["T_d"]}, motion_1.sample_rate, {"Mz": "N*m"}, "mine")
-    named, unnamed = mv.lines(recording, scenario=state_1), mv.lines(recording)
+    named, unnamed = mv.find_lines(recording, scenario=state_1), mv.find_lines(recording)
     assert named["drive_1"].amplitude_n_m == pytest.approx(table["drive_1"].amplitude_n_m, rel=1e-3)
     assert named.clock_ratio == pytest.approx(0.994, rel=1e-5)
     assert {line.kind for line in unnamed} == {"other"}
@@ -138,14 +139,14 @@ def test_lines_and_spectra_of_a_force(state_1):
     six = {"array.modes.0.interface_participation": (0.5, 3.0, 0.0, 0.0, 0.0, state_1.array.H[0])}
     motion = mv.simulate(state_1.with_({**SHORT, **six}))
     assert (
-        mv.lines(motion, "Fy").unit
+        mv.find_lines(motion, "Fy").unit
         == mv.spectrum(motion, "Fy").unit
         == mv.psd(motion, "Fy").unit
         == "N"
     )
-    assert mv.lines(motion, "Fx")["drive_1"].amplitude_n_m > 0.0
+    assert mv.find_lines(motion, "Fx")["drive_1"].amplitude_n_m > 0.0
     recording = mv.Recording({"Fy": motion["Fy"]}, motion.sample_rate, {"Fy": "N"}, "mine")
-    assert mv.lines(recording, "Fy", scenario=motion.scenario).unit == "N"
+    assert mv.find_lines(recording, "Fy", scenario=motion.scenario).unit == "N"
 
 
 def test_spectra_of_all_that_has_samples(motion_1):
@@ -163,17 +164,14 @@ def test_spectra_of_all_that_has_samples(motion_1):
 
 def test_what_a_cell_ends_with_is_shown_in_a_line_or_as_its_lines(motion_1):
     scenario, title = motion_1.scenario, f"scenario '{motion_1.scenario.title}'"
-    steady, (torque,) = mv.steady(scenario), mv.batch([scenario.with_(SHORT)])
-    first, *rows = repr(steady).splitlines()
-    assert first.startswith(f"Steady state of {title}: repeats every ")
-    assert rows == repr(steady.lines).splitlines()
-    assert repr(steady.state) == first
+    state, (torque,) = mv.steady_state(scenario), simulate_torques([scenario.with_(SHORT)])
+    assert repr(state).startswith(f"Steady state of {title}: repeats every ")
     assert repr(scenario) == title
     assert repr(torque) == f"Torque of {title}: 12288 samples at 4096 Hz"
-    run = mv.run(scenario.with_(SHORT), lines_only=True)
+    run = mv.run_scenario(scenario.with_(SHORT), lines_only=True)
     assert repr(run) == f"Run of {title}\n{run.table!r}"
     assert (
-        repr(mv.rates(scenario, ["0.06 deg/s"], linear=True))
+        repr(mv.plan_rates(scenario, ["0.06 deg/s"], linear=True))
         == f"Rate plan of {title}: 1 cases, 0 resonances"
     )
 
@@ -186,9 +184,9 @@ def recorded(x, rate=4096.0, unit="N*m", **channels):
     "form", [list, pd.Series, np.float32, lambda x: pd.Series(x, np.arange(x.size) / 4096.0 + 5.0)]
 )
 def test_samples_of_ones_own_come_in_many_forms(motion_1, form):
-    x, expected = motion_1["T_d"], mv.lines(motion_1)["drive_1"].amplitude_n_m
+    x, expected = motion_1["T_d"], mv.find_lines(motion_1)["drive_1"].amplitude_n_m
     for one in (recorded(form(x)), recorded(form(1e3 * x), rate="4.096 kHz", unit="mN*m")):
-        table = mv.lines(one, scenario=motion_1.scenario)
+        table = mv.find_lines(one, scenario=motion_1.scenario)
         assert table.unit == "N*m"
         assert table["drive_1"].amplitude_n_m == pytest.approx(expected, rel=1e-4)
 
@@ -198,42 +196,39 @@ def test_numbers_of_numpy_are_numbers(state_1):
         {"driver.microsteps": np.int64(8), "tracking.clock_ratio": np.array(0.99)}
     ) == state_1.with_({"driver.microsteps": 8, "tracking.clock_ratio": 0.99})
     assert state_1.with_(pd.Series({"driver.microsteps": 8}))["driver.microsteps"] == 8
-    assert mv.rates(state_1, ["0.06 deg/s"], np.array([8, 16]), linear=True).counts == (8, 16)
+    assert mv.plan_rates(state_1, ["0.06 deg/s"], np.array([8, 16]), linear=True).counts == (8, 16)
 
 
 WRONG = {
-    "a name for a scenario, simulated": (lambda m: mv.batch(["state-1"]), "'state-1' is a name; expected a list of scen"),
-    "a name for a scenario, steady": (lambda m: mv.steady("state-1"), "'state-1' is a name; expected a scenario"),
-    "a name for a scenario, planned": (lambda m: mv.rates("state-1", ["1 deg/s"]), "is a name; expected a scenario"),
-    "a name for a motion": (lambda m: mv.lines("state-1"), "'state-1' is a name; expected a steady state (mv.steady), "),
-    "a scenario for a motion": (lambda m: mv.lines(m.scenario), "is of type Scenario; expected a steady state (mv.steady), "),
-    "a name for a motion's spectrum": (lambda m: mv.psd("out/"), "'out/' is a name; expected a motion (mv.simulate), "),
+    "a number for a scenario, in a list": (lambda m: mv.simulate_many([3]), "3 is of type int; expected a scenario (mv.load_sc"),
+    "a motion for a scenario": (lambda m: mv.plan_rates(m, ["1 deg/s"]), "is of type Motion; expected a scenario (mv.load_scenario), or"),
+    "a name that is none": (lambda m: mv.find_lines("state-9"), "state-9: there is no such file and no catalog scenario of this"),
+    "a start of a motion": (lambda m: mv.find_lines(m, start="steady"), "start: is how a scenario's motion begins; this source has"),
+    "a start that is none": (lambda m: mv.simulate("state-1", start="stead"), "record.start: 'stead' is not allowed; "),
+    "a name for a motion's spectrum": (lambda m: mv.psd("out/"), "'out/' is a name; expected a motion (mv.simulate) or a rec"),
     "a motion for a table": (lambda m: mv.judge(m, mv.Limit("10 mN*m")), "is of type Motion; expected a table of lines"),
-    "a name, simulated": (lambda m: mv.simulate("state-1"), "'state-1' is a name; expected a scenario (mv.load_scenario)"),
-    "a name, compared": (lambda m: mv.compare(m, "paper"), "'paper' is a name; expected a scenario, a motion, "),
+    "a name, simulated": (lambda m: mv.simulate("state-9"), "state-9: there is no such file and no catalog scenario of th"),
+    "a name, compared": (lambda m: mv.compare(m, "papers"), "papers: is not known; expected a scenario (of the catalog, or"),
     "a name, as evidence": (lambda m: mv.identify(m.scenario, ["a.uff"], ["reducer.damping"]), "'a.uff' is a name; expected a"),
     "a key that is not fitted": (lambda m: mv.identify(m.scenario, [], ["reducer.dampin"]), "is not a key of the scenario; allowed"),
-    "a motion, written": (lambda m: mv.write_run(m, "out"), "of type Motion; expected what a run found (mv.run)"),
-    "a table, plotted": (lambda m: mv.plot(mv.lines(m)), "is of type LineTable; expected a motion, spectrum, density, "),
-    "channels as text": (lambda m: mv.simulate(m.scenario, channels="T_d"), "a list of names is expected, such as ('T_d',)"),
+    "a motion, written": (lambda m: mv.write_run(m, "out"), "of type Motion; expected what a run found (mv.run_scenario)"),
+    "a table, plotted": (lambda m: mv.plot(mv.find_lines(m)), "is of type LineTable; expected a motion, spectrum, density, "),
+    "channels as a number": (lambda m: mv.simulate(m.scenario, channels=3), "channels: 3 is not a list; one is expected, such as ["),
+    "errors of another kind": (lambda m: mv.simulate_many([m.scenario], errors="skip"), "errors skip: is not allowed; write one"),
     "a component, kept": (lambda m: mv.simulate(m.scenario, channels=("Fx",)), "'Fx' is made of others; keep alpha_l, eta, "),
     "a channel that is not kept": (lambda m: mv.simulate(m.scenario, channels=("T_D",)), "'T_D' does not exist; did you mean T_d?"),
-    "a number for a limit": (lambda m: mv.judge(mv.lines(m), 0.01), "expected a limit, such as mv.Limit('10 mN*m')"),
-    "a channel that is not there": (lambda m: mv.lines(m, "T_x"), "channel 'T_x' is not in this motion; there are i_A, "),
+    "a number for a limit": (lambda m: mv.judge(mv.find_lines(m), 0.01), "expected a limit, such as mv.Limit('10 mN*m')"),
+    "a channel that is not there": (lambda m: mv.find_lines(m, "T_x"), "channel 'T_x' is not in this motion; there are i_A, "),
     "a channel of a mode each": (lambda m: mv.psd(m, "eta"), "channel 'eta' has a column for each mode; there are i_A, "),
-    "a name, run": (lambda m: mv.run("state-1"), "'state-1' is a name; expected a scenario (mv.load_scenario)"),
-    "a name, for modes": (lambda m: mv.coupled_modes("state-1"), "'state-1' is a name; expected a scenario (mv.load_scen"),
-    "a name, for its lines": (lambda m: mv.expected_lines("state-1", "9 Hz"), "is a name; expected a scenario (mv.load_scen"),
-    "a name, dumped": (lambda m: mv.dump_scenario("state-1"), "'state-1' is a name; expected a scenario (mv.load_scenario)"),
     "a scenario, loaded": (lambda m: mv.load_scenario(m.scenario), "is of type Scenario; expected a name of the catalog, or"),
     "a scenario, opened": (lambda m: mv.open_source(m.scenario), "is of type Scenario; expected the name of a scenario, a run"),
     "a list of changes": (lambda m: mv.load_scenario("state-1", ["tracking.rate=1 deg/s"]), "expected keys with their values"),
     "a number for a file": (lambda m: mv.read_recording(3), "3 is of type int; expected the name of a file"),
-    "a table for its motion": (lambda m: mv.lines(mv.lines(m)), "is of type LineTable; expected a steady state (mv.steady), a"),
+    "a table for its motion": (lambda m: mv.find_lines(mv.find_lines(m)), "is of type LineTable; expected a scenario, a steady state, a m"),
     "a bare time": (lambda m: mv.identify(m.scenario, [], ["reducer.damping"], settle_error=0.05), "needs a unit, such as '0.05 s'"),
     "a number of numpy": (lambda m: m.scenario.with_({"tracking.rate": np.float64(0.05)}), "tracking.rate: 0.05 needs a unit, "),
     "a speed, judged as a torque": (
-        lambda m: mv.judge(mv.lines(m, "omega_l"), mv.Limit("10 mN*m")), "limit: is a torque, and these lines are in rad/s; ",
+        lambda m: mv.judge(mv.find_lines(m, "omega_l"), mv.Limit("10 mN*m")), "limit: is a torque, and these lines are in rad/s; ",
     ),
     "a parameter, set": (lambda m: setattr(m.scenario.motor, "current", 1.0), "current: cannot be set, scenarios are frozen; "),
     "a band from high to low": (lambda m: mv.Limit("1 mN*m", "150 Hz", "0.5 Hz"), "the first bound must be at least 0 and below"),
@@ -244,9 +239,9 @@ WRONG = {
     "channels of two lengths": (lambda m: recorded([1.0, 2.0], Fx=[1.0]), "its channels differ in length: {'Mz': 2, 'Fx': 1}"),
     "no sample rate": (lambda m: recorded([1.0, 2.0], rate=0.0), "sample rate 0 Hz is not allowed; it must be greater than 0"),
     "masked samples": (
-        lambda m: mv.lines(recorded(np.ma.masked_less(m["T_d"], -0.05))), "samples that are not numbers, the first at ",
+        lambda m: mv.find_lines(recorded(np.ma.masked_less(m["T_d"], -0.05))), "samples that are not numbers, the first at ",
     ),
-    "a component that is not there": (lambda m: mv.lines(m, "Fx"), "whose array has no participation in six components"),
+    "a component that is not there": (lambda m: mv.find_lines(m, "Fx"), "whose array has no participation in six components"),
 }  # fmt: skip
 
 
@@ -272,7 +267,7 @@ def test_a_shell_completes_keys_lines_channels_and_names(state_1, motion_1, tabl
         "table.to_": "to_dataframe",
         'motion["omega_': "omega_m",
         "mv.read_rec": "read_recording",
-        "mv.rates(scenario, keep": "keep_away=",
+        "mv.plan_rates(scenario, keep": "keep_away=",
     }.items():
         with provisionalcompleter():
             found = [each.text for each in shell.Completer.completions(typed, len(typed))]
@@ -283,10 +278,10 @@ OUTSIDE = """
 import microvib as mv
 
 scenario: mv.Scenario = mv.load_scenario("state-1").with_({"tracking.rate": "0.05 deg/s"})
-table: mv.LineTable = mv.lines(mv.steady(scenario))
+table: mv.LineTable = mv.find_lines(scenario, start="steady")
 largest: float = max(line.amplitude_n_m for line in table)
 verdict: str = mv.judge(table, mv.Limit("10 mN*m", "0.5 Hz", mv.Si(150.0)), scenario).verdict
-plan = mv.rates(scenario, mv.rate_grid("0.01 deg/s", "0.1 deg/s"), limit="10 mN*m", band="0.5:5 Hz")
+plan = mv.plan_rates(scenario, mv.rate_grid("0.01 deg/s", "0.1 deg/s"), limit="10 mN*m", band="0.5:5 Hz")
 mv.plot(plan).savefig("plan.png")
 rows: list[str] = [row.verdict for row in mv.compare(mv.simulate(scenario), mv.read_recording("a.uff")).rows]
 mv.rate_grid(0.01, 0.1)

@@ -212,7 +212,7 @@ def test_a_detent_of_the_half_step_has_its_own_order():
     assert found["drive_1"] - found["drive_1_minus_1"] == pytest.approx(2 * found["full_step_1"])
     strong = {
         x.line
-        for x in mv.steady(scenario.with_si({"motor.detent_torque": 0.02})).lines
+        for x in mv.find_lines(scenario.with_si({"motor.detent_torque": 0.02}), start="steady")
         if x.amplitude_n_m > 1e-5
     }
     assert "full_step_2" in strong
@@ -228,8 +228,8 @@ def test_the_steady_state_is_what_a_run_settles_to(changes):
     scenario = baseline().with_si(
         changes | {"tracking.rate": math.radians(0.1), "record.settle": 40.0}
     )
-    steady = {x.line: x.amplitude_n_m for x in mv.steady(scenario).lines}
-    run = {x.line: x for x in mv.lines(mv.simulate(scenario))}
+    steady = {x.line: x.amplitude_n_m for x in mv.find_lines(scenario, start="steady")}
+    run = {x.line: x for x in mv.find_lines(mv.simulate(scenario))}
     for name in ("drive_1", "drive_2", "full_step_1"):
         assert steady[name] == pytest.approx(run[name].amplitude_n_m, rel=0.01), name
 

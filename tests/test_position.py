@@ -12,6 +12,7 @@ from support.stopped import rows_at
 
 import microvib as mv
 from microvib.solve import kernel
+from microvib.solve.batch import simulate_torques
 from microvib.solve.noise import roughness
 from microvib.solve.steady.state import steady_state
 
@@ -98,7 +99,7 @@ def test_both_integrations_and_batches_take_it(state_1, rigid):
     assert np.std(motion["T_d"] - reference) < 0.02 * effect
     assert motion.invariants.torque_forms < 1e-9
     assert motion.invariants.energy_mechanical < 1e-3
-    (alone,) = mv.batch([scenario])
+    (alone,) = simulate_torques([scenario])
     assert np.std(alone.T_d - motion["T_d"]) < 2e-3 * np.std(reference)
 
 

@@ -256,7 +256,7 @@ def test_the_linear_lines_are_those_of_a_drive_without_stick_and_detent(state_1,
         **NO_FRICTION,
     }
     scenario = state_1.with_si(smooth)
-    table = mv.steady(scenario).lines
+    table = mv.find_lines(scenario, start="steady")
     for line in linear_lines(scenario):
         # currents do not follow quite at once: back-EMF damps by 2 %
         assert abs(line.amplitude) == pytest.approx(
@@ -364,7 +364,7 @@ def test_a_script_without_a_guard_is_told_so_and_one_worker_needs_none(tmp_path)
     script.write_text(
         "import sys, microvib as mv\n"
         "try:\n"
-        "    print(len(mv.rates(mv.load_scenario('state-1'), ['0.06 deg/s'], workers=int(sys.argv[1])).cases))\n"
+        "    print(len(mv.plan_rates(mv.load_scenario('state-1'), ['0.06 deg/s'], workers=int(sys.argv[1])).cases))\n"
         "except mv.MicrovibError:\n"
         "    sys.exit(3)\n"
     )
@@ -432,7 +432,9 @@ def test_a_small_line_in_the_band_is_not_dropped_for_a_large_one_outside(state_1
 def test_a_band_without_a_listed_line_is_judged_by_what_no_line_accounts_for():
     """full_step_13, which is no row of a case's table, has 0.425 mN m in this band."""
     rates = mv.rate_grid("0.0597 deg/s", "0.0603 deg/s", 2)
-    plan = mv.rates(mv.load_scenario("state-1"), rates, limit="0.3 mN*m", band=("28 Hz", "45 Hz"))
+    plan = mv.plan_rates(
+        mv.load_scenario("state-1"), rates, limit="0.3 mN*m", band=("28 Hz", "45 Hz")
+    )
     assert plan.best() is None
     assert plan.least()[1] > 4e-4
 

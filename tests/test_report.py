@@ -38,7 +38,7 @@ from microvib.reports.figures import draw_first_page
 from microvib.reports.parameters import STATUSES, Provenance, parameter_blocks, provenance
 from microvib.reports.rendering import html, pdf, report_files
 from microvib.reports.run.first_page import judged_cells
-from microvib.reports.run.folder import run_scenario
+from microvib.reports.run.folder import run_to_folder
 from microvib.reports.run.report import run_report
 from microvib.signals.line_table import BELOW_FLOOR
 
@@ -48,7 +48,7 @@ NASTY = '#set text(red) $x^2$ *b* _i_ <script>alert(1)</script> \\ "q" [a](b) @r
 
 @pytest.fixture(scope="module")
 def lines_1(motion_1):
-    return mv.lines(motion_1)
+    return mv.find_lines(motion_1)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def document(motion_1, lines_1) -> Document:
 def folder(tmp_path_factory):
     """The folder of a short run."""
     out = tmp_path_factory.mktemp("report") / "run"
-    run_scenario(
+    run_to_folder(
         baseline().with_si({"record.settle": 1.0, "record.duration": 6.0}),
         out,
         limit=limit_of(0.010, 0.5, 60.0),
@@ -93,7 +93,7 @@ def column(found: Table, title: str, unit: str | None = None) -> list[str]:
 
 def test_the_spectrum_names_the_line_that_decides_the_verdict_first(motion_1):
     """A line that is small beside its neighbours, above its limit, or the one nearest to the limit where none is above."""
-    table = mv.lines(motion_1)
+    table = mv.find_lines(motion_1)
     known = (x for x in table if x.seen and x.kind == "full step" and x.amplitude_n_m > 1e-4)
     small = min(known, key=lambda x: x.amplitude_n_m)
     for factor in (0.2, 5.0):
@@ -446,7 +446,7 @@ def test_a_folder_reads_back_as_it_was_written(folder):
     assert np.abs(run.motion["T_d"] - run.motion["T_d_force"]).max() < 1e-14
     assert run.table["drive_1"].kind == "drive"
     assert run.table["drive_1"].amplitude_n_m == pytest.approx(
-        mv.lines(run.motion)["drive_1"].amplitude_n_m, rel=1e-8
+        mv.find_lines(run.motion)["drive_1"].amplitude_n_m, rel=1e-8
     )
 
 

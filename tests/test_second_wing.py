@@ -18,6 +18,7 @@ from support.two_wings import BothDrives, Wing
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.lines import steady_lines
 from microvib.analysis.run import lines_of_second
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import blocked_load_method, source_of
@@ -28,7 +29,7 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import draw_craft
 from microvib.reports.parameters import derived
-from microvib.reports.run.folder import run_scenario
+from microvib.reports.run.folder import run_to_folder
 from microvib.reports.run.text import run_text
 from microvib.signals.pointing import radial_rms
 from microvib.solve.channels import SECOND_LOADS
@@ -297,9 +298,9 @@ def test_wings_that_turn_with_the_sun_double_and_against_each_other_cancel() -> 
     assert other.tracking.rate == -with_sun.tracking.rate  # type: ignore[operator]
     found = {}
     for name, scenario in (("sun", with_sun), ("half", half), ("against", against)):
-        state = mv.steady(scenario).state
+        state = steady_lines(scenario).state
         assert state is not None
-        lines = hub_lines(state, mv.steady(scenario).lines)
+        lines = hub_lines(state, mv.find_lines(scenario, start="steady"))
         k = lines.names.index("drive_1")
         assert lines.los is not None
         found[name] = lines.loads[k, 4], lines.los[k, 1], lines.second, k
@@ -311,9 +312,9 @@ def test_wings_that_turn_with_the_sun_double_and_against_each_other_cancel() -> 
     assert opposite[2] is not None
     assert opposite[2][opposite[3], 4] == pytest.approx(-opposite[0], rel=1e-6)
     assert abs(opposite[1]) < 1e-6 * abs(sun[1])
-    ground = (
-        mv.steady(symmetric(4.0, None).with_({"spacecraft": None})).lines["drive_1"].amplitude_n_m
-    )
+    ground = mv.find_lines(symmetric(4.0, None).with_({"spacecraft": None}), start="steady")[
+        "drive_1"
+    ].amplitude_n_m
     assert abs(opposite[0]) == pytest.approx(ground, rel=2e-3)
     assert abs(sun[0]) != pytest.approx(ground, rel=0.02)
 
@@ -321,7 +322,7 @@ def test_wings_that_turn_with_the_sun_double_and_against_each_other_cancel() -> 
 def test_half_a_microstep_cancels_odd_driving_lines() -> None:
     size = {}
     for stagger in (0.0, 0.5):
-        found = mv.steady(symmetric(4.0, {"drive": "driven", "stagger": stagger}))
+        found = steady_lines(symmetric(4.0, {"drive": "driven", "stagger": stagger}))
         assert found.state is not None
         lines = hub_lines(found.state, found.lines)
         size[stagger] = {
@@ -338,7 +339,7 @@ def test_a_settled_run_has_the_lines_of_the_steady_state(clock_ratio: float) -> 
     wing = {"drive": "driven", "stagger": 0.3, "clock_ratio": clock_ratio}
     changes = {"record.settle": 20.0, "record.duration": 6.0}
     scenario = both(whole.FullCraft(damping=np.full(4, 0.08)), wing, **changes)
-    long, found = mv.run(scenario), mv.steady(scenario)
+    long, found = mv.run_scenario(scenario), steady_lines(scenario)
     assert long.motion is not None
     assert found.state is not None
     a, b = hub_lines(long.motion, long.table), hub_lines(found.state, found.lines)
@@ -463,7 +464,7 @@ def quick(**wing: Any) -> Scenario:
 
 def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     out, scenario = tmp_path / "run", quick(stagger=0.25)
-    result, files = run_scenario(scenario, out)
+    result, files = run_to_folder(scenario, out)
     assert result.second is not None
     assert result.second.accuracy is not None
     assert result.second.accuracy != result.accuracy
@@ -506,7 +507,7 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     )
     assert any("first array" in text and "second array" in text for text in said)
     held = out.parent / "held"
-    _, files = run_scenario(quick().alone, held, lines_only=True)
+    _, files = run_to_folder(quick().alone, held, lines_only=True)
     assert {name for name in files if "wing_2" in name} == {"loads_wing_2.csv"}
 
 
@@ -549,12 +550,12 @@ def test_another_drive_from_a_file(tmp_path: Path) -> None:
 def test_a_budget_takes_both_wings_one_by_one(clock_ratio: float) -> None:
     """Lines of one clock with their phases: its sums are those of the run."""
     scenario = quick(stagger=0.25, clock_ratio=clock_ratio)
-    budget = mv.budget(
+    budget = mv.pointing_budget(
         scenario, Requirements(requirements=(Requirement(metric="ape", limit="1 urad"),))
     )  # type: ignore[call-arg]
     assert [one.source for one in budget.contributions] == ["drive 1", "drive 1 wing_2"]
     assert len({one.clock for one in budget.contributions}) == (1 if clock_ratio == 1.0 else 2)
-    found = mv.steady(scenario)
+    found = steady_lines(scenario)
     assert found.state is not None
     sums = {
         (row["metric"], row["window_s"]): row["radial_rad"]
@@ -580,8 +581,8 @@ def test_a_budget_takes_a_campaign_of_both_wings(tmp_path: Path, clock_ratio: fl
     merge(campaign)
     required = Requirements(requirements=(Requirement(metric="ape", limit="1 urad"),))  # type: ignore[call-arg]
     apart, joined = (
-        mv.budget(scenario, required),
-        mv.budget(scenario, required, campaign=tmp_path / "c"),
+        mv.pointing_budget(scenario, required),
+        mv.pointing_budget(scenario, required, campaign=tmp_path / "c"),
     )
     (one,) = joined.contributions
     assert (one.how, one.cases_lack) == ("steady state of the coupled run, both wings", "")
@@ -602,7 +603,7 @@ def test_cases_of_a_campaign_keep_lines_of_both_clocks(tmp_path: Path) -> None:
     )
     campaign = create(read_design(tmp_path / "study.yaml"), tmp_path / "c")
     chunk = Chunk.from_bytes(compute_bytes(campaign.work(0)))
-    case = mv.steady(campaign.design.scenario(0))
+    case = steady_lines(campaign.design.scenario(0))
     assert case.state is not None
     own = hub_lines(case.state, case.lines)
     for name in ("drive_1", "wing_2 drive_1"):
@@ -615,7 +616,7 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
     wings = quick().with_si(
         {"spacecraft.second_wing.motor": {**quick().motor.model_dump(), "current": 1.2}}
     )
-    result = mv.run(wings.with_({"record.start": "steady"}))
+    result = mv.run_scenario(wings.with_({"record.start": "steady"}))
     assert result.second is not None
     own, other = (table["drive_1"].amplitude_n_m for table in (result.table, result.second.table))
     assert other > 1.05 * own
@@ -630,7 +631,7 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
 
 
 def test_a_report_judges_the_second_drive_by_the_lines_of_its_run(tmp_path: Path) -> None:
-    result = mv.run(quick(), harmonics=3)
+    result = mv.run_scenario(quick(), harmonics=3)
     assert result.second is not None
     limit = mv.Limit(Si(0.01 * result.table["drive_1"].amplitude_n_m))
     judged = mv.judge(result.table, limit, result.scenario, result.second.table)
@@ -655,7 +656,7 @@ def test_a_campaign_of_the_torque_alone_is_judged_by_both_drives(
     )
     (tmp_path / "craft.yaml").write_text(mv.dump_scenario(blind))
     limits = [
-        mv.steady(one).lines["drive_1"].amplitude_n_m
+        mv.find_lines(one, start="steady")["drive_1"].amplitude_n_m
         for one in (blind, blind.driven_wing)
         if one is not None
     ]

@@ -17,6 +17,7 @@ from microvib.model.driven import friction_to_disturbance, noise_density, noise_
 from microvib.reports.document import Text
 from microvib.reports.run.first_page import first_page
 from microvib.signals.line_table import NOISE_DRIVEN, SeedLine
+from microvib.solve.batch import simulate_torques
 from microvib.solve.pack import pack
 
 NOISE = {"density": 2e-4, "lowest": 0.3, "highest": 5.0, "seed": 1}
@@ -38,7 +39,7 @@ def noisy():
 
 @pytest.fixture(scope="module")
 def drawn(noisy):
-    return mv.run(noisy, lines_only=True, seeds=60).table
+    return mv.run_scenario(noisy, lines_only=True, seeds=60).table
 
 
 def test_the_closed_form_is_what_draws_read_within_their_scatter(noisy, drawn):
@@ -48,7 +49,7 @@ def test_the_closed_form_is_what_draws_read_within_their_scatter(noisy, drawn):
         seeds.draws >= 59
     )  # in one the mode is small, and not told from a third of the full step, 1.3 bins away
     error = seeds.deviation_n_m / math.sqrt(seeds.draws)
-    stuck = mv.batch([noisy])[0].stuck_output  # swallows its part of the noise
+    stuck = simulate_torques([noisy])[0].stuck_output  # swallows its part of the noise
     assert (1.0 - stuck) * alone.mean - 3.0 * error < seeds.mean_n_m < alone.mean + 3.0 * error
     assert seeds.deviation_n_m == pytest.approx(
         alone.deviation, rel=0.3
@@ -87,7 +88,7 @@ def test_roughness_is_the_noise_that_the_output_turns_past(noisy):
 )
 def test_a_mode_that_noise_does_not_reach_decays(changes):
     scenario = mv.load_scenario("state-1").with_si({**SHORT, "record.settle": 5.0, **changes})
-    assert mv.run(scenario, lines_only=True).table["array_mode_1"].status == "decaying"
+    assert mv.run_scenario(scenario, lines_only=True).table["array_mode_1"].status == "decaying"
 
 
 def test_a_line_of_the_clock_is_not_driven_by_noise(noisy, drawn):
@@ -130,7 +131,7 @@ def test_a_report_says_that_margins_are_those_of_the_quantile(noisy, drawn):
 def test_what_is_left_of_the_start_is_not_passed_as_noise(noisy):
     # ringing of the start, as large as the limit when the record begins, over a mode that noise drives, too
     scenario = noisy.with_si({"record.settle": 1.0, "friction.torque_noise.density": 2e-5})
-    table = mv.run(scenario, lines_only=True, seeds=59).table
+    table = mv.run_scenario(scenario, lines_only=True, seeds=59).table
     mode, seeds = table["array_mode_1"], table.over_seeds("array_mode_1")
     assert seeds.mean_n_m > 1.5 * mode.noise_mean_n_m
     assert (
@@ -150,7 +151,7 @@ def test_bounds_of_a_quantile_hold_as_often_as_they_say(n, bounded):
 
 def test_seeds_without_noise_are_a_sentence(state_1):
     with pytest.raises(mv.OptionError, match="this scenario has no noise"):
-        mv.run(state_1, seeds=3)
+        mv.run_scenario(state_1, seeds=3)
 
 
 def test_a_rotor_off_its_first_command_aligns_with_it(state_1):
@@ -196,7 +197,7 @@ def test_an_offset_out_of_reach_is_a_sentence(state_1, changes, said):
 def test_draws_that_are_refused_are_so_before_anything_is_run(noisy, monkeypatch) -> None:
     monkeypatch.setattr("microvib.analysis.run._solve_one", None)
     with pytest.raises(mv.OptionError, match="2 to 100000 draws are expected"):
-        mv.run(noisy, seeds=1)
+        mv.run_scenario(noisy, seeds=1)
 
 
 def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
@@ -205,7 +206,7 @@ def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
         "record.duration": "1 s",
         "friction.torque_noise.density": "2e-6 N^2*m^2/Hz",
     }
-    table = mv.run(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table
+    table = mv.run_scenario(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table
     assert table["drive_10"].amplitude_n_m > 0.0
     assert table.over_seeds("drive_10") is not None
 
@@ -219,7 +220,7 @@ def few():
         "record.duration": 8.0,
     }
     scenario = mv.load_scenario("state-1").with_si(noise)
-    return scenario, mv.run(scenario, lines_only=True, seeds=2).table
+    return scenario, mv.run_scenario(scenario, lines_only=True, seeds=2).table
 
 
 def test_few_draws_do_not_pass_a_line_of_the_clock_that_noise_scatters(few) -> None:

@@ -196,7 +196,7 @@ def test_the_short_way_of_a_run_against_the_coupled_run() -> None:
         whole.FullCraft(damping=np.full(4, 0.05)), **{"record.settle": 20.0, "record.duration": 6.0}
     )
     lines, short = blocked_load_solution(scenario)
-    result = mv.run(scenario)
+    result = mv.run_scenario(scenario)
     assert result.motion is not None
     rows = method_differences(lines, short, hub_lines(result.motion, result.table))
     assert {row.line for row in rows} >= {"drive_1", "drive_2", "full_step_1"}

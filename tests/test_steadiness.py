@@ -100,17 +100,17 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
     name: str, torque: np.ndarray, scenario: mv.Scenario
 ) -> None:
     t = np.arange(torque.size) / FS
-    running = mv.lines(recorded(torque + _noise(torque)), scenario=scenario)[
+    running = mv.find_lines(recorded(torque + _noise(torque)), scenario=scenario)[
         "drive_1"
     ].amplitude_n_m
-    table = mv.lines(recorded(UNSTEADY[name](t, torque)), scenario=scenario)
+    table = mv.find_lines(recorded(UNSTEADY[name](t, torque)), scenario=scenario)
     for part in (0.3, 0.5, 0.7, 0.9):
         assert judge(table, limit_of(part * running, 40.0, 60.0), scenario).verdict != "pass"
 
 
 def test_a_steady_recording_stays_judged(torque: np.ndarray, scenario: mv.Scenario) -> None:
     recording = recorded(torque + _noise(torque))
-    table = mv.lines(recording, scenario=scenario)
+    table = mv.find_lines(recording, scenario=scenario)
     size = table["drive_1"].amplitude_n_m
     assert judge(table, limit_of(1.05 * size, 40.0, 60.0), scenario).verdict == "pass"
     assert judge(table, limit_of(0.95 * size, 40.0, 60.0), scenario).verdict == "fail"
@@ -136,7 +136,7 @@ def test_a_recording_of_the_bench_stays_judged() -> None:
     """With noise, drift and pick-up of the mains, and a mode that rings."""
     scenario = mv.load_scenario("state-1")
     recording = measure(scenario, load_bench("force-table"))
-    table = mv.lines(recording, "Mz", scenario=scenario)
+    table = mv.find_lines(recording, "Mz", scenario=scenario)
     size = table["drive_1"].amplitude_n_m
     assert judge(table, limit_of(1.1 * size, 5.0, 1000.0), scenario).verdict == "pass"
     assert not any(
@@ -148,12 +148,12 @@ def test_the_reason_says_when_and_where_and_trimming_helps(
     torque: np.ndarray, scenario: mv.Scenario
 ) -> None:
     whole = recorded(UNSTEADY["on in the last 30 %"](np.arange(torque.size) / FS, torque))
-    table = mv.lines(whole, scenario=scenario)
+    table = mv.find_lines(whole, scenario=scenario)
     (why,) = may_be_larger(table, 45.0, 58.0, 0.5 * np.std(torque))
     assert "between 11 and 16 s" in why
     assert "start and stop in the preparation file" in why
-    size = mv.lines(recorded(torque), scenario=scenario)["drive_1"].amplitude_n_m
-    kept = mv.lines(Preparation(start="11.5 s").apply(whole), scenario=scenario)
+    size = mv.find_lines(recorded(torque), scenario=scenario)["drive_1"].amplitude_n_m
+    kept = mv.find_lines(Preparation(start="11.5 s").apply(whole), scenario=scenario)
     assert judge(kept, limit_of(1.1 * size, 52.0, 54.0), scenario).verdict == "pass"
 
 

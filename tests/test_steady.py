@@ -10,7 +10,8 @@ from support.steady_lines import long_run, settled_motion, worst_deviation
 
 import microvib as mv
 from microvib.analysis.limits import transient_warnings
-from microvib.analysis.run import solve_run
+from microvib.analysis.lines import steady_lines
+from microvib.analysis.run import run_scenario
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.expected import ExpectedLine
 from microvib.reports.document import Text
@@ -38,8 +39,8 @@ def settled(scenario, time=90.0, duration=16.0):
 def test_lines_are_those_of_the_settled_run_in_time(name):
     scenario = settled(mv.load_scenario(name))
     steady, in_time = (
-        mv.lines(steady_state(scenario)),
-        mv.lines(mv.simulate(scenario, channels=("T_d",))),
+        mv.find_lines(steady_state(scenario)),
+        mv.find_lines(mv.simulate(scenario, channels=("T_d",))),
     )
     compared = 0
     for line in in_time:
@@ -84,8 +85,8 @@ def test_lines_of_random_sets_are_those_of_the_run_in_time(seed):
 def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
     scenario = settled(state_1.with_si({"tracking.rate": "-0.11 deg/s", **changes}), 60.0)
     steady, in_time = (
-        mv.lines(steady_state(scenario)),
-        mv.lines(mv.simulate(scenario, channels=("T_d",))),
+        mv.find_lines(steady_state(scenario)),
+        mv.find_lines(mv.simulate(scenario, channels=("T_d",))),
     )
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0)
     compared = 0
@@ -104,12 +105,12 @@ def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
     assert np.max(np.abs(after - steady_1.state) / period.sizes) < CONVERGED
     assert steady_1.distance < CONVERGED
     assert 0.9 < steady_1.multiplier < 1.0  # the array mode
-    record = mv.lines(steady_1.motion(channels=("T_d",)))
+    record = mv.find_lines(steady_1.motion(channels=("T_d",)))
     assert (
         record["array_mode_1"].amplitude_n_m < 1e-5
     )  # it does not ring: 4.6e-3 after a start from rest
     assert record["drive_1"].amplitude_n_m == pytest.approx(
-        mv.lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3
+        mv.find_lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3
     )
 
 
@@ -144,10 +145,10 @@ def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch)
         other = steady_state(state_1)
         assert other.microsteps == steady_1.microsteps
         found = [
-            (line.line, line.amplitude_n_m) for line in mv.lines(other) if line.kind == "drive"
+            (line.line, line.amplitude_n_m) for line in mv.find_lines(other) if line.kind == "drive"
         ]
         assert [amplitude for _, amplitude in found] == pytest.approx(
-            [mv.lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6
+            [mv.find_lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6
         )
 
 
@@ -184,13 +185,13 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
         steady_state(scenario)
     with pytest.raises(NotPeriodic, match=r"friction\.torque_noise: null leaves it out"):
         steady_state(state_1.with_si({"friction.torque_noise": {"density": 1e-6}}))
-    result = mv.steady(scenario)
+    result = steady_lines(scenario)
     assert result.state is None
     assert result.fallback
-    assert result.lines.text() == mv.lines(simulate_torques([scenario])[0]).text()
+    assert result.lines.text() == mv.find_lines(simulate_torques([scenario])[0]).text()
     found, simulated = (
         [x.amplitude_n_m for x in table]
-        for table in (result.lines, mv.lines(mv.simulate(scenario)))
+        for table in (result.lines, mv.find_lines(mv.simulate(scenario)))
     )
     assert found == pytest.approx(simulated, rel=1e-3, abs=1e-7, nan_ok=True)
 
@@ -268,11 +269,11 @@ def test_a_mode_that_friction_keeps_ringing_is_no_steady_state(state_1):
     scenario = state_1.with_si({**SELF_EXCITED, "sources": {}, "source": ""})
     with pytest.raises(NotPeriodic, match="no periodic steady state from rest"):
         steady_state(scenario)
-    late = mv.lines(simulate_torques([scenario.with_si({"record.settle": 300.0})])[0])
+    late = mv.find_lines(simulate_torques([scenario.with_si({"record.settle": 300.0})])[0])
     rings = max((x for x in late if x.frequency_hz < 3.3), key=lambda x: x.amplitude_n_m)
     assert rings.amplitude_n_m == pytest.approx(0.385, rel=0.03)
     assert rings.frequency_hz == pytest.approx(2.87, abs=0.02)
-    found = max(mv.steady(scenario).lines, key=lambda x: x.amplitude_n_m)
+    found = max(mv.find_lines(scenario, start="steady"), key=lambda x: x.amplitude_n_m)
     assert found.amplitude_n_m == pytest.approx(rings.amplitude_n_m, rel=0.03)
 
 
@@ -343,10 +344,10 @@ def test_a_slow_mode_beside_a_friction_with_memory_is_not_waited_for(state_1):
     }
     [run] = simulate_torques([scenario.with_si(settled)])
     assert np.std(state.T_d) == pytest.approx(np.std(run.T_d), rel=1e-3)
-    wanted = {line.line: line.amplitude_n_m for line in mv.lines(run)}
+    wanted = {line.line: line.amplitude_n_m for line in mv.find_lines(run)}
     driving = [
         line
-        for line in mv.lines(state)
+        for line in mv.find_lines(state)
         if line.line in ("drive_1", "drive_2", "full_step_1", "drive_1_minus_1")
     ]
     assert len(driving) == 4
@@ -420,7 +421,7 @@ def test_a_run_that_was_to_be_steady_and_is_not_says_so_first_and_advises_no_ste
     position = {"harmonics": [{"order": 1, "amplitude": 0.05}]}
     record = {"settle": 4.0, "duration": 3.0, "sample_rate": 1024.0, "start": "steady"}
     scenario = state_1.with_si({"friction.position": position, "record": record})
-    result = solve_run(scenario)
+    result = run_scenario(scenario)
     said = r"No steady state: friction that varies .* \(friction\.position: null leaves it out\)\. Simulated from rest instead\."
     assert re.search(said, run_text(result))
     first = " ".join(

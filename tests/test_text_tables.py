@@ -85,7 +85,7 @@ def test_a_figure_stays_with_its_unit() -> None:
 def test_a_line_table_folds_as_all_tables_do(
     motion_1: mv.Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    table = mv.lines(motion_1)
+    table = mv.find_lines(motion_1)
     whole = str(table)
     monkeypatch.setenv("COLUMNS", "60")
     narrow = str(table)

@@ -15,7 +15,8 @@ from support.campaigns import computed, study
 
 import microvib as mv
 from microvib.analysis.limits import judge
-from microvib.analysis.run import RunResult, solve_run
+from microvib.analysis.lines import steady_lines
+from microvib.analysis.run import RunResult, run_scenario
 from microvib.analysis.seeds import with_seeds
 from microvib.io.runs import read_run
 from microvib.reports.run.first_page import leading_figures
@@ -49,7 +50,7 @@ def coarse() -> mv.Scenario:
 
 @pytest.fixture(scope="module")
 def off(coarse: mv.Scenario) -> RunResult:
-    return solve_run(coarse)
+    return run_scenario(coarse)
 
 
 def test_no_verdict_of_either_side(off: RunResult, coarse: mv.Scenario) -> None:
@@ -67,14 +68,14 @@ def test_no_verdict_of_either_side(off: RunResult, coarse: mv.Scenario) -> None:
 
 
 def test_the_advice_gives_a_verdict(coarse: mv.Scenario) -> None:
-    finer = solve_run(coarse.with_si({"solver.refinement": 4}))
+    finer = run_scenario(coarse.with_si({"solver.refinement": 4}))
     assert finer.table.broken == ()
     assert judge(finer.table, FAR, finer.scenario).verdict == "pass"
 
 
 def test_a_notebook_and_a_report_say_the_same(off: RunResult, coarse: mv.Scenario) -> None:
     assert off.motion is not None
-    table = mv.lines(off.motion)
+    table = mv.find_lines(off.motion)
     assert mv.judge(table, FAR, coarse).verdict == "not judged"
     assert "does NOT hold" in str(invariants_section(off.motion))
     assert failed_invariants(off.motion) == ["energy_mechanical"]
@@ -108,16 +109,16 @@ def test_the_page_says_the_same(off: RunResult, tmp_path: Path) -> None:
 
 
 def test_lines_alone_say_the_same(coarse: mv.Scenario) -> None:
-    found = solve_run(coarse, lines_only=True)
+    found = run_scenario(coarse, lines_only=True)
     assert found.table.broken == ("energy_mechanical",)
     assert judge(found.table, FAR, coarse).verdict == "not judged"
 
 
 def test_a_steady_state_says_the_same(coarse: mv.Scenario) -> None:
-    found = mv.steady(coarse)
+    found = steady_lines(coarse)
     assert found.state is not None
     assert found.lines.broken == ("energy_mechanical",)
-    run = solve_run(coarse.with_({"record.start": "steady"}))
+    run = run_scenario(coarse.with_({"record.start": "steady"}))
     assert run.state is not None
     assert run.table.broken == ("energy_mechanical",)
 
@@ -128,7 +129,7 @@ def test_the_torque_alone_shows_it(coarse: mv.Scenario) -> None:
     assert np.array_equal(plain.T_d, balanced.T_d)
     assert plain.broken == ()  # momentum holds, and energies are not known
     assert "energy_mechanical" in balanced.broken
-    assert mv.lines(balanced).broken == balanced.broken
+    assert mv.find_lines(balanced).broken == balanced.broken
     assert replace(plain, momentum=2.0 * BALANCE_TOLERANCE).broken == ("momentum",)
     assert torque_from_rest(coarse.with_si({"solver.accuracy": 5e-4}), balanced=True).broken == ()
 
@@ -199,10 +200,10 @@ def test_a_budget_does_not_judge(monkeypatch: pytest.MonkeyPatch) -> None:
     fine = {one.requirement.name: one.verdict for one in pointing_budget(short, required).judged}
 
     def unbalanced(*given: Any, **keys: Any) -> RunResult:
-        run = solve_run(*given, **keys)
+        run = run_scenario(*given, **keys)
         return replace(run, table=replace(run.table, broken=("energy_mechanical",)))
 
-    monkeypatch.setattr("microvib.studies.budget.study.solve_run", unbalanced)
+    monkeypatch.setattr("microvib.studies.budget.study.run_scenario", unbalanced)
     found = pointing_budget(short, required).judged
     assert fine == {"far": "pass", "low": "fail"}
     assert {one.requirement.name: one.verdict for one in found} == {

@@ -4,7 +4,7 @@ lines.
 >>> import microvib as mv
 >>> scenario = mv.load_scenario("state-1").with_({"tracking.clock_ratio": 0.994})
 >>> motion = mv.simulate(scenario)
->>> table = mv.lines(motion)
+>>> table = mv.find_lines(motion)
 >>> mv.plot(motion).savefig("state-1.png")
 """
 
@@ -32,40 +32,55 @@ _HOME = {
     "SimulationError": "errors",
     "SynchronismLost": "errors",
     "accuracy": "analysis.accuracy",
-    "batch": "solve.batch:simulate_torques",
-    "budget": "studies.budget.study:pointing_budget",
     "catalog_names": "io.scenario_file",
     "compare": "studies.compare",
     "coupled_modes": "model.linear",
     "dump_scenario": "io.scenario_file",
     "expected_lines": "model.expected",
+    "find_lines": "analysis.lines",
     "identify": "studies.identify.fit",
     "judge": "analysis.limits",
-    "lines": "analysis.lines",
     "load_scenario": "io.scenario_file",
     "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
+    "plan_rates": "studies.rates",
     "plot": "reports.plots",
+    "pointing_budget": "studies.budget.study",
     "psd": "analysis.spectra",
     "rate_grid": "studies.rates",
-    "rates": "studies.rates:plan_rates",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
-    "run": "analysis.run:solve_run",
+    "run_scenario": "analysis.run",
     "simulate": "solve.simulate",
+    "simulate_many": "solve.simulate",
     "spectrum": "analysis.spectra",
-    "steady": "analysis.lines",
+    "steady_state": "solve.steady.state",
     "waterfall": "analysis.spectra",
     "write_run": "reports.run.folder",
 }
-"""Module of each name, and what it is called there where that is another word."""
+"""Module of each name."""
+
+_FORMER = {
+    "batch": ("solve.batch:simulate_torques", "simulate_many"),
+    "budget": ("studies.budget.study:pointing_budget", "pointing_budget"),
+    "lines": ("analysis.lines:find_lines", "find_lines"),
+    "rates": ("studies.rates:plan_rates", "plan_rates"),
+    "run": ("analysis.run:run_scenario", "run_scenario"),
+    "steady": (
+        "analysis.lines:steady_lines",
+        'find_lines(scenario, start="steady"), or microvib.steady_state',
+    ),
+}
+"""What stands behind each name of the release before, and the word that takes its place; they go
+with the release after this one.
+"""
 
 if TYPE_CHECKING:
     __version__: str
     from microvib.analysis.accuracy import accuracy
     from microvib.analysis.limits import Limit, judge
-    from microvib.analysis.lines import lines, steady
-    from microvib.analysis.run import solve_run as run
+    from microvib.analysis.lines import find_lines
+    from microvib.analysis.run import run_scenario
     from microvib.analysis.spectra import psd, spectrum, waterfall
     from microvib.errors import (
         ChannelError,
@@ -89,14 +104,13 @@ if TYPE_CHECKING:
     from microvib.reports.plots import plot
     from microvib.reports.run.folder import write_run
     from microvib.signals.line_table import LineTable
-    from microvib.solve.batch import simulate_torques as batch
     from microvib.solve.motion import Motion
-    from microvib.solve.simulate import simulate
-    from microvib.studies.budget.study import pointing_budget as budget
+    from microvib.solve.simulate import simulate, simulate_many
+    from microvib.solve.steady.state import steady_state
+    from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
-    from microvib.studies.rates import plan_rates as rates
-    from microvib.studies.rates import rate_grid
+    from microvib.studies.rates import plan_rates, rate_grid
     from microvib.testdata.recording import Recording
     from microvib.units import Si
 
@@ -117,29 +131,29 @@ __all__ = [
     "SynchronismLost",
     "__version__",
     "accuracy",
-    "batch",
-    "budget",
     "catalog_names",
     "compare",
     "coupled_modes",
     "dump_scenario",
     "expected_lines",
+    "find_lines",
     "identify",
     "judge",
-    "lines",
     "load_scenario",
     "new_scenario",
     "open_source",
+    "plan_rates",
     "plot",
+    "pointing_budget",
     "psd",
     "rate_grid",
-    "rates",
     "read_recording",
     "read_run",
-    "run",
+    "run_scenario",
     "simulate",
+    "simulate_many",
     "spectrum",
-    "steady",
+    "steady_state",
     "waterfall",
     "write_run",
 ]
@@ -149,9 +163,21 @@ def __getattr__(name: str) -> object:
     if name == "__version__":
         return _version()
     if name in _HOME:
-        module, _, called = _HOME[name].partition(":")
-        return getattr(import_module(f"microvib.{module}"), called or name)
+        return getattr(import_module(f"microvib.{_HOME[name]}"), name)
+    if name in _FORMER:
+        return _former(name)
     raise AttributeError(f"module 'microvib' has no attribute {name!r}")
+
+
+def _former(name: str) -> object:
+    """What stands behind a name of the release before; FutureWarning."""
+    from warnings import warn
+
+    path, new = _FORMER[name]
+    text = f"microvib.{name} is called microvib.{new}; the old name goes with the next release"
+    warn(text, FutureWarning, stacklevel=3)
+    module, _, called = path.partition(":")
+    return getattr(import_module(f"microvib.{module}"), called)
 
 
 def _version() -> str:

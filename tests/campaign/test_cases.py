@@ -131,7 +131,7 @@ def test_a_case_agrees_with_the_run_of_its_scenario(tmp_path):
     campaign = made(tmp_path, spread(count=1))
     compute_missing(campaign, Fragile())
     chunk = campaign.read(0)
-    table = mv.lines(mv.simulate(campaign.design.scenario(1)))
+    table = mv.find_lines(mv.simulate(campaign.design.scenario(1)))
     for name in ("drive_1", "drive_2"):
         k = chunk.lines.index(name)
         assert chunk.figures["amplitude"][1, k] == pytest.approx(
@@ -152,7 +152,7 @@ def test_a_campaign_judges_what_a_run_judges(tmp_path):
     seen = set()
     for case in range(4):
         scenario = campaign.design.scenario(case)
-        table = mv.lines(mv.simulate(scenario))
+        table = mv.find_lines(mv.simulate(scenario))
         expected = judge(table, limit_of(0.04, 1.5, 400.0), scenario)
         assert computing.VERDICTS[results.verdicts[case]] == expected.verdict
         assert bool(results.gaps[case]) == bool(expected.gaps)
@@ -167,7 +167,7 @@ def test_steady_cases(tmp_path):
     campaign = made(tmp_path, study(solve="steady", vary={"driver.microsteps": [16]}, harmonics=8))
     compute_missing(campaign, Fragile())
     chunk = campaign.read(0)
-    lines = mv.steady(campaign.design.scenario(0)).lines
+    lines = mv.find_lines(campaign.design.scenario(0), start="steady")
     assert (
         chunk.figures["amplitude"][0, chunk.lines.index("drive_1")]
         == lines["drive_1"].amplitude_n_m

@@ -190,7 +190,7 @@ def test_points_with_draws_of_their_own_scatter_as_seeds_do(tmp_path):
     row = next(
         row for row in line_statistics(results, None, EVERYTHING) if row.line == "array_mode_1"
     )
-    seeds = mv.run(campaign.base, lines_only=True, harmonics=2, seeds=4).table.over_seeds(
+    seeds = mv.run_scenario(campaign.base, lines_only=True, harmonics=2, seeds=4).table.over_seeds(
         "array_mode_1"
     )
     assert row.count == row.level.draws == seeds.draws == 4

@@ -34,7 +34,7 @@ def test_the_window_is_a_slider_and_its_figures_are_those_of_the_library(
     card = page.locator(".craft")
     api.expect(card).to_contain_text("hub of 420 kg, rigid; array at 30°")
     assert page.evaluate("document.querySelector('.craft img').naturalWidth") > 300
-    result = mv.run(mv.load_scenario(path))
+    result = mv.run_scenario(mv.load_scenario(path))
     assert result.motion is not None
     hub = hub_lines(result.motion, result.table)
     card.get_by_role("button", name="100 ms").click()

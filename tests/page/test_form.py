@@ -102,7 +102,7 @@ def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
     api.expect(page.locator("[id='field-motor.current-error']")).to_contain_text("parsec")
     write(page, "motor.current", "0.45 A")  # mended
     run(page)
-    table = mv.lines(mv.simulate(mine))
+    table = mv.find_lines(mv.simulate(mine))
     assert amplitude(page, "drive_1") == f"{1e3 * table['drive_1'].amplitude_n_m:#.5g}"
 
 

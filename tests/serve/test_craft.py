@@ -182,7 +182,7 @@ def test_lines_over_seeds_are_those_of_the_command_line(client, tmp_path):
     shown = client.post("/api/scenario", json={"base": "state-1", "changes": noise}).json()["yaml"]
     path = tmp_path / "noisy.yaml"
     path.write_text(shown, encoding="utf-8")
-    table = mv.run(mv.load_scenario(path), seeds=3).table
+    table = mv.run_scenario(mv.load_scenario(path), seeds=3).table
     assert [(x["line"], x["draws"]) for x in told["seeds"]] == [
         (x.line, x.draws) for x in table.seeds
     ]

@@ -14,7 +14,7 @@ from support.server import SHORT, result, start
 
 import microvib as mv
 from microvib.io.writing import RUN_FILES
-from microvib.reports.run.folder import run_scenario
+from microvib.reports.run.folder import run_to_folder
 from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
 from microvib.web.routes import results
@@ -22,7 +22,7 @@ from microvib.web.routes.results import series
 
 
 def test_a_run_gives_the_numbers_of_the_command_line(client, finished, tmp_path):
-    run_scenario(mv.load_scenario("state-1", SHORT), tmp_path / "run", lines_only=True)
+    run_to_folder(mv.load_scenario("state-1", SHORT), tmp_path / "run", lines_only=True)
     text = (tmp_path / "run" / "lines.csv").read_text()
     assert client.get(f"/api/runs/{finished}/files/lines.csv").text == text
     rows = {row["line"]: row for row in csv.DictReader(io.StringIO(text))}
@@ -41,7 +41,7 @@ def test_the_drive_train_balances(client, finished, motion):
     assert found["T_d"]["peak"] == np.abs(motion["T_d"]).max()
     assert found["i_rms"] == pytest.approx(0.6 / np.sqrt(2), rel=0.01)  # sine of 0.6 A
     torques = {row["torque"]: row for row in result(client, finished)["budget"]}
-    drive_1 = mv.lines(motion)["drive_1"]
+    drive_1 = mv.find_lines(motion)["drive_1"]
     assert torques["T_d"]["drive_1_amplitude"] == pytest.approx(drive_1.amplitude_n_m, rel=1e-3)
     assert torques["T_d"]["drive_1_phase"] == pytest.approx(drive_1.phase_rad, abs=1e-2)
     assert found["stuck_output"] == motion["stuck_output"].mean()
@@ -109,7 +109,7 @@ def test_a_thinned_spectrum_has_no_plateaus_on_a_logarithmic_axis():
 def test_a_verdict_is_that_of_the_report(client, finished, motion):
     from microvib.analysis.limits import judge
 
-    table = mv.lines(motion)
+    table = mv.find_lines(motion)
     for query, limit in (
         ({"limit": "30 mN*m"}, limit_of(0.03)),
         ({"limit": "30 mN*m", "band": "0.5:5 Hz"}, limit_of(0.03, 0.5, 5.0)),

@@ -28,7 +28,7 @@ def worst_deviation(state: SteadyState, motion: mv.Motion) -> tuple[float, str]:
     """Largest relative deviation of an amplitude from time integration, of lines of at least LEAST,
     and its line.
     """
-    steady, in_time = mv.lines(state), mv.lines(motion)
+    steady, in_time = mv.find_lines(state), mv.find_lines(motion)
     top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0.0)
     worst, name = 0.0, ""
     for line in in_time:

@@ -40,7 +40,7 @@ def bins(name, clock, refinement=1):
     changes = {**SETS[name][0], "tracking.clock_ratio": clock, "solver.refinement": refinement}
     motion = mv.simulate(baseline().with_si(changes), channels=("T_d",))
     spectrum = mv.spectrum(motion)
-    return dict(zip(spectrum.frequency, spectrum.amplitude, strict=True)), mv.lines(motion)
+    return dict(zip(spectrum.frequency, spectrum.amplitude, strict=True)), mv.find_lines(motion)
 
 
 @pytest.mark.parametrize("name", SETS)

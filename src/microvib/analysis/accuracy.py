@@ -100,7 +100,7 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     step.
     """
     expect(motion, Motion, "a motion (mv.simulate)")
-    expect(table, LineTable, "a table of lines (mv.lines)")
+    expect(table, LineTable, "a table of lines (mv.find_lines)")
     scenario, beginning = motion.scenario, motion.beginning
     own = scenario.solver.refinement
     if beginning is None or 4 * own > MAX_REFINEMENT:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.analysis.lines import expected_in, lines
+from microvib.analysis.lines import expected_in, find_lines
 from microvib.analysis.margins import may_ring
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.errors import MicrovibError
@@ -51,7 +51,7 @@ def hub_lines(
     if beside is None:
         return own
     return combine_wings(
-        own, _single_drive_lines(beside, lines(beside, harmonics=table.harmonics), los_only)
+        own, _single_drive_lines(beside, find_lines(beside, harmonics=table.harmonics), los_only)
     )
 
 

@@ -30,7 +30,7 @@ from microvib.analysis.steadiness import may_be_larger
 from microvib.analysis.unseen import out_of_band_lines
 from microvib.errors import OptionError, expect
 from microvib.model.record import PASSBAND
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable
@@ -173,7 +173,7 @@ class Judgement:
 def judge(
     table: LineTable,
     limit: Limit,
-    scenario: Scenario | None = None,
+    scenario: GivenScenario | None = None,
     second: LineTable | None = None,
 ) -> Judgement:
     """Judge every line of the table within the band, also those too small for a report, and what
@@ -184,8 +184,10 @@ def judge(
     ``second`` table has that drive's lines, which are judged too. Lines of a motion whose
     invariants do not hold neither pass nor fail.
     """
-    expect(table, LineTable, "a table of lines (mv.lines)")
+    expect(table, LineTable, "a table of lines (mv.find_lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
+    if scenario is not None:
+        scenario = as_scenario(scenario)
     if table.unit != "N*m":
         raise OptionError(
             "limit",

@@ -20,7 +20,7 @@ import numpy as np
 from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import mode_has_decayed
 from microvib.analysis.steadiness import steadiness_notes, with_excess
-from microvib.errors import expect_channel, whole_number
+from microvib.errors import OptionError, expect_channel, whole_number
 from microvib.model.driven import (
     NoiseDrivenLine,
     noise_bin_amplitude,
@@ -28,9 +28,15 @@ from microvib.model.driven import (
     noise_driven_lines,
 )
 from microvib.model.expected import UNLISTED_PREFIX, ExpectedLine, expected_lines
-from microvib.model.record import PASSBAND
+from microvib.model.record import PASSBAND, Start
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import (
+    GivenScenario,
+    Scenario,
+    as_scenario,
+    stands_for_scenario,
+    starting,
+)
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import (
@@ -101,8 +107,8 @@ class Steady:
         return {**method_of(self.source.scenario), "steps": self.source.steps}
 
 
-def steady(
-    scenario: Scenario,
+def steady_lines(
+    scenario: GivenScenario,
     *,
     harmonics: int = 8,
     confirmed: bool = False,
@@ -115,56 +121,93 @@ def steady(
     for until it has arrived there. Where there is none, the scenario is simulated in time instead,
     and ``fallback`` says why. Raises what ``simulate`` raises.
     """
-    expect_scenario(scenario)
+    scenario = as_scenario(scenario)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
     state, why = find_steady(
         scenario, whole=False, confirmed=confirmed
     )  # of T_d, which is the first drive's
     source = state or torque_from_rest(scenario, progress, balanced=True)
-    return Steady(lines(source, harmonics=harmonics), source, why)
+    return Steady(find_lines(source, harmonics=harmonics), source, why)
 
 
-def lines(
-    source: Motion | SteadyState | Steady | Torque | Recording,
+def find_lines(
+    source: GivenScenario | Motion | SteadyState | Steady | Torque | Recording,
     channel: str = "",
     harmonics: int = 8,
     *,
-    scenario: Scenario | None = None,
+    start: Start | None = None,
+    scenario: GivenScenario | None = None,
 ) -> LineTable:
-    """Every line that the physics predicts in the disturbance torque, named and estimated [Hz, N m,
-    rad].
+    """Find every line that the physics predicts in the disturbance torque, and what stands out
+    besides: named, with frequency, amplitude and phase.
 
-    ``source`` is a motion, a steady state, whose lines are exact, a torque of many
-    (``simulate_torques``) or a recording. ``channel`` may be any channel that is one value at a
-    time, or a load on the spacecraft, ``Fx`` to ``Mz``, of an array with participation in six
-    components; without it, it is T_d, or the torque about the drive axis in a recording. Amplitudes
-    are in the unit of the channel, ``table.unit``, also where their names end in ``n_m``.
-    ``harmonics`` bounds each family of lines.
+    Of a steady state lines are exact; of samples they are estimated
+    (``microvib.signals.line_fit``). What is looked for follows from the scenario
+    (``microvib.model.expected``).
 
-    What is looked for follows from the source's scenario; a recording has none, so that
-    ``scenario`` may be given: then its clock is searched within CLOCK_TOLERANCE, and without it
-    lines that stand out are found and not named. See ``microvib.model.expected`` for the families
-    and ``microvib.signals.line_fit`` for the estimators. Raises ChannelError.
+    Parameters
+    ----------
+    source : Scenario, str, path, Motion, SteadyState or Recording
+        Where lines are found. A scenario, or its name, is simulated: from rest, or in its steady
+        state, without waiting for it to settle.
+    channel : str, optional
+        Any channel that is one value at a time, or a load on the spacecraft, ``"Fx"`` to ``"Mz"``,
+        of an array with participation in six components. Without it, it is T_d, or the torque
+        about the drive axis in a recording.
+    harmonics : int
+        Members of each family of lines that are looked for.
+    start : {"rest", "steady"}, optional
+        Of a scenario: how its motion begins. Without it, as ``record.start`` says. Where there is
+        no steady state the scenario is simulated from rest, and ``table.source`` says why.
+    scenario : Scenario, str or path, optional
+        Of a recording: the drive that was measured. Its clock is then searched within
+        CLOCK_TOLERANCE. Without it, lines that stand out are found and not named.
+
+    Returns
+    -------
+    LineTable
+        Lines by name: frequencies [Hz], amplitudes, 0-to-peak, in the unit of the channel
+        (``table.unit``, also where their names end in ``n_m``), phases [rad].
+
+    Raises
+    ------
+    ChannelError
+        For a channel that the source has not, or that is not one value at a time.
+    OptionError
+        For ``harmonics`` out of their range, and a ``start`` or ``scenario`` of what has its own.
+    SimulationError
+        What ``simulate`` raises, of a scenario.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> table = mv.find_lines("state-1", start="steady")
+    >>> table["drive_1"].frequency_hz
     """
     expect_channel(channel)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
+    if stands_for_scenario(source):
+        source, why = _solve(starting(as_scenario(source), start), channel)
+        table = find_lines(source, channel, harmonics)
+        return replace(table, source=f"{table.source}{why}")
+    if start is not None:
+        raise OptionError("start", "is how a scenario's motion begins; this source has begun")
     if isinstance(source, Steady):
         source = source.source
     if isinstance(source, SteadyState):
         table = _of_steady_state(source, channel or "T_d", harmonics)
         broken = source.invariants.broken
-        return replace(table, unit=unit_of(channel or "T_d"), harmonics=harmonics, broken=broken)
+        return replace(
+            table,
+            unit=unit_of(channel or "T_d"),
+            source=f"{channel or 'T_d'} of {source!r}",
+            harmonics=harmonics,
+            broken=broken,
+        )
     if isinstance(source, Recording):
-        name, source = (
-            channel or f"M{scenario.array.drive_axis if scenario else 'z'}",
-            source.in_si(),
-        )
-        require_usable_channel(source, name, _MIN_DURATION)
-        table = lines_of_samples(
-            source[name], source.sample_rate, scenario, harmonics, measured=True
-        )
-        return replace(table, unit=source.units[name])
-    x, rate, unit = samples_of(source, channel, f"a steady state (mv.steady), {SAMPLED}")
+        guide = None if scenario is None else as_scenario(scenario)
+        return _of_recording(source.in_si(), channel, harmonics, guide)
+    x, rate, unit = samples_of(source, channel, f"a scenario, a steady state, {SAMPLED}")
     table = lines_of_samples(
         x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d")
     )
@@ -172,7 +215,33 @@ def lines(
         broken = source.broken
     else:
         broken = source.invariants.broken
-    return replace(table, unit=unit, broken=broken)
+    told = f"{channel or 'T_d'} of {source!r}"
+    return replace(table, unit=unit, source=told, broken=broken)
+
+
+def _solve(scenario: Scenario, channel: str) -> tuple[Motion | SteadyState, str]:
+    """The steady state of a scenario that starts in it, if there is one; else its motion, and why
+    there is none.
+    """
+    torque_alone, why = channel in ("", "T_d"), ""
+    if scenario.record.start == "steady":
+        state, reason = find_steady(scenario, whole=not torque_alone)
+        if state is not None:
+            return state, ""
+        why = f" (from rest, because there is no steady state: {reason})"
+    return simulate_from_rest(scenario, channels=("T_d",) if torque_alone else None), why
+
+
+def _of_recording(
+    recording: Recording, channel: str, harmonics: int, scenario: Scenario | None
+) -> LineTable:
+    """Lines of a recording in SI units."""
+    name = channel or f"M{scenario.array.drive_axis if scenario else 'z'}"
+    require_usable_channel(recording, name, _MIN_DURATION)
+    table = lines_of_samples(
+        recording[name], recording.sample_rate, scenario, harmonics, measured=True
+    )
+    return replace(table, unit=recording.units[name], source=f"{name} of {recording!r}")
 
 
 def lines_of_samples(

@@ -17,12 +17,13 @@ from microvib.analysis.accuracy import (
     with_integration_error,
 )
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.lines import HARMONICS_RANGE, lines
+from microvib.analysis.lines import HARMONICS_RANGE, find_lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import whole_number
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.record import Start
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario, starting
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
@@ -79,9 +80,10 @@ class RunResult:
         return read_error_estimate(self.solver)
 
 
-def solve_run(
-    scenario: Scenario,
+def run_scenario(
+    scenario: GivenScenario,
     *,
+    start: Start | None = None,
     harmonics: int = 8,
     lines_only: bool = False,
     seeds: int = 0,
@@ -95,7 +97,7 @@ def solve_run(
     of the noise are run, and the table knows its lines over them; ``drawn`` counts them. Raises
     what ``simulate`` raises, OptionError for seeds without noise.
     """
-    expect_scenario(scenario)
+    scenario = starting(as_scenario(scenario), start)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
     if whole_number("seeds", seeds, 0, MOST_SEEDS):
         check_seeds(scenario, seeds)
@@ -138,7 +140,7 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
     """
     source = state or motion
     assert source is not None
-    table, solver, second = lines(source, harmonics=harmonics), source.solver, None
+    table, solver, second = find_lines(source, harmonics=harmonics), source.solver, None
     if source.beside is not None:
         second = _result_of(state and state.beside, motion and motion.beside, harmonics)
     if motion is not None:
@@ -167,5 +169,5 @@ def lines_of_second(motion: Motion, table: LineTable) -> LineTable | None:
     if beside is None:
         return None
     return with_integration_error(
-        lines(beside, harmonics=table.harmonics), read_error_estimate(beside.solver)
+        find_lines(beside, harmonics=table.harmonics), read_error_estimate(beside.solver)
     )

@@ -11,7 +11,7 @@ import numpy as np
 from microvib.analysis.hub_lines import channel_lines, complex_amplitudes
 from microvib.analysis.lines import expected_in
 from microvib.analysis.pointing import HubLines
-from microvib.analysis.run import solve_run
+from microvib.analysis.run import run_scenario
 from microvib.model.coupling import (
     CoupledResponse,
     blocked_load_method,
@@ -61,7 +61,7 @@ def blocked_load_solution(
 ) -> tuple[BlockedLines, CoupledResponse]:
     """Blocked lines of a scenario on a craft, run without it, and what they become on it."""
     require_craft(scenario)
-    result = solve_run(
+    result = run_scenario(
         scenario.model_copy(update={"spacecraft": None}), harmonics=harmonics, progress=progress
     )
     source = result.state or result.motion

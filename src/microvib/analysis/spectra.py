@@ -16,7 +16,7 @@ from microvib.units import GivenQuantity
 
 Sampled = Motion | Torque | Recording
 """What has samples: of many channels, of T_d alone, of what was measured."""
-SAMPLED = "a motion (mv.simulate), a torque of mv.batch or a recording (mv.read_recording)"
+SAMPLED = "a motion (mv.simulate) or a recording (mv.read_recording)"
 
 
 def samples_of(
@@ -29,7 +29,7 @@ def samples_of(
     recording's samples are no measurement.
     """
     if isinstance(source, SimulationError):
-        raise source  # of mv.batch, in place of a torque
+        raise source  # of mv.simulate_many, in place of a motion
     expect(source, (Motion, Torque, Recording), expected)
     expect_channel(channel)
     if isinstance(source, Motion):

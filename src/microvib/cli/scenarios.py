@@ -72,7 +72,7 @@ def run(
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit
     from microvib.io.writing import check_folder, free_folder
-    from microvib.reports.run.folder import run_scenario
+    from microvib.reports.run.folder import run_to_folder
     from microvib.reports.run.text import run_text
 
     if form.pdf and lines_only:
@@ -93,7 +93,7 @@ def run(
         )
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
-        result, files = run_scenario(
+        result, files = run_to_folder(
             loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds or 0, limit=allowed,
             form=form, progress=progress,
         )  # fmt: skip

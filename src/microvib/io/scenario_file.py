@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import io
+import os
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,24 +15,26 @@ from microvib.io.file_access import NO_FILES, WORKING_FOLDER, FileAccess
 from microvib.io.named import bench_names, catalog_names, catalog_text, named_text, read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, to_plain_data
-from microvib.model.scenario import USER_SOURCE, Scenario, expect_scenario, set_key
+from microvib.model.scenario import USER_SOURCE, GivenScenario, Scenario, as_scenario, set_key
 from microvib.model.sentences import validate_part
 from microvib.testdata.bench import Bench
 
 
-def load_scenario(source: str | Path, changes: dict[str, Any] | None = None) -> Scenario:
+def load_scenario(
+    source: str | os.PathLike[str], changes: dict[str, Any] | None = None
+) -> Scenario:
     """A scenario from a catalog name or a YAML file, with dotted keys changed on the way.
 
     Values of ``changes`` are as in the file: text with a unit, numbers where there is no unit.
     Raises ScenarioError with one sentence per problem.
     """
-    expect(source, (str, Path), "a name of the catalog, or that of a file")
+    expect(source, (str, os.PathLike), "a name of the catalog, or that of a file")
     expect(
         changes,
         (dict, type(None)),
         "keys with their values, such as {'tracking.rate': '0.05 deg/s'}",
     )
-    name = str(source)
+    name = os.fspath(source)
     if name in catalog_names():
         return scenario_of(copy.deepcopy(_catalog_data(name)), name, changes, WORKING_FOLDER)
     return scenario_of(
@@ -188,10 +191,9 @@ def dump_part(part: Part) -> str:
     return stream.getvalue()
 
 
-def dump_scenario(scenario: Scenario) -> str:
+def dump_scenario(scenario: GivenScenario) -> str:
     """YAML text of a scenario."""
-    expect_scenario(scenario)
-    return _dumped(scenario)
+    return _dumped(as_scenario(scenario))
 
 
 @lru_cache(maxsize=1)  # a run writes it to several places, 20 ms each

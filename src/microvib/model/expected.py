@@ -15,7 +15,7 @@ from microvib.model.driver import Driver, Imperfections, references_over_electri
 from microvib.model.linear import coupled_modes
 from microvib.model.motor import Motor
 from microvib.model.reducer import KinematicError
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.units import GivenQuantity, quantity
 
 Kind = Literal[
@@ -80,7 +80,7 @@ class ExpectedLine(LineKindProperties):
 
 
 def expected_lines(
-    scenario: Scenario,
+    scenario: GivenScenario,
     highest: GivenQuantity,
     harmonics: int = 8,
     clock_tolerance: float = 0.0,
@@ -101,7 +101,7 @@ def expected_lines(
     ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of
     the frequency: zero for a simulation, whose clock is known, a per cent for a test.
     """
-    expect_scenario(scenario)
+    scenario = as_scenario(scenario)
     highest = quantity("highest", highest, "Hz")
     modes = [
         replace(

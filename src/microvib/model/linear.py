@@ -22,7 +22,7 @@ from microvib.model.friction import Friction
 from microvib.model.mode_names import mode_names
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.spacecraft import Spacecraft
 
 _MOST_ELEMENTS = 4_000_000
@@ -213,7 +213,7 @@ def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarra
     )
 
 
-def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
+def coupled_modes(scenario: GivenScenario) -> tuple[CoupledMode, ...]:
     """Natural frequencies of drive and array together; array modes first, named ``array_mode_1``
     and so on.
 
@@ -226,8 +226,7 @@ def coupled_modes(scenario: Scenario) -> tuple[CoupledMode, ...]:
     than ``MAX_DENSE_MODES`` modes, those that the drive's damping hardly mixes are taken one by
     one.
     """
-    expect_scenario(scenario)
-    s = scenario
+    s = as_scenario(scenario)
     return _coupled_modes(
         s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage"
     )

@@ -17,6 +17,10 @@ lines looked for up to there.
 """
 
 
+Start = Literal["rest", "steady"]
+"""How the motion of a record begins."""
+
+
 class Record(Part):
     """The recorded window (the paper's: 16 s at 4096 Hz, in stable operation)."""
 
@@ -25,7 +29,7 @@ class Record(Part):
     sample_rate: Annotated[
         float, Quantity("Hz", "samples per second", gt=0, le=1e7, usual=(5.0, 1e6))
     ]
-    start: Literal["rest", "steady"] = Field(
+    start: Start = Field(
         default="rest",
         description="how the motion begins: at rest at t = 0, or in the steady state of the window's rate where there is one",
     )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
@@ -16,12 +18,15 @@ from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
 from microvib.model.part import Part, flatten_parameters, to_plain_data
-from microvib.model.record import Record, Solver
+from microvib.model.record import Record, Solver, Start
 from microvib.model.reducer import Reducer
 from microvib.model.sentences import validate_part
 from microvib.model.spacecraft import DRIVE_GROUPS, HELD_WING_SETTINGS, Spacecraft
 from microvib.model.tracking import Tracking
 from microvib.units import GivenQuantity, Quantity, quantity
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 _TEXT_KEYS = ("title", "source", "sources")  # fields that hold no parameters
 USER_SOURCE = "set by the user"
@@ -434,9 +439,42 @@ class Scenario(Part):
         return self.source
 
 
-def expect_scenario(given: Any) -> None:
-    """ObjectError where what was given is no scenario, such as its name."""
-    expect(given, Scenario, "a scenario (mv.load_scenario)")
+GivenScenario = Scenario | str | os.PathLike[str]
+"""A scenario, a name of the catalog or the path of a scenario file: what every public function that
+wants a scenario takes.
+"""
+_READER = "microvib.io.scenario_file"
+"""Module that reads scenarios by their names: of a room above this one, asked only where a name was
+given.
+"""
+
+
+def stands_for_scenario(given: object) -> TypeIs[GivenScenario]:
+    """Whether what was given is a scenario, or the name of something."""
+    return isinstance(given, (Scenario, str, os.PathLike))
+
+
+def as_scenario(given: GivenScenario) -> Scenario:
+    """The scenario that was given, or that a name of the catalog or of a file stands for.
+
+    Raises ObjectError for what is neither, ScenarioError where the name stands for none.
+    """
+    if isinstance(given, (str, os.PathLike)):
+        found: Scenario = import_module(_READER).load_scenario(given)
+        return found
+    expect(given, Scenario, "a scenario (mv.load_scenario), or its name")
+    return given
+
+
+def starting(scenario: Scenario, start: Start | None) -> Scenario:
+    """A scenario whose record starts at ``"rest"`` or in the ``"steady"`` state, whatever
+    ``record.start`` says; without a ``start`` the same.
+
+    Raises ScenarioError for another word.
+    """
+    if start is None or start == scenario.record.start:
+        return scenario
+    return scenario.with_({"record.start": start})
 
 
 def set_key(data: Any, key: str, value: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from microvib.analysis.lines import lines
+from microvib.analysis.lines import find_lines
 from microvib.analysis.spectra import Sampled, samples_of
 from microvib.errors import expect
 from microvib.reports import figures, sheets
@@ -49,7 +49,7 @@ def plot(
 def _drawn(what: Plotted, table: LineTable | None, highest: float) -> Figure:
     match what:
         case Motion():
-            return figures.draw_overview(what, table or lines(what))
+            return figures.draw_overview(what, table or find_lines(what))
         case RatePlan():
             return draw_campbell(what)
         case Fit():

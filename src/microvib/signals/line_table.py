@@ -230,6 +230,8 @@ class LineTable:
     """Of all amplitudes, in place of N m where the lines are those of another channel than a
     torque.
     """
+    source: str = field(default="", compare=False)
+    """What they are the lines of: the channel, and the motion, steady state or recording, in words."""
     harmonics: int = field(default=8, compare=False)
     """Members of each family of lines that were looked for."""
     rest: ResidualPeaks | None = field(default=None, compare=False)

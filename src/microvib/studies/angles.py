@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.lines import lines
+from microvib.analysis.lines import find_lines
 from microvib.analysis.pointing import HubLines
-from microvib.analysis.run import solve_run
+from microvib.analysis.run import run_scenario
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import require_craft
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.pointing import Metric, radial_rms
 from microvib.solve.integration import Progress
 from microvib.solve.steady.state import find_steady
@@ -59,7 +59,7 @@ class AngleSweep:
 
 
 def sweep_angles(
-    scenario: Scenario,
+    scenario: GivenScenario,
     angles: Sequence[GivenQuantity],
     *,
     harmonics: int = 8,
@@ -70,7 +70,7 @@ def sweep_angles(
     The angle is constant in each run: an array that turns by it in minutes stays there for many
     periods of every line. Raises MicrovibError and what ``simulate`` raises.
     """
-    expect_scenario(scenario)
+    scenario = as_scenario(scenario)
     check_sweep(scenario)
     turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 
@@ -81,8 +81,8 @@ def sweep_angles(
         else:
             state, why = (None, "")
         if state is not None:
-            return hub_lines(state, lines(state, harmonics=harmonics)), ""
-        result = solve_run(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
+            return hub_lines(state, find_lines(state, harmonics=harmonics)), ""
+        result = run_scenario(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
         assert result.motion is not None
         return hub_lines(result.motion, result.table), why
 

@@ -5,21 +5,22 @@ tables.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, get_args
 
 import numpy as np
 
-from microvib.analysis.lines import lines, lines_of_recording, recording_warnings
+from microvib.analysis.lines import find_lines, lines_of_recording, recording_warnings
 from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_scenario
-from microvib.io.sources import RunFolder, Source
+from microvib.io.sources import RunFolder, Source, open_source
 from microvib.io.tables import PaperLines, rows_csv
 from microvib.model.expected import is_unlisted
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
@@ -175,11 +176,11 @@ ComparisonSource = Source | Motion | Recording
 
 
 def compare(
-    a: ComparisonSource,
-    b: ComparisonSource,
+    a: ComparisonSource | str | os.PathLike[str],
+    b: ComparisonSource | str | os.PathLike[str],
     *,
     names: tuple[str, str] = ("A", "B"),
-    scenario: Scenario | None = None,
+    scenario: GivenScenario | None = None,
     channel: str = "Mz",
     bands: Sequence[Band] = (),
     progress: Progress | None = None,
@@ -192,9 +193,9 @@ def compare(
     the paper; ``names`` are of sides that have none themselves. Of lines, those in the ``bands``
     are compared, without any all.
     """
-    sources = "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)"
-    for side in (a, b):
-        expect(side, get_args(ComparisonSource), sources)
+    a, b = _opened(a), _opened(b)
+    if scenario is not None:
+        scenario = as_scenario(scenario)
     guide = _guide(a, b, scenario)
     sides: dict[int, Side] = {}
     for source, name in sorted(
@@ -210,6 +211,15 @@ def compare(
     either = dict.fromkeys([*first.lines, *second.lines])
     rows = [Row(x, first.lines.get(x, SideLine()), second.lines.get(x, SideLine())) for x in either]
     return Comparison(first, second, _in_bands(rows, bands))
+
+
+def _opened(side: ComparisonSource | str | os.PathLike[str]) -> ComparisonSource:
+    """A side that was given, or that a name stands for."""
+    if isinstance(side, (str, os.PathLike)):
+        return open_source(os.fspath(side))
+    sources = "a scenario, a motion, a recording or a table of lines (mv.open_source has all names)"
+    expect(side, get_args(ComparisonSource), sources)
+    return side
 
 
 def _in_bands(rows: list[Row], bands: Sequence[Band]) -> list[Row]:
@@ -329,7 +339,7 @@ def _side(
             )
         case Motion(scenario):
             clock, x, rate = scenario.tracking.clock_ratio, source["T_d"], source.sample_rate
-            table = lines(source)
+            table = find_lines(source)
             return Side(
                 name, "simulation", _figures(table), clock, x, rate, scenario,
                 duration=table.duration, observations=observations(table),

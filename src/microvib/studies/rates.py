@@ -12,7 +12,7 @@ from itertools import chain, groupby, pairwise
 import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
-from microvib.analysis.lines import Steady, steady
+from microvib.analysis.lines import Steady, steady_lines
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, amplitude_bound, frequency_error_bound
 from microvib.analysis.start import mode_has_decayed, not_moving_reason, rounded_up
 from microvib.analysis.unseen import (
@@ -24,7 +24,7 @@ from microvib.analysis.unseen import (
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
@@ -86,7 +86,7 @@ class RateCase:
     have at most.
     """
     confirmed: bool = False
-    """Whether a run from rest was waited for until it arrived at the steady state (``mv.steady``,
+    """Whether a run from rest was waited for until it arrived at the steady state (``steady_state``,
     ``confirmed``).
     """
     shown: float = math.inf
@@ -267,7 +267,7 @@ class RatePlan:
 
 
 def plan_rates(
-    scenario: Scenario,
+    scenario: GivenScenario,
     rates: Sequence[GivenQuantity],
     microsteps: Sequence[int] | None = None,
     *,
@@ -294,7 +294,7 @@ def plan_rates(
     is suspicious: there a run from rest is waited for to its end, and the case is ``confirmed`` or
     becomes a time integration.
     """
-    expect_scenario(scenario)
+    scenario = as_scenario(scenario)
     grid, counts = _checked_grid(scenario, rates, microsteps)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
@@ -427,7 +427,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
     plan.
     """
     try:
-        result = steady(changed, harmonics=HARMONICS, confirmed=confirmed)
+        result = steady_lines(changed, harmonics=HARMONICS, confirmed=confirmed)
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
     if result.fallback and (held := not_moving_reason(changed)):

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from microvib.analysis.lines import lines
+from microvib.analysis.lines import find_lines
 from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import PAPER_LINES, read_table, rows_csv
 from microvib.model.scenario import USER_SOURCE, Scenario
@@ -177,7 +177,7 @@ def validate(
 
 def _state(scenario: Scenario) -> SimulatedState:
     motion = simulate(scenario, channels=("T_d",))
-    return SimulatedState(motion, lines(motion))
+    return SimulatedState(motion, find_lines(motion))
 
 
 def _claim(

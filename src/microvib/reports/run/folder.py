@@ -12,7 +12,7 @@ from typing import Any
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.pointing import HubLines
-from microvib.analysis.run import RunResult, solve_run
+from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
 from microvib.io.runs import SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
 from microvib.io.scenario_file import dump_scenario
@@ -26,7 +26,7 @@ from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
 
 
-def run_scenario(
+def run_to_folder(
     scenario: Scenario,
     out: Path,
     *,
@@ -38,7 +38,7 @@ def run_scenario(
     form: Form | None = None,
     progress: Progress | None = None,
 ) -> tuple[RunResult, tuple[str, ...]]:
-    """``solve_run`` into a folder; the result, and the names of its files.
+    """``run_scenario`` into a folder; the result, and the names of its files.
 
     A record that has no room is refused before it is simulated, and nothing is written unless all
     of it can be.
@@ -46,7 +46,7 @@ def run_scenario(
     begun = time.perf_counter()
     if not lines_only:
         _check_size(scenario, out)
-    result = solve_run(
+    result = run_scenario(
         scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress
     )
     return result, write_run(result, out, overwrite=overwrite, limit=limit, form=form, begun=begun)
@@ -66,7 +66,7 @@ def write_run(
     The report judges lines by ``limit``, and is also written as ``form`` says. ``begun`` is when
     the run began, on the clock of ``time.perf_counter``.
     """
-    expect(result, RunResult, "what a run found (mv.run)")
+    expect(result, RunResult, "what a run found (mv.run_scenario)")
     expect_path(out)
     files: dict[str, Any] = {}
     motion, form, of_hub = result.motion, form or Form(), result.hub

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import error_context
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.solve.integration import (
     SECOND_WING,
     Progress,
@@ -189,7 +189,7 @@ class SteadyState:
         return replace(motion, beside=beside.motion(channels=channels, progress=second))
 
 
-def steady_state(scenario: Scenario, *, confirmed: bool = False) -> SteadyState:
+def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyState:
     """The steady state that a start from rest leads to, at the rate that ``scenario`` has in its
     record.
 
@@ -203,6 +203,7 @@ def steady_state(scenario: Scenario, *, confirmed: bool = False) -> SteadyState:
     where a run from rest does not settle.
     """
     begun = clock_time.perf_counter()
+    scenario = as_scenario(scenario)
     if scenario.load.H.size > MAX_MODES:
         raise NotPeriodic(
             f"there are more than {MAX_MODES} modes, for which time integration is faster"

@@ -12,8 +12,7 @@ import numpy as np
 
 from microvib.analysis.margins import Verdict
 from microvib.errors import OptionError
-from microvib.io.scenario_file import load_scenario
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.solve.integration import Progress
 from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import Requirements, read_file
@@ -28,7 +27,7 @@ _VERDICT_RANK: dict[Verdict, int] = {"pass": 0, "not judged": 1, "fail": 2}
 
 
 def budget_over_angles(
-    scenarios: Scenario | str | Sequence[Scenario | str],
+    scenarios: GivenScenario | Sequence[GivenScenario],
     requirements: Requirements | str | Path | None = None,
     *,
     angles: Sequence[GivenQuantity] | None = None,
@@ -59,17 +58,13 @@ def budget_over_angles(
     MicrovibError
         Whatever ``pointing_budget`` and ``over_orbit`` raise.
     """
-    if isinstance(scenarios, Scenario | str):
+    if stands_for_scenario(scenarios):
         listed = [scenarios]
     else:
         listed = list(scenarios)
     if not listed:
         return pointing_budget(listed, requirements)
-    if isinstance(listed[0], str):
-        first = load_scenario(listed[0])
-    else:
-        first = listed[0]
-    expect_scenario(first)
+    first = as_scenario(listed[0])
     if keys.get("campaign") is not None:
         raise OptionError(
             "campaign",
@@ -90,7 +85,7 @@ def budget_over_angles(
     if not each.size:
         raise OptionError("angles", "missing; angles of the array are expected, such as 0:330:30")
     names = list(keys.pop("names", ())) or [
-        Path(x).stem if isinstance(x, str) else f"drive {k}" for k, x in enumerate(listed, 1)
+        f"drive {k}" if isinstance(x, Scenario) else Path(x).stem for k, x in enumerate(listed, 1)
     ]
     found = []
     for k, angle in enumerate(each.tolist()):

@@ -13,7 +13,7 @@ import numpy as np
 from microvib.analysis.hub_lines import combine_wings
 from microvib.analysis.margins import Verdict, frequency_error_bound
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
-from microvib.analysis.run import solve_run
+from microvib.analysis.run import run_scenario
 from microvib.analysis.short_way import (
     BlockedLines,
     Difference,
@@ -23,12 +23,11 @@ from microvib.analysis.short_way import (
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, quoted_value
 from microvib.io.file_access import WORKING_FOLDER
-from microvib.io.scenario_file import load_scenario
 from microvib.model.coupling import blocked_load_method as short_way_of_loads
 from microvib.model.coupling import require_craft, rotation_to_hub_axes, source_of
 from microvib.model.expected import is_unlisted
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
@@ -132,7 +131,7 @@ class Budget:
 
 
 def pointing_budget(
-    scenarios: Scenario | str | Sequence[Scenario | str],
+    scenarios: GivenScenario | Sequence[GivenScenario],
     requirements: Requirements | str | Path | None = None,
     *,
     sources: str | Path | Sequence[OtherSource] | None = (),
@@ -192,7 +191,7 @@ def pointing_budget(
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
     results = [
-        solve_run(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
+        run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
     ]
     runs = [
         contribution_of_run(drive.name, drive.scenario, result, other_steps=two)
@@ -257,14 +256,14 @@ class _Drive(NamedTuple):
 
 
 def _drives(
-    given: Scenario | str | Sequence[Scenario | str], names: Sequence[str], steady: bool
+    given: GivenScenario | Sequence[GivenScenario], names: Sequence[str], steady: bool
 ) -> tuple[Scenario, list[_Drive]]:
     """The first scenario, and the drives of all, which are on one hub. Two driven wings are two
     drives.
     """
-    if not isinstance(given, Scenario | str):
+    if not stands_for_scenario(given):
         expect_list(given, "scenario", "[scenario, other]")
-    if isinstance(given, Scenario | str):
+    if stands_for_scenario(given):
         each = [given]
     else:
         each = list(given)
@@ -276,17 +275,13 @@ def _drives(
     found: list[_Drive] = []
     whole: list[Scenario] = []
     for k, one in enumerate(each, 1):
-        if isinstance(one, str):
-            scenario = load_scenario(one)
-        else:
-            scenario = one
-        expect_scenario(scenario)
+        scenario = as_scenario(one)
         if names:
             name = names[k - 1]
-        elif isinstance(one, str):
-            name = Path(one).stem
-        else:
+        elif isinstance(one, Scenario):
             name = f"drive {k}"
+        else:
+            name = Path(one).stem
         if any(name == drive.name for drive in found):
             name = f"{name} {k}"
         else:

@@ -16,8 +16,7 @@ import numpy as np
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import judge
-from microvib.analysis.lines import lines as lines_of
-from microvib.analysis.lines import steady
+from microvib.analysis.lines import find_lines, steady_lines
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
@@ -265,14 +264,14 @@ def _solved(work: WorkPackage, scenario: Scenario, torque: Torque | Exception | 
         if isinstance(torque, Exception):
             raise torque
         if torque is not None:
-            table = lines_of(torque, harmonics=work.study.harmonics)
+            table = find_lines(torque, harmonics=work.study.harmonics)
             second = _second_wing_lines(work, scenario)
             return _result(
                 work.study, scenario, table, torque.T_d, torque.stuck_output, second=second
             )
         if _has_line_of_sight(scenario):
             return _with_line_of_sight(work, scenario)
-        found = steady(scenario, harmonics=work.study.harmonics)
+        found = steady_lines(scenario, harmonics=work.study.harmonics)
         if found.state is not None:
             stuck = found.state.stuck_output
         else:
@@ -311,11 +310,11 @@ def _second_wing_lines(work: WorkPackage, scenario: Scenario) -> LineTable | Non
         return None
     with error_context(SECOND_WING):
         if work.steady:
-            return steady(other, harmonics=work.study.harmonics).lines
+            return steady_lines(other, harmonics=work.study.harmonics).lines
         (torque,) = _torques([other])
         if isinstance(torque, Exception):
             raise torque
-        return lines_of(torque, harmonics=work.study.harmonics)
+        return find_lines(torque, harmonics=work.study.harmonics)
 
 
 def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
@@ -327,7 +326,7 @@ def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
         state, fallback = (None, "")
     kept = ("T_d", "stuck_output", "alpha_l", "alpha_m", *LINE_OF_SIGHT_ACCELERATIONS)
     source = state or simulate_from_rest(scenario, channels=kept, balanced=False)
-    table = lines_of(source, harmonics=harmonics)
+    table = find_lines(source, harmonics=harmonics)
     if state is None:
         stuck = float(np.mean(source["stuck_output"]))
     else:
@@ -339,7 +338,7 @@ def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
     if source.beside is None:
         second = None
     else:
-        second = lines_of(source.beside, harmonics=harmonics)
+        second = find_lines(source.beside, harmonics=harmonics)
     return replace(
         _result(work.study, scenario, table, source["T_d"], stuck, note=fallback, second=second),
         los=los,

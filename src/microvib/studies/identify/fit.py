@@ -11,7 +11,7 @@ import numpy as np
 from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.recordings import Prepared
 from microvib.io.tables import PaperLines
-from microvib.model.scenario import Scenario, expect_scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, require_lines
 from microvib.studies.identify import verdict, whole
@@ -150,7 +150,7 @@ EvidenceWithOverrides = EvidenceSource | tuple[EvidenceSource, TestOverrides]
 
 
 def identify(
-    scenario: Scenario,
+    scenario: GivenScenario,
     evidence: Sequence[EvidenceWithOverrides],
     keys: Sequence[FitKey | IntegerKey | str],
     *,
@@ -183,7 +183,7 @@ def identify(
     not explain the evidence and an array mode's frequency was measured, its clamped frequency is
     fitted as well, and the verdict says so.
     """
-    expect_scenario(scenario)
+    scenario = as_scenario(scenario)
     for name, given, example in (
         ("evidence", evidence, "[recording]"),
         ("keys", keys, "['reducer.stiffness']"),

@@ -12,7 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 def _warm() -> None:
     from importlib import import_module
 
-    from microvib.analysis.lines import lines
+    from microvib.analysis.lines import find_lines
     from microvib.io.scenario_file import load_scenario
     from microvib.solve.simulate import simulate
 
@@ -25,7 +25,9 @@ def _warm() -> None:
         "h5netcdf",
     ):
         import_module(name)
-    lines(simulate(load_scenario("state-1", {"record.settle": "0 s", "record.duration": "0.1 s"})))
+    find_lines(
+        simulate(load_scenario("state-1", {"record.settle": "0 s", "record.duration": "0.1 s"}))
+    )
 
 
 _warm()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Limit, judge
-from microvib.analysis.run import lines_of_second, solve_run
+from microvib.analysis.run import lines_of_second, run_scenario
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
@@ -60,7 +60,7 @@ def run(folder: str, scenario: Scenario, tell: ProgressCallback, seeds: int = 0)
     def progress(done: float, total: float) -> None:
         tell(done, total, "s", "simulating" if done < total else "finding the lines")
 
-    result = solve_run(
+    result = run_scenario(
         scenario,
         seeds=seeds,
         progress=progress,
