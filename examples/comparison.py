@@ -12,7 +12,7 @@ test = mv.Recording({"Mz": built["T_d"] + noise}, built.sample_rate, {"Mz": "N*m
 
 found = mv.compare(test, model, names=("", "model"))
 for row in (row for row in found.rows if row.line in ("drive_1", "drive_2", "drive_3", "full_step_1")):
-    a, b = 1e3 * row.a.amplitude, 1e3 * row.b.amplitude
-    print(f"{row.line:12s} {a:8.3f} {b:8.3f} mN m, {row.significance:.1f} sigma: {row.verdict}")
+    tested, modelled = 1e3 * row.a.amplitude, 1e3 * row.b.amplitude
+    print(f"{row.line:12s} {tested:8.3f} {modelled:8.3f} mN m, {row.significance:.1f} sigma: {row.verdict}")
 figure = mv.plot(found)
 figure.savefig("comparison.png")

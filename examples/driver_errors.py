@@ -3,11 +3,11 @@ import microvib as mv
 
 scenario = mv.load_scenario("state-1")
 errors = {"gain_b": 0.012, "offset_a": 0.006, "offset_b": -0.004, "quadrature": "0.9 deg"}
-e = scenario.motor.detent_torque / (scenario.motor.torque_constant * scenario.motor.current)
+shift = scenario.motor.detent_torque / (scenario.motor.torque_constant * scenario.motor.current)
 drives = {
     "ideal driver": scenario,
     "with errors": scenario.with_({"driver.imperfections": errors}),
-    "with a table": scenario.with_({"driver.table": {"harmonics": [{"order": 4, "amplitude": f"{e} rad"}]}}),
+    "with a table": scenario.with_({"driver.table": {"harmonics": [{"order": 4, "amplitude": f"{shift} rad"}]}}),
 }
 names = ("electrical_1", "electrical_2", "full_step_1", "drive_1")
 print("0-to-peak, mN m".ljust(16) + "".join(f"{name:>14s}" for name in names))

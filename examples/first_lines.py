@@ -1,8 +1,7 @@
 # The lines of a published drive in its steady state: frequency, amplitude, origin.
 import microvib as mv
 
-scenario = mv.load_scenario("state-1")
-table = mv.find_lines(scenario, start="steady")
+table = mv.find_lines("state-1", start="steady")
 
 print(repr(table))
 print("\nThe largest:", max(table, key=lambda line: line.bin_amplitude_n_m).origin)

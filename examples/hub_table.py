@@ -16,14 +16,14 @@ with Path("hub.csv").open("w", newline="") as file:
         ["mode", "frequency_hz", "damping", "point", "x_m", "y_m", "z_m", "tx", "ty", "tz", "rx", "ry", "rz"]
     )
     for name, at in points.items():
-        for k in range(3):  # a rigid body's displacements, then its rotations about the origin
-            table.writerow([k + 1, 0.0, 0.0, name, *at, *np.eye(3)[k] / np.sqrt(mass), 0, 0, 0])
-            turn = np.eye(3)[k] / np.sqrt(inertia[k, k])
-            table.writerow([k + 4, 0.0, 0.0, name, *at, *np.cross(turn, at), *turn])
+        for axis, direction in enumerate(np.eye(3)):  # a rigid body's displacements, and its rotations about the origin
+            table.writerow([axis + 1, 0.0, 0.0, name, *at, *direction / np.sqrt(mass), 0, 0, 0])
+            turn = direction / np.sqrt(inertia[axis, axis])
+            table.writerow([axis + 4, 0.0, 0.0, name, *at, *np.cross(turn, at), *turn])
         table.writerow([7, 38.0, 0.005, name, *at, *bending[name]])
 
 changes = {"spacecraft.hub": {"modes": "hub.csv"}, "spacecraft.line_of_sight.point": "payload"}
 scenario = mv.load_scenario(Path(__file__).parent / "spacecraft.yaml", {**changes, "record.duration": "4 s"})
-print("locked modes:", ", ".join(f"{f:.4g} Hz" for f in scenario.craft.frequency))
+print("locked modes:", ", ".join(f"{frequency:.4g} Hz" for frequency in scenario.craft.frequency))
 motion = mv.simulate(scenario)
 print(f"payload: {1e6 * motion.hub('payload', accelerations=True)[:, 2].std():.3g} um/s^2 rms along z")

@@ -4,9 +4,9 @@ import numpy as np
 import microvib as mv
 
 scenario = mv.load_scenario("state-1").with_({"record.settle": "6 s", "record.duration": "4 s"})
-rng = np.random.default_rng(1)
-stiffness = scenario["reducer.stiffness"] * rng.normal(1.0, 0.1, 16)
-motions = mv.simulate_many([scenario.with_si({"reducer.stiffness": float(k)}) for k in stiffness])
+random = np.random.default_rng(1)
+stiffness = scenario["reducer.stiffness"] * random.normal(1.0, 0.1, 16)
+motions = mv.simulate_many([scenario.with_si({"reducer.stiffness": float(one)}) for one in stiffness])
 
 amplitudes = np.array([1e3 * mv.find_lines(motion)["drive_1"].amplitude_n_m for motion in motions])
 print(f"drive_1: {amplitudes.mean():.2f} mN m on average, {amplitudes.min():.2f} to {amplitudes.max():.2f}")

@@ -24,7 +24,10 @@ def main(counts: list[int]) -> None:
     print(f"{'modes':>5s} {'up to Hz':>9s} {'J_h kg m²':>10s}" + "".join(f"{name + ' mN m':>18s}" for name in LINES))
     for count in counts:
         J_h, highest, amplitudes = lines_with(count)
-        print(f"{count:5d} {highest:9.2f} {J_h:10.4f}" + "".join(f"{1e3 * a:18.3f}" for a in amplitudes.values()))
+        print(
+            f"{count:5d} {highest:9.2f} {J_h:10.4f}"
+            + "".join(f"{1e3 * amplitude:18.3f}" for amplitude in amplitudes.values())
+        )
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@ python examples/states.py [states.png]
 
 import sys
 
+from matplotlib.figure import Figure
+
 import microvib as mv
-from microvib.reports.sheets import COLOURS, new_figure
 
 GROUPS = {
     "Figure 11: states 1-3, frequency 1.19, 1.39, 1.59 Hz at 8.18 kg m²": (1, 2, 3),
@@ -19,7 +20,7 @@ def run_states() -> dict[int, tuple[mv.Motion, dict[str, float]]]:
     """Motion and line amplitudes [N m] of each state."""
     result = {}
     for state in range(1, 6):
-        motion = mv.simulate(mv.load_scenario(f"state-{state}"))
+        motion = mv.simulate(f"state-{state}")
         table = mv.find_lines(motion)
         result[state] = motion, {name: table[name].amplitude_n_m for name in LINES}
     return result
@@ -34,17 +35,19 @@ def print_table(states: dict[int, tuple[mv.Motion, dict[str, float]]]) -> None:
 
 def draw(states: dict[int, tuple[mv.Motion, dict[str, float]]], path: str) -> None:
     """Spectra of both groups, the low frequencies beside the whole range."""
-    figure, axes = new_figure(13.0, 7.6, 2, 2)
+    figure = Figure(figsize=(13.0, 7.6), layout="constrained")
+    axes = figure.subplots(2, 2)
     for row, (title, members) in zip(axes, GROUPS.items(), strict=True):
         for state, colour, width in zip(
-            members, COLOURS, (3.0, 1.8, 0.8), strict=False
+            members, ("C0", "C1", "C2"), (3.0, 1.8, 0.8), strict=True
         ):  # thinner on top, so that all show
-            s = mv.spectrum(states[state][0], window="hann")
+            spectrum = mv.spectrum(states[state][0], window="hann")
             for ax, highest in zip(row, (5.0, 200.0), strict=True):
-                keep = (s.frequency > 0.2) & (s.frequency <= highest)
+                shown = (spectrum.frequency > 0.2) & (spectrum.frequency <= highest)
                 ax.semilogy(
-                    s.frequency[keep], s.amplitude[keep] * 1e3, color=colour, linewidth=width, label=f"state {state}"
-                )
+                    spectrum.frequency[shown], 1e3 * spectrum.amplitude[shown],
+                    color=colour, linewidth=width, label=f"state {state}",
+                )  # fmt: skip
         for ax in row:
             ax.set(xlabel="frequency [Hz]", ylabel="amplitude, 0-to-peak [mN m]")
             ax.set_ylim(1e-3, 300)

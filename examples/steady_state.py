@@ -7,10 +7,10 @@ scenario = mv.load_scenario("state-1").with_({"record.settle": "60 s", "record.d
 begun = time.perf_counter()
 steady = mv.find_lines(scenario, start="steady")
 between = time.perf_counter()
-settled = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
+settled = mv.find_lines(mv.simulate(scenario, channels="T_d"))
 took = time.perf_counter() - between
 
 for name in ("drive_1", "drive_2", "full_step_1"):
-    a, b = steady[name].amplitude_n_m, settled[name].amplitude_n_m
-    print(f"{name:12s} {1e3 * a:8.4f} and {1e3 * b:8.4f} mN m, {100 * (b / a - 1):+.3f} %")
+    solved, waited = steady[name].amplitude_n_m, settled[name].amplitude_n_m
+    print(f"{name:12s} {1e3 * solved:8.4f} and {1e3 * waited:8.4f} mN m, {100 * (waited / solved - 1):+.3f} %")
 print("The steady state took", "less" if between - begun < took else "more", "time than the run.")

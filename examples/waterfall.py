@@ -2,9 +2,9 @@
 import microvib as mv
 
 scenario = mv.load_scenario("state-1").with_({"record.settle": "0 s", "record.duration": "60 s"})
-motion = mv.simulate(scenario, channels=("T_d",))
-fall = mv.waterfall(motion, resolution="0.25 Hz")
+motion = mv.simulate(scenario, channels="T_d")
+waterfall = mv.waterfall(motion, resolution="0.25 Hz")
 
-print(fall)
-figure = mv.plot(fall, highest="8 Hz")
+print(waterfall)
+figure = mv.plot(waterfall, highest="8 Hz")
 figure.savefig("waterfall.png")

@@ -1,5 +1,6 @@
 """The examples run, and give the figures that they gave when they were written."""
 
+import ast
 import importlib.util
 from pathlib import Path
 
@@ -150,3 +151,17 @@ def test_lines_with_more_and_more_modes(capsys):
     assert 1e3 * amplitudes["drive_1"] == pytest.approx(31.64, rel=5e-3)
     example.main([3])
     assert "41.628" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_an_example_says_what_one_learns_and_imports_nothing_internal(path):
+    text = path.read_text()
+    first = text.splitlines()[0]
+    assert first.startswith(("# ", '"""'))
+    assert len(first.split()) >= 7
+    nodes = list(ast.walk(ast.parse(text)))
+    froms = [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    assert [name for name in (*froms, *names) if name.startswith("microvib")] == ["microvib"]
+    used = {node.id for node in nodes if isinstance(node, ast.Name)}
+    assert {name for name in used if len(name) == 1} <= {"_"}, "words for variables"

@@ -220,7 +220,7 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("microvib.studies.campaign.design.TRIAL_QUANTILES", (0.5,))
     campaign = made(tmp_path, study(vary={"tracking.rate": rates, "motor.winding_resistance": spread},
                                     sampling={"method": "random", "count": 8}))  # fmt: skip
-    real = computing.lines_of
+    real = computing.find_lines
     broken = campaign.design.scenario(0).motor.winding_resistance
 
     def sometimes(torque, harmonics):
@@ -231,7 +231,7 @@ def test_failures_keep_their_reason_and_stop_nothing(tmp_path, monkeypatch):
             raise ZeroDivisionError("deliberate")
         return real(torque, harmonics=harmonics)
 
-    monkeypatch.setattr(computing, "lines_of", sometimes)
+    monkeypatch.setattr(computing, "find_lines", sometimes)
     compute_missing(campaign, Fragile())
     merge(campaign)
     results = open_results(campaign)
