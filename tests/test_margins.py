@@ -142,11 +142,11 @@ def test_lines_that_friction_makes_between_those_of_the_clock_do_not_pass_unseen
     above what a slow record shows and no mode near them."""
     whole = heavy_scenario(9).with_({"record.settle": "20 s", "record.duration": "4 s"})
     half = 3.5 * whole.driving_frequency
-    shown = mv.lines(mv.simulate(whole, channels=("T_d",)))
+    shown = mv.find_lines(mv.simulate(whole, channels=("T_d",)))
     line = min(shown, key=lambda x: abs(x.place_hz - half))
     assert line.place_hz == pytest.approx(half, rel=1e-6)
     low = whole.with_({"record.sample_rate": sample_rate})
-    seen = mv.lines(mv.simulate(low, channels=("T_d",)))
+    seen = mv.find_lines(mv.simulate(low, channels=("T_d",)))
     for width in (1.002, 1.05, 1.3):
         limit = limit_of(0.6 * line.amplitude_n_m, half / width, half * width)
         assert judge(shown, limit, whole).verdict == "fail"

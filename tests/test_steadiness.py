@@ -127,7 +127,7 @@ def test_what_is_not_steady_is_said_beside_the_lines(
 ) -> None:
     """Also where the lines are so smeared that none of them stands out."""
     recording = recorded(UNSTEADY[name](np.arange(torque.size) / FS, torque))
-    table = mv.lines(recording, scenario=scenario)
+    table = mv.find_lines(recording, scenario=scenario)
     told = list(recording_warnings(recording, "Mz", scenario, table))
     assert any("not steady" in note or "the lines that count" in note for note in told), told
 
