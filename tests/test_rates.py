@@ -16,7 +16,8 @@ from microvib.cli.main import main
 from microvib.cli.rates import _counts
 from microvib.errors import MicrovibError
 from microvib.model.linear import linear_lines
-from microvib.reports.rates import best_text, draw_campbell, plan_text, solution_counts_text
+from microvib.reports.outcome import terminal_text
+from microvib.reports.rates import best_text, draw_campbell, rates_outcome, solution_counts_text
 from microvib.studies.rates import (
     ABOVE_LIMIT,
     ABOVE_PASSBAND,
@@ -293,7 +294,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
     assert done.exit_code == 0, done.output
     assert "Best: 0.2 deg/s with 32 microsteps" in done.output
     assert {p.name for p in out.iterdir()} == {
-        "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png", "report.html",
+        "best.csv", "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png", "report.html",
     }  # fmt: skip
     with (out / "rates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
@@ -398,7 +399,7 @@ def test_a_rate_is_not_allowed_for_lines_above_the_passband(state_1):
                 assert case.verdict(of_band, limit) or not truth.verdict(of_band, limit)
         if sample_rate == "40 Hz":
             assert plan.best() is None
-            said = " ".join(plan_text(plan).split())
+            said = " ".join(terminal_text(rates_outcome(plan)).split())
             assert "0 failed" not in said
             assert "failed" not in said
             assert (
@@ -414,7 +415,7 @@ def test_a_linear_plan_allows_no_rate_for_what_it_does_not_have(state_1):
     rates = rate_grid("0.2 deg/s", "0.4 deg/s", 4)
     plan = plan_rates(state_1, rates, limit="15 mN*m", band="5:100 Hz", linear=True)
     assert plan.best() is None
-    assert BEYOND_LINEAR_MODEL in " ".join(plan_text(plan).split())
+    assert BEYOND_LINEAR_MODEL in " ".join(terminal_text(rates_outcome(plan)).split())
     assert plan_rates(state_1, rates, linear=True).best() is not None
 
 

@@ -194,13 +194,15 @@ def test_a_rate_plan_and_its_bad_options(client):
         "linear": True,
     }
     found = result(client, client.post("/api/rates", json=asked).json()["id"])
-    assert found["best"]["largest"] == min(
-        max(x["amplitude"] for x in case["lines"]) for case in found["cases"]
-    )
+    [best] = found["parts"][0]["tables"][0]["rows"]
+    smallest = min(max(x["amplitude"] for x in case["lines"]) for case in found["cases"])
+    assert float(best["largest_n_m"]) == pytest.approx(1e3 * smallest, rel=1e-3)
+    assert found["verdict"] == ""
     limited = result(
         client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"]
     )
-    assert limited["best"] is None  # the linearised drive has driving lines only
+    assert limited["verdict"] == "not judged"  # the linearised drive has driving lines only
+    assert limited["parts"][0]["tables"][0]["rows"][0]["best_rate_deg_s"] == "none"
     for more, key in (
         ({"from": "1 m"}, "from"), ({"to": "0.01 deg/s"}, "from"), ({"limit": "-1 N*m"}, "limit"), ({"band": "5"}, "band"),
         ({"count": 2000, "microsteps": [8, 16, 32]}, "count"), ({"microsteps": [0]}, "microsteps.0"),

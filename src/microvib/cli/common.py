@@ -16,6 +16,7 @@ from microvib.errors import OptionError
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Contents, Form
+    from microvib.reports.outcome import Outcome
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
@@ -129,6 +130,12 @@ class Target:
     out: Path | None
     overwrite: bool
     form: Form
+
+    def present(self, outcome: Outcome) -> None:
+        """Print an outcome, after its files and its report are written."""
+        from microvib.reports.outcome import study_contents, terminal_text
+
+        self.deliver(terminal_text(outcome), study_contents, outcome)
 
     def deliver(self, text: str, contents: Callable[..., Contents], *result: Any) -> None:
         """Write the ``contents`` of a result, then print: a reader who leaves early does not cost

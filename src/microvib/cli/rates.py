@@ -56,7 +56,7 @@ def rates(
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and
     best rates.
     """
-    from microvib.reports.rates import linear_text, plan_folder, plan_text
+    from microvib.reports.rates import linear_text, rates_outcome
     from microvib.studies.rates import plan_rates, rate_grid
 
     grid = rate_grid(low, high, count)
@@ -85,9 +85,8 @@ def rates(
             workers=workers,
             progress=progress,
         )
-        text = linear_text(plan) if linear else ""
-    said = "\n".join(filter(None, (plan_text(plan), text)))
-    target.deliver(said, plan_folder, plan, text)
+        note = linear_text(plan) if linear else ""
+    target.present(rates_outcome(plan, note))
 
 
 def _counts(text: str) -> tuple[int, ...]:

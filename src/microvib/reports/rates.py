@@ -5,26 +5,25 @@ bands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from microvib.io.tables import tables_csv
 from microvib.reports import sheets
-from microvib.reports.blocks import figure_block, study_report
-from microvib.reports.document import Contents, Document, Fact, Section, Table, Text, table
-from microvib.reports.numbers import (
-    brief_milli,
-    brief_number,
-    count_text,
-    milli,
-    plain_number,
-    torque,
-    torque_as_given,
+from microvib.reports.document import Fact, Text
+from microvib.reports.numbers import count_text, plain_number, torque, torque_as_given
+from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
+from microvib.results import COUNT, FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, Table
+from microvib.studies.rates import (
+    ABOVE_LIMIT,
+    Forbidden,
+    RateCase,
+    RatePlan,
+    Resonance,
+    linear_error,
 )
-from microvib.studies.rates import ABOVE_LIMIT, HIDDEN_LINE, RatePlan, Resonance, linear_error
-from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,45 +40,131 @@ def _deg(rate: float) -> str:
     return f"{math.degrees(rate):.5g}"
 
 
-def plan_text(plan: RatePlan) -> str:
-    """Best rates, forbidden bands and the strongest resonances, as text."""
-    ranked: list[tuple[str, ...]] = []
-    for n in plan.counts:
-        best = plan.best(n)
-        if best:
-            shown = (_deg(best[0].rate), torque(best[1]))
-        else:
-            shown = ("none", "")
-        ranked.append((str(n), *shown, torque(plan.worst(n))))
-    head = ("microsteps", "best deg/s", "its largest line", "worst of the range")
-    lines = [_how(plan), "", text_table(head, ranked), best_text(plan)]
-    if plan.limit is not None or plan.keep_away:
-        said = {ABOVE_LIMIT: "{0.line} reaches {1}", HIDDEN_LINE: "{0.why} ({0.line}, up to {1})"}
-        what = (
-            (b, said.get(b.why, "{0.why}").format(b, torque(b.largest))) for b in plan.forbidden
-        )
-        bands = [(str(b.microsteps), f"{_deg(b.low)} to {_deg(b.high)}", text) for b, text in what]
-        if bands:
-            table = text_table(("microsteps", "deg/s", "why"), bands, last_left=True)
-        else:
-            table = "none"
-        lines += ["", f"Forbidden, {_criteria(plan)}:", table]
-    if plan.resonances:
-        lines += ["", "Where lines meet modes, strongest first:"]
-        met = [
-            (
-                str(r.microsteps),
-                _deg(r.rate),
-                f"{r.frequency:.4g}",
-                brief_milli(r.amplitude),
-                f"{r.line} on {r.mode}",
-            )
-            for r in strongest_resonances(plan.resonances, SHOWN)
-        ]
-        lines.append(
-            text_table(("microsteps", "deg/s", "Hz", "mN m", "line on mode"), met, last_left=True)
-        )
-    return "\n".join([*lines, *(text for found in _unsolved(plan) for text in ("", found))])
+@dataclass(frozen=True)
+class LineAtRate:
+    """One line at one rate of a plan, or a case that failed."""
+
+    rate: Annotated[float, Column("rate_deg_s", measure=RATE)]
+    microsteps: Annotated[int, Column("microsteps", measure=COUNT)]
+    line: Annotated[str, Column("line")]
+    kind: Annotated[str, Column("kind")]
+    order: Annotated[float, Column("order", measure=ORDER)]
+    frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", measure=TORQUE)]
+    status: Annotated[str, Column("status")]
+
+
+@dataclass(frozen=True)
+class BestRate:
+    """The best rate of one microstep count."""
+
+    microsteps: Annotated[int, MICROSTEPS]
+    rate: Annotated[float, Column("best_rate_deg_s", "best rate", RATE, absent="none")]
+    largest: Annotated[float, Column("largest_n_m", "its largest line", TORQUE)]
+    worst: Annotated[float, Column("worst_n_m", "worst of the range", TORQUE)]
+
+
+def rates_outcome(plan: RatePlan, note: str = "") -> Outcome:
+    """A plan for those who read it: best rates, forbidden bands, the strongest resonances, Campbell
+    diagram, and a ``note`` on how far it can be relied on.
+    """
+    first: list[Item] = [
+        Table.of("best", BestRate, [_best_rate(plan, n) for n in plan.counts]),
+        Text(best_text(plan)),
+        *([Text(note, note=True)] if note else []),
+        Picture("largest", lambda: draw_largest(plan), "Largest line over rate", _LARGEST_CAPTION),
+    ]
+    campbell = Picture(
+        "campbell", lambda: draw_campbell(plan), "Campbell diagram", _CAMPBELL_CAPTION
+    )
+    return Outcome(
+        "Rate plan",
+        f"Rate plan: {plan.scenario.title or 'drive'}",
+        _how(plan),
+        _verdict(plan),
+        tuple(_facts(plan)),
+        (
+            Part("", tuple(first)),
+            Part("Campbell diagram", (campbell,), new_page=True),
+            Part(f"Forbidden rates, {_criteria(plan)}", _forbidden(plan)),
+            Part("Where lines meet modes, strongest first", _resonances(plan)),
+            Part("Without a steady state", tuple(map(Text, _unsolved(plan)))),
+        ),
+        plan.scenario,
+        files=(Table.of("rates", LineAtRate, _lines_at_rates(plan), for_readers=()),),
+    )
+
+
+_LARGEST_CAPTION = (
+    "Largest line over rate. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but"
+    " time integration."
+)
+_CAMPBELL_CAPTION = "Dashed: modes as seen through the drive. Rings: where a line meets one."
+
+
+def _best_rate(plan: RatePlan, microsteps: int) -> BestRate:
+    found = plan.best(microsteps)
+    if found is None:
+        rate, largest = math.nan, math.nan
+    else:
+        rate, largest = found[0].rate, found[1]
+    return BestRate(microsteps, rate, largest, plan.worst(microsteps))
+
+
+def _forbidden(plan: RatePlan) -> tuple[Item, ...]:
+    if plan.limit is None and not plan.keep_away:
+        return ()
+    bands = Table.of("forbidden", Forbidden, plan.forbidden)
+    if plan.forbidden:
+        return (bands,)
+    return (bands, Text("None."))
+
+
+def _resonances(plan: RatePlan) -> tuple[Item, ...]:
+    if not plan.resonances:
+        return ()
+    top = max((r.amplitude for r in plan.resonances if math.isfinite(r.amplitude)), default=0.0)
+    strong = [
+        r
+        for r in strongest_resonances(plan.resonances, _MOST_RESONANCES)
+        if not r.amplitude < _MIN_RELATIVE * top
+    ]
+    caption = "The strongest, to a hundredth of the largest; all are in `resonances.csv`."
+    return (
+        Table.of(
+            "resonances",
+            Resonance,
+            plan.resonances,
+            for_readers=strong,
+            brief=SHOWN,
+            caption=caption,
+        ),
+    )
+
+
+_MOST_RESONANCES = 40
+_MIN_RELATIVE = 0.01
+"""Part of the largest line at a resonance below which a report leaves a resonance to the file."""
+
+
+def _verdict(plan: RatePlan) -> Verdict:
+    """Whether some rate keeps the limit."""
+    if plan.limit is None and not plan.keep_away:
+        return ""
+    if plan.best() is not None:
+        return "pass"
+    if _known_to_fail(plan) < len(plan.cases):
+        return "not judged"
+    return "fail"
+
+
+def _known_to_fail(plan: RatePlan) -> int:
+    """How many cases are above the limit or failed."""
+    if plan.limit is None:
+        limit = math.inf
+    else:
+        limit = plan.limit
+    return sum(x.verdict(plan.band, limit) in ("", ABOVE_LIMIT, "failed") for x in plan.cases)
 
 
 def best_text(plan: RatePlan) -> str:
@@ -196,76 +281,30 @@ def linear_text(plan: RatePlan) -> str:
     return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
 
 
-def plan_folder(plan: RatePlan, text: str) -> Contents:
-    """Tables, pictures and report of a plan."""
-    campbell, largest = draw_campbell(plan), draw_largest(plan)
-    met = [
-        (r.microsteps, math.degrees(r.rate), r.mode, r.mode_frequency, r.line, r.frequency, r.amplitude) for r in plan.resonances
-    ]  # fmt: skip
-    bands = [
-        (x.microsteps, math.degrees(x.low), math.degrees(x.high), x.why, x.line, x.largest)
-        for x in plan.forbidden
-    ]
-    tables = tables_csv({
-        "rates": ("rate_deg_s microsteps line kind order frequency_hz amplitude_n_m status", _case_rows(plan)),
-        "resonances": ("microsteps rate_deg_s mode mode_hz line frequency_hz amplitude_n_m", met),
-        "forbidden": ("microsteps from_deg_s to_deg_s why line largest_n_m", bands),
-    })  # fmt: skip
-    pictures = {"campbell.png": sheets.png(campbell), "largest.png": sheets.png(largest)}
-    return tables | pictures, plan_report(plan, text, campbell, largest)
-
-
-def _case_rows(plan: RatePlan) -> Iterable[Sequence[Any]]:
+def _lines_at_rates(plan: RatePlan) -> Iterator[LineAtRate]:
     for case in plan.cases:
-        head = (math.degrees(case.rate), case.microsteps)
-        if plan.linear:
-            status = "linear"
-        elif case.reason:
-            status = f"in time: {case.reason}"
-        else:
-            status = "steady"
         if case.failed:
-            yield (*head, "", "", math.nan, math.nan, math.nan, f"failed: {case.reason}")
+            nothing = ("", "", math.nan, math.nan, math.nan)
+            yield LineAtRate(case.rate, case.microsteps, *nothing, f"failed: {case.reason}")
         for x in case.lines:
-            yield (*head, x.line, x.kind, x.order, x.frequency, x.amplitude, status)
+            yield LineAtRate(
+                case.rate,
+                case.microsteps,
+                x.line,
+                x.kind,
+                x.order,
+                x.frequency,
+                x.amplitude,
+                _how_solved(plan, case),
+            )
 
 
-def plan_report(plan: RatePlan, text: str, campbell: Figure, largest: Figure) -> Document:
-    """The report of a plan: best rates and what to keep away from, largest line over rate, Campbell
-    diagram.
-    """
-    over = "Largest line over rate"
-    shades = f"{over}. Shaded: forbidden; hatched: not solved. Dotted: not a steady state but time integration."
-    rings = "Dashed: modes as seen through the drive. Rings: where a line meets one."
-    strong = Text("The strongest, to a hundredth of the largest; all are in `resonances.csv`.")
-    sections = [
-        Section(
-            "Campbell diagram", (figure_block(campbell, "Campbell diagram", rings),), new_page=True
-        )
-    ]
-    if plan.forbidden:
-        sections += [Section("Forbidden rates", (_forbidden(plan),))]
-    else:
-        sections += []
-    if plan.resonances:
-        sections += [Section("Resonances", (strong, _resonance_rows(plan)))]
-    else:
-        sections += []
-    if unsolved := _unsolved(plan):
-        sections += [Section("Without a steady state", tuple(map(Text, unsolved)))]
-    else:
-        sections += []
-    return study_report(
-        "Rate plan",
-        f"Rate plan: {plan.scenario.title or 'drive'}",
-        _how(plan),
-        facts=_facts(plan),
-        first_page=(
-            _best(plan), Text(best_text(plan)), *([Text(text, note=True)] if text else []), figure_block(largest, over, shades),
-        ),
-        sections=sections,
-        scenario=plan.scenario,
-    )  # fmt: skip
+def _how_solved(plan: RatePlan, case: RateCase) -> str:
+    if plan.linear:
+        return "linear"
+    if case.reason:
+        return f"in time: {case.reason}"
+    return "steady"
 
 
 def _facts(plan: RatePlan) -> list[Fact]:
@@ -293,13 +332,6 @@ def _facts(plan: RatePlan) -> list[Fact]:
             facts.append(Fact("Pass", "no line at the best rate", "pass"))
     elif least := plan.least():
         case, top = least
-        if plan.limit is None:
-            limit = math.inf
-        else:
-            limit = plan.limit
-        known_to_fail = sum(
-            x.verdict(plan.band, limit) in ("", ABOVE_LIMIT, "failed") for x in plan.cases
-        )
         where = (
             f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
         )
@@ -307,7 +339,7 @@ def _facts(plan: RatePlan) -> list[Fact]:
             Fact(
                 "None",
                 f"no rate {_criteria(plan)}",
-                "" if known_to_fail < len(plan.cases) else "fail",
+                "fail" if _verdict(plan) == "fail" else "",
             ),
             Fact(torque(top), where),
         ]
@@ -319,54 +351,6 @@ def _facts(plan: RatePlan) -> list[Fact]:
             )
         )
     return facts
-
-
-def _best(plan: RatePlan) -> Table:
-    header = [
-        "microsteps [1]",
-        "best rate [deg/s]",
-        "its largest line [mN m]",
-        "worst of the range [mN m]",
-    ]
-    best = {
-        n: (_deg(found[0].rate), milli(found[1])) if (found := plan.best(n)) else ("none", "")
-        for n in plan.counts
-    }
-    return table(header, [[str(n), *cells, milli(plan.worst(n))] for n, cells in best.items()])
-
-
-def _forbidden(plan: RatePlan) -> Table:
-    rows = [
-        [str(b.microsteps), _deg(b.low), _deg(b.high), milli(b.largest), b.line, b.why]
-        for b in plan.forbidden
-    ]
-    return table(
-        ["microsteps [1]", "from [deg/s]", "to [deg/s]", "largest [mN m]", "line", "why"], rows
-    )
-
-
-_MIN_RELATIVE = 0.01
-"""Part of the largest line at a resonance below which a report leaves a resonance to the file."""
-
-
-def _resonance_rows(plan: RatePlan) -> Table:
-    top = max((r.amplitude for r in plan.resonances if math.isfinite(r.amplitude)), default=0.0)
-    rows = [
-        [
-            str(r.microsteps),
-            _deg(r.rate),
-            brief_number(r.frequency),
-            milli(r.amplitude),
-            r.line,
-            r.mode,
-        ]
-        for r in strongest_resonances(plan.resonances, 40)
-        if not r.amplitude < _MIN_RELATIVE * top
-    ]
-    return table(
-        ["microsteps [1]", "rate [deg/s]", "frequency [Hz]", "line there [mN m]", "line", "mode"],
-        rows,
-    )
 
 
 def draw_campbell(plan: RatePlan) -> Figure:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, groupby, pairwise
+from typing import Annotated
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
+from microvib.results import FREQUENCY, MICROSTEPS, RATE, TORQUE, Column
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
@@ -159,14 +161,14 @@ class RateCase:
 class Resonance:
     """A rate at which a line of the clock coincides with a mode."""
 
-    microsteps: int
-    rate: float
-    mode: str
-    mode_frequency: float
-    line: str
-    frequency: float
-    amplitude: float
+    microsteps: Annotated[int, MICROSTEPS]
+    rate: Annotated[float, Column("rate_deg_s", "rate", RATE)]
+    frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", "line there", TORQUE)]
     """Of that line there [N m]; NaN where the case failed."""
+    line: Annotated[str, Column("line", "line")]
+    mode: Annotated[str, Column("mode", "mode")]
+    mode_frequency: Annotated[float, Column("mode_hz", measure=FREQUENCY)]
 
 
 @dataclass(frozen=True)
@@ -174,12 +176,12 @@ class Forbidden:
     """A band of rates in which a line passes the limit, which is too near to a resonance, or in
     which nothing is known because the simulation fails."""
 
-    microsteps: int
-    low: float
-    high: float
-    why: str
-    line: str
-    largest: float
+    microsteps: Annotated[int, MICROSTEPS]
+    low: Annotated[float, Column("from_deg_s", "from", RATE)]
+    high: Annotated[float, Column("to_deg_s", "to", RATE)]
+    largest: Annotated[float, Column("largest_n_m", "largest line", TORQUE)]
+    line: Annotated[str, Column("line", "line")]
+    why: Annotated[str, Column("why", "why")]
 
 
 @dataclass(frozen=True)
@@ -393,9 +395,9 @@ def _too_near(resonance: Resonance, keep_away: float) -> Forbidden:
         resonance.microsteps,
         resonance.rate * (1.0 - keep_away),
         resonance.rate * (1.0 + keep_away),
-        f"{NEAR_RESONANCE} {resonance.line} on {resonance.mode}",
-        resonance.line,
         resonance.amplitude,
+        resonance.line,
+        f"{NEAR_RESONANCE} {resonance.line} on {resonance.mode}",
     )
 
 
@@ -615,7 +617,7 @@ def _resonance_crossings(
         (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0
     ]
     return [
-        Resonance(microsteps, rate, mode.name, mode.frequency, line, mode.frequency, math.nan)
+        Resonance(microsteps, rate, mode.frequency, math.nan, line, mode.name, mode.frequency)
         for mode in modes
         for line, order in orders
         if low <= (rate := mode.frequency / (order * per_rate)) <= high
@@ -710,8 +712,8 @@ def _forbidden_band(
         such = f", such as {top.line}" if top else ""
         why = f"{why} ({_required_sample_rate(cases, band, limit)}){such}"
     if top is None:
-        return Forbidden(cases[0].microsteps, low, high, why, "", math.nan)
-    return Forbidden(cases[0].microsteps, low, high, why, top.line, top.amplitude)
+        return Forbidden(cases[0].microsteps, low, high, math.nan, "", why)
+    return Forbidden(cases[0].microsteps, low, high, top.amplitude, top.line, why)
 
 
 def _required_sample_rate(

@@ -32,7 +32,8 @@ from microvib.reports.moving import (
     shape_of_array,
     shape_of_craft,
 )
-from microvib.reports.rates import best_text, solution_counts_text
+from microvib.reports.outcome import page_answer
+from microvib.reports.rates import rates_outcome
 from microvib.reports.rendering import address
 from microvib.reports.sas import (
     HEADER,
@@ -255,27 +256,26 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
 
 
 def rates_result(plan: RatePlan) -> dict[str, Any]:
-    """Lines over rate and microstep count; rates in rad/s."""
-    best = plan.best()
+    """What is said of a plan, and what the page draws: lines over rate and microstep count, rates
+    in rad/s."""
     cases = [
         {
-            "rate": case.rate, "microsteps": case.microsteps, "reason": case.reason,
-            "lines": [{"line": x.line, "frequency": x.frequency, "amplitude": x.amplitude} for x in case.lines],
+            "rate": case.rate,
+            "microsteps": case.microsteps,
+            "lines": [
+                {"line": x.line, "frequency": x.frequency, "amplitude": x.amplitude}
+                for x in case.lines
+            ],
         }
         for case in plan.cases
-    ]  # fmt: skip
-    return {
+    ]
+    return page_answer(rates_outcome(plan)) | {
         "cases": cases,
         "modes": [asdict(mode) for mode in plan.modes],
         "resonances": [asdict(r) for r in plan.resonances],
         "forbidden": [asdict(b) for b in plan.forbidden],
-        "best": None
-        if best is None
-        else {"rate": best[0].rate, "microsteps": best[0].microsteps, "largest": best[1]},
-        "text": f"{best_text(plan)} {len(plan.cases)} cases: {solution_counts_text(plan)}.",
         "limit": plan.limit,
         "band": list(plan.band),
-        "linear": plan.linear,
     }
 
 

@@ -8,10 +8,9 @@ import { modeNames, together } from "./labels.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
 import { LIMIT, style } from "./styles.js";
-import { table } from "./tables.js";
+import { partContent } from "./tables.js";
 
 const FAINTEST = 1e-3;
-const MAX_ROWS = 40;
 const PANEL = 250; // height of one diagram
 const NAME = 14; // and of a name in it, in pixels
 const deg = (rate) => (180 / Math.PI) * rate;
@@ -82,15 +81,12 @@ async function show(plan) {
   const counts = [...new Set(plan.cases.map((item) => item.microsteps))];
   const campbell = h("div", { class: "plot", id: "campbell-plot", role: "img", "aria-label": "Campbell diagram" });
   const largest = h("div", { class: "plot", id: "largest-plot", role: "img", "aria-label": "Largest line over rate" });
+  const [first, ...others] = plan.parts;
   result.replaceChildren(
-    card("Campbell diagram", told(plan), campbell),
+    card("Best rates", plan.summary, ...partContent(first)),
+    card("Campbell diagram", "Dashed: modes through the drive; rings: where a line meets one.", campbell),
     card("Largest line over rate", "", largest),
-    card(
-      "Forbidden rates",
-      plan.limit === null ? "Give a limit to see which rates it forbids." : `For a limit of ${quantity(plan.limit, "N*m")}.`,
-      forbidden(plan),
-    ),
-    card("Resonances", "Where a line of the step clock meets a mode; the strongest.", resonances(plan)),
+    ...others.filter(hasContent).map((part) => card(part.title, "", ...partContent(part))),
   );
   redraw = () => drawCampbell(campbell, plan, counts);
   await Promise.all([redraw(), drawLargest(largest, plan, counts)]);
@@ -99,7 +95,7 @@ async function show(plan) {
 const card = (title, words, ...content) =>
   h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
 
-const told = ({ text }) => `${text} Dashed: modes through the drive; rings: where a line meets one.`;
+const hasContent = ({ texts, tables }) => texts.length > 0 || tables.length > 0;
 
 function drawCampbell(place, plan, counts) {
   const columns = Math.min(counts.length, narrow.matches ? 1 : 2);
@@ -262,36 +258,4 @@ function drawLargest(place, plan, counts) {
     yaxis: { title: { text: "largest line [N m]" }, type: "log", dtick: "D2" },
     shapes: limit,
   });
-}
-
-function resonances({ resonances: rows }) {
-  const strongest = [...rows].sort((a, b) => (b.amplitude ?? Infinity) - (a.amplitude ?? Infinity)).slice(0, MAX_ROWS);
-  return table(
-    [
-      { key: "line", title: "line" },
-      { key: "mode", title: "mode", show: (name) => name.replaceAll("_", " ") },
-      { key: "microsteps", title: "microsteps" },
-      { key: "rate", title: "rate", unit: "deg/s", show: (rate) => number(deg(rate), 4) },
-      { key: "frequency", title: "frequency", unit: "Hz", show: (f) => number(f, 4) },
-      { key: "amplitude", title: "there", unit: "mN m", show: (a) => number(a === null ? null : 1e3 * a, 3) },
-    ],
-    strongest,
-    { caption: "Resonances" },
-  );
-}
-
-function forbidden({ forbidden: rows, limit }) {
-  if (!rows.length) return h("p", {}, limit === null ? "" : "None.");
-  return table(
-    [
-      { key: "microsteps", title: "microsteps" },
-      { key: "low", title: "from", unit: "deg/s", show: (rate) => number(deg(rate), 4) },
-      { key: "high", title: "to", unit: "deg/s", show: (rate) => number(deg(rate), 4) },
-      { key: "line", title: "line" },
-      { key: "largest", title: "largest", unit: "mN m", show: (a) => number(a === null ? null : 1e3 * a, 3) },
-      { key: "why", title: "why" },
-    ],
-    rows,
-    { caption: "Forbidden rates" },
-  );
 }

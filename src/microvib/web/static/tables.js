@@ -59,7 +59,20 @@ export function table(columns, rows, { caption, sort } = {}) {
 /** A table of texts, {header, rows}; those that are numbers sort as numbers. */
 export function plain({ header, rows }, caption) {
   const columns = header.map((title, k) => ({ key: String(k), title }));
-  const values = rows.map((row) => Object.fromEntries(row.map((value, k) => [k, isNumber(value) ? Number(value) : value])));
+  return textTable(columns, rows.map((row) => ({ ...row })), caption);
+}
+
+/** Texts and tables of one part of a study's outcome, as `page_answer` gives them. */
+export const partContent = ({ title, texts, tables }) => [
+  ...texts.map((text) => h("p", {}, text)),
+  ...tables.map(({ columns, rows }) => (rows.length ? textTable(columns, rows, title) : "")),
+];
+
+/** A table whose cells are texts by the columns' keys; those that are numbers sort as numbers. */
+function textTable(columns, rows, caption) {
+  const values = rows.map((row) =>
+    Object.fromEntries(columns.map(({ key }) => [key, isNumber(row[key]) ? Number(row[key]) : row[key]])),
+  );
   const texts = new Map(values.map((value, k) => [value, rows[k]]));
   return table(
     columns.map((column) => ({ ...column, show: (value, row) => minus(value, texts.get(row)[column.key]) })),

@@ -1,0 +1,179 @@
+"""What a study says, declared once, and what is made of it: a terminal's text, a report, files, the
+page's answer.
+
+A study's module makes one ``Outcome`` of its result. Whatever is shown of it anywhere comes from
+there, so that all say the same in the same units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from microvib.io.tables import rows_csv
+from microvib.model.scenario import Scenario
+from microvib.reports import document, sheets
+from microvib.reports.blocks import figure_block, study_report
+from microvib.reports.document import Block, Contents, Fact, Section, Text
+from microvib.results import Column, Table
+from microvib.text_tables import text_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Verdict = Literal["", "pass", "fail", "not judged"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure, drawn when it is asked for."""
+
+    name: str
+    """Of its PNG file, without the ending."""
+    draw: Callable[[], Figure]
+    title: str
+    """What it shows, for those who do not see it."""
+    caption: str = ""
+
+
+Item = Text | Table | Picture
+
+
+@dataclass(frozen=True)
+class Part:
+    """A heading and what stands below it, in every form; the first part of an outcome has none."""
+
+    title: str
+    items: tuple[Item, ...]
+    new_page: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a study for those who read it."""
+
+    kind: str
+    """Of study, such as *Rate plan*."""
+    title: str
+    summary: str
+    """What was done, in a sentence."""
+    verdict: Verdict
+    """On what was asked of it; empty where nothing was."""
+    facts: tuple[Fact, ...]
+    """Leading figures of a report."""
+    parts: tuple[Part, ...]
+    """The first is the first page of a report. Parts without items are left out."""
+    scenario: Scenario
+    files: tuple[Table, ...] = ()
+    """Tables that are in files only."""
+
+    @property
+    def tables(self) -> list[Table]:
+        """All tables, those of the parts first."""
+        shown = [item for part in self.parts for item in part.items if isinstance(item, Table)]
+        return [*shown, *self.files]
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """All pictures."""
+        return [item for part in self.parts for item in part.items if isinstance(item, Picture)]
+
+
+def terminal_text(outcome: Outcome) -> str:
+    """The outcome as text, its tables as wide as the terminal allows; pictures are left out."""
+    blocks = [outcome.summary]
+    for part in outcome.parts:
+        texts = [text for item in part.items if (text := _terminal_item(item))]
+        if texts and part.title:
+            texts[0] = f"{part.title}:\n{texts[0]}"
+        blocks += texts
+    return "\n\n".join(blocks)
+
+
+def _terminal_item(item: Item) -> str:
+    if isinstance(item, Text):
+        return item.text.replace("`", "")
+    if isinstance(item, Picture) or not item.for_readers:
+        return ""
+    words = item.shown[-1].measure is None
+    return text_table([x.title for x in item.shown], item.texts(item.brief), last_left=words)
+
+
+def study_contents(outcome: Outcome) -> Contents:
+    """Files of the outcome by name, CSV and PNG, and its report."""
+    drawn = {picture.name: picture.draw() for picture in outcome.pictures}
+    files: dict[str, Any] = {
+        f"{table.name}.csv": rows_csv([x.key for x in table.columns], table.file_rows())
+        for table in outcome.tables
+    }
+    files |= {f"{name}.png": sheets.png(figure) for name, figure in drawn.items()}
+
+    def blocks(part: Part) -> Iterator[Block]:
+        for item in part.items:
+            if isinstance(item, Picture):
+                yield figure_block(drawn[item.name], item.title, item.caption)
+            elif isinstance(item, Table):
+                yield report_table(item)
+            else:
+                yield item
+
+    first, *others = outcome.parts
+    report = study_report(
+        outcome.kind,
+        outcome.title,
+        outcome.summary,
+        facts=outcome.facts,
+        first_page=tuple(blocks(first)),
+        sections=[
+            Section(part.title, tuple(blocks(part)), part.new_page) for part in others if part.items
+        ],
+        scenario=outcome.scenario,
+    )
+    return files, report
+
+
+def report_table(table: Table) -> document.Table:
+    """A table of results as a report's."""
+    rows = tuple(document.Row(tuple(cells)) for cells in table.texts())
+    return document.Table(tuple(map(_report_column, table.shown)), rows, table.caption)
+
+
+def _report_column(column: Column) -> document.Column:
+    if column.measure is None:
+        return document.Column(column.heading)
+    return document.Column(column.heading, column.measure.unit, "number")
+
+
+def page_answer(outcome: Outcome) -> dict[str, Any]:
+    """The outcome for the page, which draws the pictures itself: texts and tables by parts, cells
+    as texts."""
+    return {
+        "summary": outcome.summary,
+        "verdict": outcome.verdict,
+        "facts": [{"value": x.value, "label": x.label, "status": x.status} for x in outcome.facts],
+        "parts": [
+            {
+                "title": part.title,
+                "texts": [item.text for item in part.items if isinstance(item, Text)],
+                "tables": [_page_table(item) for item in part.items if isinstance(item, Table)],
+            }
+            for part in outcome.parts
+        ],
+    }
+
+
+def _page_table(table: Table) -> dict[str, Any]:
+    shown = table.shown
+    return {
+        "name": table.name,
+        "caption": table.caption,
+        "columns": [
+            {"key": x.key, "title": x.heading, "unit": x.measure.unit if x.measure else ""}
+            for x in shown
+        ],
+        "rows": [
+            {column.key: text for column, text in zip(shown, row, strict=True)}
+            for row in table.texts()
+        ],
+    }
