@@ -166,7 +166,7 @@ COMMANDS: Mapping[str, Command] = {
     "compare": Command(
         ["compare", "bench.csv", "state-1", "--out", "beside"], ["beside"], ["measure-csv"]
     ),
-    "compare-paper": Command(["compare", "paper-test", "state-1"]),
+    "compare-reference": Command(["compare", "state-1:measured", "state-1"]),
     "identify": Command(
         [
             "identify",

@@ -253,7 +253,15 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
             "how.yaml: there is no such file",
         ),
         (
-            ["identify", "state-1", "paper", "--fit", "reducer.stiffness", "--model-error", "2"],
+            [
+                "identify",
+                "state-1",
+                "state-1:measured",
+                "--fit",
+                "reducer.stiffness",
+                "--model-error",
+                "2",
+            ],
             "at most 100 percent",
         ),
     ],

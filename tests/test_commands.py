@@ -89,7 +89,10 @@ REFUSED = {
     "compare": (["compare", "nowhere", "state-1"], "nowhere"),
     "analyse": (["analyse", "nothing.uff"], "nothing.uff: cannot be read: No such file"),
     "measure": (["measure", "state-1", "-o", "x.wav"], "'.wav' is not known"),
-    "identify": (["identify", "state-1", "paper", "--fit", "reducer.stifness"], "reducer.stifness"),
+    "identify": (
+        ["identify", "state-1", "state-1:measured", "--fit", "reducer.stifness"],
+        "reducer.stifness",
+    ),
     "validate": (["validate", "--out", "old"], "already holds results"),
     "statements": (["statements", "modes.csv"], "is not a table of draws"),
     "rates": ([*RATES[:2], "--from", "1 kg", *RATES[4:]], "'1 kg' has the wrong dimension"),

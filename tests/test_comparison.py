@@ -314,8 +314,8 @@ def test_the_file_keeps_all_digits_and_the_verdict():
     assert rows[0]["a_uncertainty_n_m"] == "0.03"
 
 
-def test_the_papers_columns_are_not_judged():
-    a, b, rows = compare(open_source("paper-test"), open_source("paper-simulation"))
+def test_reference_lines_are_not_judged():
+    a, b, rows = compare(open_source("state-1:measured"), open_source("state-1:model"))
     document = comparison_report(a, b, rows)
     assert document.facts[0].value == "not judged"
     assert "agree" not in comparison_text(a, b, rows)
@@ -351,7 +351,7 @@ def test_the_first_page_says_which_lines_agree():
         (("recording", 0.99), ("simulation", 0.99), "B was simulated at the recording's clock"),
         (("simulation", 1.0), ("simulation", 0.999), "B is -1000.0 ppm off A"),
         (("recording", 0.99), ("table", None), "not known on the other side"),
-        (("table", None), ("paper", None), "not known on either side"),
+        (("table", None), ("reference", None), "not known on either side"),
     ],
 )
 def test_the_clock_is_told(a, b, words):

@@ -67,7 +67,7 @@ def test_columns_never_run_together_however_long_a_cell_is() -> None:
 
 def test_a_comparison_keeps_a_long_name_from_its_figures() -> None:
     state = mv.load_scenario("state-1").with_({"record.settle": "1 s", "record.duration": "4 s"})
-    a, b, rows = (lambda c: (c.a, c.b, c.rows))(compare(state, mv.open_source("paper-test")))
+    a, b, rows = (lambda c: (c.a, c.b, c.rows))(compare(state, mv.open_source("state-1:measured")))
     name = "an_unexpected_line_of_the_other_wing"
     text = comparison_text(a, b, [dataclasses.replace(rows[0], line=name), *rows[1:]])
     assert re.search(rf"^{name}  +\d", text, re.MULTILINE)

@@ -525,7 +525,7 @@ def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
             "nowhere.yaml: there is no such file",
         ),
         (["run", "state-1", "--lines-only", "--pdf"], "--lines-only makes no report"),
-        (["compare", "paper-test", "paper-simulation", "--pdf"], "name one (--out)"),
+        (["compare", "state-1:measured", "state-1:model", "--pdf"], "name one (--out)"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, complaint, folder, tmp_path, monkeypatch):
@@ -569,13 +569,13 @@ def test_a_missing_library_is_told_before_anything_is_computed(monkeypatch, tmp_
 def test_other_commands_write_a_pdf_of_the_same_look(tmp_path):
     out = tmp_path / "papers"
     done = CliRunner().invoke(
-        main, ["compare", "paper-test", "paper-simulation", "--out", str(out), "--pdf"]
+        main, ["compare", "state-1:measured", "state-1:model", "--out", str(out), "--pdf"]
     )
     assert done.exit_code == 0, done.output
     assert sorted(p.name for p in out.iterdir()) == ["compare.csv", "report.html", "report.pdf"]
     (text,) = pages((out / "report.pdf").read_bytes())
     assert "Comparison of disturbance lines" in text
-    assert "microvib compare paper-test paper-simulation" in text
+    assert "microvib compare state-1:measured state-1:model" in text
 
 
 def test_unusual_values_stand_on_the_first_page(motion_1, lines_1):

@@ -9,8 +9,7 @@ from microvib.cli.test_data import _parse_source
 from microvib.errors import MicrovibError
 from microvib.io.named import catalog_text
 from microvib.io.recordings import Prepared, write_recording
-from microvib.io.sources import RunFolder, open_source
-from microvib.io.tables import PaperLines
+from microvib.io.sources import ReferenceLines, RunFolder, open_source
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.testdata.preparation import Preparation
@@ -48,13 +47,25 @@ def test_a_file_is_what_it_holds(files, name, kind):
     assert isinstance(open_source(str(files / name)), kind)
 
 
-def test_names_of_the_catalog_and_of_the_paper():
+def test_names_of_the_catalog_and_of_its_reference_lines():
     assert "test state 3" in open_source("state-3").title
-    test, simulation = (open_source(name) for name in ("paper", "paper-simulation"))
-    assert isinstance(test, PaperLines)
-    assert (test.column, simulation.column) == ("test", "simulation")
+    test, model = (open_source(f"state-1:{column}") for column in ("measured", "model"))
+    assert isinstance(test, ReferenceLines)
+    assert (test.column, model.column) == ("measured", "model")
     assert test.table["drive_1"].bin_amplitude_n_m == 0.04344  # Table 6
-    assert test == open_source("paper-test")
+    assert model.table["drive_1"].bin_amplitude_n_m == 0.03661
+
+
+@pytest.mark.parametrize(
+    ("former", "name"),
+    [
+        ("paper", "state-1:measured"),
+        ("paper-test", "state-1:measured"),
+        ("paper-simulation", "state-1:model"),
+    ],
+)
+def test_names_of_the_release_before_are_read(former, name):
+    assert open_source(former).table == open_source(name).table
 
 
 def test_a_table_of_lines_says_what_it_says_and_no_more(files):
@@ -95,7 +106,7 @@ def test_an_at_in_the_name_of_a_file_belongs_to_it(tmp_path, monkeypatch):
         ["state-2", "record.settle=1 s"],
     )
     assert _parse_source("b.uff@state-2") == ("b.uff", ["state-2"])
-    assert _parse_source("paper") == ("paper", [])
+    assert _parse_source("state-1:measured") == ("state-1:measured", [])
 
 
 def test_recordings_are_prepared(files):

@@ -419,8 +419,8 @@ def test_bad_evidence_is_one_sentence(start, tmp_path):
         read_evidence("nothing.xyz", start)
     with pytest.raises(MicrovibError, match="state-1: is not evidence; expected a recording"):
         read_evidence("state-1", start)
-    with pytest.raises(MicrovibError, match="paper-simulation: is not evidence"):
-        read_evidence("paper-simulation", start)
+    with pytest.raises(MicrovibError, match="state-1:model: is not evidence"):
+        read_evidence("state-1:model", start)
     (tmp_path / "lines.csv").write_text("line,amplitude_n_m\ndrive_1,many\n")
     with pytest.raises(MicrovibError, match="row 2: amplitude_n_m 'many' is not a number"):
         read_evidence(tmp_path / "lines.csv", start)
@@ -439,8 +439,8 @@ def test_comparison_of_a_recording_with_a_scenario(recording, tmp_path):
     assert "relative_error" in (tmp_path / "out" / "compare.csv").read_text()
 
 
-def test_comparison_of_the_papers_two_columns():
-    _, _, rows = compared("paper-test", "paper-simulation")
+def test_comparison_of_measured_and_model_reference_lines():
+    _, _, rows = compared("state-1:measured", "state-1:model")
     errors = {row.line: 100 * row.bin_error for row in rows}
     assert errors == pytest.approx(
         {"array_mode_1": 5.0, "drive_1": -15.72, "drive_2": 22.33, "drive_3": 21.44}, abs=0.01

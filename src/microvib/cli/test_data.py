@@ -102,7 +102,7 @@ def compare(
     target: Target,
 ) -> None:
     """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines,
-    paper-test or paper-simulation."""
+    or the reference lines of a scenario (state-1:measured, state-1:model)."""
     from microvib.io.sources import open_source
     from microvib.reports.comparison import comparison_folder, comparison_text
     from microvib.studies.compare import compare as run_comparison
@@ -220,8 +220,8 @@ def identify(
     common_error: str, settle_error: str | None, share: tuple[str, ...],
     select: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or `paper`
-    (Tables 5 and 6).
+    """Identify parameters of SCENARIO from EVIDENCE: recordings, tables of lines, or measured
+    reference lines (state-1:measured).
 
     Several tests at once, each with its own state: FILE@SCENARIO, FILE@KEY=VALUE@KEY=VALUE or both,
     e.g. b.uff@state-2 or b.uff@array.inertia='15.69 kg*m^2'@record.settle='12 s'.

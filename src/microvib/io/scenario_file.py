@@ -15,7 +15,14 @@ from microvib.io.file_access import NO_FILES, WORKING_FOLDER, FileAccess
 from microvib.io.named import bench_names, catalog_names, catalog_text, named_text, read_text
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part, to_plain_data
-from microvib.model.scenario import USER_SOURCE, GivenScenario, Scenario, as_scenario, set_key
+from microvib.model.scenario import (
+    TEXT_KEYS,
+    USER_SOURCE,
+    GivenScenario,
+    Scenario,
+    as_scenario,
+    set_key,
+)
 from microvib.model.sentences import validate_part
 from microvib.testdata.bench import Bench
 
@@ -87,7 +94,7 @@ def scenario_of(
     else:
         own = {}
     # A value that was changed no longer comes from the file's source.
-    set_here = [key for key in changes if key.split(".")[0] not in ("source", "sources", "title")]
+    set_here = [key for key in changes if key.split(".")[0] not in TEXT_KEYS]
     return after.with_sources(kept | dict.fromkeys(set_here, USER_SOURCE) | own)
 
 

@@ -1,5 +1,5 @@
 """The one door from a name to what it stands for: a scenario, a run's folder, a recording, a table
-of lines, the paper's lines.
+of lines, the reference lines of a scenario.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from microvib.io.formats import READERS
 from microvib.io.named import catalog_names
 from microvib.io.recordings import Prepared, read_prepared, read_recording
 from microvib.io.scenario_file import load_scenario
-from microvib.io.tables import PaperLines, is_line_table, paper_lines, read_lines
+from microvib.io.tables import is_line_table, read_lines, reference_table
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.testdata.preparation import Preparation
@@ -32,7 +32,32 @@ class RunFolder:
     """Torque about the drive axis, as channel Mz."""
 
 
-Source = Scenario | RunFolder | Prepared | LineTable | PaperLines
+REFERENCE_COLUMNS = ("measured", "model")
+
+
+@dataclass(frozen=True)
+class ReferenceLines:
+    """Reference lines of a scenario: as measured, or by the publication's own model."""
+
+    name: str
+    scenario: Scenario
+    column: str
+    """One of ``REFERENCE_COLUMNS``."""
+
+    @property
+    def table(self) -> LineTable:
+        """The lines as a table, of which frequency and amplitude are known."""
+        assert self.scenario.reference is not None
+        return reference_table(self.scenario.reference, self.column)
+
+
+Source = Scenario | RunFolder | Prepared | LineTable | ReferenceLines
+FORMER_NAMES = {
+    "paper": "state-1:measured",
+    "paper-test": "state-1:measured",
+    "paper-simulation": "state-1:model",
+}
+"""Names of the release before, and what they stand for."""
 
 
 def open_source(name: str, preparation: Preparation | None = None) -> Source:
@@ -40,15 +65,14 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
 
     A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a
     recording by its ending, a CSV file whose first column is ``line`` a table of lines;
-    ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's. MicrovibError where it
-    is none of them, or cannot be read.
+    ``SCENARIO:measured`` and ``SCENARIO:model`` are the reference lines of a scenario.
+    MicrovibError where it is none of them, or cannot be read.
     """
     expect(name, str, "the name of a scenario, a run, a recording or a table")
     path = Path(name)
-    if name in ("paper", "paper-test"):
-        return paper_lines("test")
-    if name == "paper-simulation":
-        return paper_lines("simulation")
+    scenario, _, column = FORMER_NAMES.get(name, name).rpartition(":")
+    if scenario and column in REFERENCE_COLUMNS and not path.exists():
+        return _reference(name, load_scenario(scenario), column)
     if name in catalog_names() or path.suffix.lower() in (".yaml", ".yml"):
         return load_scenario(name)
     if path.is_dir():
@@ -60,8 +84,21 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
     raise MicrovibError(
         f"{name}: is not known; expected a scenario (of the catalog, or .yaml), the folder of a"
         " run, a recording"
-        f" ({', '.join(READERS)}), a table of lines (.csv), paper-test or paper-simulation"
+        f" ({', '.join(READERS)}), a table of lines (.csv), or reference lines of a scenario"
+        " (SCENARIO:measured, SCENARIO:model)"
     )
+
+
+def _reference(name: str, scenario: Scenario, column: str) -> ReferenceLines:
+    if scenario.reference is None:
+        raise MicrovibError(
+            f"{name}: the scenario has no reference lines; give it some (reference)"
+        )
+    if column == "model" and not any(x.model_amplitude for x in scenario.reference.lines):
+        raise MicrovibError(
+            f"{name}: no model's amplitudes are among the scenario's reference lines"
+        )
+    return ReferenceLines(name, scenario, column)
 
 
 def _folder(path: Path) -> RunFolder:

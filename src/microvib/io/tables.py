@@ -1,5 +1,5 @@
 """Tables: CSV and JSON of results, the versions behind them; tables of lines and those of the
-paper, read.
+catalog, read.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from microvib.errors import MicrovibError, did_you_mean, quoted_value
 from microvib.io.csv_cells import csv_text, unescape_formula
 from microvib.io.files import as_read_errors, check_file
+from microvib.model.reference import Reference
 from microvib.signals.line_table import Line, LineTable
 
 _COMMA, _POINT = (re.compile(rf"\s*[+-]?\d*{mark}\d+([eE][+-]?\d+)?\s*") for mark in (",", r"\."))
@@ -237,17 +238,8 @@ def _version_of(name: str) -> str:
         return "unknown"
 
 
-PAPER_LINES = {
-    "natural": "array_mode_1",
-    "driving": "drive_1",
-    "driving_2": "drive_2",
-    "driving_3": "drive_3",
-}
-"""Our names of the lines of Tables 5 and 6."""
-
-
 def read_table(name: str) -> list[dict[str, str]]:
-    """Rows of one of the paper's tables in the catalog, such as ``table6_line_amplitudes``."""
+    """Rows of one of the tables in the catalog, such as ``harmonic_gears``."""
     from importlib import resources
 
     text = (resources.files("microvib.catalog") / f"{name}.csv").read_text(encoding="utf-8")
@@ -264,14 +256,6 @@ _FIGURES = (
 _UNKNOWN: dict[str, Any] = {
     field.name: "" if field.type == "str" else math.nan for field in fields(Line)
 }
-
-
-@dataclass(frozen=True)
-class PaperLines:
-    """Nearest-bin figures of the paper's test or simulation in state 1."""
-
-    column: Literal["test", "simulation"]
-    table: LineTable
 
 
 def is_line_table(path: Path) -> bool:
@@ -300,18 +284,21 @@ def read_lines(path: Path) -> LineTable:
     )
 
 
-def paper_lines(column: Literal["test", "simulation"]) -> PaperLines:
-    """A column of Tables 5 and 6."""
-    hz = {row["line"]: float(row[f"{column}_hz"]) for row in read_table("table5_line_frequencies")}
-    rows = [
-        (
-            PAPER_LINES[name],
-            {"bin_frequency_hz": hz[name], "bin_amplitude_n_m": float(row[f"{column}_n_m"])},
-        )
-        for row in read_table("table6_line_amplitudes")
-        for name in [row["line"]]
-    ]
-    return PaperLines(column, _table(rows))
+def reference_table(reference: Reference, column: str) -> LineTable:
+    """Reference lines as a table: their frequencies and amplitudes by the reference's estimator."""
+    if reference.estimator == "nearest bin":
+        names = ("bin_frequency_hz", "bin_amplitude_n_m")
+    else:
+        names = ("frequency_hz", "amplitude_n_m")
+    rows = []
+    for line in reference.lines:
+        if column == "measured":
+            figures: tuple[float | None, float | None] = (line.frequency, line.amplitude)
+        else:
+            figures = (line.model_frequency, line.model_amplitude)
+        known = {n: x for n, x in zip(names, figures, strict=True) if x is not None}
+        rows.append((line.line, known))
+    return _table(rows)
 
 
 def _table(rows: list[tuple[str, dict[str, Any]]]) -> LineTable:

@@ -20,6 +20,7 @@ from microvib.model.motor import Motor
 from microvib.model.part import Part, flatten_parameters, to_plain_data
 from microvib.model.record import Record, Solver, Start
 from microvib.model.reducer import Reducer
+from microvib.model.reference import Reference
 from microvib.model.sentences import validate_part
 from microvib.model.spacecraft import DRIVE_GROUPS, HELD_WING_SETTINGS, Spacecraft
 from microvib.model.tracking import Tracking
@@ -28,7 +29,7 @@ from microvib.units import GivenQuantity, Quantity, quantity
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
-_TEXT_KEYS = ("title", "source", "sources")  # fields that hold no parameters
+TEXT_KEYS = ("title", "source", "sources", "reference")  # fields that hold no parameters
 USER_SOURCE = "set by the user"
 """Source of a value that was changed: it no longer comes from where the scenario's does."""
 
@@ -52,6 +53,9 @@ class Scenario(Part):
     solver: Solver = Solver()
     spacecraft: Spacecraft | None = Field(
         default=None, description="the craft that carries the drive; none is firm ground"
+    )
+    reference: Reference | None = Field(
+        default=None, description="measured lines of this drive, shown beside those of a run"
     )
 
     def _misfits(self) -> Iterator[str]:
@@ -240,9 +244,10 @@ class Scenario(Part):
             title = f"{self.title}, second wing"
         else:
             title = "second wing"
-        update = {
+        update: dict[str, Any] = {
             "title": title,
             "sources": {},
+            "reference": None,
             "spacecraft": craft.from_second(first),
             "tracking": tracking,
         }
@@ -353,7 +358,7 @@ class Scenario(Part):
                 data[group] = to_plain_data(data[group])
             set_key(data, key, to_plain_data(value))
             if (
-                group not in _TEXT_KEYS and group in data
+                group not in TEXT_KEYS and group in data
             ):  # what was said of the value before is not said of this one
                 kept = {
                     k: text
@@ -398,7 +403,7 @@ class Scenario(Part):
             self[key]
         except ScenarioError:
             return False
-        return key.split(".")[0] not in _TEXT_KEYS
+        return key.split(".")[0] not in TEXT_KEYS
 
     def _ipython_key_completions_(self) -> list[str]:
         return [key for key, _, _ in self.entries()]
@@ -406,7 +411,7 @@ class Scenario(Part):
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
         """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
         for name in type(self).model_fields:
-            if name not in _TEXT_KEYS and (name != "spacecraft" or self.spacecraft is not None):
+            if name not in TEXT_KEYS and (name != "spacecraft" or self.spacecraft is not None):
                 yield from flatten_parameters(
                     name, getattr(self, name), type(self).quantity_of(name)
                 )

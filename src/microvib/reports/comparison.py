@@ -188,7 +188,7 @@ def comparison_folder(a: Side, b: Side, rows: Sequence[Row]) -> Contents:
 
 
 def comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> Document:
-    """The report of a comparison: verdict line by line wherever the bins fall, spectra, the paper's
+    """The report of a comparison: verdict line by line wherever the bins fall, spectra, the nearest-bin
     nearest bins.
     """
     shown = significant_rows(rows)
@@ -318,5 +318,5 @@ def _bin_blocks(rows: Sequence[Row]) -> tuple[Text | Table, ...]:
          milli(r.b.bin_amplitude), milli(r.b.bin_amplitude - r.a.bin_amplitude, 3), percent(r.bin_error)]
         for r in rows
     ]  # fmt: skip
-    text = "The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 % low."
+    text = "Rectangular window, nearest bin. Between bins it reads up to 36 % low."
     return Text(text), table(header, cells, "All of them are in `compare.csv`.")

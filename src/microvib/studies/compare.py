@@ -1,4 +1,4 @@
-"""Comparison of any two: scenario, run folder, recording, table of lines, or the paper's own
+"""Comparison of any two: scenario, run folder, recording, table of lines, or reference lines
 tables.
 """
 
@@ -16,9 +16,8 @@ from microvib.analysis.lines import find_lines, lines_of_recording, recording_wa
 from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
-from microvib.io.scenario_file import load_scenario
-from microvib.io.sources import RunFolder, Source, open_source
-from microvib.io.tables import PaperLines, rows_csv
+from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
+from microvib.io.tables import rows_csv
 from microvib.model.expected import is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import Line, LineTable
@@ -127,7 +126,7 @@ class Row:
 
     @property
     def bin_error(self) -> float:
-        """The same of the paper's nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is
+        """The same of the nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is
         taken off.
         """
         if min(self.a.bin_frequency, self.b.bin_frequency) <= 0.0:
@@ -190,7 +189,7 @@ def compare(
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows.
     ``scenario`` says which lines to look for in recordings where neither side is a scenario, nor
-    the paper; ``names`` are of sides that have none themselves. Of lines, those in the ``bands``
+    its reference lines; ``names`` are of sides that have none themselves. Of lines, those in the ``bands``
     are compared, without any all.
     """
     a, b = _opened(a), _opened(b)
@@ -273,9 +272,8 @@ def _guide(a: ComparisonSource, b: ComparisonSource, scenario: Scenario | None) 
     """
     found: list[Scenario | None] = [x for x in (a, b) if isinstance(x, Scenario)]
     found += [x.scenario for x in (a, b) if isinstance(x, (RunFolder, Motion))]
-    if scenario is None and (isinstance(a, PaperLines) or isinstance(b, PaperLines)):
-        scenario = load_scenario("state-1")  # of which the paper's tables are
-    return next((x for x in [*found, scenario] if x is not None), None)
+    found += [scenario, *(x.scenario for x in (a, b) if isinstance(x, ReferenceLines))]
+    return next((x for x in found if x is not None), None)
 
 
 def _over_common_duration(a: Side, b: Side) -> tuple[Side, Side]:
@@ -389,8 +387,8 @@ def _side(
                 recording.title, "recording", _figures(table), ratio, x, rate, notes=notes,
                 duration=table.duration, observations=observations(table),
             )  # fmt: skip
-        case PaperLines():
-            return Side(f"paper-{source.column}", "paper", _figures(source.table))
+        case ReferenceLines():
+            return Side(source.name, "reference", _figures(source.table))
         case LineTable():
             return Side(name, "table", _figures(source))
 

@@ -20,10 +20,10 @@ from microvib.analysis.lines import (
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
-from microvib.io.sources import Source
-from microvib.io.tables import PAPER_LINES, PaperLines, read_table
+from microvib.io.sources import ReferenceLines, Source
 from microvib.model.expected import expected_lines
 from microvib.model.linear import coupled_modes
+from microvib.model.mode_names import names_a_mode
 from microvib.model.scenario import Scenario
 from microvib.signals.clock import near_mains
 from microvib.signals.line_table import DETECTION_RATIO, NOISE_DRIVEN, LineTable, ResidualPeaks
@@ -33,9 +33,6 @@ from microvib.studies.noise_floor import BANDS, bins_between_lines, max_torque_n
 from microvib.studies.relative_phase import PHASE_OF, family, relative_phase
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band, within_band
-
-PAPER_CLOCK = 0.994
-"""Step clock over nominal that fits the peaks of Table 5 (53, 106, 159.0625 Hz)."""
 
 
 @dataclass(frozen=True)
@@ -213,11 +210,11 @@ def evidence_of(
     source: Source | Recording, scenario: Scenario, channel: str = "Mz", name: str = ""
 ) -> Evidence:
     """Evidence of a recording (its drive-axis torque in ``channel``), a table of lines that is
-    called ``name``, or the paper.
+    called ``name``, or of measured reference lines.
     """
     match source:
-        case PaperLines("test"):
-            return paper_evidence(scenario)
+        case ReferenceLines(column="measured"):
+            return _of_reference(source, scenario)
         case LineTable():
             return _of_table(source, scenario, name)
         case Recording():
@@ -252,7 +249,9 @@ def evidence_of(
                 (*clock_warnings(table), *channel_warnings(r, channel, scenario, table)),
             )
         case _:
-            expected = f"a recording ({', '.join(READERS)}), a table of lines (.csv) or 'paper'"
+            expected = (
+                f"a recording ({', '.join(READERS)}), a table of lines (.csv) or SCENARIO:measured"
+            )
             raise MicrovibError(f"{name or 'the source'}: is not evidence; expected {expected}")
 
 
@@ -441,30 +440,34 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
     return figures[wanted.form]
 
 
-def paper_evidence(scenario: Scenario) -> Evidence:
-    """Test columns of Tables 5 and 6: four nearest-bin amplitudes and the clock that fits their
-    frequencies.
+def _of_reference(source: ReferenceLines, scenario: Scenario) -> Evidence:
+    """Measured reference lines: amplitudes, good to their last digit, frequencies of modes to half
+    a bin, and the clock.
     """
-    bins = {row["line"]: float(row["test_hz"]) for row in read_table("table5_line_frequencies")}
+    reference = source.scenario.reference
+    assert reference is not None
     found = []
-    for row in read_table("table6_line_amplitudes"):
-        name, digits = row["line"], row["test_n_m"]
-        rounding = 0.5 * 10.0 ** -len(digits.split(".")[1]) / math.sqrt(3.0)
-        found.append(
-            Observation(
-                PAPER_LINES[name], "nearest_bin", float(digits), rounding, bin_hz=bins[name]
+    for one in reference.lines:
+        if one.resolution is None:
+            spread = 0.01 * one.amplitude
+        else:
+            spread = 0.5 * one.resolution / math.sqrt(3.0)
+        if reference.estimator == "nearest bin":
+            found.append(
+                Observation(one.line, "nearest_bin", one.amplitude, spread, bin_hz=one.frequency)
             )
-        )
-    # The natural line's bin, 1.1875 Hz: its frequency lies within half a bin of that, which is put
-    # at three sigma.
-    found.append(Observation("array_mode_1", "frequency", 1.1875, 0.03125 / 3.0))
-    clock = PAPER_CLOCK / scenario.tracking.clock_ratio
+        else:
+            found.append(Observation(one.line, "amplitude", one.amplitude, spread))
+    # A mode's frequency lies within half a bin of that of its bin, which is put at three sigma.
+    for one in (one for one in reference.lines if names_a_mode(one.line)):
+        nearest = round(one.frequency * reference.duration) / reference.duration
+        found.append(Observation(one.line, "frequency", nearest, 0.5 / reference.duration / 3.0))
     return Evidence(
-        "Appl. Sci. 2021, 11, 9076, Table 6 (test)",
+        f"{reference.source} (measured)",
         tuple(found),
-        clock,
-        duration=16.0,
-        sample_rate=4096.0,
+        reference.clock_ratio / scenario.tracking.clock_ratio,
+        duration=reference.duration,
+        sample_rate=reference.sample_rate,
     )
 
 

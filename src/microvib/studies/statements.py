@@ -22,8 +22,9 @@ from microvib.analysis.lines import lines_by_name
 from microvib.analysis.seeds import seeds_of
 from microvib.errors import OutputError, SimulationError
 from microvib.io.scenario_file import load_scenario
-from microvib.io.tables import PAPER_LINES, dict_rows, read_table, rows_csv
+from microvib.io.tables import dict_rows, read_table, rows_csv
 from microvib.model.linear import coupled_modes
+from microvib.model.reference import ReferenceLine
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques, torque_from_rest
 
@@ -183,6 +184,13 @@ def amplitudes(scenario: Scenario, seeds: int = 1) -> np.ndarray:
     return np.array(rows)
 
 
+def reference_lines() -> tuple[ReferenceLine, ...]:
+    """Lines of state 1 that were measured, in the order of ``NAMES``."""
+    reference = load_scenario("state-1").reference
+    assert reference is not None
+    return reference.lines
+
+
 def calibrate(assumed: Assumed, seeds: int, start: Calibrated) -> Calibrated:
     """What state 1's four lines give under the assumptions; SimulationError where nothing does.
 
@@ -191,7 +199,7 @@ def calibrate(assumed: Assumed, seeds: int, start: Calibrated) -> Calibrated:
     the mode's line, whose mean square over draws grows with the density; both once more, since
     noise moves the driving lines a little.
     """
-    test = np.array([float(row["test_n_m"]) for row in read_table("table6_line_amplitudes")])
+    test = np.array([one.amplitude for one in reference_lines()])
     goals = np.log(test[1:4]) + np.array([assumed.missed_1, assumed.missed_2, assumed.missed_3])
     found = replace(start, density=0.0)
     for _ in range(2):
@@ -305,7 +313,7 @@ def _statements() -> Iterator[Statement]:
         yield Statement(
             item, "text to Figure 11", "greater than 1", _ratio(MODE, first, second), _increases
         )
-    for line in PAPER_LINES.values():
+    for line in (MODE, *DRIVE):
         for first, second in ((1, 4), (4, 5)):
             item = f"{line} grows with inertia: state {second} over state {first} [1]"
             yield Statement(

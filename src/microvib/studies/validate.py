@@ -9,16 +9,16 @@ are *calibrated*. What the paper does not give and no line tells is *assumed*
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from microvib.analysis.lines import find_lines
+from microvib.analysis.reference import compare_with_reference
 from microvib.io.scenario_file import load_scenario
-from microvib.io.tables import PAPER_LINES, read_table, rows_csv
-from microvib.model.scenario import USER_SOURCE, Scenario
+from microvib.io.tables import rows_csv
+from microvib.model.scenario import Scenario
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -33,86 +33,12 @@ from microvib.studies.statements import (
     Rows,
     fraction_holding,
     kept_draws,
+    reference_lines,
 )
 
 CALIBRATED, ASSUMED, PREDICTED, COMPUTED = "calibrated", "assumed", "predicted", "computed"
 AMPLITUDE_BAR, CENTRAL_BAR = 0.1, 0.05
 CONVERGENCE_BAR = 0.01
-
-
-@dataclass(frozen=True)
-class PaperRow:
-    """One line of Tables 5 and 6, with our nearest-bin figure, which is what the paper's estimator
-    would read.
-    """
-
-    line: str
-    test_hz: float
-    paper_hz: float
-    ours_hz: float
-    test_n_m: float
-    paper_n_m: float
-    ours_n_m: float
-
-    @property
-    def paper_error(self) -> float:
-        """Relative error of the paper's simulation against its test."""
-        return self.paper_n_m / self.test_n_m - 1.0
-
-    @property
-    def our_error(self) -> float:
-        """Relative error of our nearest-bin figure against the test."""
-        return self.ours_n_m / self.test_n_m - 1.0
-
-
-def paper_state(scenario: Scenario) -> int | None:
-    """Number of the paper's test state that a scenario says it is, by its title; None for others."""
-    match = re.search(r"\btest state ([1-5])\b", scenario.title)
-    if match:
-        return int(match.group(1))
-    return None
-
-
-def comparison_worth(scenario: Scenario) -> str:
-    """What a comparison with the test is worth: whether parameters were identified from it, are
-    assumed, or changed since.
-    """
-    texts = {
-        scenario.source_of(key)
-        for key, _, _ in scenario.entries()
-        if key.split(".")[0] not in ("record", "solver")
-    }
-    if USER_SOURCE in texts:
-        return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
-    if any(text.startswith("identified from the test's lines") for text in texts):
-        return "calibrated, not predicted: parameters were identified from these very figures"
-    return (
-        "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
-    )
-
-
-def compare_with_paper(scenario: Scenario, table: LineTable) -> list[PaperRow]:
-    """Tables 5 and 6 beside our lines; empty unless the scenario is test state 1, the only one that
-    the paper tabulates.
-    """
-    f_d = scenario.driving_frequency
-    if paper_state(scenario) != 1 or f_d is None or not 50.0 < f_d < 56.0:
-        return []
-    frequencies = {row["line"]: row for row in read_table("table5_line_frequencies")}
-    rows = []
-    for row in read_table("table6_line_amplitudes"):
-        name = PAPER_LINES[row["line"]]
-        if name not in {line.line for line in table} or not table[name].amplitude_n_m > 0.0:
-            continue
-        line, hz = table[name], frequencies[row["line"]]
-        figures = [
-            (float(hz[f"{who}_hz"]), float(row[f"{who}_n_m"])) for who in ("test", "simulation")
-        ]
-        frequency, amplitude = zip(
-            *figures, (line.bin_frequency_hz, line.bin_amplitude_n_m), strict=True
-        )
-        rows.append(PaperRow(name, *frequency, *amplitude))
-    return rows
 
 
 @dataclass(frozen=True)
@@ -223,28 +149,27 @@ def _equations(scenario: Scenario) -> Iterable[Check]:
 
 
 def _tables(state: SimulatedState) -> Iterable[Check]:
-    rows = compare_with_paper(state.motion.scenario, state.table)
+    rows = compare_with_reference(state.motion.scenario, state.table)
     resolution = state.motion.sample_rate / state.table.samples
-    names = {name: ours for ours, name in PAPER_LINES.items()}
     for r in rows:
         bar, holds = (
             f"the test's bin, {resolution:g} Hz wide",
-            abs(r.ours_hz - r.test_hz) < 0.5 * resolution,
+            abs(r.run_hz - r.measured_hz) < 0.5 * resolution,
         )
-        item = f"{names[r.line]} line, frequency [Hz]"
+        item = f"{r.line} line, frequency [Hz]"
         yield _claim(
-            item, "Table 5", r.ours_hz, bar, holds, CALIBRATED, paper=r.paper_hz, test=r.test_hz
+            item, "Table 5", r.run_hz, bar, holds, CALIBRATED, paper=r.model_hz, test=r.measured_hz
         )
     for r in rows:
-        item = f"{names[r.line]} line, nearest-bin amplitude [N m]"
+        item = f"{r.line} line, nearest-bin amplitude [N m]"
         yield _near(
             item,
             "Table 6",
-            r.ours_n_m,
+            r.run_n_m,
             AMPLITUDE_BAR,
             CALIBRATED,
-            paper=r.paper_n_m,
-            test=r.test_n_m,
+            paper=r.model_n_m,
+            test=r.measured_n_m,
         )
 
 
@@ -277,11 +202,10 @@ def _assumptions(kept: Rows) -> Iterable[Check]:
             CALIBRATED,
         )
         yield replace(claim, bar="to state 1's four lines")
-    for r in read_table("table6_line_amplitudes"):
-        name, test = PAPER_LINES[r["line"]], float(r["test_n_m"])
-        item = f"{name} of state 1 under the central assumptions [N m]"
-        ours, paper = float(row[f"state_1_{name}"]), float(r["simulation_n_m"])
-        yield _near(item, "Table 6", ours, CENTRAL_BAR, CALIBRATED, paper=paper, test=test)
+    for one in reference_lines():
+        ours, model = float(row[f"state_1_{one.line}"]), one.model_amplitude or math.nan
+        item = f"{one.line} of state 1 under the central assumptions [N m]"
+        yield _near(item, "Table 6", ours, CENTRAL_BAR, CALIBRATED, paper=model, test=one.amplitude)
 
 
 def _statements(states: dict[int, SimulatedState], start: float, kept: Rows) -> Iterable[Check]:
@@ -311,9 +235,7 @@ def _statements(states: dict[int, SimulatedState], start: float, kept: Rows) -> 
 
 
 def _numerics(states: dict[int, SimulatedState], finer: SimulatedState) -> Iterable[Check]:
-    change = max(
-        abs(_amplitude(finer, x) / _amplitude(states[1], x) - 1.0) for x in PAPER_LINES.values()
-    )
+    change = max(abs(_amplitude(finer, x) / _amplitude(states[1], x) - 1.0) for x in NAMES[:4])
     forms = max(s.motion.invariants.torque_forms for s in states.values())
     energy = max(s.motion.invariants.energy_mechanical for s in states.values())
     for item, source, ours, most, bar in (

@@ -12,6 +12,11 @@ from microvib.analysis.budget import torque_budget
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.limits import Judgement, Limit, judge
 from microvib.analysis.pointing import HubLines
+from microvib.analysis.reference import (
+    compare_with_reference,
+    comparison_worth,
+    estimator_text,
+)
 from microvib.analysis.run import lines_of_second
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -19,7 +24,7 @@ from microvib.reports import figures, sheets
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.craft import craft_sections, pointing_facts
 from microvib.reports.document import Code, Document, Section, Table, Text, pairs, table
-from microvib.reports.numbers import count_text, format_number, milli
+from microvib.reports.numbers import brief_number, count_text, format_number, milli, percent
 from microvib.reports.parameters import derived_values, parameter_blocks, status_sentence
 from microvib.reports.run.first_page import (
     first_page,
@@ -31,7 +36,6 @@ from microvib.reports.run.first_page import (
 from microvib.reports.run.trust import invariants_section
 from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable
 from microvib.solve.motion import Motion
-from microvib.studies.validate import compare_with_paper, comparison_worth
 
 _HIDDEN_SOLVER_KEYS = ("wall_s", "times_real_time", ERROR_ESTIMATE_KEY)
 """What of the solver's account differs from run to run, or is told in words."""
@@ -84,7 +88,7 @@ def run_report(
         sections=(
             _all_lines(lines, judged),
             *(() if hub is None else craft_sections(motion, hub)),
-            *_beside_the_paper(scenario, lines),
+            *_beside_reference(scenario, lines),
             *_pictures(motion, lines),
             _torque_budget(motion, lines),
             *_friction_loop(motion),
@@ -119,8 +123,7 @@ def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
     rows = [[*_line_cells(x), *(judged_cells(x, judged)[::2] if judged else [])] for x in shown]
     text = (
         "Amplitudes are 0-to-peak and do not depend on where the bins fall. Nearest bin is the"
-        " figure of a rectangular window"
-        " that the paper quotes, which reads up to 36 % low between bins. A decaying line is quoted"
+        " figure of a rectangular window, which reads up to 36 % low between bins. A decaying line is quoted"
         " with its mean over the"
         " record. Phases are those of a cosine at the first sample."
     )
@@ -196,25 +199,24 @@ def _omitted_lines_note(lines: LineTable, shown: tuple[Line, ...]) -> str:
     return " ".join(parts)
 
 
-def _beside_the_paper(scenario: Scenario, lines: LineTable) -> list[Section]:
-    found = compare_with_paper(scenario, lines)
-    if not found:
+def _beside_reference(scenario: Scenario, lines: LineTable) -> list[Section]:
+    found, reference = compare_with_reference(scenario, lines), scenario.reference
+    if not found or reference is None:
         return []
     rows = [
-        [r.line, *(f"{f:.7g}" for f in (r.test_hz, r.paper_hz, r.ours_hz)),
-         *(milli(a) for a in (r.test_n_m, r.paper_n_m, r.ours_n_m)),
-         *(f"{100 * e:+.1f}" for e in (r.paper_error, r.our_error))]
+        [r.line, *(brief_number(f, 7) for f in (r.measured_hz, r.model_hz, r.run_hz)),
+         *(milli(a) for a in (r.measured_n_m, r.model_n_m, r.run_n_m)),
+         *(percent(e) for e in (r.model_error, r.run_error))]
         for r in found
     ]  # fmt: skip
-    header = ["line", "test [Hz]", "paper [Hz]", "this run [Hz]", "test [mN m]", "paper [mN m]", "this run [mN m]",
-              "paper over test [%]", "this run over test [%]"]  # fmt: skip
-    text = f"All in the paper's own form, nearest bin of a rectangular window; {comparison_worth(scenario)}."
+    header = ["line", "measured [Hz]", "model [Hz]", "this run [Hz]", "measured [mN m]", "model [mN m]", "this run [mN m]",
+              "model over measured [%]", "this run over measured [%]"]  # fmt: skip
+    text = f"Amplitudes: {estimator_text(reference)}; {comparison_worth(scenario)}."
     caption = (
-        "Test and paper: Appl. Sci. 2021, 11, 9076, Tables 5 and 6 (paper: its simulation). The"
-        " last columns are differences of"
-        " amplitude."
+        f"Measured, and by the publication's own model: {reference.source}. The last columns are"
+        " differences of amplitude."
     )
-    return [Section("Beside the paper", (Text(text), table(header, rows, caption)))]
+    return [Section("Beside measured lines", (Text(text), table(header, rows, caption)))]
 
 
 def _pictures(motion: Motion, lines: LineTable) -> tuple[Section, Section]:

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from microvib.analysis.limits import Limit, judge, transient_warnings
+from microvib.analysis.reference import (
+    compare_with_reference,
+    comparison_worth,
+    estimator_text,
+)
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
-from microvib.reports.numbers import angle_text
+from microvib.reports.numbers import angle_text, brief_number, percent
 from microvib.signals.line_table import LineTable
-from microvib.studies.validate import compare_with_paper, comparison_worth, paper_state
 from microvib.text_tables import text_table
 
 _MAX_CONTRIBUTORS = 4
@@ -31,28 +35,43 @@ def _lines(scenario: Scenario, table: LineTable) -> Iterator[str]:
     yield from (f"\n{sentence}" for sentence in transient_warnings(table, scenario))
     if not any(line.seen for line in table):
         yield "No line stands out: the record is too short, its sample rate too low, or nothing moves."
-    rows = compare_with_paper(scenario, table)
-    if rows:
-        yield f"\nCompared with the paper's Tables 5 and 6 (nearest bin, rectangular window), {comparison_worth(scenario)}:\n"
-        head = (
-            "line",
-            "test Hz",
-            "paper Hz",
-            "ours Hz",
-            "test N m",
-            "paper N m",
-            "ours N m",
-            "paper %",
-            "ours %",
+    yield from _beside_reference(scenario, table)
+
+
+def _beside_reference(scenario: Scenario, table: LineTable) -> Iterator[str]:
+    rows, reference = compare_with_reference(scenario, table), scenario.reference
+    if not rows or reference is None:
+        return
+    yield (
+        f"\nCompared with measured lines, {reference.source} ({estimator_text(reference)}),"
+        f" {comparison_worth(scenario)}:\n"
+    )
+    head = (
+        "line",
+        "measured Hz",
+        "model Hz",
+        "this run Hz",
+        "measured N m",
+        "model N m",
+        "this run N m",
+        "model %",
+        "this run %",
+    )
+    cells = [
+        (
+            r.line,
+            f"{r.measured_hz:.4f}",
+            brief_number(r.model_hz, 7),
+            f"{r.run_hz:.4f}",
+            f"{r.measured_n_m:.5f}",
+            brief_number(r.model_n_m),
+            f"{r.run_n_m:.6f}",
+            percent(r.model_error),
+            percent(r.run_error),
         )
-        cells = [
-            (r.line, f"{r.test_hz:.4f}", f"{r.paper_hz:.5f}", f"{r.ours_hz:.4f}", f"{r.test_n_m:.5f}", f"{r.paper_n_m:.6f}",
-             f"{r.ours_n_m:.6f}", f"{100 * r.paper_error:+.1f}", f"{100 * r.our_error:+.1f}")
-            for r in rows
-        ]  # fmt: skip
-        yield text_table(head, cells, left=1)
-    if not rows and paper_state(scenario) not in (None, 1):
-        yield "\nThe paper tabulates the lines of state 1 only; for the other states it gives statements."
+        for r in rows
+    ]
+    yield text_table(head, cells, left=1)
 
 
 def _numerics(whose: str, result: RunResult) -> Iterator[str]:

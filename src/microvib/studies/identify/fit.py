@@ -10,7 +10,7 @@ import numpy as np
 
 from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.recordings import Prepared
-from microvib.io.tables import PaperLines
+from microvib.io.sources import ReferenceLines
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, require_lines
@@ -145,7 +145,7 @@ class Fit:
         )
 
 
-EvidenceSource = Evidence | Recording | Prepared | LineTable | PaperLines
+EvidenceSource = Evidence | Recording | Prepared | LineTable | ReferenceLines
 EvidenceWithOverrides = EvidenceSource | tuple[EvidenceSource, TestOverrides]
 
 
@@ -255,7 +255,7 @@ def _as_evidence(test: EvidenceWithOverrides, scenario: Scenario) -> tuple[Evide
         told, own = (test, {})
     if isinstance(told, Evidence):
         return told, own
-    kinds = Recording, LineTable, Prepared, PaperLines
+    kinds = Recording, LineTable, Prepared, ReferenceLines
     expect(told, kinds, "a recording, a table of lines or evidence of one (mv.open_source)")
     return evidence_of(told, with_overrides(scenario, own)), own
 

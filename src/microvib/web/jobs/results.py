@@ -10,6 +10,11 @@ import numpy as np
 
 from microvib.analysis.budget import TorqueContribution, torque_budget
 from microvib.analysis.pointing import HubLines
+from microvib.analysis.reference import (
+    compare_with_reference,
+    comparison_worth,
+    estimator_text,
+)
 from microvib.errors import MicrovibError
 from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
@@ -56,7 +61,6 @@ from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
 from microvib.studies.rates import RatePlan
 from microvib.studies.sensitivity import Ranking
-from microvib.studies.validate import compare_with_paper, comparison_worth
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
@@ -82,8 +86,7 @@ def run_result(
         "budget": [_budget_row(name, share) for name, share in shares.items()],
         "invariants": {whose: one["invariants"] for whose, one in (("", summed), *_second(summed))},
         "solver": summed["solver"],
-        "paper": [asdict(row) for row in compare_with_paper(scenario, table)],
-        "standing": comparison_worth(scenario),
+        "reference": _reference(scenario, table),
         "drivetrain": _drivetrain(motion, shares),
         "modes": summed["natural_frequencies"],
         "craft": None if hub is None else _craft(hub),
@@ -91,6 +94,19 @@ def run_result(
         "t0": float(motion.time[0]),
         "t1": float(motion.time[-1]),
         "sample_rate": motion.sample_rate,
+    }
+
+
+def _reference(scenario: Scenario, table: LineTable) -> dict[str, Any] | None:
+    """Reference lines of the scenario beside those of the run; None where there are none."""
+    rows = compare_with_reference(scenario, table)
+    if scenario.reference is None or not rows:
+        return None
+    return {
+        "source": scenario.reference.source,
+        "estimator": estimator_text(scenario.reference),
+        "worth": comparison_worth(scenario),
+        "rows": [asdict(row) for row in rows],
     }
 
 

@@ -17,7 +17,7 @@ function within(value, { amplitude_n_m: amplitude }) {
   return 1e3 * value < last ? `<${last.toFixed(Math.max(0, -Math.round(Math.log10(last))))}` : number(1e3 * value, 2);
 }
 
-/** Lines, torque budget, the paper beside it, power and checks. */
+/** Lines, torque budget, measured lines beside them, power and checks. */
 export function tablesOf(run) {
   const { result } = run;
   const judged = verdictOf(run) !== null;
@@ -63,7 +63,7 @@ export function tablesOf(run) {
       lines,
     ),
     section("Torque budget", "", budget),
-    ...paper(result),
+    ...measured(result),
     section("Power, modes and checks", "", checks(result)),
   ];
 }
@@ -105,21 +105,22 @@ function checks({ drivetrain, invariants, modes }) {
   );
 }
 
-function paper({ paper: rows }) {
-  if (!rows.length) return [];
+function measured({ reference }) {
+  if (!reference) return [];
   const off = (value) => `${value > 0 ? "+" : ""}${number(100 * value, 3)} %`;
   const beside = table(
     [
       { key: "line", title: "line" },
-      { key: "test_hz", title: "test", unit: "Hz", show: hz },
-      { key: "ours_hz", title: "this run", unit: "Hz", show: hz },
-      { key: "test_n_m", title: "test", unit: "mN m", show: mN() },
-      { key: "paper_n_m", title: "paper's model", unit: "mN m", show: mN() },
-      { key: "ours_n_m", title: "this run", unit: "mN m", show: mN() },
-      { key: "error", title: "this run against the test", show: off },
+      { key: "measured_hz", title: "measured", unit: "Hz", show: hz },
+      { key: "run_hz", title: "this run", unit: "Hz", show: hz },
+      { key: "measured_n_m", title: "measured", unit: "mN m", show: mN() },
+      { key: "model_n_m", title: "published model", unit: "mN m", show: mN() },
+      { key: "run_n_m", title: "this run", unit: "mN m", show: mN() },
+      { key: "error", title: "this run against measured", show: off },
     ],
-    rows.map((row) => ({ ...row, error: row.ours_n_m / row.test_n_m - 1 })),
-    { caption: "Beside the paper" },
+    reference.rows.map((row) => ({ ...row, error: row.run_n_m / row.measured_n_m - 1 })),
+    { caption: "Beside measured lines" },
   );
-  return [section("Beside the paper", "Tables 5 and 6, all in the paper's own form: nearest bin, rectangular window.", beside)];
+  const words = `${reference.source}; amplitudes: ${reference.estimator}; ${reference.worth}.`;
+  return [section("Beside measured lines", words, beside)];
 }

@@ -1,4 +1,4 @@
-// Amplitude spectrum of the shown runs: named lines, array mode, the paper's test values, linear and logarithmic axes.
+// Amplitude spectrum of the shown runs: named lines, array mode, measured reference lines, linear and logarithmic axes.
 
 import { excited, fillChannels, has } from "./channels.js";
 import { announce, debounce, h, number, quantity, unitText } from "./dom.js";
@@ -80,7 +80,7 @@ async function show(shown, spectra) {
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
   const traces = shown.flatMap((run, k) => [curve(run, spectra[k]), ...(view.channel === "T_d" ? [dots(run)] : [])]);
-  if (view.channel === "T_d") traces.push(...paperDots(shown));
+  if (view.channel === "T_d") traces.push(...referenceDots(shown));
   const measured = String(area());
   await draw(plot, traces, layout(shown, spectra));
   if (measured !== String(area())) await draw(plot, traces, layout(shown, spectra)); // names have their places in pixels
@@ -133,18 +133,18 @@ function dots(run) {
   };
 }
 
-function paperDots(shown) {
-  const rows = shown.find((run) => run.result.paper.length)?.result.paper ?? [];
+function referenceDots(shown) {
+  const rows = shown.find((run) => run.result.reference)?.result.reference.rows ?? [];
   if (!rows.length) return [];
   return [
     {
-      x: rows.map((row) => row.test_hz),
-      y: rows.map((row) => row.test_n_m),
-      name: "paper's test",
+      x: rows.map((row) => row.measured_hz),
+      y: rows.map((row) => row.measured_n_m),
+      name: "measured",
       mode: "markers",
       marker: { symbol: "diamond-open", size: 11, color: ink(), line: { width: 1.8 } },
       text: rows.map((row) => row.line),
-      hovertemplate: "paper's test, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
+      hovertemplate: "measured, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
     },
   ];
 }

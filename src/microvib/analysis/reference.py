@@ -1,0 +1,108 @@
+"""Lines of a run beside the reference lines of its scenario, and what the comparison is worth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from microvib.model.reference import Reference
+from microvib.model.scenario import USER_SOURCE, Scenario
+from microvib.signals.line_table import Line, LineTable
+
+SAME_LINE = 0.06
+"""Relative difference of frequencies within which a line of a run is the reference's."""
+
+
+@dataclass(frozen=True)
+class ReferenceRow:
+    """One reference line, as measured and by the publication's own model, and that of a run."""
+
+    line: str
+    measured_hz: float
+    model_hz: float
+    run_hz: float
+    measured_n_m: float
+    model_n_m: float
+    run_n_m: float
+
+    @property
+    def model_error(self) -> float:
+        """Relative error of the publication's model against the measured amplitude."""
+        return self.model_n_m / self.measured_n_m - 1.0
+
+    @property
+    def run_error(self) -> float:
+        """Relative error of the run against the measured amplitude."""
+        return self.run_n_m / self.measured_n_m - 1.0
+
+
+def compare_with_reference(scenario: Scenario, table: LineTable) -> list[ReferenceRow]:
+    """Reference lines of the scenario beside those of a run that has them at the same place.
+
+    A run's frequency and amplitude are by the reference's own estimator. Empty where the scenario
+    has no reference lines, or where it runs at another rate.
+    """
+    reference = scenario.reference
+    if reference is None:
+        return []
+    known = {line.line: line for line in table}
+    rows = []
+    for one in reference.lines:
+        line = known.get(one.line)
+        if line is None or not line.amplitude_n_m > 0.0:
+            continue
+        if abs(line.place_hz / one.frequency - 1.0) > SAME_LINE:
+            continue
+        run_hz, run_n_m = _by_estimator(line, reference)
+        rows.append(
+            ReferenceRow(
+                one.line,
+                one.frequency,
+                _known(one.model_frequency),
+                run_hz,
+                one.amplitude,
+                _known(one.model_amplitude),
+                run_n_m,
+            )
+        )
+    return rows
+
+
+def comparison_worth(scenario: Scenario) -> str:
+    """What a comparison with the reference lines is worth: whether parameters were identified from
+    them, are assumed, or changed since.
+    """
+    texts = {
+        scenario.source_of(key)
+        for key, _, _ in scenario.entries()
+        if key.split(".")[0] not in ("record", "solver")
+    }
+    reference = scenario.reference
+    if USER_SOURCE in texts:
+        return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
+    if reference is not None and any(
+        text.startswith("identified") and reference.source in text for text in texts
+    ):
+        return "calibrated, not predicted: parameters were identified from these very figures"
+    return (
+        "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
+    )
+
+
+def estimator_text(reference: Reference) -> str:
+    """How amplitudes of the reference lines were estimated."""
+    if reference.estimator == "nearest bin":
+        return "nearest bin, rectangular window"
+    return "fitted lines"
+
+
+def _by_estimator(line: Line, reference: Reference) -> tuple[float, float]:
+    if reference.estimator == "nearest bin":
+        return line.bin_frequency_hz, line.bin_amplitude_n_m
+    return line.frequency_hz, line.amplitude_n_m
+
+
+def _known(value: float | None) -> float:
+    if value is None:
+        return math.nan
+    return value
