@@ -195,16 +195,8 @@ def identify(
     every = with_effects(scenario, effects, effects)
     told = [_as_evidence(one, every) for one in evidence]
     fitted, wholes = _keys_by_recording(every, told, keys, share)
-    for taken in (*(key.key for key in fitted), *(key.key for key in wholes)):
-        if any(taken in (name, *EFFECTS[name].keys) for name in effects):
-            raise OptionError(
-                "select", "is fitted, and so taken for granted; name it in one place", taken
-            )
-    if settle_error is None:
-        late = math.inf
-    else:
-        late = quantity("settle_error", settle_error, "s", positive=True)
-    trust = ErrorModel(model_error, common_error, late)
+    _check_not_selected([*(key.key for key in fitted), *(key.key for key in wholes)], effects)
+    trust = ErrorModel(model_error, common_error, _settle_uncertainty(settle_error))
     tests, notes = without_start_dependence(told, scenario, fitted, trust)
     notes = (*_craft_warnings(tests, scenario), *notes)
     asked: tuple[Candidate, ...] = ()
@@ -220,6 +212,22 @@ def identify(
     return replace(
         _fit(found or _best_so_far(problem), wholes, seed, interrupted, notes), selection=asked
     )
+
+
+def _check_not_selected(keys: Sequence[str], effects: Sequence[str]) -> None:
+    """Refuse a key that is fitted, and with an effect in question."""
+    for key in keys:
+        if any(key in (name, *EFFECTS[name].keys) for name in effects):
+            raise OptionError(
+                "select", "is fitted, and so taken for granted; name it in one place", key
+            )
+
+
+def _settle_uncertainty(given: GivenQuantity | None) -> float:
+    """Standard uncertainty of the settling time [s]; infinite where none is given."""
+    if given is None:
+        return math.inf
+    return quantity("settle_error", given, "s", positive=True)
 
 
 def _last_stage(stages: Iterator[Findings]) -> tuple[Findings | None, bool]:
@@ -270,51 +278,75 @@ def _keys_by_recording(
     twice, or that a test sets.
     """
     fitted = [parse_key(scenario, key) if isinstance(key, str) else key for key in keys]
-    names, shared = (
-        [key.key for key in fitted],
-        set(share if share is not None else (key.key for key in fitted)),
-    )
-    for name in shared - set(names):
-        raise OptionError("share", "is not fitted; name it among the keys to fit, too", name)
+    names = [key.key for key in fitted]
+    shared = _shared_keys(names, share)
     found: list[FitKey] = []
     for key, asked in zip(fitted, keys, strict=True):
         if names.count(key.key) > 1:
             raise OptionError("fit", "is named twice; name each key once", key.key)
-        one_in_all = key.key in shared or len(evidence) == 1
-        if isinstance(key, IntegerKey) and not one_in_all:
+        if key.key in shared or len(evidence) == 1:
+            for one, own in evidence:
+                _check_can_be_fitted(key.key, one, own)
+            if isinstance(key, FitKey):
+                found.append(key)
+        elif isinstance(key, IntegerKey):
             raise OptionError(
                 "share",
                 "is a whole number, which has one value in all recordings; name it, too",
                 key.key,
             )
-        for j, (one, own) in enumerate(evidence):
-            if not isinstance(own, Scenario) and key.key in own:
-                raise OptionError(
-                    "fit", f"the test {one.name} sets it itself; fit it or set it", key.key
-                )
-            if isinstance(own, Scenario) and key.key not in {name for name, _, _ in own.entries()}:
-                raise OptionError("fit", f"the scenario of {one.name} does not have it", key.key)
-            if one_in_all:
-                continue
-            if isinstance(asked, str):
-                alone = parse_key(with_overrides(scenario, own), asked)
-            else:
-                alone = key
-            assert isinstance(alone, FitKey)
-            again = sum(other.name == one.name for other, _ in evidence) > 1
-            found.append(
-                replace(alone, test=j, recording=f"{one.name} {j + 1}" if again else one.name)
-            )
-        if isinstance(key, FitKey) and one_in_all:
-            found += [key]
         else:
-            found += []
+            found += _once_for_each(key, asked, evidence, scenario)
     wholes = [key for key in fitted if isinstance(key, IntegerKey)]
     if not found:
         raise OptionError(
             "fit", "is a whole number; fit a parameter that is none beside it", names[0]
         )
     return found, wholes
+
+
+def _shared_keys(names: Sequence[str], share: Sequence[str] | None) -> set[str]:
+    """Keys that have one value in all recordings: all, where none are named."""
+    if share is None:
+        return set(names)
+    for name in set(share) - set(names):
+        raise OptionError("share", "is not fitted; name it among the keys to fit, too", name)
+    return set(share)
+
+
+def _once_for_each(
+    key: FitKey,
+    asked: FitKey | IntegerKey | str,
+    evidence: Sequence[tuple[Evidence, TestOverrides]],
+    scenario: Scenario,
+) -> Iterator[FitKey]:
+    """A key that has a value of its own in each recording, as its test changes the scenario."""
+    for test, (one, own) in enumerate(evidence):
+        _check_can_be_fitted(key.key, one, own)
+        alone: FitKey | IntegerKey = key
+        if isinstance(asked, str):
+            alone = parse_key(with_overrides(scenario, own), asked)
+        assert isinstance(alone, FitKey)
+        yield replace(alone, test=test, recording=_recording_name(evidence, test))
+
+
+def _check_can_be_fitted(key: str, evidence: Evidence, own: TestOverrides) -> None:
+    """Refuse a key that a test sets itself, or that its own scenario does not have."""
+    if not isinstance(own, Scenario):
+        if key in own:
+            raise OptionError(
+                "fit", f"the test {evidence.name} sets it itself; fit it or set it", key
+            )
+    elif key not in {name for name, _, _ in own.entries()}:
+        raise OptionError("fit", f"the scenario of {evidence.name} does not have it", key)
+
+
+def _recording_name(evidence: Sequence[tuple[Evidence, TestOverrides]], test: int) -> str:
+    """Name of a recording, with its number where several have the name."""
+    names = [one.name for one, _ in evidence]
+    if names.count(names[test]) > 1:
+        return f"{names[test]} {test + 1}"
+    return names[test]
 
 
 def _craft_warnings(
@@ -358,20 +390,14 @@ def without_start_dependence(
         raise OptionError("settle_error", f"{SETTLE_KEY} is fitted; fit it or state its error")
     tests, notes = [], []
     for one, own in evidence:
-        if fitted:
-            ringing = set()
-        else:
+        ringing: set[str] = set()
+        if not fitted:
             ringing = {o.line for o in one.observations if o.form == "decay"}
-        kept = [
-            o
-            for o in one.observations
-            if not (o.line in ringing and o.form in ("amplitude", "nearest_bin"))
-        ]
         clock = as_tested(scenario, one, own).driving_frequency or 0.0
         kept = [
-            o if o.form != "turn" else _with_settle_uncertainty(o, scenario, clock, trust)
-            for o in kept
-            if known or o.form != "turn"
+            _with_settle_uncertainty(o, scenario, clock, trust) if o.form == "turn" else o
+            for o in one.observations
+            if _counts_without_start(o, ringing, known)
         ]
         tests.append((replace(one, observations=tuple(kept)), own))
         notes += [
@@ -380,6 +406,15 @@ def without_start_dependence(
             for line in sorted(ringing)
         ]
     return tests, tuple(notes)
+
+
+def _counts_without_start(o: Observation, ringing: set[str], settle_known: bool) -> bool:
+    """Whether a figure counts: turns where the settling time is known, no amplitude of what
+    rings.
+    """
+    if o.form == "turn":
+        return settle_known
+    return o.line not in ringing or o.form not in ("amplitude", "nearest_bin")
 
 
 def _with_settle_uncertainty(
@@ -486,15 +521,11 @@ def _fit(
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
     fit, off = goodness(problem, best.r), deviations(problem, best.x)
-    doubts = [f"{one.name}: {doubt}." for one in tests for doubt in one.doubts]
-    errors = () if doubts or found.misread else required_model_error(problem, best.r)
     notes = (
-        *doubts,
-        *found.misread,
-        *errors,
+        *_notes_before(found, tests),
         *notes,
         *model_deficiency_hints(problem.tests, after, off),
-        *((found.note,) if found.note else ()),
+        *filter(None, [found.note]),
     )
     return Fit(
         of_each, correlations(found.local), _sensitivities(found),
@@ -503,6 +534,14 @@ def _fit(
         problem.best_so_far.simulations, seed, interrupted, fit, off, found.leanings, found.converged,
         tuple(problem.named(o.x) for o in found.rivals), notes, whole=whole_numbers,
     )  # fmt: skip
+
+
+def _notes_before(found: Findings, tests: Sequence[Evidence]) -> tuple[str, ...]:
+    """What speaks against the evidence, or else which error of the model would explain it."""
+    doubts = tuple(f"{one.name}: {doubt}." for one in tests for doubt in one.doubts)
+    if doubts or found.misread:
+        return (*doubts, *found.misread)
+    return tuple(required_model_error(found.problem, found.best.r))
 
 
 def _fitted(

@@ -56,20 +56,12 @@ def model_deficiency_hints(
     for one, scenario in tests:
         if noise_may_release_stiction(one, scenario):
             found.append(f"{one.name}: {_of_noise(one.noise)}")
-    parts = {
-        scenario.driving_frequency / part
-        for _, scenario in tests
-        for part in SUBHARMONICS
-        if scenario.driving_frequency
-    }
     lines = {line.line: line.frequency_hz for simulated in after for line in simulated.table}
-    above = {
-        d.line
-        for d in deviations
-        if d.off and d.form == "amplitude" and d.measured > MIN_EXCESS_RATIO * d.fitted
-    }
-    above = {name for name in above if not any(abs(lines[name] / f - 1.0) < 1e-3 for f in parts)}
-    rounded = sorted(name for name in above if _order(name) >= MIN_FULL_STEP_ORDER)
+    rounded = sorted(
+        name
+        for name in _far_above_model(deviations)
+        if _order(name) >= MIN_FULL_STEP_ORDER and not _is_subharmonic(lines[name], tests)
+    )
     if rounded and any(scenario.driver.imperfections.dac_bits is None for _, scenario in tests):
         found.append(
             f"{', '.join(rounded)}: more than {MIN_EXCESS_RATIO:g} times the model's, as where a"
@@ -77,6 +69,22 @@ def model_deficiency_hints(
             " fit driver.imperfections.dac_bits, too, or name it among the effects to select from."
         )
     return tuple(found)
+
+
+def _far_above_model(deviations: Sequence[Deviation]) -> set[str]:
+    """Lines that are many times the model's."""
+    return {
+        d.line
+        for d in deviations
+        if d.off and d.form == "amplitude" and d.measured > MIN_EXCESS_RATIO * d.fitted
+    }
+
+
+def _is_subharmonic(frequency: float, tests: Sequence[tuple[Evidence, Scenario]]) -> bool:
+    """Whether a frequency [Hz] is where a motion of several microsteps has a line in any test."""
+    driving = [scenario.driving_frequency for _, scenario in tests if scenario.driving_frequency]
+    parts = (f_d / part for f_d in driving for part in SUBHARMONICS)
+    return any(abs(frequency / part - 1.0) < 1e-3 for part in parts)
 
 
 def _of_noise(density: float) -> str:
