@@ -8,7 +8,14 @@ from support.commands import microvib
 
 import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.studies.sensitivity import Effect, LineEffects, _effect, noted_ranges, sensitivities
+from microvib.studies.sensitivity import (
+    Effect,
+    LineEffects,
+    _effect,
+    _Scan,
+    noted_ranges,
+    sensitivities,
+)
 
 BRIEF = {"record.settle": "0.5 s", "record.duration": "2 s"}
 RANGES = {
@@ -59,13 +66,14 @@ def test_a_scenario_that_notes_no_range_is_told_how():
 
 
 def test_a_jump_is_no_derivative():
-    smooth = _effect("key", 2.0, (1.0, 3.0), 1.0, [0.98**1.5, 1.02**1.5, 0.4, 1.8])
+    scan = _Scan("key", 2.0, (1.0, 3.0), ())
+    smooth = _effect(scan, 1.0, [0.98**1.5, 1.02**1.5, 0.4, 1.8])
     assert smooth.sensitivity == pytest.approx(1.5)
-    jumps = _effect("key", 2.0, (1.0, 3.0), 1.0, [0.98**1.5, 1.3, 0.4, 1.8])
+    jumps = _effect(scan, 1.0, [0.98**1.5, 1.3, 0.4, 1.8])
     assert math.isnan(jumps.sensitivity)
     assert jumps.slopes == pytest.approx((1.5, math.log(1.3) / math.log(1.02)))
     assert jumps.span(1.0) == pytest.approx(1.4)
-    flat = _effect("key", 2.0, (1.0, 3.0), 1.0, [1.0, 1.001, 1.0, 1.0])
+    flat = _effect(scan, 1.0, [1.0, 1.001, 1.0, 1.0])
     assert flat.sensitivity == pytest.approx(0.025, rel=0.02)
 
 

@@ -88,30 +88,39 @@ class Array(Part):
     )
 
     def _misfits(self) -> Iterator[str]:
-        J, rigid, axis = self.inertia, self.rigid_inertia, self._axis
+        yield from self._participation_misfits()
+        yield from self._interface_inertia_misfits()
+        yield from self._rigid_body_misfits()
+        yield from self._effective_inertia_misfits()
+
+    def _participation_misfits(self) -> Iterator[str]:
+        axis = self._axis
         rows = [mode.interface_participation for mode in self.modes]
-        for k, (row, H) in enumerate(zip(rows, [mode.H for mode in self.modes], strict=True)):
-            if (
-                row
-                and H is not None
-                and not math.isclose(abs(row[axis]), abs(H), rel_tol=1e-6, abs_tol=1e-9)
-            ):
+        for k, (row, mode) in enumerate(zip(rows, self.modes, strict=True)):
+            if not row or mode.H is None:
+                continue
+            if not math.isclose(abs(row[axis]), abs(mode.H), rel_tol=1e-6, abs_tol=1e-9):
                 yield (
                     f"modes.{k}: interface_participation about {self.drive_axis} is {row[axis]:g}"
                     " kg^0.5*m and"
-                    f" participation {H:g} kg^0.5*m; they must be equal"
+                    f" participation {mode.H:g} kg^0.5*m; they must be equal"
                 )
         if any(rows) and not all(rows):
             yield f"modes.{rows.index(None)}.interface_participation: missing; give it for all modes, or for none"
-        if self.interface_inertia and not math.isclose(
-            self.interface_inertia[axis], J, rel_tol=1e-3
-        ):
+
+    def _interface_inertia_misfits(self) -> Iterator[str]:
+        if self.interface_inertia is None:
+            return
+        J = self.interface_inertia[self._axis]
+        if not math.isclose(J, self.inertia, rel_tol=1e-3):
             yield (
-                f"interface_inertia: {self.interface_inertia[axis]:g} kg*m^2 about"
+                f"interface_inertia: {J:g} kg*m^2 about"
                 f" {self.drive_axis} disagrees with inertia,"
-                f" {J:g} kg*m^2; they must be equal"
+                f" {self.inertia:g} kg*m^2; they must be equal"
             )
-        yield from self._rigid_body_misfits()
+
+    def _effective_inertia_misfits(self) -> Iterator[str]:
+        J, rigid = self.inertia, self.rigid_inertia
         given = [self._given(mode) for mode in self.modes]
         if None in given and (len(self.modes) > 1 or rigid is None):
             yield (

@@ -434,46 +434,41 @@ def speeds(train: tuple[GearStage, ...]) -> list[Fraction]:
 
 def train_orders(train: tuple[GearStage, ...]) -> list[StageOrder]:
     """Orders of every stage: its own, harmonics of the mesh, and the mesh's sidebands."""
-    rows = []
-    for k, (stage, speed) in enumerate(zip(train, speeds(train), strict=False), 1):
-        told = {name: order.words for name, order in stage.orders.items()}
-        if stage.stepped:
-            told |= {
-                f"{n} {mesh}": f"harmonic {n} of {mesh}"
-                for mesh in ("mesh", "mesh_2")
-                for n in (2, 3)
-            }
-            for wheel, mesh in zip(stage.members, ("mesh", "mesh_2"), strict=False):
-                beside = (f"{wheel}_tooth", f"{wheel}_pass", "planet")
-                told |= {
-                    f"{mesh} {sign} {name}": f"sideband of {mesh}, {name}"
-                    for name in beside
-                    for sign in "-+"
-                }
-            rows += [
-                StageOrder(k, name, words, abs(speed) * stage.order(name))
-                for name, words in told.items()
-            ]
-            continue
-        if stage.planetary:
-            told |= {
-                "2 planet": "a tooth of a planet meets sun and ring",
-                f"{stage.planets} mesh": "mesh of all planets",
-            }
-        told |= {
-            f"{n} mesh": f"harmonic {n} of the mesh" for n in (2, 3) if f"{n} mesh" not in told
-        }
-        aside = ("ring_tooth", "ring_pass", "sun_tooth") if stage.planetary else ("pinion", "wheel")
-        told |= {
-            f"mesh {sign} {name}": f"sideband of the mesh, {name}"
-            for name in aside
-            for sign in "-+"
-        }
-        rows += [
-            StageOrder(k, name, words, abs(speed) * stage.order(name))
-            for name, words in told.items()
-        ]
-    return rows
+    return [
+        StageOrder(k, name, words, abs(speed) * stage.order(name))
+        for k, (stage, speed) in enumerate(zip(train, speeds(train), strict=False), 1)
+        for name, words in _words_of_orders(stage).items()
+    ]
+
+
+def _words_of_orders(stage: GearStage) -> dict[str, str]:
+    """What each order of a stage is, in words."""
+    words = {name: order.words for name, order in stage.orders.items()}
+    if stage.stepped:
+        return words | _words_of_stepped_meshes(stage)
+    if stage.planetary:
+        words["2 planet"] = "a tooth of a planet meets sun and ring"
+        words[f"{stage.planets} mesh"] = "mesh of all planets"
+    for n in (2, 3):
+        words.setdefault(f"{n} mesh", f"harmonic {n} of the mesh")
+    aside = ("ring_tooth", "ring_pass", "sun_tooth") if stage.planetary else ("pinion", "wheel")
+    for name in aside:
+        for sign in "-+":
+            words[f"mesh {sign} {name}"] = f"sideband of the mesh, {name}"
+    return words
+
+
+def _words_of_stepped_meshes(stage: GearStage) -> dict[str, str]:
+    """Harmonics and sidebands of both meshes of stepped planets."""
+    words = {}
+    for mesh in ("mesh", "mesh_2"):
+        for n in (2, 3):
+            words[f"{n} {mesh}"] = f"harmonic {n} of {mesh}"
+    for wheel, mesh in zip(stage.members, ("mesh", "mesh_2"), strict=False):
+        for name in (f"{wheel}_tooth", f"{wheel}_pass", "planet"):
+            for sign in "-+":
+                words[f"{mesh} {sign} {name}"] = f"sideband of {mesh}, {name}"
+    return words
 
 
 def input_inertia(train: tuple[GearStage, ...]) -> float:

@@ -125,15 +125,7 @@ def to_plain_data(value: Any, quantity: Quantity | None = None, *, text: bool = 
     exactly.
     """
     if isinstance(value, Part):
-        left_out = value._following()
-        given = {
-            name: x
-            for name in type(value).model_fields
-            if name not in left_out and (x := getattr(value, name)) is not None
-        }
-        return {
-            name: to_plain_data(x, value.quantity_of(name), text=text) for name, x in given.items()
-        }
+        return _part_to_plain_data(value, text)
     if isinstance(value, (tuple, list)):
         return [to_plain_data(item, quantity, text=text) for item in value]
     if isinstance(value, dict):
@@ -142,11 +134,20 @@ def to_plain_data(value: Any, quantity: Quantity | None = None, *, text: bool = 
         value = value.item()
     if not isinstance(value, float) or quantity is None:
         return value
-    if text:
-        if quantity.unit:
-            return quantity.format(value)
-        return value
-    return Si(value)
+    if not text:
+        return Si(value)
+    if quantity.unit:
+        return quantity.format(value)
+    return value
+
+
+def _part_to_plain_data(part: Part, text: bool) -> dict[str, Any]:
+    left_out = part._following()
+    return {
+        name: to_plain_data(value, part.quantity_of(name), text=text)
+        for name in type(part).model_fields
+        if name not in left_out and (value := getattr(part, name)) is not None
+    }
 
 
 def flatten_parameters(

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from microvib.errors import ScenarioError, did_you_mean, quoted_value
@@ -21,8 +22,8 @@ def validate_part(part: type[P], data: Any, *, si: bool = False, origin: str = "
 
     Bare numbers are taken where no unit decides; with ``si`` everywhere, as SI.
     """
-    name = part.__name__.lower()
     if not isinstance(data, dict):
+        name = part.__name__.lower()
         first = next(
             (key for key, field in part.model_fields.items() if part_type_of(field.annotation)),
             "title",
@@ -34,24 +35,25 @@ def validate_part(part: type[P], data: Any, *, si: bool = False, origin: str = "
     try:
         return part.model_validate(data, context={"si": si})
     except ValidationError as error:
-        items = error.errors(include_url=False)
-        # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
-        quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
-        items = [
-            item
-            for item in items
-            if item["type"] != "literal_error" or item["loc"][:-1] not in quantities
-        ]
-        lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MAX_SENTENCES]))
-        if len(lines) > MAX_SENTENCES:
-            if len(items) <= 10 * MAX_SENTENCES:
-                more = len(lines)
-            else:
-                more = len(items)
-            lines = [*lines[:MAX_SENTENCES], f"... and {more - MAX_SENTENCES} more"]
-        raise ScenarioError(
-            "\n".join(f"{origin}: {line}" if origin else line for line in lines)
-        ) from None
+        before = f"{origin}: " if origin else ""
+        lines = _sentences(part, error.errors(include_url=False))
+        raise ScenarioError("\n".join(before + line for line in lines)) from None
+
+
+def _sentences(part: type[BaseModel], items: list[ErrorDetails]) -> list[str]:
+    """The first validation errors, a sentence each, and how many more there are."""
+    # Of a choice between a quantity and a word, what is wrong with the quantity says it all.
+    quantities = {item["loc"][:-1] for item in items if item["type"] == "quantity"}
+    items = [
+        item
+        for item in items
+        if item["type"] != "literal_error" or item["loc"][:-1] not in quantities
+    ]
+    lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MAX_SENTENCES]))
+    if len(lines) <= MAX_SENTENCES:
+        return lines
+    count = len(lines) if len(items) <= 10 * MAX_SENTENCES else len(items)
+    return [*lines[:MAX_SENTENCES], f"... and {count - MAX_SENTENCES} more"]
 
 
 _BRANCHES = (
@@ -90,15 +92,7 @@ def _resolve_key(root: type[BaseModel], where: list[str]) -> _KeyContext:
     removed_keys = getattr(part, "removed_keys", {})
     if field is None:
         return _KeyContext(keys, removed_keys=removed_keys)
-    if where[-1].isdigit():
-        quantity = None
-    else:
-        quantity = quantity_in(field)
-    if quantity and quantity.unit:
-        unit = f", in {quantity.display or quantity.unit}"
-    else:
-        unit = ""
-    meaning = f"{quantity.meaning}{unit}" if quantity else field.description
+    meaning = _meaning(field, is_entry=where[-1].isdigit())
     return _KeyContext(
         keys,
         f" ({meaning})" if meaning else "",
@@ -107,57 +101,72 @@ def _resolve_key(root: type[BaseModel], where: list[str]) -> _KeyContext:
     )
 
 
+def _meaning(field: FieldInfo, is_entry: bool) -> str | None:
+    """What a key means, with the unit of its quantity; of an entry of a list that of the list."""
+    quantity = None if is_entry else quantity_in(field)
+    if not quantity:
+        return field.description
+    if quantity.unit:
+        return f"{quantity.meaning}, in {quantity.display or quantity.unit}"
+    return f"{quantity.meaning}"
+
+
 def _sentence(root: type[BaseModel], item: ErrorDetails) -> str:
     """One validation error as a sentence: which key, what was found, what is allowed."""
     where = [str(part) for part in item["loc"] if not str(part).startswith(_BRANCHES)]
     key = ".".join(where) or root.__name__.lower()
-    kind, found, context, place = (
-        item["type"],
-        item.get("input"),
-        item.get("ctx", {}),
-        _resolve_key(root, where),
-    )
+    kind, found, context = item["type"], item.get("input"), item.get("ctx", {})
+    place = _resolve_key(root, where)
     if kind == "extra_forbidden":
-        parent = _resolve_key(root, where[:-1])
-        if where[-1] in parent.removed_keys:
-            return f"{key}: this key was removed; {parent.removed_keys[where[-1]]}"
-        allowed = parent.keys
-        known = [".".join([*where[:-1], name]) for name in allowed]
-        return f"{key}: unknown key; {_suggest_key(key, known, root)}allowed here are {', '.join(allowed) or 'none'}"
+        return _unknown_key(root, where, key)
     if kind == "missing":
         return f"{key}: missing{place.meaning}"
     if kind == "quantity":
         return f"{key}: {context['text']}"
     if kind == "value_error":
-        text = str(context.get("error", item["msg"]))
-        deeper = text.split(":")[0].replace(".", "").replace("_", "").isalnum()  # begins with a key
-        if where:
-            return f"{key}{'.' if deeper else ': '}{text}"
-        return text
+        return _of_value_error(str(context.get("error", item["msg"])), ".".join(where))
     if kind in ("too_long", "string_too_long"):
-        if kind.startswith("string"):
-            what = "characters"
-        else:
-            what = "entries"
+        what = "characters" if kind == "string_too_long" else "entries"
         length = context.get("actual_length") or len(found)
         return f"{key}: has {length} {what}; at most {context['max_length']} are allowed{place.meaning}"
     if kind == "literal_error":
         expected = f"write {context.get('expected')}{place.meaning}"
-    elif kind in (
-        "int_type",
-        "int_from_float",
-        "int_parsing",
-        "greater_than_equal",
-        "less_than_equal",
-    ):
+    elif kind in _NOT_AN_INTEGER:
         expected = f"{place.number} is expected{place.meaning}"
-    elif kind in ("model_type", "model_attributes_type", "dict_type"):
+    elif kind in _NOT_A_MAPPING:
         expected = f"keys are expected here: {', '.join(place.keys) or 'text to text'}"
     elif kind == "tuple_type":
         expected = f"a list is expected{place.meaning}"
     else:
         expected = item["msg"].replace("Input should", "it should")
     return f"{key}: {quoted_value(found)} is not allowed; {expected}"
+
+
+_NOT_AN_INTEGER = (
+    "int_type",
+    "int_from_float",
+    "int_parsing",
+    "greater_than_equal",
+    "less_than_equal",
+)
+_NOT_A_MAPPING = ("model_type", "model_attributes_type", "dict_type")
+"""Validation errors by their type."""
+
+
+def _unknown_key(root: type[BaseModel], where: list[str], key: str) -> str:
+    parent = _resolve_key(root, where[:-1])
+    if where[-1] in parent.removed_keys:
+        return f"{key}: this key was removed; {parent.removed_keys[where[-1]]}"
+    known = [".".join([*where[:-1], name]) for name in parent.keys]
+    return f"{key}: unknown key; {_suggest_key(key, known, root)}allowed here are {', '.join(parent.keys) or 'none'}"
+
+
+def _of_value_error(text: str, key: str) -> str:
+    """What a check said of the part at a key, which may begin with a key within it."""
+    if not key:
+        return text
+    deeper = text.split(":")[0].replace(".", "").replace("_", "").isalnum()
+    return f"{key}{'.' if deeper else ': '}{text}"
 
 
 def _suggest_key(key: str, known: list[str], root: type[BaseModel]) -> str:

@@ -16,6 +16,7 @@ from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
+from microvib.signals.line_table import Line
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
@@ -189,55 +190,66 @@ def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ra
     if not ranges:
         raise MicrovibError(NOT_RANKED)
     scenario = scenario.with_({"record.start": "rest"})
-    values = {key: float(scenario[key]) for key in ranges}
     if progress is not None:
         progress(0, 4 * len(ranges))
-    base = simulate_torques([scenario])[0]
-    if isinstance(base, SimulationError):
-        raise base
-    table = lines_of_samples(base.T_d, base.sample_rate, scenario)
-    main = sorted(
-        (
-            x
-            for x in table.notable()
-            if x.kind not in ("sideband", "other") and math.isfinite(x.amplitude_n_m)
-        ),
-        key=lambda x: -x.amplitude_n_m,
-    )[:MAX_LINES]
-
-    inside = {
-        key: _extremes(scenario, key, values[key], ends, [line.line for line in main])
+    main = _largest_lines(scenario)
+    names = [line.line for line in main]
+    scans = [
+        _Scan(
+            key,
+            float(scenario[key]),
+            ends,
+            _extremes(scenario, key, float(scenario[key]), ends, names),
+        )
         for key, ends in ranges.items()
-    }
-    points = [
-        (key, x)
-        for key, ends in ranges.items()
-        for x in (*_perturbed_values(values[key]), *ends, *inside[key])
     ]
-
+    points = [(scan.key, value) for scan in scans for value in scan.points]
     with parallel_calls(progress) as calls:
         runs = calls(_amplitudes, ((scenario, *point) for point in points))
     failed = [
         Failed(*point, why) for point, why in zip(points, runs, strict=True) if isinstance(why, str)
     ]
     each = iter({} if isinstance(found, str) else found for found in runs)
-    by_key = {key: [next(each) for _ in range(4 + len(inside[key]))] for key in ranges}
-    result = []
+    found = [[next(each) for _ in scan.points] for scan in scans]
+    lines = []
     for line in main:
         effects = [
-            _effect(
-                key,
-                values[key],
-                ranges[key],
-                line.amplitude_n_m,
-                [found.get(line.line, math.nan) for found in by_key[key]],
-                inside[key],
-            )
-            for key in ranges
+            _effect(scan, line.amplitude_n_m, [run.get(line.line, math.nan) for run in its])
+            for scan, its in zip(scans, found, strict=True)
         ]
         ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude_n_m)))
-        result.append(LineEffects(line.line, line.frequency_hz, line.amplitude_n_m, ranked))
-    return Ranking(tuple(result), tuple(failed), unranked_values(scenario))
+        lines.append(LineEffects(line.line, line.frequency_hz, line.amplitude_n_m, ranked))
+    return Ranking(tuple(lines), tuple(failed), unranked_values(scenario))
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """Values [SI] of one key that are simulated."""
+
+    key: str
+    value: float
+    """The scenario's."""
+    ends: tuple[float, float]
+    inside: tuple[float, ...]
+    """Where the linearised drive has extremes."""
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        """Beside the value, at the ends of its range, and inside."""
+        return (*_perturbed_values(self.value), *self.ends, *self.inside)
+
+
+def _largest_lines(scenario: Scenario) -> list[Line]:
+    """Lines of the scenario as it is, the largest first."""
+    base = simulate_torques([scenario])[0]
+    if isinstance(base, SimulationError):
+        raise base
+    known = [
+        line
+        for line in lines_of_samples(base.T_d, base.sample_rate, scenario).notable()
+        if line.kind not in ("sideband", "other") and math.isfinite(line.amplitude_n_m)
+    ]
+    return sorted(known, key=lambda line: -line.amplitude_n_m)[:MAX_LINES]
 
 
 def _perturbed_values(value: float) -> tuple[float, float]:
@@ -292,16 +304,10 @@ def _gains(
     return gains
 
 
-def _effect(
-    key: str,
-    value: float,
-    ends: tuple[float, float],
-    amplitude: float,
-    found: Sequence[float],
-    inside: Sequence[float] = (),
-) -> Effect:
+def _effect(scan: _Scan, amplitude: float, found: Sequence[float]) -> Effect:
+    """Of one key on a line of this ``amplitude``, ``found`` at the points of its scan [N m]."""
     below, above, low, high, *between = found
-    known = below > 0.0 and above > 0.0 and amplitude > 0.0 and value != 0.0
+    known = below > 0.0 and above > 0.0 and amplitude > 0.0 and scan.value != 0.0
     slope, sides = math.nan, (math.nan, math.nan)
     if known:
         sides = (
@@ -313,7 +319,13 @@ def _effect(
         ):
             slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP))
     return Effect(
-        key, value, ends, slope, sides, (low, high), tuple(zip(inside, between, strict=True))
+        scan.key,
+        scan.value,
+        scan.ends,
+        slope,
+        sides,
+        (low, high),
+        tuple(zip(scan.inside, between, strict=True)),
     )
 
 

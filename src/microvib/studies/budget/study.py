@@ -163,11 +163,8 @@ def pointing_budget(
     if rule not in RULES:
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
     whole, drives = _drives(scenarios, names, steady)
-    first, two = drives[0], len(drives) > 1 and drives[1].name == _second_wing_drive(drives[0].name)
-    if isinstance(requirements, Requirements | None):
-        required = requirements
-    else:
-        required = read_file(Path(requirements), Requirements)
+    first, two = drives[0], _has_second_wing(drives)
+    required = _read_requirements(requirements)
     # What can be refused is looked at before anything is simulated.
     beside = _other_contributions(sources, first.scenario)
     if two and campaign is not None and recording is not None:
@@ -175,53 +172,31 @@ def pointing_budget(
             "campaign",
             "holds what both wings do together, and a recording has one of them; leave one out",
         )
-    if campaign is None:
-        ensemble = None
-    else:
-        ensemble = ensemble_of(whole, Path(campaign))
+    ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
     for drive in drives:
         source_of(drive.scenario)
-    if recording is None:
-        measured = None
-    else:
+    measured = None
+    if recording is not None:
         measured = contribution_of_recording(first.name, first.scenario, recording, harmonics)
-    if (
-        measured is not None
-    ):  # of the settled drive; the run beside it tells what the short way misses
+        # of the settled drive; the run beside it tells what the short way misses
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
-    results = [
-        run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
-    ]
-    runs = [
-        contribution_of_run(drive.name, drive.scenario, result, other_steps=two)
-        for drive, result in zip(drives, results, strict=True)
-    ]
-    told = [
-        (drive.name, steady_state_fallback_note(result.solver))
-        for drive, result in zip(drives, results, strict=True)
-    ]
-    if two:
-        runs[:2] = [
-            (with_detent_mixing(lines, drives[k].scenario, drives[1 - k].scenario), hub)
-            for k, (lines, hub) in enumerate(runs[:2])
-        ]
+    runs = _runs(drives, harmonics, progress)
     compared: tuple[Difference, ...] = ()
     if short_way or measured is not None:
-        by_short_way = blocked_load_solution(
+        blocked, by_blocked_loads = blocked_load_solution(
             drives[0].scenario, harmonics=harmonics, progress=progress
         )
-        compared = tuple(method_differences(*by_short_way, runs[0][1]))
-
+        compared = tuple(method_differences(blocked, by_blocked_loads, runs[0].lines))
+    clocks = ["drives" if one_clock else drive.clock for drive in drives]
     found = [
-        replace(one, clock="drives" if one_clock else drive.clock)
-        for (one, _), drive in zip(runs, drives, strict=True)
+        replace(run.contribution, clock=clock) for run, clock in zip(runs, clocks, strict=True)
     ]
     if measured is not None:
-        found[0] = with_load_check(with_method_error(measured, compared), by_short_way[0])
+        found[0] = with_load_check(with_method_error(measured, compared), blocked)
     if ensemble is not None:
         if two:
-            found[:2] = [both_wings(whole, found[0], found[1], *(lines for _, lines in runs[:2]))]
+            found[:2] = [both_wings(whole, found[0], found[1], runs[0].lines, runs[1].lines)]
         found[0] = with_campaign(found[0], ensemble)
     found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
     found, without = _with_lacking(found, drives)
@@ -232,12 +207,66 @@ def pointing_budget(
         rule,
         tuple(found),
         combine_lines(found, rule, doubtful=False),
-        ()
-        if required is None
-        else tuple(_undecided(assess(r, found, rule), without) for r in required.requirements),
+        _assessments(required, found, rule, without),
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
-        without_steady=tuple(f"{name}: {why}" for name, why in told if why),
+        without_steady=tuple(_without_steady(runs, drives)),
+    )
+
+
+def _read_requirements(given: Requirements | str | Path | None) -> Requirements | None:
+    if given is None or isinstance(given, Requirements):
+        return given
+    return read_file(Path(given), Requirements)
+
+
+def _without_steady(runs: Sequence[_Run], drives: Sequence[_Drive]) -> Iterator[str]:
+    """Why drives did not start in their steady states, a sentence each."""
+    for run, drive in zip(runs, drives, strict=True):
+        if run.without_steady:
+            yield f"{drive.name}: {run.without_steady}"
+
+
+class _Run(NamedTuple):
+    """What one drive does to the line of sight."""
+
+    contribution: Contribution
+    lines: HubLines
+    without_steady: str
+    """Why it did not start in its steady state, where it was to."""
+
+
+def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -> list[_Run]:
+    """Every drive simulated, those of two wings of one craft with what their detents mix."""
+    results = [
+        run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
+    ]
+    two = _has_second_wing(drives)
+    runs = []
+    for drive, result in zip(drives, results, strict=True):
+        contribution, lines = contribution_of_run(
+            drive.name, drive.scenario, result, other_steps=two
+        )
+        runs.append(_Run(contribution, lines, steady_state_fallback_note(result.solver)))
+    if two:
+        wings = drives[0].scenario, drives[1].scenario
+        for k, other in ((0, 1), (1, 0)):
+            mixed = with_detent_mixing(runs[k].contribution, wings[k], wings[other])
+            runs[k] = runs[k]._replace(contribution=mixed)
+    return runs
+
+
+def _assessments(
+    required: Requirements | None,
+    contributions: Sequence[Contribution],
+    rule: Rule,
+    without: Sequence[str],
+) -> tuple[Assessment, ...]:
+    """Every requirement judged; none where ``without`` says that nothing can be."""
+    if required is None:
+        return ()
+    return tuple(
+        _undecided(assess(one, contributions, rule), without) for one in required.requirements
     )
 
 
@@ -263,10 +292,7 @@ def _drives(
     """
     if not stands_for_scenario(given):
         expect_list(given, "scenario", "[scenario, other]")
-    if stands_for_scenario(given):
-        each = [given]
-    else:
-        each = list(given)
+    each = [given] if stands_for_scenario(given) else list(given)
     if not each:
         raise OptionError(
             "scenario",
@@ -276,31 +302,37 @@ def _drives(
     whole: list[Scenario] = []
     for k, one in enumerate(each, 1):
         scenario = as_scenario(one)
-        if names:
-            name = names[k - 1]
-        elif isinstance(one, Scenario):
-            name = f"drive {k}"
-        else:
-            name = Path(one).stem
+        name = names[k - 1] if names else _default_name(one, k)
         if any(name == drive.name for drive in found):
             name = f"{name} {k}"
-        else:
-            name = name
         if steady:
             scenario = scenario.with_({"record.start": "steady"})
         _check_craft(name, scenario, found)
         whole.append(scenario)
-        found.append(_Drive(name, scenario.alone, name, k))
-        other, wing = scenario.driven_wing, require_craft(scenario).spacecraft.second_wing
-        if other is not None and wing is not None:
-            if wing.clock_ratio == 1.0:
-                clock = name
-            else:
-                clock = _second_wing_drive(name)
-            found.append(_Drive(_second_wing_drive(name), other, clock, k))
+        found += _drives_of_craft(name, scenario, k)
     for drive, other_drive in _of_two_scenarios(found):
         check_places(drive.name, drive.scenario, other_drive.name, other_drive.scenario)
     return whole[0], found
+
+
+def _default_name(given: GivenScenario, number: int) -> str:
+    if isinstance(given, Scenario):
+        return f"drive {number}"
+    return Path(given).stem
+
+
+def _drives_of_craft(name: str, scenario: Scenario, number: int) -> Iterator[_Drive]:
+    """The drive of a scenario, and that of a second wing that is driven."""
+    yield _Drive(name, scenario.alone, name, number)
+    other, wing = scenario.driven_wing, require_craft(scenario).spacecraft.second_wing
+    if other is not None and wing is not None:
+        second = _second_wing_drive(name)
+        yield _Drive(second, other, name if wing.clock_ratio == 1.0 else second, number)
+
+
+def _has_second_wing(drives: Sequence[_Drive]) -> bool:
+    """Whether the second drive is that of the first scenario's second wing."""
+    return len(drives) > 1 and drives[1].name == _second_wing_drive(drives[0].name)
 
 
 def _of_two_scenarios(drives: Sequence[_Drive]) -> Iterator[tuple[_Drive, _Drive]]:
@@ -503,19 +535,16 @@ def both_wings(
     def amplitude(lines: HubLines) -> np.ndarray:
         return np.abs(np.nan_to_num(lines.los if lines.los is not None else 0.0))
 
+    def of_other_clock(one: Contribution) -> np.ndarray:
+        return np.array([clock != first.clock for clock in one.clocks])[:, None]
+
     lines = added(lambda one: one.los)
     assert lines.los is not None
-    less, more = (
-        (lambda one: one.doubts[0] * np.abs(one.los)),
-        (lambda one: one.doubts[1] * np.abs(one.los)),
-    )
-    doubt = np.array([amplitude(added(less)), amplitude(added(more))])
+    less = amplitude(added(lambda one: one.doubts[0] * np.abs(one.los)))
+    more = amplitude(added(lambda one: one.doubts[1] * np.abs(one.los)))
+    doubt = np.array([less, more])
     rings = amplitude(added(lambda one: np.abs(one.los) * ~one.settled[:, None]))
-    loose = amplitude(
-        added(
-            lambda one: np.abs(one.los) * np.array([x != first.clock for x in one.clocks])[:, None]
-        )
-    )
+    loose = amplitude(added(lambda one: np.abs(one.los) * of_other_clock(one)))
     size = amplitude(lines)
     return replace(
         first,
@@ -526,25 +555,24 @@ def both_wings(
         unlocked=np.any(loose > 0.0, axis=1),
         rings=np.any(rings > 0.0, axis=1),
         frequency_doubt=np.array(
-            [
-                max(
-                    (
-                        float(one.off[k])
-                        for one in (first, second)
-                        for k in np.flatnonzero(
-                            np.abs(one.frequency - f) <= FREQUENCY_TOLERANCE * f
-                        )
-                    ),
-                    default=float(frequency_error_bound(f)),
-                )
-                for f in lines.frequency
-            ]
+            [_frequency_doubt_at(float(f), (first, second)) for f in lines.frequency]
         ),
         density=replace(lines, scenario=scenario).density,
         gaps=(*first.gaps, *second.gaps),
         doubt=np.divide(doubt, size, out=np.zeros_like(doubt), where=size > 0.0),
         scenario=scenario,
     )
+
+
+def _frequency_doubt_at(frequency: float, contributions: Sequence[Contribution]) -> float:
+    """By how much lines of a frequency [Hz] may be off it, in any of some sources."""
+    off = [
+        float(doubt)
+        for one in contributions
+        for line, doubt in zip(one.frequency, one.off, strict=True)
+        if abs(line - frequency) <= FREQUENCY_TOLERANCE * frequency
+    ]
+    return max(off, default=float(frequency_error_bound(frequency)))
 
 
 def ensemble_of(scenario: Scenario, folder: Path) -> Results:
@@ -574,34 +602,44 @@ def with_campaign(drive: Contribution, results: Results) -> Contribution:
     """
     counted = independent_cases(results.campaign.design)
     drawn = counted & (results.state == DONE)
-    n, width = int(drawn.sum()), len(drive.names)
-    listed = [name for name in drive.names if not is_unlisted(name) and name in results.lines]
-    others = [name for name in results.lines if name not in listed]
     los = {
         name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T
         for name in results.lines
     }
-    f = {name: results.of(name, "frequency")[drawn] for name in results.lines}
-    found = np.full((n, width + len(others), 2), np.nan)
-    at = np.full((n, width + len(others)), np.nan)
-    for k, name in enumerate((*drive.names, *others)):
-        if k >= width or name in listed:
-            found[:, k], at[:, k] = los[name], f[name]
-    for k in (k for k, name in enumerate(drive.names) if is_unlisted(name)):
-        for j in (j for j, name in enumerate(others, width) if is_unlisted(name)):
-            same = np.abs(at[:, j] - drive.frequency[k]) <= FREQUENCY_TOLERANCE * drive.frequency[k]
-            found[same, k], found[same, j] = found[same, j], np.nan
+    found, at = _lines_in_cases(drive, los, results, drawn)
+    width = len(drive.names)
     kept = np.append(np.ones(width, dtype=bool), np.nan_to_num(found[:, width:]).any(axis=(0, 2)))
     nominal = np.append(drive.frequency, [_median_frequency(x) for x in at[:, width:].T])
     at = np.where(np.isfinite(at), at, nominal)[:, kept]
+    lack = []
     if np.any(counted & ~drawn):
         lack = [f"{int(np.sum(counted & ~drawn))} cases have no result"]
-    else:
-        lack = []
     lack += _missing_line_reasons(drive, los, results, drawn)
     return replace(
         drive, cases=np.nan_to_num(found[:, kept]), cases_frequency=at, cases_lack="; ".join(lack)
     )
+
+
+def _lines_in_cases(
+    drive: Contribution, los: dict[str, np.ndarray], results: Results, drawn: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitudes (cases, lines, 2) [rad] and frequencies (cases, lines) [Hz] of the drive's lines
+    and, behind them, of others of the campaign; nan where a case has no such line.
+    """
+    width = len(drive.names)
+    listed = [name for name in drive.names if not is_unlisted(name) and name in results.lines]
+    names = [*drive.names, *(name for name in results.lines if name not in listed)]
+    found = np.full((int(drawn.sum()), len(names), 2), np.nan)
+    at = np.full(found.shape[:2], np.nan)
+    for k, name in enumerate(names):
+        if k >= width or name in listed:
+            found[:, k], at[:, k] = los[name], results.of(name, "frequency")[drawn]
+    unlisted = [k for k, name in enumerate(names) if is_unlisted(name)]
+    for k in (k for k in unlisted if k < width):
+        for j in (j for j in unlisted if j >= width):
+            same = np.abs(at[:, j] - drive.frequency[k]) <= FREQUENCY_TOLERANCE * drive.frequency[k]
+            found[same, k], found[same, j] = found[same, j], np.nan
+    return found, at
 
 
 def _missing_line_reasons(

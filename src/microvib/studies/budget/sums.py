@@ -11,7 +11,7 @@ looked at, and failed only if it is above it with the best phases and without th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Literal, NamedTuple
@@ -36,7 +36,7 @@ from microvib.studies.budget.figures import (
     metric_bounds,
 )
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.sources import Contribution
+from microvib.studies.budget.sources import Contribution, Unobserved
 from microvib.studies.campaign.statistics import NO_ESTIMATE, Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
@@ -113,50 +113,60 @@ def combine_lines(
     contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True
 ) -> CombinedLines:
     """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
+    parts = sorted(_source_lines(contributions, rule, doubtful), key=lambda part: part.frequency)
+    groups = _lines_of_one_frequency(parts)
+    found = [_group_amplitudes(group, rule) for group in groups]
+    least, value, most = np.moveaxis(np.array([one.sizes for one in found]).reshape(-1, 3, 2), 1, 0)
+    if doubtful:
+        least = _least_of_coinciding(groups, least, most)
+    tones = np.array([one.largest for one in found], dtype=complex).reshape(-1, 2)
+    return CombinedLines(
+        np.array([one.frequency for one in found]),
+        least,
+        value,
+        most,
+        np.exp(1j * np.angle(tones)),
+        _clock_numbers([clock for one in found for clock in one.clocks]).reshape(-1, 2),
+        np.array([max(part.off for part in group) for group in groups]),
+    )
+
+
+def _source_lines(
+    contributions: Iterable[Contribution], rule: Rule, doubtful: bool
+) -> Iterator[_SourceLine]:
+    """Lines of all sources one by one, those without a clock each with one of its own."""
     own = count()
-    parts = [
-        _SourceLine(
-            float(f),
-            one.los[k],
-            _clock_of(one, k, rule) or next(own),
-            doubts[:, k] if doubtful else 0.0 * doubts[:, k],
-            bool(one.settled[k]),
-            float(one.off[k]),
-            source,
-        )
-        for source, one in enumerate(contributions)
-        for doubts in (one.doubts,)
-        for k, f in enumerate(one.frequency)
-    ]
-    parts.sort(key=lambda part: part.frequency)
+    for source, one in enumerate(contributions):
+        doubts = one.doubts if doubtful else 0.0 * one.doubts
+        for k, frequency in enumerate(one.frequency):
+            yield _SourceLine(
+                float(frequency),
+                one.los[k],
+                _clock_of(one, k, rule) or next(own),
+                doubts[:, k],
+                bool(one.settled[k]),
+                float(one.off[k]),
+                source,
+            )
+
+
+def _lines_of_one_frequency(parts: Sequence[_SourceLine]) -> list[list[_SourceLine]]:
+    """Lines, given by frequency, in groups of one."""
     groups: list[list[_SourceLine]] = []
     for part in parts:
-        if (
-            groups
-            and part.frequency - groups[-1][0].frequency <= FREQUENCY_TOLERANCE * part.frequency
-        ):
+        tolerance = FREQUENCY_TOLERANCE * part.frequency
+        if groups and part.frequency - groups[-1][0].frequency <= tolerance:
             groups[-1].append(part)
         else:
             groups.append([part])
-    found = [_group_amplitudes(group, rule) for group in groups]
-    rows = np.array([one.sizes for one in found]).reshape(-1, 3, 2)
-    tones = np.array([one.largest for one in found], dtype=complex).reshape(-1, 2)
-    whose = [clock for one in found for clock in one.clocks]
-    numbers = {
-        clock: k for k, clock in enumerate(dict.fromkeys(x for x in whose if isinstance(x, str)))
-    }
-    clock = np.array(
-        [numbers.get(x, INCOHERENT) if isinstance(x, str) else INCOHERENT for x in whose], dtype=int
-    ).reshape(-1, 2)
-    frequency = np.array([one.frequency for one in found])
-    off = np.array([max(part.off for part in group) for group in groups])
-    if doubtful:
-        least = _least_of_coinciding(groups, rows[:, 0], rows[:, 2])
-    else:
-        least = rows[:, 0]
-    return CombinedLines(
-        frequency, least, rows[:, 1], rows[:, 2], np.exp(1j * np.angle(tones)), clock, off
-    )
+    return groups
+
+
+def _clock_numbers(clocks: Sequence[str | int | None]) -> np.ndarray:
+    """Clocks by number; INCOHERENT for a line that has none with a name."""
+    named = dict.fromkeys(clock for clock in clocks if isinstance(clock, str))
+    numbers: dict[str | int | None, int] = {clock: k for k, clock in enumerate(named)}
+    return np.array([numbers.get(clock, INCOHERENT) for clock in clocks], dtype=int)
 
 
 def _clock_of(one: Contribution, k: int, rule: Rule) -> str:
@@ -175,14 +185,7 @@ def _least_of_coinciding(
     Of lines that may meet, one after another, the largest counts, less what those may have that may
     meet it.
     """
-    frequency, off = (
-        np.array([getattr(group[0], key) for group in groups]) for key in ("frequency", "off")
-    )
-    off = np.maximum(off, [max(part.off for part in group) for group in groups])
-    meets: list[list[int]] = []
-    for k, group in enumerate(groups):
-        near = np.flatnonzero(np.abs(frequency - frequency[k]) <= off + off[k])
-        meets.append([j for j in near.tolist() if j != k and _may_coincide(group, groups[j])])
+    meets = _coinciding_lines(groups)
     found, told = least.copy(), set[int]()
     for k in range(len(groups)):
         if k in told or not meets[k]:
@@ -194,6 +197,17 @@ def _least_of_coinciding(
         for axis, first in enumerate(np.argmax(left, axis=0)):
             found[cluster[first], axis] = max(left[first, axis], 0.0)
     return found
+
+
+def _coinciding_lines(groups: Sequence[Sequence[_SourceLine]]) -> list[list[int]]:
+    """Numbers of those that may be of the frequency of each line."""
+    frequency = np.array([group[0].frequency for group in groups])
+    off = np.array([max(part.off for part in group) for group in groups])
+    meets: list[list[int]] = []
+    for k, group in enumerate(groups):
+        near = np.flatnonzero(np.abs(frequency - frequency[k]) <= off + off[k])
+        meets.append([j for j in near.tolist() if j != k and _may_coincide(group, groups[j])])
+    return meets
 
 
 def _connected_lines(start: int, meets: Sequence[Sequence[int]]) -> list[int]:
@@ -269,20 +283,7 @@ def assess(
 ) -> Assessment:
     """A requirement against the sum of all sources."""
     if requirement.incomplete:
-        key = requirement.incomplete
-        return Assessment(
-            requirement,
-            math.nan,
-            math.nan,
-            math.nan,
-            math.nan,
-            math.nan,
-            requirement.limit or math.nan,
-            "not judged",
-            (f"{key}: missing; {requirement.metric} needs it, such as {key}: 10 ms",),
-            (),
-            (),
-        )
+        return _incomplete(requirement)
     chosen = [worst_alternative(requirement, one) for one in contributions]
     if requirement.curve is not None:
         return _assess_by_curve(requirement, chosen, contributions, rule)
@@ -292,6 +293,7 @@ def assess(
     gaps = [gap for one in chosen for gap in one.gaps]
     value = evaluate_lines(requirement, tones, densities)
     least, most = metric_bounds(requirement, tones, gaps, densities, _swept_sources(chosen, rule))
+    figure = _Figure(least, value, most)
     cases = _case_values(requirement, chosen, rule, densities)
     lacking = _percentile_gaps(requirement, chosen, cases)
     why = [
@@ -299,38 +301,84 @@ def assess(
         *_unknown_phase_reasons(requirement, chosen, rule, value),
         *lacking,
     ]
-    if cases is None:
-        spread = None
-    else:
-        spread = (quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99))
     if requirement.percentile is not None:
-        if lacking or cases is None:
-            wanted = NO_ESTIMATE
-        else:
-            wanted = quantile(cases, requirement.percentile)
-        if value > 0.0:
-            scale = wanted.value / value
-        else:
-            scale = 1.0
-        least, most = (
-            least * (wanted.low / value if value > 0.0 else 1.0),
-            most * (wanted.high / value if value > 0.0 else 1.0),
-        )
-        value *= scale
-        if not math.isfinite(value):
-            least, most = math.nan, math.nan
+        known = None if lacking else cases
+        figure = figure.at(_percentile(known, requirement.percentile))
     limit = requirement.limit or math.nan
-    if most <= limit:
-        verdict: Verdict = "pass"
-    elif least > limit:
-        verdict = "fail"
-    else:
-        verdict = "not judged"
+    verdict = figure.verdict(limit)
+    lines = evaluate_lines(requirement, tones) if densities else figure.value
+    noise = evaluate_metric(requirement, np.zeros(0), np.zeros((0, 2)), densities)
     return Assessment(
-        requirement, value, least, most, evaluate_lines(requirement, tones) if densities else value,
-        evaluate_metric(requirement, np.zeros(0), np.zeros((0, 2)), densities), limit, verdict,
-        tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (), *_rank_shares(requirement, chosen), spread=spread,
-    )  # fmt: skip
+        requirement,
+        figure.value,
+        figure.least,
+        figure.most,
+        lines,
+        noise,
+        limit,
+        verdict,
+        tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (),
+        *_rank_shares(requirement, chosen),
+        spread=_spread(cases),
+    )
+
+
+def _percentile(cases: np.ndarray | None, percentile: float) -> Estimate:
+    if cases is None:
+        return NO_ESTIMATE
+    return quantile(cases, percentile)
+
+
+def _spread(cases: np.ndarray | None) -> tuple[Estimate, Estimate, Estimate] | None:
+    """Median, P95 and P99 over the cases of a campaign."""
+    if cases is None:
+        return None
+    return quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99)
+
+
+class _Figure(NamedTuple):
+    """What a requirement asks of the line of sight [rad], and between which it lies."""
+
+    least: float
+    value: float
+    most: float
+
+    def at(self, percentile: Estimate) -> _Figure:
+        """The figure at a percentile of a campaign; nan where that is not known."""
+        least, value, most = self
+        if value > 0.0:
+            least = least * (percentile.low / value)
+            most = most * (percentile.high / value)
+            value = value * (percentile.value / value)
+        if not math.isfinite(value):
+            return _Figure(math.nan, value, math.nan)
+        return _Figure(least, value, most)
+
+    def verdict(self, limit: float) -> Verdict:
+        """On a limit [rad]."""
+        if self.most <= limit:
+            return "pass"
+        if self.least > limit:
+            return "fail"
+        return "not judged"
+
+
+def _incomplete(requirement: Requirement) -> Assessment:
+    """Of a requirement that says too little."""
+    key = requirement.incomplete
+    return Assessment(
+        requirement,
+        math.nan,
+        math.nan,
+        math.nan,
+        math.nan,
+        math.nan,
+        requirement.limit or math.nan,
+        "not judged",
+        (f"{key}: missing; {requirement.metric} needs it, such as {key}: 10 ms",),
+        (),
+        (),
+    )
 
 
 def _swept_sources(chosen: Sequence[Contribution], rule: Rule) -> SweptLines | None:
@@ -579,62 +627,54 @@ def _assess_by_curve(
     edges = np.array([*(point.frequency for point in curve), own.lowest, own.highest])
     low, high = tones.ends
     maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
-    over = [
-        np.min([_ratio_to_curve(r, f, tones.least, single_axis=True) for f in maybe], axis=0),
-        _ratio_to_curve(r, tones.frequency, tones.value),
-        np.max([_ratio_to_curve(r, f, tones.most) for f in maybe], axis=0),
-    ]
-    hidden = [
-        _ratio_to_curve(r, gap.frequency, np.nan_to_num(gap.most, posinf=0.0)).max(initial=0.0)
-        for gap in gaps
-    ]
-    unbounded = any(not np.all(np.isfinite(gap.most)) for gap in gaps)
-    if tones.frequency.size:
-        worst = int(np.argmax(over[1]))
-    else:
-        worst = -1
-    if worst >= 0:
-        ratio = float(over[1][worst])
-    else:
-        ratio = 0.0
-    if ratio:
-        size = evaluate_metric(
-            own.model_copy(update={"statistic": "bound"}),
-            tones.frequency[[worst]],
-            tones.value[[worst]],
-        )
-    else:
-        size = 0.0
-    if ratio:
-        limit = size / ratio
-    else:
-        limit = float(min(point.amplitude for point in curve))
-    least, most = (limit * float(x.max(initial=0.0)) for x in (over[0], over[2]))
-    if unbounded:
-        most = math.inf
-    else:
-        most = max(most, limit * max(hidden, default=0.0))
-    if most <= limit:
-        verdict: Verdict = "pass"
-    elif least > limit:
-        verdict = "fail"
-    else:
-        verdict = "not judged"
+    over_least = np.min(
+        [_ratio_to_curve(r, f, tones.least, single_axis=True) for f in maybe], axis=0
+    )
+    over_most = np.max([_ratio_to_curve(r, f, tones.most) for f in maybe], axis=0)
+    size, limit = _size_and_limit_of_worst_line(own, tones)
+    figure = _Figure(
+        limit * float(over_least.max(initial=0.0)),
+        size,
+        max(limit * float(over_most.max(initial=0.0)), limit * _hidden_ratio_to_curve(r, gaps)),
+    )
+    verdict = figure.verdict(limit)
+    why: list[str] = []
     if verdict == "not judged":
         why = _open_reasons(own, chosen, size) or [WITHIN_UNCERTAINTY]
-    else:
-        why = []
     return Assessment(
         r,
         size,
-        least,
-        most,
+        figure.least,
+        figure.most,
         size,
         math.nan,
         limit,
         verdict,
         tuple(why),
         *_rank_shares_by_curve(own, chosen),
+    )
+
+
+def _size_and_limit_of_worst_line(r: Requirement, tones: CombinedLines) -> tuple[float, float]:
+    """Size of the line that comes nearest to a curve, and what that allows there [rad]; where no
+    line counts, 0 and the least that the curve allows.
+    """
+    over = _ratio_to_curve(r, tones.frequency, tones.value)
+    if not over.any():
+        return 0.0, float(min(point.amplitude for point in r.curve or ()))
+    worst = [int(np.argmax(over))]
+    bound = r.model_copy(update={"statistic": "bound"})
+    size = evaluate_metric(bound, tones.frequency[worst], tones.value[worst])
+    return size, size / float(over[worst[0]])
+
+
+def _hidden_ratio_to_curve(r: Requirement, gaps: Sequence[Unobserved]) -> float:
+    """The most of what is not known over what a curve allows; infinite where nothing bounds it."""
+    if any(not np.all(np.isfinite(gap.most)) for gap in gaps):
+        return math.inf
+    return max(
+        (float(_ratio_to_curve(r, gap.frequency, gap.most).max(initial=0.0)) for gap in gaps),
+        default=0.0,
     )
 
 
