@@ -73,7 +73,8 @@ def test_parts_ask_for_units_as_files_do(state_1):
 
 def test_a_table_shows_what_is_notable(table):
     rows = repr(table).splitlines()
-    assert [row.split()[0] for row in rows[1:-1]] == [line.line for line in table.notable()]
+    assert rows[0] == f"{len(table)} lines of T_d of {STATE_1}, 16 s at 4096 Hz"
+    assert [row.split()[0] for row in rows[2:-1]] == [line.line for line in table.notable()]
     assert rows[-1] == f"and {len(table) - len(table.notable())} small ones (print shows them)"
     assert len(str(table).splitlines()) == len(table) + 1
     shown = ElementTree.fromstring(f"<div>{table._repr_html_()}</div>")
@@ -117,6 +118,7 @@ def test_every_public_name_is_there_and_has_a_docstring():
     assert set(dir(mv)) == set(mv.__all__)
 
 
+STATE_1 = "'SADA driving the solar array simulator, test state 1', 0.05964 deg/s, array of 8.18 kg m², 1 mode"
 SHORT = {"record.settle": "1 s", "record.duration": "3 s"}
 
 
@@ -163,17 +165,66 @@ def test_spectra_of_all_that_has_samples(motion_1):
 
 
 def test_what_a_cell_ends_with_is_shown_in_a_line_or_as_its_lines(motion_1):
-    scenario, title = motion_1.scenario, f"scenario '{motion_1.scenario.title}'"
+    scenario = motion_1.scenario
     state, (torque,) = mv.steady_state(scenario), simulate_torques([scenario.with_(SHORT)])
-    assert repr(state).startswith(f"Steady state of {title}: repeats every ")
-    assert repr(scenario) == title
-    assert repr(torque) == f"Torque of {title}: 12288 samples at 4096 Hz"
+    assert repr(state).startswith(f"Steady state of {STATE_1}: repeats every ")
+    assert repr(scenario).splitlines() == [
+        f"Scenario '{scenario.title}'",
+        "  drive: 2 phases, 50 rotor teeth, 16 microsteps a full step, gear 100:1",
+        "  rate: 0.05964 deg/s, 53.01 microsteps/s",
+        "  array: 8.18 kg m², 1 mode: 1.19 Hz",
+        "  record: 16 s at 4096 Hz after 30 s, start: rest",
+    ]
+    named, sampled, kept = repr(motion_1).splitlines()
+    assert named == f"Motion of {STATE_1}"
+    assert sampled == "  65536 samples at 4096 Hz, 16 s, start: rest"
+    assert kept.startswith(f"  {len(motion_1.channels)} channels: i_A, i_B, ")
+    assert repr(torque) == f"Torque of {STATE_1}: 12288 samples at 4096 Hz"
     run = mv.run_scenario(scenario.with_(SHORT), lines_only=True)
-    assert repr(run) == f"Run of {title}\n{run.table!r}"
-    assert (
-        repr(mv.plan_rates(scenario, ["0.06 deg/s"], linear=True))
-        == f"Rate plan of {title}: 1 cases, 0 resonances"
+    assert repr(run) == f"Run of {STATE_1}\n{run.table!r}"
+    plan = mv.plan_rates(scenario, ["0.06 deg/s"], linear=True)
+    best, amplitude = plan.best()
+    assert repr(plan).splitlines() == [
+        f"Rate plan of {STATE_1}",
+        "  1 case from 0.06 to 0.06 deg/s with 16 microsteps, linearised",
+        "  0 resonances, 0 forbidden bands of rates",
+        f"  best rate 0.06 deg/s with 16 microsteps: largest line {1e3 * amplitude:.4g} mN m",
+    ]
+
+
+def test_a_recording_a_limit_and_a_verdict_show_what_they_are(motion_1, table):
+    recording = mv.Recording(
+        {"Mz": motion_1["T_d"], "lid": motion_1["T_d"]}, 4096.0, {"Mz": "N*m"}, "run 7"
     )
+    assert repr(recording).splitlines() == [
+        "Recording 'run 7'",
+        "  65536 samples at 4096 Hz, 16 s",
+        "  2 channels: Mz [N*m], lid [no unit]",
+    ]
+    assert mv.find_lines(recording).source == "Mz of recording 'run 7'"
+    assert repr(mv.Limit("10 mN*m", "0.5 Hz", "150 Hz")) == "Limit of 10 mN m from 0.5 to 150 Hz"
+    assert repr(mv.Limit("1 mN*m", "5 Hz")) == "Limit of 1 mN m from 5 Hz"
+    assert repr(mv.Limit("1 mN*m")) == "Limit of 1 mN m at all frequencies"
+    verdict, counted = repr(mv.judge(table, mv.Limit("60 mN*m", "0.5 Hz", "150 Hz"))).splitlines()
+    assert verdict.startswith("Limit 60 mN m from 0.5 to 150 Hz: pass; smallest margin +")
+    assert counted == "  22 lines judged, 0 without an amplitude"
+
+
+def test_a_comparison_and_a_budget_show_their_verdicts(motion_1):
+    found = mv.compare(motion_1, motion_1, names=("one", "other"))
+    first, verdicts = repr(found).splitlines()
+    assert first == f"Comparison of one with other: {len(found.rows)} lines"
+    assert "agrees: " in verdicts
+    here = Path(__file__).parents[1] / "examples"
+    budget = mv.pointing_budget(here / "spacecraft.yaml", here / "requirement.yaml", steady=True)
+    title, sources, angle, *requirements = repr(budget).splitlines()
+    assert title.startswith(
+        "Pointing budget of 'Small craft, array at 30 degrees', 0.06 deg/s, arr"
+    )
+    assert title.endswith(f": {budget.verdict}")
+    assert (sources, angle) == ("  sources: spacecraft", "  at an array angle of 30 deg only")
+    for row, one in zip(requirements, budget.judged, strict=True):
+        assert row.startswith(f"  requirement '{one.requirement.name}': {one.verdict}, ")
 
 
 def recorded(x, rate=4096.0, unit="N*m", **channels):

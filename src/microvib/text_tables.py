@@ -25,6 +25,13 @@ _UNIT = re.compile(
 _terminal: ContextVar[int | None] = ContextVar("_terminal", default=None)
 
 
+def counted(count: int, noun: str) -> str:
+    """A number and what it counts, such as ``1 line`` or ``3 lines``."""
+    if count == 1:
+        return f"1 {noun}"
+    return f"{count} {noun}s"
+
+
 def set_columns(columns: int | None) -> None:
     """Say how many columns the terminal has that tables are printed to; None where lines may have
     any length.

@@ -72,6 +72,9 @@ class Accuracy:
             SENSITIVE_MOTION_ERROR if self.sensitive else 0.0,
         )
 
+    def __repr__(self) -> str:
+        return f"Accuracy: {self}"
+
     def __str__(self) -> str:
         if self.name:
             line = f"lines within {100 * self.line:.2g} % ({self.name}), "

@@ -34,6 +34,7 @@ from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable
+from microvib.text_tables import counted
 from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, within_band
 
 _SETTLED_RATIO = 0.01
@@ -80,11 +81,16 @@ class Limit:
         torque = quantity("limit", limit, "N*m", positive=True)
         return cls(torque, *(() if ends is None else band(ends)))
 
+    def __repr__(self) -> str:
+        return f"Limit of {1e3 * self.torque:.4g} mN m {self.band or 'at all frequencies'}"
+
     @property
     def band(self) -> str:
         """The band in words; empty if the limit holds for all frequencies."""
         if math.isfinite(self.high):
             return f"from {self.low:g} to {self.high:g} Hz"
+        if self.low > 0.0:
+            return f"from {self.low:g} Hz"
         return ""
 
     def holds(self, frequency: float, doubt: float = 0.0) -> bool:
@@ -134,6 +140,9 @@ class Judgement:
     def of(self, line: Line) -> Margin | None:
         """Margin of one line; None where it was not judged."""
         return next((m for m in self.margins if m.line.line == line.line), None)
+
+    def __repr__(self) -> str:
+        return f"{self}\n  {counted(len(self.margins), 'line')} judged, {len(self.unknown)} without an amplitude"
 
     def __str__(self) -> str:
         if self.limit.band:

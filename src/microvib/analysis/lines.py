@@ -200,7 +200,7 @@ def find_lines(
         return replace(
             table,
             unit=unit_of(channel or "T_d"),
-            source=f"{channel or 'T_d'} of {source!r}",
+            source=f"{channel or 'T_d'} in the steady state of {source.scenario.brief}",
             harmonics=harmonics,
             broken=broken,
         )
@@ -215,7 +215,7 @@ def find_lines(
         broken = source.broken
     else:
         broken = source.invariants.broken
-    told = f"{channel or 'T_d'} of {source!r}"
+    told = f"{channel or 'T_d'} of {source.scenario.brief}"
     return replace(table, unit=unit, source=told, broken=broken)
 
 
@@ -241,7 +241,7 @@ def _of_recording(
     table = lines_of_samples(
         recording[name], recording.sample_rate, scenario, harmonics, measured=True
     )
-    return replace(table, unit=recording.units[name], source=f"{name} of {recording!r}")
+    return replace(table, unit=recording.units[name], source=f"{name} of {recording.name}")
 
 
 def lines_of_samples(

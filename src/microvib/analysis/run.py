@@ -55,7 +55,7 @@ class RunResult:
     """
 
     def __repr__(self) -> str:
-        return f"Run of {self.scenario!r}\n{self.table!r}"
+        return f"Run of {self.scenario.brief}\n{self.table!r}"
 
     @property
     def drives(self) -> dict[str, RunResult]:

@@ -42,6 +42,9 @@ class Run:
     limit: tuple[float, float, float] | None = None
     """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
 
+    def __repr__(self) -> str:
+        return f"Run kept by microvib {self.versions['microvib']}\n{self.motion!r}\n{self.table!r}"
+
 
 def write_motion(motion: Motion, path: Path) -> None:
     """NetCDF 4 file of a motion (HDF5; read by xarray, MATLAB, Octave), with unit and meaning on

@@ -24,6 +24,7 @@ from microvib.model.reference import Reference
 from microvib.model.sentences import validate_part
 from microvib.model.spacecraft import DRIVE_GROUPS, HELD_WING_SETTINGS, Spacecraft
 from microvib.model.tracking import Tracking
+from microvib.text_tables import counted
 from microvib.units import GivenQuantity, Quantity, quantity
 
 if TYPE_CHECKING:
@@ -172,7 +173,48 @@ class Scenario(Part):
             )
 
     def __repr__(self) -> str:
-        return f"scenario '{self.title or 'without a title'}'"
+        motor, driver, record = self.motor, self.driver, self.record
+        rows = (
+            f"Scenario {self._name}",
+            f"drive: {motor.phases} phases, {motor.rotor_teeth} rotor teeth, {driver.microsteps}"
+            f" microsteps a full step, gear {self.reducer.ratio:g}:1",
+            f"rate: {self._rate_in_words}",
+            f"array: {self._array_in_words}",
+            f"record: {record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s,"
+            f" start: {record.start}",
+        )
+        return "\n  ".join(rows)
+
+    @property
+    def brief(self) -> str:
+        """Title, rate and array in a line, by which results name the scenario that they are of."""
+        rate, array = self._rate_in_words.partition(",")[0], self._array_in_words.partition(":")[0]
+        return f"{self._name}, {rate}, array of {array}"
+
+    @property
+    def _name(self) -> str:
+        if self.title:
+            return f"'{self.title}'"
+        return "an untitled scenario"
+
+    @property
+    def _rate_in_words(self) -> str:
+        """Rate of the array and microsteps per second."""
+        rate = self.rate
+        if rate is None:
+            return "rate that changes in the record"
+        return f"{math.degrees(rate):.4g} deg/s, {self.driving_frequency:.4g} microsteps/s"
+
+    @property
+    def _array_in_words(self) -> str:
+        """Inertia and modes of the array, and what carries it."""
+        modes = [mode.frequency for mode in self.array.modes]
+        text = f"{self.array.inertia:.4g} kg m², {counted(len(modes), 'mode')}"
+        if modes:
+            text += f": {', '.join(f'{f:.4g}' for f in modes[:3])}{', ...' if modes[3:] else ''} Hz"
+        if self.spacecraft is not None:
+            text += ", on a spacecraft"
+        return text
 
     def __hash__(self) -> int:
         return hash(

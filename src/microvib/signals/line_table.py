@@ -13,7 +13,7 @@ import numpy as np
 
 from microvib.errors import LineError, did_you_mean, quoted_value
 from microvib.model.expected import ExpectedLine, LineKindProperties
-from microvib.text_tables import text_table
+from microvib.text_tables import counted, text_table
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -287,7 +287,15 @@ class LineTable:
         return self.text()
 
     def __repr__(self) -> str:
-        return self._text(self.notable(), "(print shows them)")
+        return f"{self.heading}\n{self._text(self.notable(), '(print shows them)')}"
+
+    @property
+    def heading(self) -> str:
+        """How many lines of what, and of how long a record, in a line."""
+        of = f" of {self.source}" if self.source else ""
+        if math.isnan(self.sample_rate):
+            return f"{counted(len(self), 'line')}{of}"
+        return f"{counted(len(self), 'line')}{of}, {self.duration:g} s at {self.sample_rate:g} Hz"
 
     def _repr_html_(self) -> str:
         """The notable lines as a notebook shows them."""
@@ -297,7 +305,8 @@ class LineTable:
             f"<tr>{''.join(f'<{kind}>{escape(cell)}</{kind}>' for cell in row)}</tr>"
             for kind, row in zip(kinds, [head, *rows], strict=True)
         )
-        return f"<table>{''.join(html)}</table>{self._left_out(shown, '(print shows them)')}"
+        table = f"<table>{''.join(html)}</table>"
+        return f"{escape(self.heading)}{table}{self._left_out(shown, '(print shows them)')}"
 
     def over_seeds(self, name: str) -> SeedLine | None:
         """A line over many draws of the noise; None where that was not run, or is not known."""

@@ -46,7 +46,9 @@ class Torque:
         return (*own, *(name for name in followed if name != "momentum"))
 
     def __repr__(self) -> str:
-        return f"Torque of {self.scenario!r}: {self.T_d.size} samples at {self.sample_rate:g} Hz"
+        return (
+            f"Torque of {self.scenario.brief}: {self.T_d.size} samples at {self.sample_rate:g} Hz"
+        )
 
     def __getitem__(self, name: str) -> np.ndarray:
         """As of a ``Motion``, which has other channels too."""

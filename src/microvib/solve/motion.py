@@ -23,6 +23,7 @@ from microvib.solve.channels import (
 )
 from microvib.solve.command import Command
 from microvib.solve.on_craft import channel_on_craft, evaluate_outputs, hub_motion, missing_channels
+from microvib.text_tables import counted
 
 INTERFACE_LOAD_CHANNELS = ("alpha_l", "eta", "eta_rate", "T_d")
 """Channels of which the loads at the interface are made."""
@@ -124,8 +125,13 @@ class Motion:
         return replace(self, beside=None)
 
     def __repr__(self) -> str:
-        duration, kept = self.scenario.record.duration, ", ".join(self._ipython_key_completions_())
-        return f"Motion of {self.scenario!r}: {self.time.size} samples at {self.sample_rate:g} Hz, {duration:g} s, of {kept}"
+        duration, kept = self.time.size / self.sample_rate, self._ipython_key_completions_()
+        return (
+            f"Motion of {self.scenario.brief}\n"
+            f"  {self.time.size} samples at {self.sample_rate:g} Hz, {duration:g} s,"
+            f" start: {self.scenario.record.start}\n"
+            f"  {counted(len(kept), 'channel')}: {', '.join(kept)}"
+        )
 
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.channels, *_derivable_channels(self.channels, self.scenario)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, get_args
@@ -27,6 +28,7 @@ from microvib.solve.simulate import simulate
 from microvib.studies.evidence import Observation, observations
 from microvib.studies.misreading import best_reversal, common_scale, scale_in_words
 from microvib.testdata.recording import Recording
+from microvib.text_tables import counted
 from microvib.units import Band, band, within_band
 
 COLUMNS = (
@@ -168,7 +170,9 @@ class Comparison(NamedTuple):
     rows: list[Row]
 
     def __repr__(self) -> str:
-        return f"Comparison of {self.a.name} with {self.b.name}: {len(self.rows)} lines"
+        verdicts = Counter(row.verdict for row in self.rows)
+        told = ", ".join(f"{verdict}: {count}" for verdict, count in verdicts.most_common())
+        return f"Comparison of {self.a.name} with {self.b.name}: {counted(len(self.rows), 'line')}\n  {told}"
 
 
 ComparisonSource = Source | Motion | Recording
@@ -197,12 +201,11 @@ def compare(
         scenario = as_scenario(scenario)
     guide = _guide(a, b, scenario)
     sides: dict[int, Side] = {}
-    for source, name in sorted(
-        zip((a, b), names, strict=True), key=lambda item: isinstance(item[0], Scenario)
-    ):
+    given = list(enumerate(zip((a, b), names, strict=True)))
+    for k, (source, name) in sorted(given, key=lambda item: isinstance(item[1][0], Scenario)):
         clock = next((s.clock_ratio for s in sides.values() if s.kind == "recording"), None)
-        sides[id(source)] = _side(source, name, guide, channel, clock, progress)
-    first, second = sides[id(a)], sides[id(b)]
+        sides[k] = _side(source, name, guide, channel, clock, progress)
+    first, second = sides[0], sides[1]
     if guide is None and {"recording"} < {first.kind, second.kind}:
         text = "lines of a recording have no names without a drive; name it"
         raise MicrovibError(f"{first.name}, {second.name}: {text}", remedy="scenario")

@@ -31,6 +31,7 @@ from microvib.results import FREQUENCY, MICROSTEPS, RATE, TORQUE, Column
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
+from microvib.text_tables import counted
 from microvib.units import Band, GivenQuantity, Si, quantity
 from microvib.units import band as ends
 from microvib.units import within_band as in_band
@@ -200,7 +201,26 @@ class RatePlan:
     """Part of a resonance's rate that the best rate must be away from it, such as 0.05."""
 
     def __repr__(self) -> str:
-        return f"Rate plan of {self.scenario!r}: {len(self.cases)} cases, {len(self.resonances)} resonances"
+        rates = [math.degrees(case.rate) for case in self.cases]
+        counts = ", ".join(str(count) for count in self.counts)
+        rows = [
+            f"Rate plan of {self.scenario.brief}",
+            f"{counted(len(self.cases), 'case')} from {min(rates):.4g} to {max(rates):.4g} deg/s with {counts}"
+            f" microsteps{', linearised' if self.linear else ''}",
+            f"{counted(len(self.resonances), 'resonance')}, {counted(len(self.forbidden), 'forbidden band')} of rates",
+            self._best_in_words(),
+        ]
+        return "\n  ".join(rows)
+
+    def _best_in_words(self) -> str:
+        best = self.best()
+        if best is None:
+            return "no rate is allowed"
+        case, amplitude = best
+        return (
+            f"best rate {math.degrees(case.rate):.4g} deg/s with {case.microsteps} microsteps:"
+            f" largest line {1e3 * amplitude:.4g} mN m"
+        )
 
     def of(self, microsteps: int) -> list[RateCase]:
         """Cases of one microstep count, by rate."""

@@ -24,6 +24,7 @@ from microvib.testdata.channels import (
     plain_load,
     yaml_quoted,
 )
+from microvib.text_tables import counted
 from microvib.units import Si, quantity
 
 OUTLIER = (
@@ -105,6 +106,22 @@ class Recording:
                 " expected"
             )
         return x
+
+    def __repr__(self) -> str:
+        channels = [f"{name} [{self.units.get(name) or 'no unit'}]" for name in self.channels]
+        more = f", and {len(channels) - 12} more" if channels[12:] else ""
+        return (
+            f"{self.name[0].upper()}{self.name[1:]}\n"
+            f"  {self.samples} samples at {self.sample_rate:g} Hz, {self.duration:g} s\n"
+            f"  {counted(len(channels), 'channel')}: {', '.join(channels[:12])}{more}"
+        )
+
+    @property
+    def name(self) -> str:
+        """The recording by its title, which is its file's name where it was read from one."""
+        if self.title:
+            return f"recording '{self.title}'"
+        return "recording without a title"
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.channels:

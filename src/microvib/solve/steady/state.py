@@ -83,7 +83,7 @@ class SteadyState:
     """
 
     def __repr__(self) -> str:
-        return f"Steady state of {self.scenario!r}: repeats every {1.0 / self.frequency:.6g} s"
+        return f"Steady state of {self.scenario.brief}: repeats every {1.0 / self.frequency:.6g} s"
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name == "T_d":

@@ -100,8 +100,13 @@ class Budget:
     """
 
     def __repr__(self) -> str:
-        names = ", ".join(one.source for one in self.contributions)
-        return f"Budget of {self.scenario!r}: {self.verdict}, {len(self.judged)} requirements; sources {names}"
+        rows = [
+            f"Pointing budget of {self.scenario.brief}: {self.verdict}",
+            f"sources: {', '.join(one.source for one in self.contributions)}",
+            self.holds_at,
+            *(f"{one!r}" for one in self.judged),
+        ]
+        return "\n  ".join(rows)
 
     @property
     def holds_at(self) -> str:

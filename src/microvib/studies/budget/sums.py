@@ -85,6 +85,12 @@ class Assessment:
     for that of the scenario.
     """
 
+    def __repr__(self) -> str:
+        return (
+            f"requirement '{self.requirement.name}': {self.verdict}, {self.value:.4g} rad of"
+            f" {self.limit:.4g} rad"
+        )
+
     @property
     def margin(self) -> float:
         """Limit over value."""
