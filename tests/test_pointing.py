@@ -223,14 +223,47 @@ def test_levels_in_a_window_against_draws(metric: p.Metric) -> None:
         "pde": after - mean,
     }[metric]
     rows = np.abs(p.windowed_amplitudes(metric, f, A, T))
-    assert np.mean(0.5 * np.sum(rows**2, axis=1)) == pytest.approx(
+    shares = p.row_shares(metric, p.HALF_WINDOW)
+    assert shares @ (0.5 * np.sum(rows**2, axis=1)) == pytest.approx(
         np.sum(p.mean_square_of_lines(metric, f, A, T)), rel=2e-3
     )
     for part in (0.9, 0.997):
-        assert p.confidence_level_angle(rows, 0.0, part) == pytest.approx(
+        assert p.confidence_level_angle(rows, 0.0, part, shares=shares) == pytest.approx(
             np.quantile(np.abs(found), part), rel=0.01
         )
     most = p.worst_case_angle(
         p.windowed_amplitudes(metric, f, A, T, instants=p.UNIFORM_INSTANTS), 0.0
     )
     assert 0.8 * most < np.abs(found).max() <= 1.001 * most
+
+
+@pytest.mark.parametrize("metric", ["rpe", "smear", "jitter"])
+def test_what_lies_between_the_instants_of_a_window_is_covered(metric: p.Metric) -> None:
+    """Slopes, curvatures and what lies between instants, against far finer instants."""
+    f, T, ones = np.array([0.3, 2.0, 9.7, 31.0, 180.0, 2100.0]), 0.05, np.ones(6)
+    fine = np.linspace(-1.0, 1.0, 200_001)
+    u = np.pi * f * T
+    turned = 1.0 if metric == "smear" else np.exp(-1j * np.outer(fine, u))
+    shape = p.windowed_amplitudes(metric, f, ones, T, instants=fine) * turned
+    slope = np.abs(np.gradient(shape, fine, axis=0))
+    known = p.slope_in_window(metric, f, T, fine)
+    inner = slice(2, -2)
+    assert slope[inner] == pytest.approx(known[inner], rel=1e-3, abs=1e-4 * known.max())
+    curved = np.abs(np.diff(shape, 2, axis=0)) / (fine[1] - fine[0]) ** 2
+    assert np.all(curved.max(axis=0) <= p.curvature_in_window(metric, f, T) * 1.01 + 1e-4)
+    for cells in (p.HALF_WINDOW, p.WHOLE_WINDOW):
+        assert cells.shares.sum() == pytest.approx(1.0)
+        middles = p.windowed_amplitudes(metric, f, ones, T, instants=cells.instants)
+        if metric != "smear":
+            middles = middles * np.exp(-1j * np.outer(cells.instants, u))
+        cell = np.searchsorted(cells.instants + cells.reach, fine - 1e-12)
+        inside = (cell < cells.instants.size) & (fine >= cells.instants[0] - cells.reach[0])
+        away = np.abs(shape[inside] - middles[cell[inside]])
+        assert np.all(away <= p.change_within_cells(metric, f, T, cells)[cell[inside]] + 1e-12)
+    spacing = 0.01
+    sizes = np.abs(shape)
+    coarse = sizes[:: round(spacing / (fine[1] - fine[0]))]
+    most = np.maximum(coarse[1:], coarse[:-1]).max(axis=0)
+    assert np.all(
+        sizes.max(axis=0) <= most + p.excess_between_instants(metric, f, T, spacing) + 1e-12
+    )

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -60,8 +60,37 @@ _INSTANTS = (
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
 _AT_ONCE = 4_000_000  # instants times lines that are summed at a time
 _HALVINGS = 60  # of the interval in which a level lies
-MIDPOINT_INSTANTS, UNIFORM_INSTANTS = (np.arange(24) + 0.5) / 24.0, np.linspace(0.0, 1.0, 201)
-"""Instants in half a window."""
+UNIFORM_INSTANTS = np.linspace(0.0, 1.0, 201)
+"""Instants in half a window, both ends among them."""
+
+
+class WindowCells(NamedTuple):
+    """Parts of a window, from -1 at its beginning to 1 at its end."""
+
+    instants: np.ndarray
+    """Their middles, (n,)."""
+    shares: np.ndarray
+    """Their lengths as parts of the time, (n,)."""
+    reach: np.ndarray
+    """From their middles to their ends, (n,)."""
+
+
+def window_cells(count: int, *, both_halves: bool) -> WindowCells:
+    """``count`` cells of the second half of a window, or of each half.
+
+    They are short towards the end, where what moves about a mean or a line is largest: it decides
+    high levels, and changes there by half a percent in a 64th of the half.
+    """
+    edges = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, count + 1))
+    if both_halves:
+        edges = np.r_[-edges[:0:-1], edges]
+    length = np.diff(edges)
+    return WindowCells(0.5 * (edges[1:] + edges[:-1]), length / length.sum(), 0.5 * length)
+
+
+HALF_WINDOW, WHOLE_WINDOW = (window_cells(64, both_halves=both) for both in (False, True))
+"""Cells for levels: of lines without known phases either half tells both, and of harmonics that
+keep their phases neither."""
 
 
 def metric_weight(
@@ -225,7 +254,7 @@ def radial_rms(mean_squares: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Distribution:
-    """How the sum of lines and noise is spread over time, in rows: equal shares of the time with
+    """How the sum of lines and noise is spread over time, in rows: shares of the time with
     amplitudes of their own.
     """
 
@@ -233,6 +262,8 @@ class Distribution:
     """[rad], ascending from 0, (m,), up to what is hardly ever passed."""
     inside: np.ndarray
     """Part of the time within each angle, (n, m)."""
+    shares: np.ndarray
+    """Of the time, (n,)."""
 
     def within(self, confidence: float, beside: np.ndarray | float = 0.0) -> float:
         """Angle [rad] that it stays within for a part ``confidence`` of the time.
@@ -261,9 +292,8 @@ class Distribution:
     def _part(self, angle: float, beside: np.ndarray) -> float:
         """Part of the time within an angle, less what is ``beside`` (n,)."""
         rows = zip(angle - beside, self.inside, strict=True)
-        return float(
-            np.mean([np.interp(x, self.angle, row) if x >= 0.0 else 0.0 for x, row in rows])
-        )
+        each = [np.interp(x, self.angle, row) if x >= 0.0 else 0.0 for x, row in rows]
+        return float(self.shares @ each)
 
 
 def confidence_level_angle(
@@ -273,13 +303,15 @@ def confidence_level_angle(
     *,
     frequency: np.ndarray | None = None,
     clock: np.ndarray | None = None,
+    shares: np.ndarray | None = None,
 ) -> float:
     """Angle [rad] that the sum of lines and Gaussian noise stays within for a part ``confidence``
     of the time.
 
     Of lines and noise as ``distribution`` takes them.
     """
-    return distribution(amplitudes, sigma, frequency=frequency, clock=clock).within(confidence)
+    spread = distribution(amplitudes, sigma, frequency=frequency, clock=clock, shares=shares)
+    return spread.within(confidence)
 
 
 def distribution(
@@ -288,11 +320,14 @@ def distribution(
     *,
     frequency: np.ndarray | None = None,
     clock: np.ndarray | None = None,
+    shares: np.ndarray | None = None,
+    noise_ratio: float = _SMALL,
 ) -> Distribution:
     """How the sum of lines and Gaussian noise is spread over time.
 
     ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of
-    the noise. Several rows (n, k) are equal shares of the time with amplitudes of their own. The
+    the noise. Several rows (n, k) are ``shares`` (n,) of the time with amplitudes of their own,
+    equal ones where none are given. Lines below ``noise_ratio`` of the largest count as noise. The
     densities are convolved as products of their characteristic functions, J_0(x A) and exp(-(x
     sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle. Lines
     of one ``clock`` (k,), a number of 0 or more, keep their phases to each other where they are
@@ -305,16 +340,18 @@ def distribution(
     f, of = (
         np.full(lines.shape[1], -1) if x is None else np.asarray(x) for x in (frequency, clock)
     )
-    small = _lines_counted_as_noise(lines, of)
-    sigma = math.hypot(sigma, math.sqrt(0.5 * float(np.mean(np.sum(lines[:, small] ** 2, axis=1)))))
+    if shares is None:
+        shares = np.full(len(lines), 1.0 / len(lines))
+    small = _lines_counted_as_noise(lines, of, noise_ratio)
+    noise = np.hypot(sigma, np.sqrt(0.5 * np.sum(lines[:, small] ** 2, axis=1)))
     lines, moved, f, of = lines[:, ~small], moved[:, ~small], f[~small], of[~small]
-    reach = 1.02 * (float(lines.sum(axis=1).max(initial=0.0)) + 8.0 * sigma)
+    reach = 1.02 * float(np.max(lines.sum(axis=1) + 8.0 * noise, initial=0.0))
     if reach == 0.0:
-        return Distribution(np.zeros(1), np.ones((len(lines), 1)))
-    if sigma == 0.0 and lines.shape[1] == 1:
+        return Distribution(np.zeros(1), np.ones((len(lines), 1)), shares)
+    if not noise.any() and lines.shape[1] == 1:
         angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
         over = angle / np.maximum(lines, 1e-300)
-        return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)))
+        return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
     from scipy.special import j0
 
     # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi
@@ -331,18 +368,23 @@ def distribution(
                 each = each * _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
     for k in np.flatnonzero(alone):
         each *= j0(np.outer(lines[:, k], at))
-    shares = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
-    shares[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each * np.exp(-0.5 * (at * sigma) ** 2)
+    terms = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
+    terms[:, 1:_TERMS_OF_LEVEL] = (
+        2.0 / (np.pi * n) * each * np.exp(-0.5 * np.outer(noise, at) ** 2)
+    )
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
-    inside = x - np.fft.fft(shares, axis=1)[:, :_TERMS_OF_LEVEL].imag
-    return Distribution(reach * x, np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0))
+    inside = x - np.fft.fft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
+    rising = np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
+    return Distribution(reach * x, rising, shares)
 
 
-def _lines_counted_as_noise(lines: np.ndarray, clock: np.ndarray) -> np.ndarray:
+def _lines_counted_as_noise(
+    lines: np.ndarray, clock: np.ndarray, noise_ratio: float
+) -> np.ndarray:
     """Which of the lines (n, k) count as noise of their mean square, (k,): of a ``clock`` (k,) only
     as many as together, at their crests, are that small, for they may all crest at once."""
     crests = lines.max(axis=0, initial=0.0)
-    most = _SMALL * crests.max(initial=0.0)
+    most = noise_ratio * crests.max(initial=0.0)
     small = np.asarray(crests < most)
     for one in np.unique(clock[clock >= 0]):
         its = np.flatnonzero(clock == one)
@@ -396,19 +438,20 @@ def windowed_amplitudes(
     amplitude: np.ndarray,
     window: float,
     apart: float | None = None,
-    instants: np.ndarray = MIDPOINT_INSTANTS,
+    instants: np.ndarray = HALF_WINDOW.instants,
 ) -> np.ndarray:
     """Complex amplitudes [rad] that lines (k,), 0-to-peak, have in a window, (n, k): rows for
     ``confidence_level_angle`` and ``worst_case_angle``.
 
     What moves about the mean or the fitted line is not the same throughout a window: rows are
     ``instants`` in it, from 0 in its middle to 1 at its end, and from -1 for lines that keep their
-    phases, which tell both halves apart. MIDDLES have equal shares of the time, as
-    ``confidence_level_angle`` takes them; EVERYWHERE is for ``worst_case_angle``.
+    phases, which tell both halves apart. Those of ``WindowCells`` go with their shares of the time
+    (``row_shares``); ``UNIFORM_INSTANTS`` are for ``worst_case_angle``. Metrics that are one value
+    of a window have one row.
     """
     A, f = np.asarray(amplitude), np.asarray(frequency, dtype=float)
     u = np.pi * f * window
-    if metric not in ("rpe", "smear", "jitter"):
+    if metric not in _WITHIN_WINDOW:
         change = np.exp(2j * np.pi * f * (window if apart is None else apart)) - 1.0
         mean = np.sinc(u / np.pi) if metric in ("mpe", "pde") else 1.0
         return np.asarray(A * mean * (change if metric in ("stability", "pde") else 1.0))[None]
@@ -420,6 +463,77 @@ def windowed_amplitudes(
     else:
         moved = about["rpe"] - slope
     return np.asarray(A * moved)
+
+
+_WITHIN_WINDOW: tuple[Metric, ...] = ("rpe", "smear", "jitter")
+"""Metrics that differ from one instant of a window to another."""
+
+
+def row_shares(metric: Metric, cells: WindowCells) -> np.ndarray:
+    """Shares of the time, (n,), of the rows of ``windowed_amplitudes`` at the cells' instants."""
+    if metric in _WITHIN_WINDOW:
+        return cells.shares
+    return np.ones(1)
+
+
+def slope_in_window(
+    metric: Metric, frequency: np.ndarray, window: float, instants: np.ndarray
+) -> np.ndarray:
+    """How fast lines (k,) of amplitude 1 change with the instant in a window, (n, k), from -1 to 1.
+
+    A shift in time, the same for all lines, changes no distribution over time, and turns a line
+    exp(i u tau) that moves about its mean into 1: what is left is the change of 1 less the mean or
+    fitted line, over exp(i u tau).
+    """
+    u = np.pi * np.asarray(frequency, dtype=float) * window
+    mean, slope = u * np.sinc(u / np.pi), 3.0 * _spherical(1, u)
+    tau = instants[:, None]
+    found = {
+        "rpe": np.abs(mean) * np.ones_like(tau),
+        "smear": np.abs(slope) * np.ones_like(tau),
+        "jitter": np.hypot(slope - mean, u * slope * tau),
+    }
+    return np.asarray(found[metric])
+
+
+def curvature_in_window(metric: Metric, frequency: np.ndarray, window: float) -> np.ndarray:
+    """Largest second derivative of the same, (k,)."""
+    u = np.pi * np.asarray(frequency, dtype=float) * window
+    mean, slope = np.abs(u**2 * np.sinc(u / np.pi)), 3.0 * np.abs(u * _spherical(1, u))
+    found = {"rpe": mean, "smear": np.zeros_like(u), "jitter": mean + (2.0 + u) * slope}
+    return np.asarray(found[metric])
+
+
+def change_within_cells(
+    metric: Metric, frequency: np.ndarray, window: float, cells: WindowCells
+) -> np.ndarray:
+    """By how much lines (k,) of amplitude 1 differ within cells from what they are in the middle,
+    at most, (n, k).
+    """
+    if metric not in _WITHIN_WINDOW:
+        return np.zeros((1, np.size(frequency)))
+    reach = cells.reach[:, None]
+    return (
+        reach * slope_in_window(metric, frequency, window, cells.instants)
+        + 0.5 * reach**2 * curvature_in_window(metric, frequency, window)
+    )
+
+
+def excess_between_instants(
+    metric: Metric, frequency: np.ndarray, window: float, spacing: float
+) -> np.ndarray:
+    """By how much lines (k,) of amplitude 1 may be larger between two instants ``spacing`` apart
+    than at both of them, (k,).
+    """
+    u = np.pi * np.asarray(frequency, dtype=float) * window
+    if metric not in _WITHIN_WINDOW or metric == "smear":  # a straight line is largest at its end
+        return np.zeros_like(u)
+    left = np.abs(np.sinc(u / np.pi))
+    if metric == "jitter":
+        left = left + 3.0 * np.abs(_spherical(1, u))
+    # 1 less the mean or fitted line is between 1 - left and 1 + left everywhere
+    curved = spacing**2 / 8.0 * curvature_in_window(metric, frequency, window)
+    return np.asarray(np.minimum(curved, 2.0 * left))
 
 
 def worst_case_angle(

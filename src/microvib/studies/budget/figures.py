@@ -14,14 +14,18 @@ from microvib.analysis.margins import frequency_error_bound
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE
 from microvib.signals.in_step import SLOW, in_step
 from microvib.signals.pointing import (
-    MIDPOINT_INSTANTS,
+    HALF_WINDOW,
     UNIFORM_INSTANTS,
+    WHOLE_WINDOW,
     Distribution,
+    change_within_cells,
     confidence_level_angle,
     distribution,
+    excess_between_instants,
     mean_square_of_density,
     mean_square_of_lines,
     metric_weight,
+    row_shares,
     windowed_amplitudes,
     worst_case_angle,
 )
@@ -106,14 +110,15 @@ def evaluate_metric(
         else:
             of = clock[counts]
         if np.any(of != INCOHERENT):
-            halves = np.r_[-MIDPOINT_INSTANTS[::-1], MIDPOINT_INSTANTS]
+            cells = WHOLE_WINDOW
         else:
-            halves = MIDPOINT_INSTANTS
-        each = []
+            cells = HALF_WINDOW
+        each, shares = [], row_shares(r.metric, cells)
         for k, s in zip(axes, squares, strict=True):
-            rows = windowed_amplitudes(r.metric, f, tones[:, k], window, r.apart, halves)
+            rows = windowed_amplitudes(r.metric, f, tones[:, k], window, r.apart, cells.instants)
+            sigma, clocks = math.sqrt(s), of[:, k]
             each.append(
-                confidence_level_angle(rows, math.sqrt(s), part, frequency=f, clock=of[:, k])
+                confidence_level_angle(rows, sigma, part, frequency=f, clock=clocks, shares=shares)
             )
     if single_axis:
         return max(each)
@@ -149,7 +154,19 @@ def metric_bounds(
             r, moving, Unobserved("", 0.0, math.inf, hidden_at, hidden), densities
         )
     f, most = np.concatenate([upper, hidden_at]), np.vstack([tones.most, hidden])
-    return least, evaluate_metric(r, f, most, densities)
+    return least, evaluate_metric(r, f, most, densities) + _excess_of_bound(r, f, most)
+
+
+def _excess_of_bound(r: Requirement, frequency: np.ndarray, most: np.ndarray) -> float:
+    """By how much lines (k,) [Hz] of amplitudes (k, 2) may crest higher between the instants of a
+    bound [rad].
+    """
+    if r.statistic != "bound":
+        return 0.0
+    spacing = float(UNIFORM_INSTANTS[1])
+    each = excess_between_instants(r.metric, frequency, _window(r), spacing)
+    size = np.abs(most[:, AXES[r.axis]]) * counts_in_band(r, frequency)[:, None]
+    return math.hypot(*(each @ size))
 
 
 @dataclass(frozen=True)
@@ -191,7 +208,11 @@ def _crest_bound(
     frequency = np.concatenate([upper, hidden.frequency])
     amplitude = np.vstack([moving.others.most, hidden.most])
     each = [r.model_copy(update={"axis": "xy"[k]}) for k in AXES[r.axis]]
-    found = [evaluate_metric(one, frequency, amplitude, densities) for one in each]
+    found = [
+        evaluate_metric(one, frequency, amplitude, densities)
+        + _excess_of_bound(one, frequency, amplitude)
+        for one in each
+    ]
     return moving.beside(AXES[r.axis], lambda more: np.add(found, more).tolist())
 
 
@@ -257,13 +278,19 @@ def _largest_group_distribution(
     """The largest group of lines with known phases, or the largest line, with noise; and what is
     beside it at most, (n,) [rad].
 
-    Rows are instants in a window.
+    Rows are cells of a window, in which all is as in their middles; by how much it changes within
+    them is beside it.
     """
-    halves = np.r_[-MIDPOINT_INSTANTS[::-1], MIDPOINT_INSTANTS]
+    cells, window = WHOLE_WINDOW, _window(r)
 
     def moved(f: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-        rows = windowed_amplitudes(r.metric, f, amplitude[:, axis], _window(r), r.apart, halves)
+        at = cells.instants
+        rows = windowed_amplitudes(r.metric, f, amplitude[:, axis], window, r.apart, at)
         return rows * counts_in_band(r, f)
+
+    def changes(f: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+        size = np.abs(amplitude[:, axis]) * counts_in_band(r, f)
+        return change_within_cells(r.metric, f, window, cells) @ size
 
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     given = moved(tones.frequency, tones.value * tones.turn)
@@ -273,11 +300,16 @@ def _largest_group_distribution(
     doubt = np.maximum(high - np.abs(given), np.abs(given) - low)[:, group]
     beside = high[:, ~group].sum(axis=1) + doubt.sum(axis=1)
     beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
-    sigma = math.sqrt(_noise(r, densities)[axis])
-    clock = np.zeros(int(group.sum()), dtype=int)
-    return distribution(
-        given[:, group], sigma, frequency=tones.frequency[group], clock=clock
-    ), beside
+    beside = beside + changes(upper, tones.most) + changes(hidden.frequency, hidden.most)
+    spread = distribution(
+        given[:, group],
+        math.sqrt(_noise(r, densities)[axis]),
+        frequency=tones.frequency[group],
+        clock=np.zeros(int(group.sum()), dtype=int),
+        shares=row_shares(r.metric, cells),
+        noise_ratio=0.0,
+    )
+    return spread, beside
 
 
 def _largest_group(clock: np.ndarray, crest: np.ndarray) -> np.ndarray:
@@ -318,7 +350,8 @@ def _mean_square_floor(
         lines = (
             evaluate_metric(own.model_copy(update={"statistic": "rms"}), lower, tones.least) ** 2
         )
-        crests = evaluate_metric(own.model_copy(update={"statistic": "bound"}), f, most)
+        bound = own.model_copy(update={"statistic": "bound"})
+        crests = evaluate_metric(bound, f, most) + _excess_of_bound(bound, f, most)
         beyond = (math.sqrt(rest) * crests + math.sqrt(tail * squares)) ** 2
         found.append(math.sqrt(max(lines + squares - beyond, 0.0) / r.confidence))
     return max(*found, z * math.sqrt(max(noise[k] for k in AXES[r.axis])))

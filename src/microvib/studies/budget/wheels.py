@@ -21,7 +21,13 @@ from microvib.analysis.margins import CLOCK_UNCERTAINTY, frequency_error_bound
 from microvib.model.coupling import line_of_sight_transfer
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.pointing import UNIFORM_INSTANTS, Metric, metric_weight, windowed_amplitudes
+from microvib.signals.pointing import (
+    UNIFORM_INSTANTS,
+    Metric,
+    excess_between_instants,
+    metric_weight,
+    windowed_amplitudes,
+)
 from microvib.studies.budget.files import Requirement, Wheel
 from microvib.studies.budget.sources import (
     Contribution,
@@ -53,6 +59,9 @@ _MAX_METRIC_GAIN: dict[Metric, float] = {
 _MAX_METRIC_WEIGHT: dict[Metric, float] = {
     "ape": 1.0, "mpe": 1.0, "rpe": 1.0, "smear": 0.5705, "jitter": 1.0, "stability": 4.0, "pde": 4.0,
 }  # fmt: skip
+
+
+_CREST_INSTANTS = UNIFORM_INSTANTS[::2]
 
 
 def bound_over_phases(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -407,10 +416,15 @@ class _Crest(_Score):
                 np.ones(f.size),
                 self.window,
                 self.r.apart,
-                UNIFORM_INSTANTS[::5],
+                _CREST_INSTANTS,
             )
         )
         return found.reshape(-1, *f.shape)
+
+    def _excess(self, f: np.ndarray) -> np.ndarray:
+        """By how much these may be larger between the instants, (n, o)."""
+        spacing = float(_CREST_INSTANTS[1])
+        return excess_between_instants(self.r.metric, f, self.window, spacing)
 
     def _total(self, factors: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         each = np.einsum("tno,noa->tna", factors, sizes).max(axis=0)
@@ -420,7 +434,9 @@ class _Crest(_Score):
         return self._total(self._factors(f), self.amplitude(f))
 
     def between(self, f: np.ndarray, g: np.ndarray) -> np.ndarray:
-        factors = self._factors(0.5 * (f + g)) + self.steepest(f, g, crest=True) * 0.5 * (g - f)
+        middle, half = 0.5 * (f + g), 0.5 * (g - f)
+        factors = self._factors(middle) + self._excess(middle)
+        factors = factors + self.steepest(f, g, crest=True) * half
         return self._total(np.minimum(factors, _MAX_METRIC_GAIN[self.r.metric]), self.largest(f, g))
 
 
