@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -191,8 +192,8 @@ def test_a_drive_whose_motion_has_several_forms_is_sensitive():
 def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
     motion, whole, estimate = off
     table = replace(
-        whole, lines=tuple(x for x in whole if x.status == "ok")
-    )  # what rings would be a doubt of its own
+        whole, lines=tuple(x for x in whole if x.status == "ok"), find_error=None
+    )  # what rings would be a doubt of its own, and nobody asked for the error
     known, solver = (
         with_integration_error(table, estimate),
         add_error_estimate(motion.solver, estimate),
@@ -236,3 +237,51 @@ def test_no_estimate_where_no_step_is_finer_or_the_state_is_not_known(state_1):
     assert accuracy(coarse, mv.find_lines(coarse)) is not None
     assert accuracy(replace(coarse, beginning=None), mv.find_lines(coarse)) is None
     assert math.isfinite(accuracy(coarse, mv.find_lines(coarse)).rms)
+
+
+@pytest.mark.parametrize("door", ["motion", "batch", "steady", "saved", "lines alone"])
+def test_lines_of_every_origin_are_judged_by_how_far_they_are_off(door, off):
+    """A limit half the error of the integration above a line passes by no way to it."""
+    motion, _, estimate = off
+    scenario = motion.scenario
+    steady = scenario.with_({"record.start": "steady"})
+
+    table = {
+        "motion": lambda: mv.find_lines(motion),
+        "batch": lambda: mv.find_lines(mv.simulate_many([scenario])[0]),
+        "steady": lambda: mv.find_lines(scenario, start="steady"),
+        "saved": lambda: mv.find_lines(replace(motion, beginning=None)),
+        "lines alone": lambda: mv.run_scenario(steady, lines_only=True).table,
+    }[door]()
+    table = replace(table, lines=tuple(x for x in table if x.status == "ok"))  # nothing rings
+    line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
+    band = line.frequency_hz - 0.01, line.frequency_hz + 0.01
+    limit = limit_of(line.amplitude_n_m * (1.0 + 0.5 * estimate.line), *band)
+    unaware = replace(table, find_error=None, own_error=0.0)
+    assert mv.judge(unaware, limit, scenario).of(line).verdict == "pass"
+    judged = mv.judge(table, limit, scenario)
+    assert judged.of(line).verdict == "not judged"
+    if door == "saved":
+        assert "error of its integration is not known" in judged.gaps[0]
+        assert "mv.run" in judged.gaps[0]
+    else:
+        far = limit_of(2.0 * line.amplitude_n_m, *band)
+        assert mv.judge(table, far, scenario).of(line).verdict == "pass"
+
+
+def test_the_error_is_sought_once_and_only_for_a_verdict(off, monkeypatch):
+    motion, _, estimate = off
+    calls = []
+
+    def counted(*given):
+        calls.append(given[2])
+        return rerun_refined(*given)
+
+    monkeypatch.setattr("microvib.analysis.accuracy.rerun_refined", counted)
+    table = mv.find_lines(motion)
+    assert not calls
+    for torque in (0.01, 0.02):
+        mv.judge(table, limit_of(torque), motion.scenario)
+    assert calls == [2, 4]
+    assert table.find_error(table) == pytest.approx(estimate.doubt)
+    assert pickle.loads(pickle.dumps(table)).find_error(table) == table.find_error(table)

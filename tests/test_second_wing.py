@@ -742,3 +742,40 @@ def test_a_rate_plan_judges_both_drives(linear: bool) -> None:
     assert second == pytest.approx(max(x.amplitude for x in expected.lines), rel=1e-6)
     assert second > 1.3 * first
     assert case.verdict((0.0, math.inf), math.sqrt(first * second)) == ABOVE_LIMIT
+
+
+@pytest.mark.parametrize("geared", [False, True])
+def test_a_rate_plan_keeps_away_from_resonances_of_both_drives(geared: bool) -> None:
+    """The second drive's lines, of half the microsteps or behind a gear of its own, meet the craft's modes at rates of their own."""
+    one = both(wing={"drive": "driven"})
+    coarse = {**one.driver.model_dump(), "microsteps": one.driver.microsteps // 2}
+    own: dict[str, Any] = {"driver": coarse}
+    if geared:
+        own = {"clock_ratio": 1.37}
+    craft = both(wing={"drive": "driven", **own})
+    other = craft.driven_wing
+    assert other is not None
+    rate = craft.rate
+    assert rate is not None
+    speed = (other.driving_frequency or math.nan) / rate
+    modes = [m for m in coupled_modes(craft) if m.damping < 0.2 or m.fixed_frequency is not None]
+    grid = [Si(x) for x in np.linspace(0.5 * rate, 2.0 * rate, 7)]
+    plan = mv.plan_rates(craft, grid, linear=True, keep_away=0.02)
+    named = {m.name: m.frequency for m in modes}
+    met = [r for r in plan.resonances if r.line.startswith("wing_2 ")]
+    assert met
+    assert {r.mode for r in met} <= set(named)
+    for r in met:
+        order = int(r.line.rpartition("_")[2])
+        assert r.rate * order * speed == pytest.approx(named[r.mode], rel=0.1)
+        assert any(b.low < r.rate < b.high and r.line in b.why for b in plan.forbidden)
+    own_lines = [r for r in plan.resonances if not r.line.startswith("wing_2 ")]
+    alone = mv.plan_rates(craft.alone, grid, linear=True, keep_away=0.02)
+    assert {(r.line, r.mode) for r in own_lines} <= {(r.line, r.mode) for r in alone.resonances}
+    strongest = max(met, key=lambda r: r.amplitude)
+    there = mv.plan_rates(craft, [Si(1.005 * strongest.rate)], linear=True, keep_away=0.02)
+    assert not any(there.is_allowed(case) for case in there.cases)
+    for bystander in (0.0, 2.0 * rate):  # one that holds, and one of a rate of its own
+        held = both(wing={"drive": "driven", **own, "tracking": {"rate": bystander}})
+        still = mv.plan_rates(held, grid, linear=True)
+        assert not [r for r in still.resonances if r.line.startswith("wing_2 ")]

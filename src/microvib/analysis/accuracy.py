@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
@@ -11,8 +12,10 @@ import numpy as np
 from microvib.errors import SimulationError, expect
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
-from microvib.solve.integration import rerun_refined
-from microvib.solve.motion import Motion
+from microvib.solve.batch import Torque
+from microvib.solve.integration import Simulation, rerun_refined
+from microvib.solve.motion import InitialState, Motion
+from microvib.solve.steady.state import SteadyState
 
 MAX_LINE_CHANGE = 5e-3
 """Relative change of a line above which finer steps are advised."""
@@ -93,6 +96,57 @@ class Accuracy:
         return sizes
 
 
+@dataclass
+class ErrorOfIntegration:
+    """The error of a simulated torque's lines, found by running it again when a verdict asks."""
+
+    source: Motion | SteadyState | Torque
+    of_torque: bool = True
+    """Whether the lines are those of T_d; of another channel the error of T_d alone counts."""
+    found: float | None = None
+
+    def __call__(self, table: LineTable) -> float:
+        """Part of every amplitude of the ``table``; nan where it cannot be found."""
+        if self.found is None:
+            counted = table if self.of_torque else replace(table, lines=())
+            self.found = self._error(counted)
+        return self.found
+
+    def _error(self, table: LineTable) -> float:
+        if isinstance(self.source, SteadyState):
+            return with_integration_error(table, steady_accuracy(self.source, table)).own_error
+        if isinstance(self.source, Torque):
+            scenario = self.source.scenario
+            beginning = Simulation(scenario, torque_only=True).initial_state
+            found = _compared(scenario, beginning, self.source.T_d, table)
+            return with_integration_error(table, found).own_error
+        if ERROR_ESTIMATE_KEY in self.source.solver:
+            known = read_error_estimate(self.source.solver)
+            return with_integration_error(table, known).own_error
+        if self.source.beginning is None:
+            return math.nan
+        return with_integration_error(table, accuracy(self.source, table)).own_error
+
+
+def with_known_error(table: LineTable) -> LineTable:
+    """A table that knows how far it is off, for which a motion may be run again."""
+    if table.find_error is None:
+        return table
+    return replace(table, own_error=table.find_error(table), find_error=None)
+
+
+MAX_STEADY_RECORD = 128.0
+"""Length [s] of a record from a steady state that is run again: it repeats, and longer ones tell no more."""
+
+
+def steady_accuracy(state: SteadyState, table: LineTable) -> Accuracy | None:
+    """``accuracy`` of the record that begins in a steady state."""
+    record = state.scenario.record
+    shorter = {"record.duration": min(record.duration, MAX_STEADY_RECORD)}
+    motion = replace(state, scenario=state.scenario.with_si(shorter)).motion(channels=("T_d",))
+    return accuracy(motion, table)
+
+
 def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """How far T_d of ``motion`` and the ``table`` of its lines are off by the integration.
 
@@ -104,15 +158,23 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """
     expect(motion, Motion, "a motion (mv.simulate)")
     expect(table, LineTable, "a table of lines (mv.find_lines)")
-    scenario, beginning = motion.scenario, motion.beginning
+    if motion.beginning is None:
+        return None
+    return _compared(motion.scenario, motion.beginning, motion["T_d"], table)
+
+
+def _compared(
+    scenario: Scenario, beginning: InitialState, T_d: np.ndarray, table: LineTable
+) -> Accuracy | None:
+    """``accuracy`` of a torque (n,) [N m] from its beginning."""
     own = scenario.solver.refinement
-    if beginning is None or 4 * own > MAX_REFINEMENT:
+    if 4 * own > MAX_REFINEMENT:
         return None
     counted, rate = _significant_lines(table), scenario.record.sample_rate
-    duration = motion["T_d"].size / rate
+    duration = T_d.size / rate
     try:
         twice = rerun_refined(scenario, beginning, 2, duration)
-        first = _difference(motion["T_d"], twice, counted, rate)
+        first = _difference(T_d, twice, counted, rate)
         found = Accuracy(first.rms, first.line, first.name, False, own, False)
         if first.is_fine:
             return found
@@ -129,7 +191,7 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
 
 def with_integration_error(table: LineTable, found: Accuracy | None) -> LineTable:
     """A table that knows how far it is off, so that a limit is judged by it."""
-    return replace(table, own_error=0.0 if found is None else found.doubt)
+    return replace(table, own_error=0.0 if found is None else found.doubt, find_error=None)
 
 
 def failed_invariants_reason(broken: Sequence[str], scenario: Scenario | None) -> str:

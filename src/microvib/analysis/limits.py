@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.accuracy import failed_invariants_reason
+from microvib.analysis.accuracy import failed_invariants_reason, with_known_error
 from microvib.analysis.lines import clock_warnings
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
@@ -191,7 +191,9 @@ def judge(
     The ``scenario`` of the table says what may be above the passband and how long a start rings;
     without it, nothing above the passband is judged. Where it has a second wing that is driven, the
     ``second`` table has that drive's lines, which are judged too. Lines of a motion whose
-    invariants do not hold neither pass nor fail.
+    invariants do not hold neither pass nor fail. Nor do lines of which it is not known how far they
+    are off by the integration. The first verdict on lines of a simulation that nobody has asked that
+    yet finds it out, by runs with finer steps (``accuracy``), which takes longer than the simulation.
     """
     expect(table, LineTable, "a table of lines (mv.find_lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
@@ -203,6 +205,7 @@ def judge(
             f"is a torque, and these lines are in {pretty(table.unit)}; lines of a torque are"
             " expected",
         )
+    table = with_known_error(table)
     within = [x for x in table if limit.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     margins = [
@@ -229,7 +232,8 @@ def judge(
             " constant rate)"
         )
     gaps += _above_passband(table, limit, scenario)
-    if why := failed_invariants_reason(table.broken, scenario):
+    why = failed_invariants_reason(table.broken, scenario) or _unknown_error_reason(table)
+    if why:
         margins = [replace(m, verdict="not judged", why=f"{m.line.line} ({why})") for m in margins]
         gaps.insert(0, why)
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
@@ -240,6 +244,16 @@ def judge(
     if other is None:
         return judged
     return _combine_drives(judged, second, other.alone)
+
+
+def _unknown_error_reason(table: LineTable) -> str:
+    """Why nothing is known of lines whose error is not; empty where it is."""
+    if not math.isnan(table.own_error):
+        return ""
+    return (
+        "the whole motion, because the error of its integration is not known, nor the state that it"
+        " began in (simulate it again: mv.run_scenario)"
+    )
 
 
 def _frequency_with_bound(line: Line) -> tuple[float, float]:

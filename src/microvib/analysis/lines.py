@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.accuracy import ErrorOfIntegration
 from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import mode_has_decayed
 from microvib.analysis.steadiness import steadiness_notes, with_excess
@@ -143,7 +144,8 @@ def find_lines(
 
     Of a steady state lines are exact; of samples they are estimated
     (``microvib.signals.line_fit``). What is looked for follows from the scenario
-    (``microvib.model.expected``).
+    (``microvib.model.expected``). How far simulated lines are off by the integration is found when
+    a verdict first asks (``judge``), by runs with finer steps.
 
     Parameters
     ----------
@@ -196,13 +198,13 @@ def find_lines(
         source = source.source
     if isinstance(source, SteadyState):
         table = _of_steady_state(source, channel or "T_d", harmonics)
-        broken = source.invariants.broken
         return replace(
             table,
             unit=unit_of(channel or "T_d"),
             source=f"{channel or 'T_d'} in the steady state of {source.scenario.brief}",
             harmonics=harmonics,
-            broken=broken,
+            broken=source.invariants.broken,
+            find_error=ErrorOfIntegration(source, channel in ("", "T_d")),
         )
     if isinstance(source, Recording):
         guide = None if scenario is None else as_scenario(scenario)
@@ -216,7 +218,8 @@ def find_lines(
     else:
         broken = source.invariants.broken
     told = f"{channel or 'T_d'} of {source.scenario.brief}"
-    return replace(table, unit=unit, source=told, broken=broken)
+    error = ErrorOfIntegration(source, channel in ("", "T_d"))
+    return replace(table, unit=unit, source=told, broken=broken, find_error=error)
 
 
 def _solve(scenario: Scenario, channel: str) -> tuple[Motion | SteadyState, str]:

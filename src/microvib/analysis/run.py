@@ -10,11 +10,14 @@ from functools import cached_property
 from typing import Any
 
 from microvib.analysis.accuracy import (
+    ERROR_ESTIMATE_KEY,
     Accuracy,
     accuracy,
     add_error_estimate,
     read_error_estimate,
+    steady_accuracy,
     with_integration_error,
+    with_known_error,
 )
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import HARMONICS_RANGE, find_lines
@@ -157,6 +160,9 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
             solver=add_error_estimate(motion.solver, found),
             beside=None if second is None else second.motion,
         )
+    elif state is not None:
+        found = steady_accuracy(state, table)
+        table, solver = with_integration_error(table, found), add_error_estimate(solver, found)
     return RunResult(
         source.scenario, table, source.invariants, solver, motion, state, second=second
     )
@@ -164,10 +170,11 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
 
 def lines_of_second(motion: Motion, table: LineTable) -> LineTable | None:
     """Lines of the second wing's drive in a run's motion, as many as the first's ``table`` has,
-    which know how far they are off; None where it is not driven."""
+    which know how far they are off where the run asked; None where it is not driven."""
     beside = motion.beside
     if beside is None:
         return None
-    return with_integration_error(
-        find_lines(beside, harmonics=table.harmonics), read_error_estimate(beside.solver)
-    )
+    second = find_lines(beside, harmonics=table.harmonics)
+    if ERROR_ESTIMATE_KEY in beside.solver:
+        return with_known_error(second)
+    return second

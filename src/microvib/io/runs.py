@@ -119,7 +119,7 @@ def summary(
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
         "doubts": list(scenario.doubts()),
         "left_by_lines": left,
-        "own_error": table.own_error,
+        "own_error": _known_error(table),
         "broken_invariants": list(table.broken),
         "harmonics": table.harmonics,
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
@@ -176,11 +176,24 @@ def read_run(folder: Path | str) -> Run:
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
             rest=left and _rest(left),
-            own_error=said.get("own_error", 0.0), broken=tuple(said.get("broken_invariants", first[0].broken)),
+            own_error=_error_of(said.get("own_error")), broken=tuple(said.get("broken_invariants", first[0].broken)),
             harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
     return Run(motion, table, versions, limit)
+
+
+def _known_error(table: LineTable) -> float | None:
+    """Error of a table; None where it is not known."""
+    if table.find_error is not None or math.isnan(table.own_error):
+        return None
+    return table.own_error
+
+
+def _error_of(said: float | None) -> float:
+    if said is None:
+        return math.nan
+    return said
 
 
 def _rest(left: dict[str, Any]) -> ResidualPeaks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from html import escape
@@ -239,7 +239,13 @@ class LineTable:
     excess: tuple[Excess, ...] = field(default=(), compare=False)
     """What a recording holds beyond its lines and its floor, band by band."""
     own_error: float = field(default=0.0, compare=False)
-    """Part of every amplitude that the record itself is known to be off, as by its integration."""
+    """Part of every amplitude that the record itself is known to be off, as by its integration; nan
+    where that is not known.
+    """
+    find_error: Callable[[LineTable], float] | None = field(default=None, compare=False, repr=False)
+    """Finds ``own_error`` once a verdict asks for it, since that takes longer than the record; None
+    where it is found.
+    """
     broken: tuple[str, ...] = field(default=(), compare=False)
     """Invariants of the motion that do not hold, by name: no limit is judged by these lines."""
     seeds: tuple[SeedLine, ...] = field(default=(), compare=False)

@@ -369,18 +369,14 @@ def distribution(
     for k in np.flatnonzero(alone):
         each *= j0(np.outer(lines[:, k], at))
     terms = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
-    terms[:, 1:_TERMS_OF_LEVEL] = (
-        2.0 / (np.pi * n) * each * np.exp(-0.5 * np.outer(noise, at) ** 2)
-    )
+    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each * np.exp(-0.5 * np.outer(noise, at) ** 2)
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
     inside = x - np.fft.fft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
     rising = np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
     return Distribution(reach * x, rising, shares)
 
 
-def _lines_counted_as_noise(
-    lines: np.ndarray, clock: np.ndarray, noise_ratio: float
-) -> np.ndarray:
+def _lines_counted_as_noise(lines: np.ndarray, clock: np.ndarray, noise_ratio: float) -> np.ndarray:
     """Which of the lines (n, k) count as noise of their mean square, (k,): of a ``clock`` (k,) only
     as many as together, at their crests, are that small, for they may all crest at once."""
     crests = lines.max(axis=0, initial=0.0)
@@ -513,10 +509,9 @@ def change_within_cells(
     if metric not in _WITHIN_WINDOW:
         return np.zeros((1, np.size(frequency)))
     reach = cells.reach[:, None]
-    return (
-        reach * slope_in_window(metric, frequency, window, cells.instants)
-        + 0.5 * reach**2 * curvature_in_window(metric, frequency, window)
-    )
+    return reach * slope_in_window(
+        metric, frequency, window, cells.instants
+    ) + 0.5 * reach**2 * curvature_in_window(metric, frequency, window)
 
 
 def excess_between_instants(

@@ -202,9 +202,7 @@ class Simulation:
         record, packed = self.scenario.record, self.packed
         x = packed.state
         t = start = float(x.clock[kernel.NOW])
-        self.beginning = InitialState(
-            np.concatenate([x.y, x.stick, x.clock, x.levels]), self._command
-        )
+        self.beginning = self.initial_state
         intervals = sample_intervals(self.scenario, start)
         self._progress(start, intervals.end)
         self._factor, width, first, end = (
@@ -294,6 +292,12 @@ class Simulation:
             return
         self.invariants = compute_invariants(packed, before, momentum_before, end - start)
         self._finish(end - start, clock_time.perf_counter() - begun)
+
+    @property
+    def initial_state(self) -> InitialState:
+        """Where it begins, before it has begun."""
+        x = self.packed.state
+        return InitialState(np.concatenate([x.y, x.stick, x.clock, x.levels]), self._command)
 
     def balance_after(self) -> Invariants | None:
         """Invariants of the motion that follows for some microsteps, at most SHORT of what was

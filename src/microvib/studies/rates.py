@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, groupby, pairwise
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -321,11 +321,11 @@ def plan_rates(
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
     modes = tuple(mode for mode in coupled_modes(scenario) if _may_resonate(mode))
-    crossings = [
-        crossing
-        for count in counts
-        for crossing in _resonance_crossings(scenario, count, modes, min(grid), max(grid))
-    ]
+    if not 0.0 <= keep_away < 1.0:
+        raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
+    # a resonance just beyond the range may be too near to a rate at its end
+    reach = min(grid) / (1.0 + keep_away), max(grid) / (1.0 - keep_away)
+    crossings = [x for count in counts for x in _resonance_crossings(scenario, count, reach)]
     solve_case = linear_case if linear else full_case
     with parallel_calls(progress, workers) as calls:
 
@@ -335,14 +335,16 @@ def plan_rates(
             )
 
         wanted = {(float(rate), count) for count in counts for rate in grid}
-        for crossing in crossings:
-            wanted |= {(rate, crossing.microsteps) for rate in _rates_to_examine(crossing, modes)}
-        found = _solved_cases(wanted, within, solve)
+        beyond = set[tuple[float, int]]()
+        for resonance, examined in crossings:
+            kept = wanted if min(grid) <= resonance.rate <= max(grid) else beyond
+            kept |= {(rate, resonance.microsteps) for rate in examined}
+        found = _solved_cases(wanted | beyond, within, solve)
         rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in counts]
         forbidden = []
         if most is not None:
             forbidden = [b for row in rows for b in _forbidden(row, most, within, solve)]
-    resonances = _resonances(crossings, modes, found)
+    resonances = _resonances(crossings, found)
     if keep_away > 0.0:
         forbidden += [_too_near(resonance, keep_away) for resonance in resonances]
     return RatePlan(
@@ -394,17 +396,13 @@ def _solved_cases(
 
 
 def _resonances(
-    crossings: Iterable[Resonance],
-    modes: Sequence[CoupledMode],
+    crossings: Iterable[_Crossing],
     found: dict[tuple[float, int], RateCase],
 ) -> tuple[Resonance, ...]:
     """The crossings at which a line is large enough, each at the strongest of its rates."""
     strongest = (
-        _strongest_crossing(
-            crossing,
-            [found[rate, crossing.microsteps] for rate in _rates_to_examine(crossing, modes)],
-        )
-        for crossing in crossings
+        _strongest_crossing(resonance, [found[rate, resonance.microsteps] for rate in examined])
+        for resonance, examined in crossings
     )
     return tuple(resonance for resonance in strongest if resonance is not None)
 
@@ -615,43 +613,80 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
     return result
 
 
+class _Crossing(NamedTuple):
+    """Where a line of one drive meets a mode."""
+
+    resonance: Resonance
+    rates: list[float]
+    """At which the plan looks."""
+
+
 def _resonance_crossings(
-    scenario: Scenario, microsteps: int, modes: Sequence[CoupledMode], low: float, high: float
-) -> list[Resonance]:
-    """Rates within a range at which driving and full-step lines, and those of the gears' errors,
-    meet a mode.
+    scenario: Scenario, microsteps: int, span: tuple[float, float]
+) -> Iterator[_Crossing]:
+    """Rates within a range at which lines of either drive meet a mode."""
+    slowest = at_rate(scenario, Si(span[0]), microsteps)
+    modes = coupled_modes(scenario)
+    yield from _crossings_of_drive(slowest.alone, microsteps, span, modes, "")
+    second = slowest.driven_wing
+    if second is None or not second.rate or _second_has_own_rate(scenario):
+        return
+    own = coupled_modes(second.alone)
+    if len(own) == len(modes):  # the same modes, by the names that they have on the first drive
+        ours, theirs = (sorted(each, key=lambda m: m.frequency) for each in (modes, own))
+        own = tuple(replace(b, name=a.name) for a, b in zip(ours, theirs, strict=True))
+    yield from _crossings_of_drive(second.alone, microsteps, span, own, f"{SECOND_DRIVE} ")
+
+
+def _second_has_own_rate(scenario: Scenario) -> bool:
+    """Whether the second wing's lines stay where they are, whatever the plan's rate is."""
+    wing = None if scenario.spacecraft is None else scenario.spacecraft.second_wing
+    return wing is not None and wing.tracking is not None
+
+
+def _crossings_of_drive(
+    drive: Scenario,
+    microsteps: int,
+    span: tuple[float, float],
+    modes: Sequence[CoupledMode],
+    prefix: str,
+) -> Iterator[_Crossing]:
+    """Where driving and full-step lines of a ``drive``, and those of its gears' errors, meet modes.
+
+    ``span`` are the ends of the range of rates, at the first of which the drive is, and
+    ``microsteps`` the plan's, which a second drive need not share. Lines are called with ``prefix``.
     """
+    low, high = span
+    per_rate = (drive.driving_frequency or 0.0) / low
+    orders = _orders_of_lines(drive)
+    for mode in filter(_may_resonate, modes):
+        for line, order in orders:
+            rate, f = mode.frequency / (order * per_rate), mode.frequency
+            if low <= rate <= high:
+                met = Resonance(microsteps, rate, f, math.nan, f"{prefix}{line}", mode.name, f)
+                yield _Crossing(met, _rates_to_examine(rate, mode))
+
+
+def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
+    """Lines of a drive that may be resonances, by their frequencies over the driving frequency."""
     driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
-    per_rate = (
-        microsteps
-        * scenario.reducer.ratio
-        * scenario.tracking.clock_ratio
-        / driver.full_step(motor)
-    )
-    detent = motor.full_steps / (driver.beats * microsteps)
+    detent = motor.full_steps / (driver.beats * driver.microsteps)
     orders = [(f"drive_{k}", float(k)) for k in members]
     if motor.detent_torque > 0.0:
         orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]
-    turn = driver.beats * microsteps * motor.rotor_teeth
-    orders += [
+    turn = driver.beats * driver.microsteps * motor.rotor_teeth
+    return orders + [
         (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0
     ]
-    return [
-        Resonance(microsteps, rate, mode.frequency, math.nan, line, mode.name, mode.frequency)
-        for mode in modes
-        for line, order in orders
-        if low <= (rate := mode.frequency / (order * per_rate)) <= high
-    ]
 
 
-def _rates_to_examine(meeting: Resonance, modes: Sequence[CoupledMode]) -> list[float]:
+def _rates_to_examine(rate: float, mode: CoupledMode) -> list[float]:
     """Rates to examine: while the shaft sticks part of the time, the mode is between its coupled
     and its clamped frequency.
     """
-    mode = next(m for m in modes if m.name == meeting.mode)
     ratio = (mode.fixed_frequency or mode.frequency) / mode.frequency
     return [
-        meeting.rate * float(s)
+        rate * float(s)
         for s in np.unique(np.linspace(1.0, ratio if abs(ratio - 1.0) <= 0.1 else 1.0, 3))
     ]
 

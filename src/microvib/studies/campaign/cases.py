@@ -15,7 +15,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.limits import judge
+from microvib.analysis.limits import Judgement, Limit, judge
 from microvib.analysis.lines import find_lines, steady_lines
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
@@ -366,10 +366,33 @@ def _result(
         return _Result(reason=why)
     verdict, gaps, limit = 0, "", limit_of(study)
     if limit is not None:
-        judgement = judge(table, limit, scenario, second)
+        judgement = _judged(table, limit, scenario, second)
         verdict, gaps = VERDICTS.index(judgement.verdict), judgement.not_judged(1).strip()
     scalars = (float(np.abs(x).max()), float(x.std()), stuck_output)
+    table = replace(table, find_error=None)  # with it goes the motion, which no process needs
     return _Result(table, scalars, verdict, gaps, note=note, T_d=x if "T_d" in study.keep else None)
+
+
+_MAX_SEEN_ERROR = 0.25
+"""Part of an amplitude by which no integration was seen to be off (``analysis.accuracy``)."""
+
+
+def _judged(
+    table: LineTable, limit: Limit, scenario: Scenario, second: LineTable | None
+) -> Judgement:
+    """A case against the limit; it is run again with finer steps only where their error may decide
+    the verdict.
+    """
+
+    def off_by(error: float) -> Judgement:
+        known = replace(table, own_error=error, find_error=None)
+        other = second and replace(second, own_error=error, find_error=None)
+        return judge(known, limit, scenario, other)
+
+    exact = off_by(0.0)
+    if exact.verdict == off_by(_MAX_SEEN_ERROR).verdict:
+        return exact
+    return judge(table, limit, scenario, second)
 
 
 def gather(results: Sequence[_Result], label: Label) -> Chunk:
