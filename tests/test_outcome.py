@@ -5,14 +5,22 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import pytest
 
 from microvib.reports.document import Text
-from microvib.reports.outcome import Outcome, Part, page_answer, study_contents, terminal_text
-from microvib.results import RATE, TORQUE, Column, Table
+from microvib.reports.outcome import (
+    Outcome,
+    Part,
+    page_answer,
+    report_table,
+    study_contents,
+    terminal_text,
+    text_files,
+)
+from microvib.results import POINTING_ANGLE, RATE, TORQUE, Column, Table
 
 
 @dataclass(frozen=True)
@@ -56,11 +64,55 @@ def test_files_have_all_rows_and_columns_in_their_units(outcome):
 
 
 def test_a_terminal_shows_the_first_rows_under_headings_with_units(outcome):
-    said = terminal_text(outcome)
+    said = terminal_text(replace(outcome, verdict=""))
     assert said.startswith("Three cases.\n\nIn words.\n\nLines:\n")
     assert "rate [deg/s]" in said
     assert said.count("drive_") == 1
     assert "Nothing" not in said
+
+
+def test_a_verdict_stands_last_on_a_terminal(outcome):
+    said = terminal_text(outcome)
+    assert said.startswith("Three cases.\n\nLines:\n")
+    assert said.endswith("\n\nIn words.")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A requirement with its verdict."""
+
+    name: Annotated[str, Column("name", "requirement")]
+    value: Annotated[float, Column("value_rad", "value", POINTING_ANGLE)]
+    limit: Annotated[float, Column("limit_rad", "limit", POINTING_ANGLE)]
+    verdict: Annotated[str, Column("verdict", "verdict", verdict=True)]
+
+
+def test_rows_stand_out_by_their_verdict_and_angles_have_one_unit(state_1):
+    table = Table.of("judged", Judged, [Judged("P-1", 2e-9, 1e-6, "pass"), Judged("P-2", 3e-6, 2e-6, "fail"),
+                                        Judged("P-3", math.nan, 2e-6, "not judged")])  # fmt: skip
+    shown = report_table(table)
+    assert [column.unit for column in shown.columns] == ["", "µrad", "µrad", ""]
+    assert [(row.mark, row.cells) for row in shown.rows] == [
+        ("pass", ("P-1", "0.002", "1", "pass")),
+        ("fail", ("P-2", "3", "2", "FAIL")),
+        ("off", ("P-3", "", "2", "not judged")),
+    ]
+    assert table.figure("value_rad", 3e-9) == "0.003 µrad"
+    assert table.file_rows()[1] == ["P-2", 3e-6, 2e-6, "fail"]
+    found = Outcome(
+        "Study",
+        "A study",
+        "Said.",
+        "fail",
+        (),
+        (Part("", (table,)),),
+        state_1,
+        data={"judged": {"x": math.nan}},
+    )
+    assert text_files(found) == {
+        "judged.csv": "name,value_rad,limit_rad,verdict\nP-1,2e-09,1e-06,pass\nP-2,3e-06,2e-06,fail\nP-3,,2e-06,not judged\n",
+        "judged.json": '{\n  "x": null\n}\n',
+    }  # fmt: skip
 
 
 def test_report_and_page_show_the_same_cells(outcome):

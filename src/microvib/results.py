@@ -23,9 +23,9 @@ A result's dataclass annotates the fields that its table has, in their order:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from functools import cache
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property
 from typing import Any, get_type_hints
 
 
@@ -37,28 +37,40 @@ class Measure:
     """That readers see."""
     size: float = 1.0
     """Of that unit in SI."""
-    digits: int = 4
-    zeros: bool = False
-    """Whether zeros at the end are kept, for figures that are compared down a column."""
+    form: str = ".4g"
+    """Format specification of the figure in that unit."""
     file_size: float = 1.0
     """Of the unit in files, which a column's key ends with."""
+    units: tuple[tuple[str, float], ...] = ()
+    """Units and their sizes in SI, the largest first, where a table takes the one that suits it."""
 
     def text(self, value: float) -> str:
         """A figure as readers see it; empty if there is none."""
         if not math.isfinite(value):
             return ""
-        shown = value / self.size
-        if self.zeros:
-            return f"{shown:#.{self.digits}g}".rstrip(".")
-        return f"{shown:.{self.digits}g}"
+        return f"{value / self.size:{self.form}}".rstrip(".")
+
+    def suited_to(self, values: Iterable[float]) -> Measure:
+        """The measure in the one of its ``units`` that suits the largest of some values [SI]."""
+        if not self.units:
+            return self
+        largest = max((abs(x) for x in values if math.isfinite(x)), default=0.0)
+        suiting = (one for one in self.units if largest >= one[1])
+        unit, size = next(suiting, self.units[-1])
+        return replace(self, unit=unit, size=size)
 
 
 _DEGREE = math.radians(1.0)
-COUNT = Measure(digits=15)
+ARRAY_ANGLE = Measure("deg", _DEGREE, ".6g", file_size=_DEGREE)
+COUNT = Measure(form=".15g")
+DECIBEL = Measure("dB", form="+.1f")
 FREQUENCY = Measure("Hz")
-ORDER = Measure(digits=6)
-RATE = Measure("deg/s", _DEGREE, digits=5, file_size=_DEGREE)
-TORQUE = Measure("mN m", 1e-3, zeros=True)
+ORDER = Measure(form=".6g")
+POINTING_ANGLE = Measure("rad", units=(("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)))
+RATE = Measure("deg/s", _DEGREE, ".5g", file_size=_DEGREE)
+SHARE = Measure("%", 0.01, ".3g")
+TIME = Measure("s")
+TORQUE = Measure("mN m", 1e-3, "#.4g")
 
 
 @dataclass(frozen=True)
@@ -73,6 +85,8 @@ class Column:
     """Of its figures; None where it holds words."""
     absent: str = ""
     """What readers see where there is no figure."""
+    verdict: bool = False
+    """Whether it says of each row *pass*, *fail* or *not judged*, by which rows stand out."""
 
     @property
     def title(self) -> str:
@@ -82,8 +96,10 @@ class Column:
         return f"{self.heading} [{self.measure.unit}]"
 
     def text(self, value: Any) -> str:
-        """A value as readers see it."""
-        if self.measure is None:
+        """A value as readers see it; a word among figures, such as *worst*, stands as it is."""
+        if self.verdict and value == "fail":
+            return "FAIL"
+        if self.measure is None or isinstance(value, str):
             return str(value)
         return self.measure.text(float(value)) or self.absent
 
@@ -103,8 +119,8 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Any, ...], ...]
     """Values in SI units, as the columns stand."""
-    for_readers: tuple[tuple[Any, ...], ...]
-    """The rows that a report shows, what matters most first."""
+    for_readers: tuple[tuple[Any, ...], ...] | None = None
+    """The rows that a report shows, what matters most first; None for all."""
     brief: int | None = None
     """How many of these a terminal shows; None for all."""
     caption: str = ""
@@ -139,31 +155,61 @@ class Table:
             A sentence below it in a report.
         """
         declared = columns_of(kind)
-        rows = tuple(tuple(getattr(x, field) for field in declared) for x in records)
-        if for_readers is None:
-            shown = rows
-        else:
-            shown = tuple(tuple(getattr(x, field) for field in declared) for x in for_readers)
-        return cls(name, tuple(declared.values()), rows, shown, brief, caption)
+
+        def rows_of(some: Iterable[Any]) -> tuple[tuple[Any, ...], ...]:
+            return tuple(tuple(getattr(x, field) for field in declared) for x in some)
+
+        shown = None if for_readers is None else rows_of(for_readers)
+        return cls(name, tuple(declared.values()), rows_of(records), shown, brief, caption)
 
     @property
-    def shown(self) -> list[Column]:
-        """The columns that readers see."""
-        return [column for column in self.columns if column.heading]
+    def rows_shown(self) -> tuple[tuple[Any, ...], ...]:
+        """The rows that readers see."""
+        return self.rows if self.for_readers is None else self.for_readers
+
+    @cached_property
+    def shown(self) -> tuple[Column, ...]:
+        """The columns that readers see, those of one measure in one unit."""
+        return tuple(self._in_one_unit(column) for column in self.columns if column.heading)
+
+    def _in_one_unit(self, column: Column) -> Column:
+        if column.measure is None or not column.measure.units:
+            return column
+        units = column.measure.units
+        alike = [x.measure is not None and x.measure.units == units for x in self.columns]
+        figures = (
+            x
+            for row in self.rows_shown
+            for x, counts in zip(row, alike, strict=True)
+            if counts and not isinstance(x, str)
+        )
+        return replace(column, measure=column.measure.suited_to(figures))
+
+    def figure(self, key: str, value: float) -> str:
+        """A figure with its unit as it stands in the column ``key``, for a text beside the table."""
+        column = next(x for x in self.shown if x.key == key)
+        unit = column.measure.unit if column.measure else ""
+        return f"{column.text(value)} {unit}".rstrip()
 
     def texts(self, most: int | None = None) -> list[list[str]]:
         """Cells as readers see them, of the first ``most`` rows that they do."""
+        kept = [k for k, column in enumerate(self.columns) if column.heading]
         return [
-            [column.text(value) for column, value in self._cells(row) if column.heading]
-            for row in self.for_readers[:most]
+            [column.text(row[k]) for k, column in zip(kept, self.shown, strict=True)]
+            for row in self.rows_shown[:most]
         ]
+
+    def verdicts(self) -> list[str]:
+        """What each row that readers see says of itself: *pass*, *fail*, *not judged* or nothing."""
+        at = next((k for k, column in enumerate(self.columns) if column.verdict), None)
+        return ["" if at is None else row[at] for row in self.rows_shown]
 
     def file_rows(self) -> list[list[Any]]:
         """Values as they stand in files."""
-        return [[column.in_file(value) for column, value in self._cells(row)] for row in self.rows]
-
-    def _cells(self, row: Sequence[Any]) -> Iterable[tuple[Column, Any]]:
-        return zip(self.columns, row, strict=True)
+        return [
+            [column.in_file(value) for column, value in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
 
 
 MICROSTEPS = Column("microsteps", "microsteps", COUNT)

@@ -7,15 +7,16 @@ there, so that all say the same in the same units.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from microvib.io.tables import rows_csv
+from microvib.io.tables import rows_csv, to_json
 from microvib.model.scenario import Scenario
 from microvib.reports import document, sheets
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.document import Block, Contents, Fact, Section, Text
+from microvib.reports.rendering import address
 from microvib.results import Column, Table
 from microvib.text_tables import text_table
 
@@ -67,6 +68,8 @@ class Outcome:
     scenario: Scenario
     files: tuple[Table, ...] = ()
     """Tables that are in files only."""
+    data: Mapping[str, Any] = field(default_factory=dict)
+    """Contents of JSON files by their names, without the ending."""
 
     @property
     def tables(self) -> list[Table]:
@@ -81,9 +84,13 @@ class Outcome:
 
 
 def terminal_text(outcome: Outcome) -> str:
-    """The outcome as text, its tables as wide as the terminal allows; pictures are left out."""
+    """The outcome as text, its tables as wide as the terminal allows; pictures are left out.
+
+    The first part stands last where it has a verdict: there a terminal shows it.
+    """
     blocks = [outcome.summary]
-    for part in outcome.parts:
+    first, *others = outcome.parts
+    for part in (*others, first) if outcome.verdict else outcome.parts:
         texts = [text for item in part.items if (text := _terminal_item(item))]
         if texts and part.title:
             texts[0] = f"{part.title}:\n{texts[0]}"
@@ -94,19 +101,18 @@ def terminal_text(outcome: Outcome) -> str:
 def _terminal_item(item: Item) -> str:
     if isinstance(item, Text):
         return item.text.replace("`", "")
-    if isinstance(item, Picture) or not item.for_readers:
+    if isinstance(item, Picture) or not item.texts(item.brief):
         return ""
-    words = item.shown[-1].measure is None
-    return text_table([x.title for x in item.shown], item.texts(item.brief), last_left=words)
+    words = [x.measure is None for x in item.shown]
+    left = words.index(False) if False in words else len(words) - 1
+    head = [x.title for x in item.shown]
+    return text_table(head, item.texts(item.brief), left=left, last_left=words[-1])
 
 
 def study_contents(outcome: Outcome) -> Contents:
-    """Files of the outcome by name, CSV and PNG, and its report."""
+    """Files of the outcome by name, CSV, JSON and PNG, and its report."""
     drawn = {picture.name: picture.draw() for picture in outcome.pictures}
-    files: dict[str, Any] = {
-        f"{table.name}.csv": rows_csv([x.key for x in table.columns], table.file_rows())
-        for table in outcome.tables
-    }
+    files: dict[str, Any] = {**text_files(outcome)}
     files |= {f"{name}.png": sheets.png(figure) for name, figure in drawn.items()}
 
     def blocks(part: Part) -> Iterator[Block]:
@@ -133,9 +139,24 @@ def study_contents(outcome: Outcome) -> Contents:
     return files, report
 
 
+def text_files(outcome: Outcome) -> dict[str, str]:
+    """CSV and JSON files of the outcome by name."""
+    tables = {
+        f"{table.name}.csv": rows_csv([x.key for x in table.columns], table.file_rows())
+        for table in outcome.tables
+    }
+    return tables | {f"{name}.json": to_json(data) for name, data in outcome.data.items()}
+
+
+_MARKS: dict[str, document.Mark] = {"pass": "pass", "fail": "fail", "not judged": "off"}
+
+
 def report_table(table: Table) -> document.Table:
     """A table of results as a report's."""
-    rows = tuple(document.Row(tuple(cells)) for cells in table.texts())
+    marks = [_MARKS.get(verdict, "") for verdict in table.verdicts()]
+    rows = tuple(
+        document.Row(tuple(cells), mark) for cells, mark in zip(table.texts(), marks, strict=True)
+    )
     return document.Table(tuple(map(_report_column, table.shown)), rows, table.caption)
 
 
@@ -145,9 +166,11 @@ def _report_column(column: Column) -> document.Column:
     return document.Column(column.heading, column.measure.unit, "number")
 
 
-def page_answer(outcome: Outcome) -> dict[str, Any]:
-    """The outcome for the page, which draws the pictures itself: texts and tables by parts, cells
-    as texts."""
+def page_answer(outcome: Outcome, *, pictures: bool = False) -> dict[str, Any]:
+    """The outcome for the page: texts and tables by parts, cells as texts.
+
+    The ``pictures`` are given where the page does not draw them itself.
+    """
     return {
         "summary": outcome.summary,
         "verdict": outcome.verdict,
@@ -157,6 +180,15 @@ def page_answer(outcome: Outcome) -> dict[str, Any]:
                 "title": part.title,
                 "texts": [item.text for item in part.items if isinstance(item, Text)],
                 "tables": [_page_table(item) for item in part.items if isinstance(item, Table)],
+                "pictures": [
+                    {
+                        "title": x.title,
+                        "caption": x.caption,
+                        "source": address(sheets.svg(x.draw())),
+                    }
+                    for x in part.items
+                    if pictures and isinstance(x, Picture)
+                ],
             }
             for part in outcome.parts
         ],
