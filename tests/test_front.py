@@ -1,5 +1,7 @@
 """The front: one function for one motion, one for many, lines of whatever has some, and names wherever a scenario is."""
 
+import doctest
+import inspect
 import os
 import subprocess
 import sys
@@ -8,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.front import PUBLIC
 
 import microvib as mv
 
@@ -160,3 +163,15 @@ def test_an_import_takes_no_numerics():
         [sys.executable, "-c", text], env=environment, capture_output=True, text=True, check=True
     )
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in PUBLIC if ">>> " in inspect.getdoc(PUBLIC[name])]
+)
+def test_an_example_of_a_docstring_gives_what_it_shows(name):
+    found = doctest.DocTestFinder(recurse=False).find(PUBLIC[name], name, globs={})
+    assert found
+    for test in found:
+        said = []
+        doctest.DocTestRunner(verbose=False).run(test, out=said.append)
+        assert not said, "".join(said)

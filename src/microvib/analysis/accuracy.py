@@ -148,13 +148,29 @@ def steady_accuracy(state: SteadyState, table: LineTable) -> Accuracy | None:
 
 
 def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
-    """How far T_d of ``motion`` and the ``table`` of its lines are off by the integration.
+    """Estimate how far T_d of a motion and the table of its lines are off by the integration.
 
-    It is run again from its beginning with every step twice as fine and, where that leaves a doubt
-    about lines or about T_d itself, four times as fine: all of it, because what a motion remembers
-    of rare events while it settles may show in lines that a short stretch cannot part. None for a
-    motion from a file, whose state is not known, and where ``solver.refinement`` allows no finer
-    step.
+    The motion is run again from its beginning with every step twice as fine and, where that leaves
+    a doubt about lines or about T_d itself, four times as fine: all of it, because what a motion
+    remembers of rare events while it settles may show in lines that a short stretch cannot part.
+
+    Parameters
+    ----------
+    motion : Motion
+        What was simulated.
+    table : LineTable
+        Its lines, as ``find_lines(motion)`` gives them.
+
+    Returns
+    -------
+    Accuracy or None
+        Relative errors of lines and of T_d. None for a motion from a file, whose state is not
+        known, and where ``solver.refinement`` allows no finer step.
+
+    Raises
+    ------
+    ObjectError
+        For what is no motion or no table of lines.
     """
     expect(motion, Motion, "a motion (mv.simulate)")
     expect(table, LineTable, "a table of lines (mv.find_lines)")

@@ -45,10 +45,26 @@ _FULL_BAND = Si(0.0), Si(math.inf)
 
 @dataclass(frozen=True, init=False)
 class Limit:
-    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz].
+    """Largest amplitude, 0-to-peak, that a line of a torque may have between two frequencies.
 
-    ``Limit("10 mN*m")``, ``Limit("10 mN*m", "0.5 Hz", "150 Hz")``; OptionError for a bare number,
-    and for what is no limit or band.
+    Parameters
+    ----------
+    torque : str or Si
+        The amplitude, such as ``"10 mN*m"``.
+    low, high : str or Si, optional
+        Ends of the band in which it holds, such as ``"0.5 Hz"`` and ``"150 Hz"``; without them it
+        holds at all frequencies.
+
+    Raises
+    ------
+    OptionError
+        For a bare number, and for what is no limit or band.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> mv.Limit("10 mN*m", "0.5 Hz", "150 Hz")
+    Limit of 10 mN m from 0.5 to 150 Hz
     """
 
     torque: float
@@ -67,8 +83,24 @@ class Limit:
 
     @classmethod
     def of(cls, limit: GivenQuantity | None, ends: Band | None) -> Limit | None:
-        """The limit that a torque and the band state in which it holds; None without one.
-        OptionError.
+        """Make the limit that a torque and the band state in which it holds.
+
+        Parameters
+        ----------
+        limit : str, Si or None
+            Largest amplitude, such as ``"10 mN*m"``; None for no limit.
+        ends : str or pair, optional
+            The band, ``"0.5:150 Hz"`` or both ends.
+
+        Returns
+        -------
+        Limit or None
+            None without a limit.
+
+        Raises
+        ------
+        OptionError
+            For a band without a limit, and for what is no limit or band.
         """
         if limit is None:
             if ends is not None:
@@ -94,8 +126,19 @@ class Limit:
         return ""
 
     def holds(self, frequency: float, doubt: float = 0.0) -> bool:
-        """Whether it holds at a frequency [Hz] that is known to ``doubt`` [Hz]; the ends of the
-        band belong to it.
+        """Tell whether the limit holds at a frequency; the ends of the band belong to it.
+
+        Parameters
+        ----------
+        frequency : float
+            Frequency [Hz].
+        doubt : float
+            To what it is known [Hz].
+
+        Returns
+        -------
+        bool
+            Whether the frequency may lie in the band.
         """
         return within_band(frequency, self.low, self.high, doubt)
 
@@ -185,15 +228,46 @@ def judge(
     scenario: GivenScenario | None = None,
     second: LineTable | None = None,
 ) -> Judgement:
-    """Judge every line of the table within the band, also those too small for a report, and what
-    the table does not list.
+    """Judge every line of a table against a limit, also those too small for a report, and what the
+    table does not list.
 
-    The ``scenario`` of the table says what may be above the passband and how long a start rings;
-    without it, nothing above the passband is judged. Where it has a second wing that is driven, the
-    ``second`` table has that drive's lines, which are judged too. Lines of a motion whose
-    invariants do not hold neither pass nor fail. Nor do lines of which it is not known how far they
-    are off by the integration. The first verdict on lines of a simulation that nobody has asked that
-    yet finds it out, by runs with finer steps (``accuracy``), which takes longer than the simulation.
+    Lines of a motion whose invariants do not hold neither pass nor fail. Nor do lines of which it
+    is not known how far they are off by the integration. The first verdict on lines of a simulation
+    that nobody has asked that yet finds it out, by runs with finer steps (``accuracy``), which takes
+    longer than the simulation.
+
+    Parameters
+    ----------
+    table : LineTable
+        Lines of a torque.
+    limit : Limit
+        Largest amplitude, and the band in which it holds.
+    scenario : Scenario, str or path, optional
+        Scenario of the table: says what may be above the passband and how long a start rings.
+        Without it, nothing above the passband is judged.
+    second : LineTable, optional
+        Lines of the second wing's drive where the scenario has one that is driven, which are judged
+        too.
+
+    Returns
+    -------
+    Judgement
+        The verdict, ``"pass"``, ``"fail"`` or ``"not judged"``, the margin of each line, and what
+        was not judged and why.
+
+    Raises
+    ------
+    OptionError
+        For lines that are not of a torque.
+    ObjectError
+        For what is no table or no limit.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> table = mv.find_lines("state-1", start="steady")
+    >>> mv.judge(table, mv.Limit("60 mN*m", "0.5 Hz", "150 Hz"), "state-1").verdict
+    'pass'
     """
     expect(table, LineTable, "a table of lines (mv.find_lines)")
     expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")

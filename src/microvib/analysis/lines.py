@@ -184,7 +184,8 @@ def find_lines(
     --------
     >>> import microvib as mv
     >>> table = mv.find_lines("state-1", start="steady")
-    >>> table["drive_1"].frequency_hz
+    >>> print(f"{table['drive_1'].frequency_hz:.4f} Hz")
+    53.0133 Hz
     """
     expect_channel(channel)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)

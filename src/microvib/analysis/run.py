@@ -93,12 +93,38 @@ def run_scenario(
     progress: Progress | None = None,
     drawn: Callable[[int], None] | None = None,
 ) -> RunResult:
-    """Simulate ``scenario``, from its steady state if ``record.start`` says so and there is one,
-    and find its lines.
+    """Run a scenario as ``microvib run`` does: motion, lines, and how far they are off.
 
-    With ``lines_only`` memory stays bounded however long the record. With ``seeds`` so many draws
-    of the noise are run, and the table knows its lines over them; ``drawn`` counts them. Raises
-    what ``simulate`` raises, OptionError for seeds without noise.
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        What is run: a scenario, a name of the catalog, or the path of a scenario file.
+    start : {"rest", "steady"}, optional
+        How the motion begins; without it, as ``record.start`` says. Where there is no steady state
+        it begins at rest, and ``fallback`` says why.
+    harmonics : int
+        Members of each family of lines that are looked for.
+    lines_only : bool
+        Keep no motion: memory stays bounded however long the record.
+    seeds : int
+        Draws of the noise that are run besides, so that the table knows its lines over them.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with simulated seconds.
+    drawn : callable, optional
+        Called as ``drawn(count)`` after each draw.
+
+    Returns
+    -------
+    RunResult
+        Table of lines, motion (None with ``lines_only``), steady state if there is one, invariants,
+        and on a craft loads and pointing (``hub``).
+
+    Raises
+    ------
+    SimulationError
+        What ``simulate`` raises.
+    OptionError
+        For ``harmonics`` or ``seeds`` out of their range, and for seeds without noise.
     """
     scenario = starting(as_scenario(scenario), start)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)

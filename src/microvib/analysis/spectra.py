@@ -48,8 +48,29 @@ def samples_of(
 
 
 def spectrum(source: Sampled, channel: str = "", window: Window = "rectangular") -> Spectrum:
-    """One-sided amplitude spectrum, 0-to-peak, of a channel, or a load ``Fx`` to ``Mz``, over the
-    whole record.
+    """Estimate the one-sided amplitude spectrum, 0-to-peak, of a channel over the whole record.
+
+    Parameters
+    ----------
+    source : Motion or Recording
+        Samples of the channel.
+    channel : str, optional
+        Any channel that is one value at a time, or a load ``"Fx"`` to ``"Mz"``. Without it T_d, or
+        Mz of a recording.
+    window : {"rectangular", "hann", "flat-top"}
+        Window of the samples.
+
+    Returns
+    -------
+    Spectrum
+        Frequencies [Hz] and amplitudes in the unit of the channel, (m,) each.
+
+    Raises
+    ------
+    ChannelError
+        For a channel that the source has not.
+    RecordingError
+        Where a recording's samples are no measurement.
     """
     x, rate, unit = samples_of(source, channel)
     return replace(spectra.amplitude_spectrum(x, rate, window), unit=unit)
@@ -61,8 +82,31 @@ def psd(
     resolution: GivenQuantity | None = None,
     window: Window = "hann",
 ) -> Density:
-    """One-sided power spectral density (Welch) of a channel, with bins a ``resolution`` apart, such
-    as ``"0.5 Hz"``.
+    """Estimate the one-sided power spectral density of a channel (Welch).
+
+    Parameters
+    ----------
+    source : Motion or Recording
+        Samples of the channel.
+    channel : str, optional
+        Any channel that is one value at a time, or a load ``"Fx"`` to ``"Mz"``. Without it T_d, or
+        Mz of a recording.
+    resolution : str or Si, optional
+        Distance between bins, such as ``"0.5 Hz"``.
+    window : {"rectangular", "hann", "flat-top"}
+        Window of each stretch.
+
+    Returns
+    -------
+    Density
+        Frequencies [Hz] and densities in the unit of the channel squared per Hz, (m,) each.
+
+    Raises
+    ------
+    ChannelError
+        For a channel that the source has not.
+    RecordingError
+        Where a recording's samples are no measurement.
     """
     x, rate, unit = samples_of(source, channel)
     return replace(spectra.power_spectral_density(x, rate, resolution, window), unit=unit)
@@ -74,6 +118,31 @@ def waterfall(
     resolution: GivenQuantity | None = None,
     window: Window = "hann",
 ) -> Waterfall:
-    """Amplitude spectra of successive stretches of a channel, each 1/``resolution`` long."""
+    """Estimate amplitude spectra of successive stretches of a channel.
+
+    Parameters
+    ----------
+    source : Motion or Recording
+        Samples of the channel.
+    channel : str, optional
+        Any channel that is one value at a time, or a load ``"Fx"`` to ``"Mz"``. Without it T_d, or
+        Mz of a recording.
+    resolution : str or Si, optional
+        Distance between bins, such as ``"0.5 Hz"``; a stretch is 1/``resolution`` long.
+    window : {"rectangular", "hann", "flat-top"}
+        Window of each stretch.
+
+    Returns
+    -------
+    Waterfall
+        Times [s], (t,), frequencies [Hz], (m,), and amplitudes in the unit of the channel, (t, m).
+
+    Raises
+    ------
+    ChannelError
+        For a channel that the source has not.
+    RecordingError
+        Where a recording's samples are no measurement.
+    """
     x, rate, unit = samples_of(source, channel)
     return replace(spectra.waterfall(x, rate, resolution, window), unit=unit)

@@ -12,7 +12,19 @@ LARGEST_FILE = 1_000_000  # bytes of the largest scenario file that is read
 
 
 def catalog_names() -> tuple[str, ...]:
-    """Names of the published scenarios."""
+    """List the names of the published scenarios.
+
+    Returns
+    -------
+    tuple of str
+        Names that ``load_scenario``, and whatever takes a scenario, understand.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> "state-1" in mv.catalog_names()
+    True
+    """
     return tuple(
         name for name in _catalog_files() if name != "new" and not name.startswith(REFERENCE)
     )

@@ -53,10 +53,32 @@ def sheet_text(texts: dict[str, str]) -> tuple[str, dict[str, Entry]]:
 
 
 def new_scenario(gear: str | None = None, **sheet: str) -> Scenario:
-    """The scenario that ``new_text`` is the file of.
+    """Make a scenario from a data sheet; what the sheet does not say is assumed, and marked so.
 
-    ``new_scenario(gear="size 14 ratio 100")``, ``new_scenario(holding_torque="0.5 N*m", detent="5
-    percent", ratio="100")``.
+    Parameters
+    ----------
+    gear : str, optional
+        A gear of the catalog, such as ``"size 14 ratio 100"``.
+    **sheet : str
+        Entries of a data sheet with their units, such as ``holding_torque="0.5 N*m"``
+        (``microvib new --from-datasheet`` lists them). Counts and ratios may be numbers.
+
+    Returns
+    -------
+    Scenario
+        A complete scenario; ``sources`` says of each value whether it was given or assumed.
+
+    Raises
+    ------
+    OptionError
+        For an entry or a gear that is not known, or a value that is not allowed.
+    ScenarioError
+        Where the entries contradict each other.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> scenario = mv.new_scenario(holding_torque="0.5 N*m", detent="5 percent", ratio="100")
     """
     return scenario_of(parse_yaml(new_text(gear, **sheet), "new"), "new")
 

@@ -32,11 +32,25 @@ LARGEST = 2_000_000_000  # bytes of the largest recording that is read
 
 
 def read_recording(path: Path | str, sample_rate: GivenQuantity | None = None) -> Recording:
-    """Channels of a recording, in SI; the format follows from the file's ending. RecordingError
-    says what is wrong.
+    """Read the channels of a recording; the format follows from the file's ending.
 
-    ``sample_rate``, such as ``"4096 Hz"``, is needed only where the file has no time axis, or
-    contradicts itself.
+    Parameters
+    ----------
+    path : str or path
+        File of the recording.
+    sample_rate : str or Si, optional
+        Samples per second, such as ``"4096 Hz"``: needed only where the file has no time axis, or
+        contradicts itself.
+
+    Returns
+    -------
+    Recording
+        Channels by name, (n,) each; forces in N, torques in N m.
+
+    Raises
+    ------
+    RecordingError
+        Where the file cannot be read, or is no recording: says what is wrong.
     """
     expect(path, (str, Path), "the name of a file")
     if sample_rate is None:

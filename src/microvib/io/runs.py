@@ -145,8 +145,22 @@ def _numerics(said: dict[str, Any]) -> Numerics:
 
 
 def read_run(folder: Path | str) -> Run:
-    """Read the run in ``folder``. MicrovibError if a file is missing, is not a run's, or has been
-    changed since.
+    """Read a run's folder, as ``microvib run`` and ``write_run`` leave it.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder, with its motion.
+
+    Returns
+    -------
+    Run
+        Motion, table of lines, versions that made them, and the limit that they were judged by.
+
+    Raises
+    ------
+    MicrovibError
+        Where a file is missing, is not a run's, or has been changed since.
     """
     expect_path(folder)
     folder = Path(folder)

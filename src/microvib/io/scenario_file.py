@@ -30,10 +30,32 @@ from microvib.testdata.bench import Bench
 def load_scenario(
     source: str | os.PathLike[str], changes: dict[str, Any] | None = None
 ) -> Scenario:
-    """A scenario from a catalog name or a YAML file, with dotted keys changed on the way.
+    """Load a scenario from the catalog or a YAML file, with keys changed on the way.
 
-    Values of ``changes`` are as in the file: text with a unit, numbers where there is no unit.
-    Raises ScenarioError with one sentence per problem.
+    Parameters
+    ----------
+    source : str or path
+        A name of the catalog (``catalog_names``), or the path of a scenario file.
+    changes : dict, optional
+        Dotted keys with their values as in the file: text with a unit, numbers where there is no
+        unit.
+
+    Returns
+    -------
+    Scenario
+        The drive, its array, its command and its record; frozen.
+
+    Raises
+    ------
+    ScenarioError
+        Where the file cannot be read or is not valid: a sentence for each problem.
+    ObjectError
+        For what is no name, or changes that are no mapping.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> scenario = mv.load_scenario("state-1", {"tracking.rate": "0.05 deg/s"})
     """
     expect(source, (str, os.PathLike), "a name of the catalog, or that of a file")
     expect(
@@ -199,7 +221,23 @@ def dump_part(part: Part) -> str:
 
 
 def dump_scenario(scenario: GivenScenario) -> str:
-    """YAML text of a scenario."""
+    """Write a scenario as YAML text, complete: loaded again, it is the same scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        What is written: a scenario, a name of the catalog, or the path of a scenario file.
+
+    Returns
+    -------
+    str
+        Text of a scenario file, values with their units.
+
+    Raises
+    ------
+    ScenarioError
+        Where a name stands for no scenario.
+    """
     return _dumped(as_scenario(scenario))
 
 

@@ -61,12 +61,26 @@ FORMER_NAMES = {
 
 
 def open_source(name: str, preparation: Preparation | None = None) -> Source:
-    """The object that ``name`` stands for; a recording is prepared as ``preparation`` says.
+    """Open what a name stands for.
 
-    A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a
-    recording by its ending, a CSV file whose first column is ``line`` a table of lines;
-    ``SCENARIO:measured`` and ``SCENARIO:model`` are the reference lines of a scenario.
-    MicrovibError where it is none of them, or cannot be read.
+    Parameters
+    ----------
+    name : str
+        A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a
+        recording by its ending, a CSV file whose first column is ``line`` a table of lines;
+        ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's lines.
+    preparation : Preparation, optional
+        What is done to a recording before it is used.
+
+    Returns
+    -------
+    Scenario, RunFolder, Prepared, LineTable or PaperLines
+        The object, by what the name is of.
+
+    Raises
+    ------
+    MicrovibError
+        Where the name is of none of them, or what it is of cannot be read.
     """
     expect(name, str, "the name of a scenario, a run, a recording or a table")
     path = Path(name)

@@ -86,8 +86,8 @@ def expected_lines(
     clock_tolerance: float = 0.0,
     mode_tolerance: float = 0.0,
 ) -> tuple[ExpectedLine, ...]:
-    """Lines up to ``highest``, a frequency: array modes as seen through the drive, and all that the
-    step clock makes.
+    """List the lines that the physics predicts: array modes as seen through the drive, and all that
+    the step clock makes.
 
     Of the clock there are, each with up to ``harmonics`` members: the driving frequency f_d (Eq.
     26); the detent period 4 f_d/(b n), of three phases 6 f_d/(b n), of five 10 f_d/(b n), which is
@@ -98,8 +98,29 @@ def expected_lines(
     one with errors has ``harmonics``, and the origin says which error makes a line. Where the rate
     changes within the record, or is zero, there are modes only.
 
-    ``clock_tolerance`` and ``mode_tolerance`` widen the bands that are searched, as fractions of
-    the frequency: zero for a simulation, whose clock is known, a per cent for a test.
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive: a scenario, a name of the catalog, or the path of a scenario file.
+    highest : str or Si
+        Frequency up to which lines are listed, such as ``"500 Hz"``.
+    harmonics : int
+        Members of each family.
+    clock_tolerance, mode_tolerance : float
+        Fractions of the frequency by which the bands that are searched are widened: zero for a
+        simulation, whose clock is known, a per cent for a test.
+
+    Returns
+    -------
+    tuple of ExpectedLine
+        Name, kind, frequency and band to search [Hz], and origin of each.
+
+    Raises
+    ------
+    OptionError
+        For a frequency without a unit.
+    ScenarioError
+        Where a name stands for no scenario.
     """
     scenario = as_scenario(scenario)
     highest = quantity("highest", highest, "Hz")

@@ -214,17 +214,30 @@ def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarra
 
 
 def coupled_modes(scenario: GivenScenario) -> tuple[CoupledMode, ...]:
-    """Natural frequencies of drive and array together; array modes first, named ``array_mode_1``
-    and so on.
+    """Find the natural frequencies of drive and array together.
 
-    On a craft also ``hub_mode_1``, ``control_mode_1`` and so on, by what holds most of their energy
-    (``mode_names``).
+    Array modes come first, named ``array_mode_1`` and so on, in the order of their frequencies; on
+    a craft also ``hub_mode_1``, ``control_mode_1`` and so on, by what holds most of their energy
+    (``mode_names``). What holds least of its energy in the array are resonances of the drive (rotor
+    on the electromagnetic spring, hub on the reducer), named ``drive_resonance_1`` and so on if
+    they oscillate. With more than ``MAX_DENSE_MODES`` modes, those that the drive's damping hardly
+    mixes are taken one by one.
 
-    What holds least of its energy in the array are resonances of the drive (rotor on the
-    electromagnetic spring, hub on the reducer), named ``drive_resonance_1`` and so on if they
-    oscillate; the others carry the array modes' names in the order of their frequencies. With more
-    than ``MAX_DENSE_MODES`` modes, those that the drive's damping hardly mixes are taken one by
-    one.
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive: a scenario, a name of the catalog, or the path of a scenario file.
+
+    Returns
+    -------
+    tuple of CoupledMode
+        Name, frequency [Hz] and damping ratio of each, and its frequency with the interface
+        clamped.
+
+    Raises
+    ------
+    ScenarioError
+        Where a name stands for no scenario.
     """
     s = as_scenario(scenario)
     return _coupled_modes(

@@ -323,10 +323,20 @@ class Scenario(Part):
         )
 
     def at_angle(self, angle: GivenQuantity) -> Scenario:
-        """The same with its array at an ``angle``, such as ``"30 deg"``, on a craft.
+        """Turn the array to an angle, on a craft.
 
         A second wing without ``array_angle`` turns with it; a driven one with its own does by its
         rate, from where it is.
+
+        Parameters
+        ----------
+        angle : str or Si
+            The angle, such as ``"30 deg"``.
+
+        Returns
+        -------
+        Scenario
+            The changed copy.
         """
         craft = self.spacecraft
         assert craft is not None
@@ -370,19 +380,62 @@ class Scenario(Part):
         return self.driver.driving_frequency(self.motor, self.reducer.ratio * rate)
 
     def with_(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
-        """A changed copy: dotted keys to values as in a file (text with a unit, numbers where there
-        is no unit), or whole groups.
+        """Make a changed copy.
 
-        ``scenario.with_({"reducer.stiffness": "9000 N*m/rad", "tracking.clock_ratio": 0.994})``.
-        Raises ScenarioError, also for a bare number where a unit decides: ``with_si`` takes those.
+        Parameters
+        ----------
+        changes : dict, optional
+            Dotted keys to values as in a file: text with a unit, numbers where there is no unit.
+        **groups : object
+            Whole groups, such as ``tracking={"rate": "0.05 deg/s"}``.
+
+        Returns
+        -------
+        Scenario
+            The changed copy.
+
+        Raises
+        ------
+        ScenarioError
+            For a key or a value that is not allowed, also for a bare number where a unit decides:
+            ``with_si`` takes those.
+
+        Examples
+        --------
+        >>> import microvib as mv
+        >>> scenario = mv.load_scenario("state-1")
+        >>> changed = scenario.with_({"reducer.stiffness": "9000 N*m/rad"})
         """
         return self._changed(changes, groups, si=False)
 
     def with_si(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
-        """A changed copy, for programs that compute in SI: as ``with_``, but a bare number is in
-        the SI unit of its key.
+        """Make a changed copy, for programs that compute in SI: a bare number is in the SI unit of
+        its key.
 
-        ``scenario.with_si({"tracking.rate": 0.001})`` is 0.001 rad/s. Raises ScenarioError.
+        Parameters
+        ----------
+        changes : dict, optional
+            Dotted keys to values as in a file: text with a unit, numbers where there is no unit, or
+            in SI.
+        **groups : object
+            Whole groups, such as ``tracking={"rate": "0.05 deg/s"}``.
+
+        Returns
+        -------
+        Scenario
+            The changed copy.
+
+        Raises
+        ------
+        ScenarioError
+            For a key or a value that is not allowed.
+
+        Examples
+        --------
+        >>> import microvib as mv
+        >>> scenario = mv.load_scenario("state-1")
+        >>> scenario.with_si({"tracking.rate": 0.001})["tracking.rate"]
+        0.001
         """
         return self._changed(changes, groups, si=True)
 
@@ -411,7 +464,18 @@ class Scenario(Part):
         return validate_part(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
-        """A copy with the sources of those keys that it has; the others are dropped."""
+        """Make a copy with the sources of those keys that the scenario has; others are dropped.
+
+        Parameters
+        ----------
+        sources : dict of str to str
+            Source and status of single keys or groups, as dotted key: text.
+
+        Returns
+        -------
+        Scenario
+            The copy.
+        """
         return self.model_copy(
             update={"sources": {key: text for key, text in sources.items() if self._has(key)}}
         )
@@ -451,7 +515,17 @@ class Scenario(Part):
         return [key for key, _, _ in self.entries()]
 
     def entries(self) -> Iterator[tuple[str, Any, Quantity | None]]:
-        """Every parameter as (dotted key, value, declaration or None), in the order of the file."""
+        """Iterate over every parameter, in the order of the file.
+
+        Yields
+        ------
+        key : str
+            Dotted key.
+        value : object
+            Value, in SI.
+        quantity : Quantity or None
+            Declaration with unit, meaning and range; None where there is none.
+        """
         for name in type(self).model_fields:
             if name not in TEXT_KEYS and (name != "spacecraft" or self.spacecraft is not None):
                 yield from flatten_parameters(
@@ -459,15 +533,32 @@ class Scenario(Part):
                 )
 
     def shown(self, key: str, value: Any) -> str:
-        """A value of a key as tables show it: a number in its unit, all else as it is."""
+        """Write a value of a key as tables show it.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key.
+        value : object
+            The value, in SI.
+
+        Returns
+        -------
+        str
+            A number in its unit, all else as it is.
+        """
         quantity = next((quantity for name, _, quantity in self.entries() if name == key), None)
         if quantity and isinstance(value, float):
             return quantity.show(value)
         return str(value)
 
     def doubts(self) -> tuple[str, ...]:
-        """Values that are allowed but not of a usual size, a sentence each: often another unit was
-        meant.
+        """Find values that are allowed but not of a usual size: often another unit was meant.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for each.
         """
         said = (
             (key, quantity.doubt(value))
@@ -477,7 +568,18 @@ class Scenario(Part):
         return tuple(f"{key}: {text}" for key, text in said if text)
 
     def source_of(self, key: str) -> str:
-        """Source of one key: its own, or that of the closest group above it, or the scenario's."""
+        """Tell where the value of a key comes from.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key.
+
+        Returns
+        -------
+        str
+            Its own source, or that of the closest group above it, or the scenario's.
+        """
         parts = key.split(".")
         for n in range(len(parts), 0, -1):
             text = self.sources.get(".".join(parts[:n]))

@@ -30,13 +30,30 @@ Plotted = (
 def plot(
     what: Plotted, table: LineTable | None = None, *, highest: GivenQuantity = "200 Hz"
 ) -> Figure:
-    """A figure of a motion (history, microsteps, spectrum with named lines, array mode), of a
-    spectrum, a density or a waterfall, of a rate plan (Campbell diagram), of a comparison (both
-    spectra), of a fit (test, before, after), or of several sources with samples over each other, by
-    name.
+    """Draw a figure of a result.
 
-    ``table`` has the lines that are named, ``highest`` ends the axis of spectra. It belongs to no
-    global state of matplotlib: a notebook shows it, ``savefig`` writes it.
+    The figure belongs to no global state of Matplotlib: a notebook shows it, ``savefig`` writes it.
+
+    Parameters
+    ----------
+    what : Motion, Spectrum, Density, Waterfall, RatePlan, Comparison, Fit or mapping
+        A motion (history, microsteps, spectrum with named lines, array mode), a spectrum, a density
+        or a waterfall, a rate plan (Campbell diagram), a comparison (both spectra), a fit (test,
+        before, after), or several sources with samples over each other, by name.
+    table : LineTable, optional
+        Lines that are named.
+    highest : str or Si
+        End of the axis of spectra.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    ObjectError
+        For what cannot be drawn.
     """
     top = quantity("highest", highest, "Hz", positive=True)
     figure = _drawn(what, table, top)

@@ -315,14 +315,31 @@ class LineTable:
         return f"{escape(self.heading)}{table}{self._left_out(shown, '(print shows them)')}"
 
     def over_seeds(self, name: str) -> SeedLine | None:
-        """A line over many draws of the noise; None where that was not run, or is not known."""
+        """Look up a line over many draws of the noise.
+
+        Parameters
+        ----------
+        name : str
+            Name of the line.
+
+        Returns
+        -------
+        SeedLine or None
+            None where draws were not run, or the line is not known.
+        """
         return next((seed for seed in self.seeds if seed.line == name), None)
 
     def _ipython_key_completions_(self) -> list[str]:
         return [line.line for line in self.lines]
 
     def to_xarray(self) -> xr.Dataset:
-        """All figures over the dimension ``line``, each with its unit."""
+        """Convert all figures to arrays over the dimension ``line``.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable for each figure, with its unit.
+        """
         import xarray as xr
 
         columns = {f.name: np.array([getattr(x, f.name) for x in self.lines]) for f in fields(Line)}
@@ -343,7 +360,13 @@ class LineTable:
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """All figures, a row a line."""
+        """Convert all figures to a DataFrame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each line, a column for each figure, units in the names of the columns.
+        """
         return self.to_xarray().to_dataframe()
 
     def _unit_of(self, column: str) -> str:
@@ -357,8 +380,14 @@ class LineTable:
         )
 
     def notable(self) -> tuple[Line, ...]:
-        """Lines worth a row in a report: without those below the floor, those below a thousandth of
-        the largest, and sidebands below a hundredth."""
+        """Choose the lines worth a row in a report: without those below the floor, those below a
+        thousandth of the largest, and sidebands below a hundredth.
+
+        Returns
+        -------
+        tuple of Line
+            In the order of the table.
+        """
         top = max(
             (x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0
         )
@@ -370,7 +399,18 @@ class LineTable:
         return tuple(x for x in self.lines if is_notable(x))
 
     def text(self, notable: bool = False) -> str:
-        """The table as text, whole or only what is notable."""
+        """Print the table as text.
+
+        Parameters
+        ----------
+        notable : bool
+            Only what is notable, not the whole table.
+
+        Returns
+        -------
+        str
+            A head and a row for each line.
+        """
         return self._text(self.notable() if notable else self.lines, "in lines.csv")
 
     def _text(self, shown: Sequence[Line], where: str) -> str:

@@ -142,22 +142,40 @@ class Motion:
         return self.scenario.record.sample_rate
 
     def interface_loads(self) -> np.ndarray | None:
-        """Loads on the spacecraft Fx Fy Fz [N], Mx My Mz [N m] at the interface, (n, 6); None
-        without 6 x s participation.
+        """Compute the loads on the spacecraft at the interface.
 
         The drive axis carries T_d; the others are what modes and interface inertia push back with.
         On firm ground their axes are the array's, on a craft the hub's.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Fx Fy Fz [N], Mx My Mz [N m], (n, 6); None without 6 x s participation.
         """
         if self.beside is not None:
             return np.column_stack([self[name] for name in COMPONENTS])
         return interface_loads(self.channels, self.scenario)
 
     def hub(self, point: str = "interface", *, accelerations: bool = False) -> np.ndarray:
-        """Displacement [m] and rotation [rad] of a named point of the craft, or their second
-        derivatives, (n, 6), hub axes.
+        """Compute how a named point of the craft moves, without the mean motion that the command
+        makes.
 
-        The mean motion that the command makes is taken out. ChannelError without a spacecraft, or
-        for a point that it has not.
+        Parameters
+        ----------
+        point : str
+            Name of the point.
+        accelerations : bool
+            Give second derivatives, [m/s^2] and [rad/s^2].
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacement [m] and rotation [rad], (n, 6), hub axes.
+
+        Raises
+        ------
+        ChannelError
+            Without a spacecraft, or for a point that it has not.
         """
         if self.scenario.craft is None:
             raise ChannelError(
@@ -176,8 +194,15 @@ class Motion:
         return own + self.beside.hub(there, accelerations=accelerations)
 
     def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
-        """Every channel with its samples, (n,) or modal (n, s); loads at the interface among them
-        where they are known.
+        """Iterate over every channel with its samples, loads at the interface among them where they
+        are known.
+
+        Yields
+        ------
+        channel : Channel
+            Name, unit and meaning.
+        samples : numpy.ndarray
+            Samples, (n,) or modal (n, s).
         """
         yield from ((ALL_CHANNELS[name], x) for name, x in self.channels.items())
         loads = self.interface_loads()

@@ -159,7 +159,8 @@ def simulate_many(
     >>> scenario = mv.load_scenario("state-1")
     >>> rates = ("0.05 deg/s", "0.06 deg/s")
     >>> motions = mv.simulate_many([scenario.with_({"tracking.rate": rate}) for rate in rates])
-    >>> [motion.scenario.rate for motion in motions]
+    >>> [motion["T_d"].size for motion in motions]
+    [65536, 65536]
     """
     expect_list(scenarios, "scenarios", "['state-1', 'state-2']")
     if errors not in ERRORS:

@@ -188,13 +188,37 @@ def compare(
     bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare the lines of two sides, each a scenario, a motion, a run's folder, a recording or a
-    table of lines.
+    """Compare the lines of two sides.
 
     Clocks are aligned: a scenario is simulated at the clock that the other side's recording shows.
-    ``scenario`` says which lines to look for in recordings where neither side is a scenario, nor
-    its reference lines; ``names`` are of sides that have none themselves. Of lines, those in the ``bands``
-    are compared, without any all.
+
+    Parameters
+    ----------
+    a, b : Scenario, Motion, RunFolder, Recording, LineTable, PaperLines, str or path
+        The sides. A name is that of a scenario, a run's folder, a recording or a table of lines, as
+        ``open_source`` takes it.
+    names : pair of str
+        Names of sides that have none themselves.
+    scenario : Scenario, str or path, optional
+        Says which lines to look for in recordings where neither side is a scenario, nor the paper.
+    channel : str
+        Channel of recordings that has the torque about the drive axis.
+    bands : sequence of str or pairs, optional
+        Bands whose lines are compared, such as ``["0.5:150 Hz"]``; without any all are.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with simulated seconds.
+
+    Returns
+    -------
+    Comparison
+        Both sides, and a row for each line that at least one has, with its difference and verdict.
+
+    Raises
+    ------
+    MicrovibError
+        Where lines of a recording would have no names, for want of a drive, or a name is not known.
+    SimulationError
+        What ``simulate`` raises.
     """
     a, b = _opened(a), _opened(b)
     if scenario is not None:

@@ -300,21 +300,49 @@ def plan_rates(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> RatePlan:
-    """Steady lines at all ``rates`` of the array and ``microsteps`` counts, and at every rate where
+    """Find the steady lines at all rates of the array and microstep counts, and at every rate where
     a line meets a mode.
 
-    ``rates`` are those of a ``rate_grid``, or listed; without ``microsteps`` the scenario's count
-    is taken. ``limit`` and ``band`` define forbidden rates, whose edges are found by bisection; so
-    does ``keep_away``, the part of its rate within which a resonance is too near. ``linear`` uses
-    the closed form of the linearised drive instead (driving lines only). ``progress(done, total)``
-    counts cases. Each case is solved independently, so that results do not depend on their order or
-    on who solves them: threads, which share one interpreter, or as many processes as there are
-    ``workers``, which start in a second and want a script to guard its main part (``if __name__ ==
-    "__main__":``).
+    Each case is solved independently, so that results do not depend on their order or on who solves
+    them. A steady state beside a rate at which the drive excites itself (the largest line is of no
+    clock) is suspicious: there a run from rest is waited for to its end, and the case is
+    ``confirmed`` or becomes a time integration.
 
-    A steady state beside a rate at which the drive excites itself (the largest line is of no clock)
-    is suspicious: there a run from rest is waited for to its end, and the case is ``confirmed`` or
-    becomes a time integration.
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive: a scenario, a name of the catalog, or the path of a scenario file.
+    rates : sequence of str or Si
+        Rates of the array: those of a ``rate_grid``, or listed, such as ``["0.06 deg/s"]``.
+    microsteps : sequence of int, optional
+        Microsteps a full step; without it the scenario's.
+    limit : str or Si, optional
+        Largest amplitude of a line, such as ``"10 mN*m"``: defines forbidden rates, whose edges are
+        found by bisection.
+    band : str or pair, optional
+        Frequencies in which the limit holds, such as ``"0.5:150 Hz"``.
+    linear : bool
+        Use the closed form of the linearised drive instead (driving lines only).
+    keep_away : float
+        Part of its rate within which a resonance is too near, such as 0.05: defines forbidden
+        rates, too.
+    workers : int, optional
+        Processes that solve cases; they start in a second, and want a script to guard its main part
+        (``if __name__ == "__main__":``). Without it they are threads, which share one interpreter.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with the number of cases.
+
+    Returns
+    -------
+    RatePlan
+        Cases by microstep count and rate, resonances, forbidden bands of rates, and the best rate.
+
+    Raises
+    ------
+    OptionError
+        For an empty list, and for a rate, count, limit or band that is none.
+    ScenarioError
+        Where a name stands for no scenario.
     """
     scenario = as_scenario(scenario)
     grid, counts = _checked_grid(scenario, rates, microsteps)
@@ -780,8 +808,24 @@ def _required_sample_rate(
 
 
 def rate_grid(low: GivenQuantity, high: GivenQuantity, count: int = 200) -> tuple[Si, ...]:
-    """``count`` rates in even steps, ``rate_grid("0.01 deg/s", "0.3 deg/s")``; OptionError if they
-    do not make a range.
+    """Make rates in even steps, for ``plan_rates``.
+
+    Parameters
+    ----------
+    low, high : str or Si
+        First and last rate, such as ``"0.01 deg/s"`` and ``"0.3 deg/s"``.
+    count : int
+        Number of rates, 2 or more.
+
+    Returns
+    -------
+    tuple of Si
+        Rates of the array [rad/s].
+
+    Raises
+    ------
+    OptionError
+        Where they do not make a range.
     """
     low, high = (
         quantity(key, rate, "rad/s", example="deg/s") for key, rate in (("from", low), ("to", high))

@@ -48,11 +48,37 @@ class RecordingError(MicrovibError):
 
 @dataclass(frozen=True)
 class Recording:
-    """Channels of one test, each (n,), at ``sample_rate`` [Hz]; forces and torques in N and N m
-    after ``in_si``.
+    """Channels of one test, each (n,), at one sample rate; forces and torques in N and N m after
+    ``in_si``.
 
-    Samples may be anything that numpy takes for numbers; masked ones are nan. RecordingError where
-    they are not (n,) each.
+    Parameters
+    ----------
+    channels : mapping of str to array
+        Samples by the name of their channel, (n,) each: anything that numpy takes for numbers;
+        masked ones are nan.
+    sample_rate : float, str or Si
+        Samples per second; a bare number is in Hz.
+    units : mapping of str to str
+        Units of the channels, such as ``{"Mz": "mN*m"}``.
+    title : str
+        What it is a recording of; its file's name where it was read from one.
+    notes : tuple of str
+        What reading and preparing did, in words.
+    faults, alone : mapping of str to str, optional
+        What was wrong with samples of channels, and which stood alone, before they were changed.
+    axes : frozenset of str
+        What the file holds beside the channels.
+
+    Raises
+    ------
+    RecordingError
+        Where channels are not (n,) each, or the sample rate is none.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> mv.Recording({"Mz": [0.0, 0.1]}, 4096.0, {"Mz": "N*m"}, "run 7").duration
+    0.00048828125
     """
 
     channels: Mapping[str, np.ndarray]
@@ -157,8 +183,18 @@ class Recording:
         return self.samples / self.sample_rate
 
     def told(self, name: str) -> tuple[str, ...]:
-        """Notes, and of a channel which of its samples stand alone: they stay in what is made of
-        it.
+        """Tell what was done to the recording, and which samples of a channel stand alone: they
+        stay in what is made of it.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        tuple of str
+            Notes, a sentence each.
         """
         stands = self.glitch(name)
         if stands:
@@ -166,20 +202,51 @@ class Recording:
         return self.notes
 
     def glitch(self, name: str) -> str:
-        """Which samples of a channel stand alone, as one of a converter's or a line's glitches
-        does; empty where none does.
+        """Find samples of a channel that stand alone, as a converter's or a line's glitches do.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        str
+            Which they are, in words; empty where there is none.
         """
         if self.alone is None:
             return _find_glitches(self[name], self.sample_rate)
         return self.alone.get(name, "")
 
     def noted(self, note: str, **changes: object) -> Recording:
-        """A changed copy that says what was done to it."""
+        """Make a changed copy that says what was done to it.
+
+        Parameters
+        ----------
+        note : str
+            What was done.
+        **changes : object
+            Fields with their new values.
+
+        Returns
+        -------
+        Recording
+            The copy.
+        """
         return replace(self, notes=(*self.notes, note), **changes)  # type: ignore[arg-type]
 
     def in_si(self) -> Recording:
-        """Forces in N, torques in N m; what is neither keeps its unit. RecordingError where a
-        component is the other of the two.
+        """Convert forces to N and torques to N m; what is neither keeps its unit.
+
+        Returns
+        -------
+        Recording
+            The converted copy.
+
+        Raises
+        ------
+        RecordingError
+            Where a component is the other of the two.
         """
         channels, units = dict(self.channels), dict(self.units)
         for name in channels:
@@ -199,8 +266,22 @@ class Recording:
         return replace(self, channels=channels, units=units)
 
     def load(self, name: str) -> np.ndarray:
-        """A force [N] or a torque [N m] after ``in_si``; RecordingError says what the preparation
-        must add where it is neither.
+        """Give a force or a torque, after ``in_si``.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples [N] or [N m], (n,).
+
+        Raises
+        ------
+        RecordingError
+            Where the channel is neither: says what the preparation must add.
         """
         x, unit = self[name], self.units.get(name, "").strip()
         if unit in LOADS:
@@ -230,12 +311,33 @@ class Recording:
         )
 
     def six(self) -> np.ndarray:
-        """The six components, (6, n)."""
+        """Give the six components.
+
+        Returns
+        -------
+        numpy.ndarray
+            Fx Fy Fz [N], Mx My Mz [N m], (6, n).
+
+        Raises
+        ------
+        RecordingError
+            Where one is missing, or is no force or torque.
+        """
         return np.array([self.load(name) for name in COMPONENTS])
 
     def looked_at(self, part: slice = slice(None)) -> Recording:
-        """A copy that keeps in mind what is wrong with a ``part`` of its samples: filters and sums
-        hide what was clipped.
+        """Keep in mind what is wrong with the samples, since filters and sums hide what was
+        clipped.
+
+        Parameters
+        ----------
+        part : slice
+            Part of the samples that is looked at.
+
+        Returns
+        -------
+        Recording
+            A copy with ``faults`` and ``alone``.
         """
         if self.faults is not None:
             return self
@@ -253,11 +355,19 @@ class Recording:
         )
 
     def combined(self, A: np.ndarray, note: str) -> Recording:
-        """Six components that are ``A`` (6, 6) times these, with the faults of all that make a
-        hundredth of one.
+        """Mix the six components, with the faults of all that make a hundredth of one.
 
-        A note says which of them have a floor that is higher than before, where the components stay
-        what they were.
+        Parameters
+        ----------
+        A : numpy.ndarray
+            Matrix, (6, 6): new components are ``A`` times these.
+        note : str
+            What was done.
+
+        Returns
+        -------
+        Recording
+            The new components.
         """
         seen = self.looked_at()
         six, told, single = self.six(), dict(seen.faults or {}), dict(seen.alone or {})
@@ -292,8 +402,22 @@ class Recording:
                 )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
-        """Channels under other names, ``{new: old}`` or ``{new: -old}`` with a minus sign to
-        reverse it.
+        """Give channels other names.
+
+        Parameters
+        ----------
+        names : mapping of str to str
+            New names to old ones, ``{new: old}``, or ``{new: "-old"}`` to reverse a channel's sign.
+
+        Returns
+        -------
+        Recording
+            The channels under their new names, and no others.
+
+        Raises
+        ------
+        RecordingError
+            For a channel that is not there.
         """
         channels, units = {}, {}
         for new, old in names.items():
@@ -314,8 +438,22 @@ class Recording:
         )
 
     def without_cross_talk(self, matrix: np.ndarray) -> Recording:
-        """Six components after the cross-talk ``matrix`` (6, 6), readings = matrix @ loads, is
-        inverted.
+        """Invert the cross-talk of the six components.
+
+        Parameters
+        ----------
+        matrix : array_like
+            Cross-talk, (6, 6), readings = matrix @ loads.
+
+        Returns
+        -------
+        Recording
+            Six components of the loads.
+
+        Raises
+        ------
+        RecordingError
+            Where the matrix is not 6 x 6, finite and invertible.
         """
         matrix = np.asarray(matrix, dtype=float)
         if (
@@ -329,7 +467,23 @@ class Recording:
         return self.combined(np.linalg.inv(matrix), "cross-talk matrix applied")
 
     def trimmed(self, start: float, stop: float) -> Recording:
-        """The part from ``start`` to ``stop`` [s]."""
+        """Cut out a part.
+
+        Parameters
+        ----------
+        start, stop : float
+            Ends of the part, from the first sample [s].
+
+        Returns
+        -------
+        Recording
+            The part.
+
+        Raises
+        ------
+        RecordingError
+            Where the part is not within the recording.
+        """
         first, last = round(start * self.sample_rate), round(stop * self.sample_rate)
         if not 0 <= first < last <= self.samples:
             raise RecordingError(
@@ -339,7 +493,18 @@ class Recording:
         return self.noted(f"trimmed to {start:g}-{stop:g} s", channels=channels)
 
     def detrended(self, order: int = 1) -> Recording:
-        """Each channel less its least-squares polynomial of ``order`` (0: mean, 1: straight line)."""
+        """Subtract from each channel its least-squares polynomial.
+
+        Parameters
+        ----------
+        order : int
+            Order of the polynomial: 0 the mean, 1 a straight line.
+
+        Returns
+        -------
+        Recording
+            What is left.
+        """
         u = np.linspace(-1.0, 1.0, self.samples)
         basis = np.polynomial.legendre.legvander(u, order)
         channels = {
@@ -349,7 +514,18 @@ class Recording:
         return self.looked_at().noted(f"polynomial of order {order} removed", channels=channels)
 
     def decimated(self, factor: int) -> Recording:
-        """Every ``factor``-th sample after a zero-phase low-pass (FIR, 80 dB)."""
+        """Take every ``factor``-th sample after a zero-phase low-pass (FIR, 80 dB).
+
+        Parameters
+        ----------
+        factor : int
+            Samples that become one.
+
+        Returns
+        -------
+        Recording
+            The recording at a ``factor`` lower rate.
+        """
         from scipy.signal import resample_poly
 
         if factor < 1 or self.samples < 20 * factor:

@@ -61,10 +61,34 @@ def write_run(
     form: Form | None = None,
     begun: float | None = None,
 ) -> tuple[str, ...]:
-    """Write a run's folder, all of it or nothing, and return the names of its files.
+    """Write a run's folder, all of it or nothing.
 
-    The report judges lines by ``limit``, and is also written as ``form`` says. ``begun`` is when
-    the run began, on the clock of ``time.perf_counter``.
+    Parameters
+    ----------
+    result : RunResult
+        What ``run_scenario`` found.
+    out : str or path
+        The folder.
+    overwrite : bool
+        Replace a folder that is there.
+    limit : Limit, optional
+        Limit by which the report judges the lines.
+    form : Form, optional
+        How the report is written besides.
+    begun : float, optional
+        When the run began, on the clock of ``time.perf_counter``.
+
+    Returns
+    -------
+    tuple of str
+        Names of the files.
+
+    Raises
+    ------
+    OutputError
+        Where the folder is there, or cannot be written.
+    ObjectError
+        For what is no run.
     """
     expect(result, RunResult, "what a run found (mv.run_scenario)")
     expect_path(out)

@@ -190,17 +190,31 @@ class SteadyState:
 
 
 def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyState:
-    """The steady state that a start from rest leads to, at the rate that ``scenario`` has in its
-    record.
+    """Find the steady state that a start from rest leads to, at the rate that the scenario has in
+    its record.
 
     A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions
     have a memory, or where the search finds nothing that a start from rest leads to, it is the
-    motion that a run from rest settles to. ``confirmed``, the run that shows that a start from rest
-    leads there is waited for to its end.
+    motion that a run from rest settles to.
 
-    Raises NotPeriodic, with the reason, where the rate changes or is zero, where something does not
-    repeat with the command or takes too long to, where there are more than MAX_MODES modes, or
-    where a run from rest does not settle.
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        What is solved: a scenario, a name of the catalog, or the path of a scenario file.
+    confirmed : bool
+        Wait to its end for the run that shows that a start from rest leads there.
+
+    Returns
+    -------
+    SteadyState
+        One period of the motion, its Fourier series, and how it was found.
+
+    Raises
+    ------
+    NotPeriodic
+        Where the rate changes or is zero, where something does not repeat with the command or takes
+        too long to, where there are more than MAX_MODES modes, or where a run from rest does not
+        settle: says which. It is a SimulationError.
     """
     begun = clock_time.perf_counter()
     scenario = as_scenario(scenario)

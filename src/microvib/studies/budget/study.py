@@ -150,20 +150,53 @@ def pointing_budget(
     names: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Budget:
-    """The budget of the line of sight of one craft: ``scenarios`` are its drives, each with the
-    craft as its own array sees it.
+    """Budget the line of sight of one craft: what its drives and other sources add up to, against
+    requirements.
 
     A second wing that is driven is a drive of its own, ``NAME wing_2``, and keeps its phases where
     both have one clock. Of several scenarios each has the other's wing as its ``second_wing``, or
-    nothing is judged: arrays change how the hub moves. ``sources`` move it besides: a file of
-    sources, or a list. ``campaign`` is the folder of a merged campaign of the first scenario, for
-    medians and percentiles, in which both wings count as one source; ``recording`` holds the first
-    drive's loads on a force table, which then takes the short way. ``rule`` says how lines of one
-    frequency in several sources add (``studies.budget.sums``); with ``one_clock`` the drives step
-    together and keep their phases; ``names`` are theirs. ``steady`` starts runs in the steady
-    state; ``short_way`` compares it with the first drive's coupled run.
+    nothing is judged: arrays change how the hub moves.
 
-    Raises MicrovibError and what ``simulate`` raises.
+    Parameters
+    ----------
+    scenarios : Scenario, str, path or a sequence of them
+        The drives of the craft, each with the craft as its own array sees it.
+    requirements : Requirements, str or path, optional
+        What is required, or its file. Without it nothing is judged.
+    sources : str, path or sequence of OtherSource, optional
+        What moves the line of sight besides: a file of sources, or a list.
+    campaign : str or path, optional
+        Folder of a merged campaign of the first scenario, for medians and percentiles, in which
+        both wings count as one source.
+    recording : Recording, optional
+        Loads of the first drive on a force table, which then takes the blocked-load way.
+    rule : {"rss", "coherent", "bound"}
+        How lines of one frequency in several sources add (``studies.budget.sums``).
+    one_clock : bool
+        The drives step together and keep their phases.
+    short_way : bool
+        Compare the blocked-load method with the first drive's coupled run.
+    steady : bool
+        Start runs in the steady state.
+    harmonics : int
+        Members of each family of lines that are looked for.
+    names : sequence of str, optional
+        Names of the drives.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with simulated seconds.
+
+    Returns
+    -------
+    Budget
+        The verdict on each requirement, the largest contributors, and what all sources add up to in
+        each window [rad].
+
+    Raises
+    ------
+    MicrovibError
+        Where a scenario has no craft or no line of sight, crafts differ, or a file cannot be read.
+    SimulationError
+        What ``simulate`` raises.
     """
     if rule not in RULES:
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))

@@ -164,24 +164,56 @@ def identify(
     settle_error: GivenQuantity | None = None,
     progress: FitProgress | None = None,
 ) -> Fit:
-    """Fit ``keys`` of ``scenario`` to all the evidence at once.
+    """Fit parameters of a scenario to all the evidence at once.
 
-    Evidence is a recording, a table of lines or what ``evidence_of`` or ``chosen`` made of one; in
-    a pair it comes with the changes of the scenario that make its test (another state, another
-    rate), or with its own scenario. Keys are as ``parse_key`` takes them; of a whole number, one in
-    all recordings, each that may be is tried. Those in ``share`` have one value in all recordings,
-    others one in each; without it all are shared. Of the effects in ``select``
-    (``selection.EFFECTS``) those are taken in, and fitted, that the evidence asks for.
-    ``model_error`` is the relative standard deviation that each amplitude is trusted to beyond its
-    own uncertainty, ``common_error`` that of all amplitudes of a recording together,
-    ``settle_error`` that of ``record.settle``: without it nobody knows in which quarter of the
-    electrical turn a recording begins, and the driver's errors are known up to such quarters only
-    (``Fit.alternatives``). Interrupting (Ctrl-C) ends the search and returns what was best so far.
-    Same seed, same result.
-
+    Interrupting (Ctrl-C) ends the search and returns what was best so far. Same seed, same result.
     A range that the user did not state is widened until the best lies inside. Where the fit does
     not explain the evidence and an array mode's frequency was measured, its clamped frequency is
     fitted as well, and the verdict says so.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The model: a scenario, a name of the catalog, or the path of a scenario file.
+    evidence : sequence
+        Recordings, tables of lines, or what ``evidence_of`` or ``chosen`` made of one; in a pair
+        with the changes of the scenario that make its test (another state, another rate), or with
+        its own scenario.
+    keys : sequence of str
+        Dotted keys that are fitted, as ``parse_key`` takes them, such as ``"reducer.stiffness"`` or
+        ``"reducer.stiffness=4000:6000 N*m/rad"``. Of a whole number, one in all recordings, each
+        that may be is tried.
+    share : sequence of str, optional
+        Keys that have one value in all recordings, others one in each; without it all are shared.
+    select : sequence of str
+        Effects (``selection.EFFECTS``) of which those are taken in, and fitted, that the evidence
+        asks for.
+    seed : int
+        Seed of the search.
+    starts, finishes : int
+        Points at which the search begins, and best ones that are followed to the end.
+    model_error : float
+        Relative standard deviation that each amplitude is trusted to beyond its own uncertainty.
+    common_error : float
+        The same of all amplitudes of a recording together.
+    settle_error : str or Si, optional
+        Standard deviation of ``record.settle``, such as ``"50 ms"``. Without it nobody knows in
+        which quarter of the electrical turn a recording begins, and the driver's errors are known
+        up to such quarters only (``Fit.alternatives``).
+    progress : callable, optional
+        Called as ``progress(stage, count, cost, values)``.
+
+    Returns
+    -------
+    Fit
+        Estimates with their intervals, how well they explain the evidence, and what the evidence
+        cannot tell.
+
+    Raises
+    ------
+    MicrovibError
+        For a key that cannot be fitted, evidence that cannot be used, or an effect that is not
+        known.
     """
     scenario = as_scenario(scenario)
     for name, given, example in (
