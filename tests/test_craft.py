@@ -33,8 +33,8 @@ from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import steady_lines
 from microvib.cli.main import main
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.line_names import LineName
 from microvib.model.linear import coupled_modes
-from microvib.model.mode_names import names_a_mode
 from microvib.signals.pointing import metric_weight
 from microvib.solve import kernel
 from microvib.solve.batch import simulate_torques
@@ -459,7 +459,7 @@ def test_modes_are_named_by_what_holds_their_energy(
 ) -> None:
     """Frequencies against the whole matrices with held shafts; an overdamped mode of the control has no name."""
     found = coupled_modes(scenario_of(full))
-    assert all(names_a_mode(m.name) == (m.fixed_frequency is not None) for m in found)
+    assert all(LineName.parse(m.name).is_mode == (m.fixed_frequency is not None) for m in found)
     modes = [m for m in found if m.fixed_frequency is not None]
     kinds = [m.name.split("_mode_")[0] for m in modes]
     assert kinds == names

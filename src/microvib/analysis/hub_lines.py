@@ -14,10 +14,10 @@ from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.errors import MicrovibError
 from microvib.model.coupling import MIN_FREQUENCY_WITHOUT_CONTROL
 from microvib.model.expected import ExpectedLine
+from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.fourier_lines import lines_of_series
 from microvib.signals.line_fit import (
     lines_at_known_clock,

@@ -29,9 +29,9 @@ from microvib.analysis.start import (
 from microvib.analysis.steadiness import may_be_larger
 from microvib.analysis.unseen import out_of_band_lines
 from microvib.errors import OptionError, expect
+from microvib.model.line_names import SECOND_DRIVE, of_second_wing
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable
 from microvib.text_tables import counted
@@ -344,7 +344,7 @@ def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenari
     second = judge(table, first.limit, scenario)
 
     def called(line: Line) -> Line:
-        return replace(line, line=f"{SECOND_DRIVE} {line.line}")
+        return replace(line, line=of_second_wing(line.line))
 
     theirs = (replace(m, line=called(m.line)) for m in second.margins)
     margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)

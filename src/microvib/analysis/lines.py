@@ -28,7 +28,8 @@ from microvib.model.driven import (
     noise_density,
     noise_driven_lines,
 )
-from microvib.model.expected import UNLISTED_PREFIX, ExpectedLine, expected_lines
+from microvib.model.expected import ExpectedLine, expected_lines
+from microvib.model.line_names import UNLISTED, LineName, driving_line
 from microvib.model.record import PASSBAND, Start
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import (
@@ -312,7 +313,7 @@ def _clock_is_doubtful(table: LineTable) -> bool:
     clock = {line.line: line.amplitude_n_m for line in table if line.of_clock and line.seen}
     others = max((line.amplitude_n_m for line in table if line.kind == "other"), default=0.0)
     small = SIGNIFICANT_RATIO * max(clock.values(), default=0.0)
-    return others > small or clock.get("drive_1", 0.0) <= small
+    return others > small or clock.get(driving_line(1), 0.0) <= small
 
 
 def _at_clock_ratio(line: ExpectedLine, ratio: float) -> ExpectedLine:
@@ -366,7 +367,7 @@ def relabel_lasting_lines(table: LineTable, scenario: Scenario) -> LineTable:
         if not (x.is_mode and x.status == "ok" and mode_has_decayed(x, scenario)):
             continue
         number += 1
-        name = f"{UNLISTED_PREFIX}{number}"
+        name = str(LineName(UNLISTED, number))
         origin = f"steady, at the frequency of {x.line}, whose ringing has died away: a sideband, or kept going by friction"
         rows.append(replace(x, line=name, kind="other", origin=origin, expected_hz=x.frequency_hz))
         nothing: dict[str, Any] = dict.fromkeys(
@@ -552,7 +553,7 @@ def _other_machinery_warnings(table: LineTable, clock: Sequence[Line]) -> Iterat
 
 def _multiple_of_rate_warnings(clock: Sequence[Line]) -> Iterator[str]:
     """Where of the driving lines those alone are seen that a multiple of the rate has."""
-    drive = {int(x.line.removeprefix("drive_")): x for x in clock if x.kind == "drive"}
+    drive = {LineName.parse(x.line).order: x for x in clock if x.kind == "drive"}
     seen = {k: x.line for k, x in drive.items() if x.seen}
     common = math.gcd(*seen)
     if common > 1 and all(x.status == BELOW_FLOOR for k, x in drive.items() if k % common):

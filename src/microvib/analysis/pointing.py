@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from microvib.model.coupling import line_of_sight_noise_spectrum
+from microvib.model.line_names import LineName
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import (
     METRICS,
     Metric,
@@ -227,7 +227,7 @@ class HubLines:
             second = self.scenario.spacecraft.second_wing
         own = second is not None and second.clock_ratio != 1.0
         clock = np.array(
-            [int(own and name.startswith(SECOND_DRIVE)) for name in self.names], dtype=int
+            [int(own and LineName.parse(name).second_wing) for name in self.names], dtype=int
         )
         if self.los is None:
             tones = np.zeros(self.lasting.shape)

@@ -25,9 +25,9 @@ from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import whole_number
+from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.record import Start
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, starting
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Invariants, Motion

@@ -20,9 +20,9 @@ from microvib.io.csv_cells import unescape_formula
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
+from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from microvib.model.driver import Driver, Imperfections, references_over_electrical_period
+from microvib.model.line_names import DRIVE, ELECTRICAL, FULL_STEP, LineName, driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.motor import Motor
 from microvib.model.reducer import KinematicError
@@ -28,23 +29,6 @@ Kind = Literal[
     "sideband",
     "other",
 ]
-
-UNLISTED_PREFIX = "other_"
-"""Beginning of the names of lines that were found and not expected; within a record they are
-numbered by size, so that one name means another line in another record."""
-
-
-def is_unlisted(name: str) -> bool:
-    """Whether a line was found where none was expected, by its name, that of a second wing's drive
-    among them.
-    """
-    return any(part.startswith(UNLISTED_PREFIX) for part in name.split())
-
-
-def is_sideband(name: str) -> bool:
-    """Whether a line is an expected side line of a driving line, by its name."""
-    return "_plus_" in name or "_minus_" in name
-
 
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
@@ -162,16 +146,16 @@ def _orders(
     turn = b * driver.microsteps * z
     makers = {error.order: error.causes for error in angle_errors(driver, motor.phases)}
     families: list[tuple[str, Kind, int, Sequence[int], str]] = [
-        ("drive", "drive", turn, range(1, harmonics + 1), "microstep"),
+        (DRIVE, "drive", turn, range(1, harmonics + 1), "microstep"),
         (
-            "full_step",
+            FULL_STEP,
             "full step",
             steps * z,
             range(1, harmonics + 1),
             "full step" if b == steps else "detent period",
         ),
         (
-            "electrical",
+            ELECTRICAL,
             "electrical",
             z,
             range(1, (harmonics if driver.distorted else 3) + 1),
@@ -181,12 +165,13 @@ def _orders(
     orders: dict[Fraction | int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
-            if stem in ("full_step", "electrical"):
+            if stem in (FULL_STEP, ELECTRICAL):
                 made = ", ".join(makers.get(k * unit // z, ()))
             else:
                 made = ""
             orders.setdefault(
-                k * unit, (f"{stem}_{k}", kind, f"{origin}, order {k}{made and f': {made}'}")
+                k * unit,
+                (str(LineName(stem, k)), kind, f"{origin}, order {k}{made and f': {made}'}"),
             )
     for e in errors:
         if e.line.startswith("wave_generator"):
@@ -198,9 +183,9 @@ def _orders(
     if motor.detent_torque > 0.0 and turn > 2 * SIDEBANDS * detent:
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
-                name = f"drive_{k}_{'plus' if j > 0 else 'minus'}_{abs(j)}"
+                name = str(LineName(DRIVE, k, sideband=j))
                 orders.setdefault(
-                    k * turn + j * detent, (name, "sideband", f"drive_{k} {j:+d} full step")
+                    k * turn + j * detent, (name, "sideband", f"{driving_line(k)} {j:+d} full step")
                 )
     return turn, orders
 

@@ -9,13 +9,7 @@ from collections import Counter
 import numpy as np
 
 from microvib.model.craft import Craft, hub_matrices
-
-ARRAY, HUB, CONTROL, SECOND_WING = "array_mode", "hub_mode", "control_mode", "wing_2_mode"
-
-
-def names_a_mode(line: str) -> bool:
-    """Whether a line's name is that of a mode, of an array on firm ground or of a craft."""
-    return line.rpartition("_")[0] in (ARRAY, HUB, CONTROL, SECOND_WING)
+from microvib.model.line_names import ARRAY_MODE, CONTROL_MODE, HUB_MODE, SECOND_WING_MODE, LineName
 
 
 def mode_names(craft: Craft) -> tuple[str, ...]:
@@ -29,14 +23,14 @@ def mode_names(craft: Craft) -> tuple[str, ...]:
     _, K, _, free = hub_matrices(spacecraft)
     flexible = 6 + len(spacecraft.hub.modes)
     end = flexible + (0 if wing is None else len(wing.M))
-    parts = {CONTROL: (free, 6, K[free:6, free:6]), HUB: (6, flexible, K[6:, 6:])}
-    parts |= {SECOND_WING: (flexible, end, np.zeros((0, 0)) if wing is None else wing.K)}
+    parts = {CONTROL_MODE: (free, 6, K[free:6, free:6]), HUB_MODE: (6, flexible, K[6:, 6:])}
+    parts |= {SECOND_WING_MODE: (flexible, end, np.zeros((0, 0)) if wing is None else wing.K)}
     energy = {
         kind: np.sum(shapes[a:b] * (held @ shapes[a:b]), axis=0)
         for kind, (a, b, held) in parts.items()
     }
-    energy[ARRAY] = craft.squares - sum(energy.values())
-    left = {kind: b - a for kind, (a, b, _) in parts.items()} | {ARRAY: len(shapes) - end}
+    energy[ARRAY_MODE] = craft.squares - sum(energy.values())
+    left = {kind: b - a for kind, (a, b, _) in parts.items()} | {ARRAY_MODE: len(shapes) - end}
     kinds = list(energy)
     shares = np.array([energy[kind] for kind in kinds]) / craft.squares
     named: dict[int, str] = {}
@@ -48,5 +42,5 @@ def mode_names(craft: Craft) -> tuple[str, ...]:
     names = []
     for mode in range(shares.shape[1]):
         count[named[mode]] += 1
-        names.append(f"{named[mode]}_{count[named[mode]]}")
+        names.append(str(LineName(named[mode], count[named[mode]])))
     return tuple(names)

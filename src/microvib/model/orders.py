@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from microvib.model.gear_train import train_orders
+from microvib.model.line_names import driving_line, electrical_line, full_step_line
 from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
 
@@ -67,7 +68,7 @@ def _enumerate_orders(scenario: Scenario) -> Iterator[tuple[str, str, Fraction |
     z, b, n = motor.rotor_teeth, driver.beats, driver.microsteps
     for k in (1, 2, 3):
         yield (
-            f"drive_{k}",
+            driving_line(k),
             f"{_multiple_prefix(k)}microsteps: {b} beats x {n} microsteps x {z} teeth x turns of"
             " the rotor",
             k * b * n * z,
@@ -76,12 +77,12 @@ def _enumerate_orders(scenario: Scenario) -> Iterator[tuple[str, str, Fraction |
         words = (
             f"{_multiple_prefix(k)}full steps: {motor.full_steps} x {z} teeth x turns of the rotor"
         )
-        yield f"full_step_{k}", words, k * motor.full_steps * z
+        yield full_step_line(k), words, k * motor.full_steps * z
     detent = motor.detent_periods
     yield "detent", f"detent torque: {detent} x {z} teeth x turns of the rotor", detent * z
     for k in (1, 2):
         yield (
-            f"electrical_{k}",
+            electrical_line(k),
             f"{_multiple_prefix(k)}electrical periods: {z} teeth x turns of the rotor",
             k * z,
         )

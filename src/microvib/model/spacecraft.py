@@ -40,8 +40,6 @@ INTERFACE, CENTER = "interface", "center"
 """Names of points that every hub has: the interface point, and its centre of mass."""
 SECOND_INTERFACE = "second_interface"
 """Name of the interface point of a second wing."""
-SECOND_DRIVE = "wing_2"
-"""What the drive of a second wing is called, in names of lines and of files."""
 DRIVE_GROUPS = ("motor", "driver", "reducer", "friction", "array")
 """Groups of a scenario that are a drive and its array."""
 HELD_WING_SETTINGS: dict[str, Any] = {

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from statistics import median
 
-from microvib.model.expected import is_sideband, is_unlisted
+from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.reports.blocks import overlay_block, study_report
 from microvib.reports.document import (
     Block,

@@ -13,6 +13,7 @@ import numpy as np
 
 from microvib.analysis.start import wind_up
 from microvib.model.expected import angle_errors
+from microvib.model.line_names import electrical_line, full_step_line
 from microvib.model.linear import coupled_modes
 from microvib.model.orders import drive_orders
 from microvib.model.part import Part, flatten_parameters
@@ -283,9 +284,9 @@ def _driver_orders(scenario: Scenario) -> list[tuple[str, str, str]]:
     for error in sorted(found, key=lambda error: error.order):
         steps, rest = divmod(error.order, motor.full_steps)
         if rest == 0:
-            name = f"full_step_{steps}"
+            name = full_step_line(steps)
         else:
-            name = f"electrical_{error.order}"
+            name = electrical_line(error.order)
         if f_d:
             at = f" at {error.order * f_d / (driver.beats * driver.microsteps):.6g} Hz"
         else:

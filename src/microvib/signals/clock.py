@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
+from microvib.model.line_names import LineName, driving_line, electrical_line, full_step_line
 from microvib.signals.line_table import DETECTION_RATIO
 from microvib.signals.tones import HannSpectrum, steady_tones
 
@@ -38,6 +39,10 @@ def near_mains(frequency: float, duration: float) -> bool:
     return any(abs(frequency - m * mains) * duration < 5.0 for mains in MAINS for m in range(1, 7))
 
 
+_FIRST_LINES = (*map(driving_line, (1, 2, 3)), full_step_line(1), electrical_line(1))
+"""Lines of which a high peak is tried to be one."""
+
+
 def search_wide_clock_ratio(
     expected: Sequence[ExpectedLine], found: float | None, highest: float, spectrum: HannSpectrum
 ) -> float | None:
@@ -49,11 +54,7 @@ def search_wide_clock_ratio(
     only driving lines stand out, as a comb of any machine's does.
     """
     clock = [line for line in expected if line.of_clock]
-    first = [
-        line
-        for line in clock
-        if line.name in ("drive_1", "drive_2", "drive_3", "full_step_1", "electrical_1")
-    ]
+    first = [line for line in clock if line.name in _FIRST_LINES]
     modes = [line for line in expected if line.is_mode]
     peaks = [f for f, height in spectrum.peaks(3.0 / spectrum.duration, highest, _MAX_PEAKS_TRIED)
              if height > DETECTION_RATIO * spectrum.floor(f)
@@ -70,7 +71,7 @@ def search_wide_clock_ratio(
                 others = sum(
                     score > 0.0
                     for name, score in each.items()
-                    if not name.removeprefix("drive_").isdigit()
+                    if not LineName.parse(name).is_driving_line
                 )
                 if others >= _MIN_COMB_LINES and sum(each.values()) > best:
                     best, ratio = sum(each.values()), f / line.frequency

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from microvib.model.expected import ExpectedLine
+from microvib.model.line_names import driving_line, electrical_line, full_step_line
 
 _CHANCE = 0.05  # a fraction that a frequency anywhere would hit as often by chance is not evidence
 _LARGEST = 8  # denominator of the fractions that names are made of
@@ -30,21 +31,21 @@ class ClockOrders:
         found = {
             line.name: line
             for line in expected
-            if line.name in ("drive_1", "full_step_1", "electrical_1")
+            if line.name in (driving_line(1), full_step_line(1), electrical_line(1))
         }
-        if "drive_1" not in found or ratio is None:
+        if driving_line(1) not in found or ratio is None:
             return None
-        full = found.get("full_step_1")
+        full = found.get(full_step_line(1))
         if full:
             word = full.origin.partition(",")[0]
         else:
             word = "full step"
-        if full and "electrical_1" in found:
-            steps = round(full.frequency / found["electrical_1"].frequency)
+        if full and electrical_line(1) in found:
+            steps = round(full.frequency / found[electrical_line(1)].frequency)
         else:
             steps = 4
         return cls(
-            found["drive_1"].frequency * ratio,
+            found[driving_line(1)].frequency * ratio,
             full.frequency * ratio if full else None,
             word,
             steps,

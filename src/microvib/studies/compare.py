@@ -19,7 +19,7 @@ from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
 from microvib.io.tables import rows_csv
-from microvib.model.expected import is_unlisted
+from microvib.model.line_names import is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.integration import Progress

@@ -22,6 +22,7 @@ from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, Source
 from microvib.model.expected import expected_lines
+from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.mode_names import names_a_mode
 from microvib.model.scenario import Scenario
@@ -30,7 +31,7 @@ from microvib.signals.line_table import DETECTION_RATIO, NOISE_DRIVEN, LineTable
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
 from microvib.studies.noise_floor import BANDS, bins_between_lines, max_torque_noise_density
-from microvib.studies.relative_phase import PHASE_OF, family, relative_phase
+from microvib.studies.relative_phase import phase_reference, relative_phase
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si, band, within_band
 
@@ -269,7 +270,7 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
                 Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz)
             )
             found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
-        against = sure.get(PHASE_OF.get(family(x.line), ""))
+        against = sure.get(phase_reference(x.line))
         if against is not None and against is not x:
             found.append(Observation(x.line, "phase", *relative_phase(x, against), against.line))
         first = sure.get("electrical_1")
@@ -487,7 +488,7 @@ def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
             found.append(
                 Observation(line.line, form, value, spread if spread > 0.0 else 0.01 * value)
             )
-        if line.line == "drive_1" and scenario.driving_frequency and line.frequency_hz > 0.0:
+        if line.line == driving_line(1) and scenario.driving_frequency and line.frequency_hz > 0.0:
             ratio = line.frequency_hz / scenario.driving_frequency
     if not found:
         raise MicrovibError(f"{name}: has no line with amplitude_n_m or bin_amplitude_n_m")

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from microvib.model.driven import friction_to_disturbance
+from microvib.model.line_names import electrical_line, full_step_line
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
@@ -132,7 +133,7 @@ def _spacing(table: LineTable) -> float:
     several = sum(line.kind == "electrical" and line.seen for line in table) > 1
     first = {line.line: line.expected_hz for line in table}
     steps = first.get(
-        "electrical_1" if several or "full_step_1" not in first else "full_step_1", 0.0
+        electrical_line(1) if several or full_step_line(1) not in first else full_step_line(1), 0.0
     )
     return steps * (table.clock_ratio or 1.0)
 

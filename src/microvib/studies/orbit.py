@@ -24,9 +24,8 @@ from microvib.analysis.turning import HubResponse, hub_response, shaft_torques
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import require_craft
 from microvib.model.driven import noise_bands
-from microvib.model.expected import is_unlisted
+from microvib.model.line_names import LineName, is_unlisted
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, metric_weight
 from microvib.solve.integration import Progress
 from microvib.studies.angles import MOST_ANGLES, AngleSweep, check_sweep, sweep_angles
@@ -441,7 +440,7 @@ def _steady_lines(one: HubLines, fallback: str) -> dict[str, int]:
         for line in expected_in(drive.scenario, drive.scenario.record.sample_rate)
         if line.is_mode
     }
-    alone = [name.removeprefix(f"{SECOND_DRIVE} ") for name in one.names]
+    alone = [str(LineName.parse(name).of_own_drive) for name in one.names]
     return {
         f"other {f:.6g} Hz" if is_unlisted(own) else name: k
         for k, (name, own, f) in enumerate(zip(one.names, alone, one.frequency.tolist(), strict=True))

@@ -23,10 +23,10 @@ from microvib.analysis.unseen import (
     out_of_band_lines,
 )
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
+from microvib.model.line_names import SECOND_DRIVE, driving_line, full_step_line, of_second_wing
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.results import FREQUENCY, MICROSTEPS, RATE, TORQUE, Column
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
@@ -580,7 +580,7 @@ def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
     """As ``_full_case``."""
     found = linear_lines(changed, HARMONICS)
     lines = tuple(
-        RateLine(f"drive_{x.order}", "drive", float(x.order), x.frequency, abs(x.amplitude))
+        RateLine(driving_line(x.order), "drive", float(x.order), x.frequency, abs(x.amplitude))
         for x in found
     )
     others = (
@@ -599,7 +599,7 @@ def _combine_drives(first: RateCase, second: RateCase) -> RateCase:
             return replace(first, lines=(), hidden=(), unseen=(), reason=f"{whose}{case.reason}")
 
     def called(lines: Iterable[RateLine]) -> tuple[RateLine, ...]:
-        return tuple(replace(x, line=f"{SECOND_DRIVE} {x.line}") for x in lines)
+        return tuple(replace(x, line=of_second_wing(x.line)) for x in lines)
 
     reasons = [first.reason] if first.reason else []
     if second.reason:
@@ -699,9 +699,9 @@ def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
     """Lines of a drive that may be resonances, by their frequencies over the driving frequency."""
     driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
     detent = motor.full_steps / (driver.beats * driver.microsteps)
-    orders = [(f"drive_{k}", float(k)) for k in members]
+    orders = [(driving_line(k), float(k)) for k in members]
     if motor.detent_torque > 0.0:
-        orders += [(f"full_step_{k}", k * detent) for k in members if (k * detent) % 1.0 != 0.0]
+        orders += [(full_step_line(k), k * detent) for k in members if (k * detent) % 1.0 != 0.0]
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     return orders + [
         (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
-from microvib.model.expected import is_sideband
+from microvib.model.line_names import is_sideband
 from microvib.model.scenario import Scenario
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.campaign import figures

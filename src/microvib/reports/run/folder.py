@@ -18,8 +18,8 @@ from microvib.io.runs import SECOND_MOTION, lines_csv, numerics, seeds_csv, summ
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
+from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.reports.densities import densities_csv
 from microvib.reports.document import Form
 from microvib.solve.integration import Progress

@@ -18,6 +18,7 @@ from microvib.analysis.reference import (
     estimator_text,
 )
 from microvib.analysis.run import lines_of_second
+from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
@@ -276,7 +277,7 @@ def _torque_budget(motion: Motion, lines: LineTable) -> Section:
 def _main_lines(lines: LineTable) -> list[Line]:
     """The first driving line and the largest others, by frequency."""
     found = (x for x in lines.notable() if math.isfinite(x.amplitude_n_m))
-    main = sorted(found, key=lambda x: (x.line != "drive_1", -x.amplitude_n_m))[:_MAX_LINES]
+    main = sorted(found, key=lambda x: (x.line != driving_line(1), -x.amplitude_n_m))[:_MAX_LINES]
     return sorted(main, key=lambda x: x.frequency_hz)
 
 

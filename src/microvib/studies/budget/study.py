@@ -25,10 +25,9 @@ from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list
 from microvib.io.file_access import WORKING_FOLDER
 from microvib.model.coupling import blocked_load_method as short_way_of_loads
 from microvib.model.coupling import require_craft, rotation_to_hub_axes, source_of
-from microvib.model.expected import is_unlisted
+from microvib.model.line_names import SECOND_DRIVE, is_unlisted
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
 from microvib.studies.budget.arrays import check_places, lacking

@@ -12,7 +12,7 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, frequency_error_bound
-from microvib.model.expected import is_sideband, is_unlisted
+from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import NOT_SEPARABLE
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN

@@ -11,6 +11,7 @@ import numpy as np
 from microvib.errors import MicrovibError, OptionError, expect, expect_list
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines
+from microvib.model.line_names import LineName
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import LineTable
 from microvib.studies.evidence import Evidence, Observation, Simulated, evidence_of, require_lines
@@ -453,7 +454,8 @@ def _with_settle_uncertainty(
     o: Observation, scenario: Scenario, clock: float, trust: ErrorModel
 ) -> Observation:
     """A turn as uncertain as the settling time makes it, for microsteps at ``clock`` [Hz]."""
-    order, turn = int(o.line.rpartition("_")[2]), scenario.driver.beats * scenario.driver.microsteps
+    order = LineName.parse(o.line).order
+    turn = scenario.driver.beats * scenario.driver.microsteps
     return replace(
         o, uncertainty=math.hypot(o.uncertainty, math.tau * order * clock / turn * trust.settle)
     )

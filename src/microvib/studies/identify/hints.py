@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from microvib.model.line_names import FULL_STEP, LineName
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import DETECTION_RATIO
 from microvib.studies.evidence import SUBHARMONICS, Evidence, Simulated, subharmonic_amplitudes
@@ -105,9 +106,9 @@ def _of_noise(density: float) -> str:
 
 def _order(name: str) -> int:
     """Order of a line of the full step; 0 of others."""
-    stem, _, order = name.rpartition("_")
-    if stem == "full_step" and order.isdigit():
-        return int(order)
+    line = LineName.parse(name)
+    if line.family == FULL_STEP:
+        return line.order
     return 0
 
 

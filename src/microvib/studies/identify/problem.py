@@ -17,7 +17,7 @@ import numpy as np
 from microvib.analysis.lines import lines_by_name
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
-from microvib.model.mode_names import names_a_mode
+from microvib.model.line_names import ARRAY_MODE, LineName
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
@@ -291,7 +291,8 @@ class Problem:
         changes what is observed.
         """
         timed = any(
-            o.form in ("nearest_bin", "level") or (names_a_mode(o.line) and o.form == "amplitude")
+            o.form in ("nearest_bin", "level")
+            or (LineName.parse(o.line).is_mode and o.form == "amplitude")
             for _, o in self.observed
         )
         if timed or "record.settle" in self.taken:
@@ -353,8 +354,9 @@ class Problem:
             if quantity is not None
         }
         for _, o in self.observed:
-            if o.form == "frequency" and o.line.startswith("array_mode_"):
-                name = f"array.modes.{int(o.line.removeprefix('array_mode_')) - 1}.frequency"
+            line = LineName.parse(o.line)
+            if o.form == "frequency" and line.family == ARRAY_MODE:
+                name = f"array.modes.{line.order - 1}.frequency"
                 if name in own and name not in self.taken:
                     key = range_around(name, *own[name], along=True)
                     return self.again(

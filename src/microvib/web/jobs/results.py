@@ -18,8 +18,8 @@ from microvib.analysis.reference import (
 from microvib.errors import MicrovibError
 from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
+from microvib.model.line_names import SECOND_DRIVE, driving_line
 from microvib.model.scenario import Scenario
-from microvib.model.spacecraft import SECOND_DRIVE
 from microvib.reports.angles import (
     angles_table,
     angles_texts,
@@ -74,7 +74,9 @@ def run_result(
     a craft's hub.
     """
     scenario = motion.scenario
-    first = [x.frequency_hz for x in table if x.line == "drive_1" and math.isfinite(x.frequency_hz)]
+    first = [
+        x.frequency_hz for x in table if x.line == driving_line(1) and math.isfinite(x.frequency_hz)
+    ]
     shares = torque_budget(motion, first)
     return {
         "title": scenario.title,
