@@ -22,9 +22,8 @@ from microvib.io.formats import READERS
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, Source
 from microvib.model.expected import expected_lines
-from microvib.model.line_names import driving_line
+from microvib.model.line_names import LineName, driving_line
 from microvib.model.linear import coupled_modes
-from microvib.model.mode_names import names_a_mode
 from microvib.model.scenario import Scenario
 from microvib.signals.clock import near_mains
 from microvib.signals.line_table import DETECTION_RATIO, NOISE_DRIVEN, LineTable, ResidualPeaks
@@ -460,7 +459,7 @@ def _of_reference(source: ReferenceLines, scenario: Scenario) -> Evidence:
         else:
             found.append(Observation(one.line, "amplitude", one.amplitude, spread))
     # A mode's frequency lies within half a bin of that of its bin, which is put at three sigma.
-    for one in (one for one in reference.lines if names_a_mode(one.line)):
+    for one in (one for one in reference.lines if LineName.parse(one.line).is_mode):
         nearest = round(one.frequency * reference.duration) / reference.duration
         found.append(Observation(one.line, "frequency", nearest, 0.5 / reference.duration / 3.0))
     return Evidence(
