@@ -77,15 +77,21 @@ def comparison_worth(scenario: Scenario) -> str:
         for key, _, _ in scenario.entries()
         if key.split(".")[0] not in ("record", "solver")
     }
-    reference = scenario.reference
     if USER_SOURCE in texts:
         return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
-    if reference is not None and any(
-        text.startswith("identified") and reference.source in text for text in texts
-    ):
+    if is_calibrated(scenario):
         return "calibrated, not predicted: parameters were identified from these very figures"
     return (
         "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
+    )
+
+
+def is_calibrated(scenario: Scenario) -> bool:
+    """Whether parameters were identified from the reference lines themselves."""
+    reference = scenario.reference
+    return reference is not None and any(
+        text.startswith("identified") and reference.source in text
+        for text in scenario.sources.values()
     )
 
 

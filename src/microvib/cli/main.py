@@ -27,6 +27,7 @@ try:
         serve,
         structures,
         test_data,
+        validation,
     )
     from microvib.cli.streams import status_of
     from microvib.reports.drawing import import_matplotlib_lean
@@ -96,7 +97,7 @@ def main() -> None:
 
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
-    test_data.validate, test_data.statements, rates.rates, campaign.campaign, structures.modes, structures.sas,
+    validation.validate, validation.statements, rates.rates, campaign.campaign, structures.modes, structures.sas,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
 ):  # fmt: skip
     main.add_command(_command)

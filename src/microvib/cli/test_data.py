@@ -1,4 +1,4 @@
-"""Commands that work with test data: analyse, compare, measure, identify, validate."""
+"""Commands that work with test data: analyse, compare, measure, identify."""
 
 from __future__ import annotations
 
@@ -306,64 +306,3 @@ def _best_so_far(progress: progress_bar) -> Callable[[str, int, float, dict[str,
         progress.say(found if simulations else "searching (compiles on first use)")
 
     return report
-
-
-@click.command()
-@target_options("Folder for table and report [default: print only].")
-@with_precompilation
-def validate(target: Target) -> None:
-    """Check the paper's claims, simulation and test against what the catalog's states give."""
-    from microvib.reports.validation import validation_folder, validation_text
-    from microvib.studies.validate import validate as run_validation
-
-    with progress_bar() as progress:
-        checks, states = run_validation(lambda text: progress.say(f"running {text}"))
-    target.deliver(validation_text(checks), validation_folder, checks, states)
-
-
-@click.command()
-@click.argument("table", type=PATH)
-@click.option(
-    "--draws",
-    default=40,
-    type=click.IntRange(0, 100_000),
-    help="How many draws of the assumptions.",
-)
-@click.option(
-    "--seeds",
-    default=24,
-    type=click.IntRange(1, 1000),
-    help="Draws of the noise for each state in each of them.",
-)
-def statements(table: Path, draws: int, seeds: int) -> None:
-    """Test the paper's statements on states 1 to 5 over the range of what is assumed about its
-    test.
-
-    Each draw is calibrated to state 1 and kept as a row of TABLE, a CSV file; a table that is there
-    is continued. About a minute a draw. `microvib validate` shows the table of the catalog, which
-    is made so.
-    """
-    from microvib.studies.statements import STATEMENTS, extend_table, fraction_holding
-
-    with progress_bar("computing", "draws") as progress:
-
-        def told(done: int, total: int) -> None:
-            if done < total and not progress.begun:
-                minutes = max(round((total - done) * seeds / 24), 1)
-                echo(
-                    f"{total - done} draws to compute, about {minutes} min. Each is kept in {table}"
-                    " when it is done: after an"
-                    " interruption the same command continues.",
-                    err=True,
-                )
-            progress(done, total)
-
-        rows = extend_table(table, draws, seeds, told)
-    for k, statement in enumerate(STATEMENTS):
-        spread, single = fraction_holding(rows, k)
-        echo(
-            f"{statement.item:90s} {100 * spread:5.0f} % of the draws, {100 * single:5.0f} % of"
-            " single records"
-        )
-    refused = sum(bool(row["refused"]) for row in rows)
-    echo(f"{refused} of {len(rows) - 1} draws were refused: they do not give state 1's lines.")

@@ -58,6 +58,11 @@ def bench_names() -> tuple[str, ...]:
     return tuple(_catalog_files("benches"))
 
 
+def test_names() -> tuple[str, ...]:
+    """Names of the published tests of the catalog."""
+    return tuple(_catalog_files("tests"))
+
+
 def named_text(
     name: str,
     files: FileAccess,

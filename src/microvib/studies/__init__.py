@@ -1,1 +1,1 @@
-"""Many scenarios through one pipe: comparison with evidence, identification, validation."""
+"""Many scenarios through one pipe: comparison with evidence, identification."""

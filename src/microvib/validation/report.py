@@ -1,4 +1,4 @@
-"""Validation from command to folder: one table, and the figures of the paper with ours."""
+"""Validation from command to folder: one table, and spectra of the states."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from microvib.reports.document import (
     Text,
     table,
 )
-from microvib.reports.numbers import brief_number
-from microvib.studies.validate import Check, SimulatedState, checks_csv
+from microvib.reports.numbers import brief_number, count_text
 from microvib.text_tables import text_table
+from microvib.validation.study import Check, Validation, checks_csv
 
 _INTRODUCTION = (
-    "Calibrated rows were fitted to the test's lines of state 1 and are not evidence. Assumed rows"
+    "Calibrated rows were fitted to the test's own lines and are not evidence. Assumed rows"
     " say what predictions rest on,"
     " and from which range it was drawn. Predicted rows were not fitted to anything; they are given"
     " for the central assumptions,"
     " with the part of the draws, and of single records, in which they hold, and with what the"
-    " catalog's states give without these"
+    " states' scenarios give without these"
     " assumptions. Computed rows are arithmetic or numerics."
 )
 
@@ -35,7 +35,7 @@ def validation_text(checks: list[Check]) -> str:
     """All checks as a table, and how many hold."""
     header = (
         "item",
-        "paper",
+        "published",
         "test",
         "ours",
         "error %",
@@ -97,45 +97,40 @@ def _by_status(checks: list[Check]) -> dict[str, list[Check]]:
     }
 
 
-def validation_folder(checks: list[Check], states: dict[int, SimulatedState]) -> Contents:
+def validation_folder(found: Validation) -> Contents:
     """``validation.csv`` and the report."""
-    return {"validation.csv": checks_csv(checks)}, validation_report(checks, states)
+    return {"validation.csv": checks_csv(found.checks)}, validation_report(found)
 
 
-_COMPARISONS = (
-    ("States 1, 2, 3, which differ in the mode's frequency (as Figure 11)", (1, 2, 3)),
-    ("States 1, 4, 5, which differ in inertia (as Figure 12)", (1, 4, 5)),
-)
-
-
-def validation_report(checks: list[Check], states: dict[int, SimulatedState]) -> Document:
+def validation_report(found: Validation) -> Document:
     """The report of the validation: every claim with its verdict, and the spectra of the states."""
+    test, checks = found.test, found.checks
     torques = {
         k: (f"state {k}", state.motion["T_d"], state.motion.sample_rate)
-        for k, state in states.items()
+        for k, state in found.states.items()
     }
-    first, second = (overlay_block([torques[k] for k in of], title) for title, of in _COMPARISONS)
+    spectra = [overlay_block([torques[k] for k in one.states], one.title) for one in test.spectra]
     facts = [
         Fact(f"{sum(c.holds is True for c in of)} of {len(of)}", f"{status} rows hold")
         for status, of in _by_status(checks).items()
     ]
+    sections = [Section("All claims", (_claims(checks),), new_page=True)]
+    if spectra[1:]:
+        sections.append(Section("Further spectra", tuple(spectra[1:])))
     return study_report(
         "Validation report",
-        "Validation against the paper",
-        "The claims of Appl. Sci. 2021, 11, 9076 on its test states 1 to 5, beside what the"
-        " catalog's scenarios give.",
+        "Validation against a published test",
+        f"{test.title}: the claims of {test.citation}, beside what the scenarios of its"
+        f" {count_text(len(test.states), 'state')} give.",
         facts=facts,
-        first_page=(Text(_INTRODUCTION), *_failing(checks), first),
-        sections=(
-            Section("All claims", (_claims(checks),), new_page=True),
-            Section("States of other inertia", (second,)),
-        ),
-        parts={f"state {k}": state.motion.scenario for k, state in states.items()},
+        first_page=(Text(_INTRODUCTION), *_failing(checks), *spectra[:1]),
+        sections=sections,
+        parts={f"state {k}": state.motion.scenario for k, state in found.states.items()},
     )
 
 
 _HEADER = [
-    "item", "source", "paper [1]", "test [1]", "ours [1]", "error [%]", "bar", "over spread", "single records", "without [1]",
+    "item", "source", "published [1]", "test [1]", "ours [1]", "error [%]", "bar", "over spread", "single records", "without [1]",
     "holds",
 ]  # fmt: skip
 

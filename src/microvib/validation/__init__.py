@@ -1,0 +1,1 @@
+"""Published tests, which are data of the catalog, against what the scenarios give."""
