@@ -2081,3 +2081,20 @@ def test_a_high_level_in_windows_counts_their_ends(
     assert one.value == pytest.approx(true, rel=2e-3)
     tight = r.model_copy(update={"limit": 0.999 * true})
     assert assess(tight, [source("a", *tones, clock="own")], "rss").verdict != "pass"
+
+
+@pytest.mark.parametrize("carrying", [False, True])
+def test_three_arrays_are_not_judged_and_the_sentence_says_what_to_do(carrying: bool) -> None:
+    """Whether or not each craft carries one of the others: it cannot carry both, and is not asked to."""
+    here, there = _two_wings()
+    other = here.with_si({"spacecraft.interface.position": [-0.5, 0.2, 0.9]})
+    drives = [here, there, other]
+    if carrying:
+        drives = [_carrying(here, there), _carrying(there, here), _carrying(other, here)]
+    asked = Requirements(requirements=(requirement(limit="1 mrad"), requirement(limit="1 prad")))
+    found = pointing_budget(drives, asked)
+    for one in found.judged:
+        assert one.verdict == "not judged"
+        assert one.why[0].startswith("these scenarios have 3 arrays, and a craft has two at most")
+        assert "spacecraft.hub.modes" in one.why[0]
+        assert not any("second_wing" in why for why in one.why)

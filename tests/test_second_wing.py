@@ -779,3 +779,33 @@ def test_a_rate_plan_keeps_away_from_resonances_of_both_drives(geared: bool) -> 
         held = both(wing={"drive": "driven", **own, "tracking": {"rate": bystander}})
         still = mv.plan_rates(held, grid, linear=True)
         assert not [r for r in still.resonances if r.line.startswith("wing_2 ")]
+
+
+def test_lines_of_two_clocks_are_not_added_with_phases_however_near_they_are() -> None:
+    """A second clock a millionth off the first drifts through all phases: lines of both add as mean squares, in a run and in the one source of a campaign."""
+    from microvib.studies.budget.study import both_wings
+    from microvib.studies.budget.sums import assess
+
+    def hub_of(ratio: float) -> Any:
+        state = mv.steady_state(quick(stagger=0.5, clock_ratio=ratio))
+        return hub_lines(state, mv.find_lines(state))
+
+    near, one = hub_of(1.0 + 4e-7), hub_of(1.0)
+    assert "wing_2 drive_1" not in one.names
+    for name in ("drive_1", "drive_2", "full_step_1"):
+        assert f"wing_2 {name}" in near.names
+        each = [drive.los[drive.names.index(name)] for drive in near.drives]
+        listed = [near.los[near.names.index(x)] for x in (name, f"wing_2 {name}")]
+        assert np.array(listed) == pytest.approx(np.array(each))
+        assert one.los[one.names.index(name)] == pytest.approx(np.sum(each, axis=0), rel=0.02)
+    scenario = quick(stagger=0.5, clock_ratio=1.0 + 4e-7)
+    first, second = mv.pointing_budget(scenario).contributions
+    tables = hub_of(1.0 + 4e-7).drives
+    whole_craft = both_wings(scenario, first, second, *tables)
+    asked = Requirement(metric="ape", limit="1 urad", highest="1.5 Hz", lowest="0.5 Hz")
+    f = first.frequency[first.names.index("drive_1")]
+    asked = asked.model_copy(update={"lowest": 0.999 * f, "highest": 1.001 * f})
+    apart, together = assess(asked, [first, second], "rss"), assess(asked, [whole_craft], "rss")
+    assert together.value == pytest.approx(apart.value, rel=1e-6)
+    assert together.least <= apart.least * (1.0 + 1e-9)
+    assert together.most >= apart.most * (1.0 - 1e-9)

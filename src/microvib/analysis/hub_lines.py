@@ -10,15 +10,18 @@ import numpy as np
 
 from microvib.analysis.lines import expected_in, find_lines
 from microvib.analysis.margins import may_ring
-from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
+from microvib.analysis.pointing import HubLines
 from microvib.errors import MicrovibError
 from microvib.model.coupling import MIN_FREQUENCY_WITHOUT_CONTROL
+from microvib.model.craft import Craft
 from microvib.model.expected import ExpectedLine
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
+from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import lines_of_series
+from microvib.signals.in_step import LOCKED
 from microvib.signals.line_fit import (
     lines_at_known_clock,
     modes_near_clock_lines,
@@ -60,118 +63,110 @@ def _single_drive_lines(source: Motion | SteadyState, table: LineTable, los_only
     scenario, craft = source.scenario, source.scenario.craft
     if craft is None:
         raise MicrovibError("this run has a fixed base; a scenario with a spacecraft is expected")
-    others = [line for line in table if line.kind == "other" and np.isfinite(line.frequency_hz)]
-    expected = (
-        *expected_in(scenario, scenario.record.sample_rate, table.harmonics),
-        *(
-            ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin)
-            for x in others
-        ),
-    )
-    looks, two = (
-        craft.spacecraft.line_of_sight is not None,
-        craft.second is not None and not los_only,
-    )
-    channels = (
-        *(() if los_only else COMPONENTS),
-        *(SECOND_LOADS if two else ()),
-        *(LINE_OF_SIGHT_ACCELERATIONS if looks else ()),
-    )
+    looks = craft.spacecraft.line_of_sight is not None
+    two = craft.second is not None and not los_only
+    expected = _expected_and_found(scenario, table)
+    channels = _channels_of_interest(looks, two, los_only)
     shafts, found = _estimate_tones(source, expected, channels, table, los_only)
     frequency, ringing = _free_decay_tones(*found, expected, channels)
     # Of the clock both shafts tell everything, and no drift is in them; what rings has its own way
     # into each channel.
-    own = np.array([not line.of_clock for line in expected])
-    rows = [*([] if los_only else [craft.loads()]), *([craft.second_loads()] if two else [])]
-    rows += [craft.line_of_sight()] if looks else []
-    forced = np.hstack(
-        [np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows]
-    )
-    tones = np.where(own[:, None], ringing, forced)
+    forced = _forced_tones(craft, frequency, shafts, looks, two, los_only)
+    of_clock = np.array([line.of_clock for line in expected])
+    tones = np.where(of_clock[:, None], forced, ringing)
     if los_only:
         tones = np.hstack([np.full((len(expected), 6), np.nan), tones])
-    # A free hub drifts: what is slower than MEANINGLESS is no line of it.
+    known = np.any(np.isfinite(tones), axis=1)
+    # A free hub drifts: what is slower than that is no line of it.
     free = craft.spacecraft.attitude_control is None
-    keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~(
-        free & (frequency < MIN_FREQUENCY_WITHOUT_CONTROL)
-    )
+    drifts = free & (frequency < MIN_FREQUENCY_WITHOUT_CONTROL)
+    keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~drifts
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
-    unknown = tuple(
-        x.name
-        for x, lost in zip(expected, ~np.any(np.isfinite(tones), axis=1), strict=True)
-        if lost
-    )
+    rings = [line for line in table if line.line in names and may_ring(line, table, scenario)]
     tones = tones[keep]
-    los, second = tones[:, -2:] if looks else None, tones[:, 6:12] if two else None
-    driven = tuple(line.line for line in table if line.status == NOISE_DRIVEN)
-    rings = tuple(
-        line.line for line in table if line.line in names and may_ring(line, table, scenario)
-    )
     return HubLines(
         scenario,
         names,
         frequency[keep],
         tones[:, :6],
-        los,
+        tones[:, -2:] if looks else None,
         shafts[keep],
-        unknown,
-        second,
-        driven,
-        rings,
+        tuple(line.name for line, told in zip(expected, known, strict=True) if not told),
+        tones[:, 6:12] if two else None,
+        tuple(line.line for line in table if line.status == NOISE_DRIVEN),
+        tuple(line.line for line in rings),
     )
+
+
+def _expected_and_found(scenario: Scenario, table: LineTable) -> tuple[ExpectedLine, ...]:
+    """Lines that are expected, and those that were found in T_d and were not."""
+    expected = expected_in(scenario, scenario.record.sample_rate, table.harmonics)
+    found = (
+        ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin)
+        for x in table
+        if x.kind == "other" and np.isfinite(x.frequency_hz)
+    )
+    return (*expected, *found)
+
+
+def _channels_of_interest(looks: bool, two: bool, los_only: bool) -> tuple[str, ...]:
+    """Channels in which lines are sought: loads, those of a second wing where there are ``two``, and
+    the line of sight where there is one.
+    """
+    channels: tuple[str, ...] = () if los_only else COMPONENTS
+    if two:
+        channels = (*channels, *SECOND_LOADS)
+    if looks:
+        channels = (*channels, *LINE_OF_SIGHT_ACCELERATIONS)
+    return channels
+
+
+def _forced_tones(
+    craft: Craft, frequency: np.ndarray, shafts: np.ndarray, looks: bool, two: bool, los_only: bool
+) -> np.ndarray:
+    """What the accelerations of both ``shafts`` (k, 2) make at each ``frequency`` (k,) [Hz] in the
+    channels of interest, (k, channels).
+    """
+    rows = [] if los_only else [craft.loads()]
+    if two:
+        rows.append(craft.second_loads())
+    if looks:
+        rows.append(craft.line_of_sight())
+    each = [np.einsum("fkj,fj->fk", craft.transfer(one, frequency), shafts) for one in rows]
+    return np.hstack(each)
 
 
 def combine_wings(first: HubLines, second: HubLines) -> HubLines:
-    """Lines of two drives on one craft: those of one frequency, and natural modes, with their
-    phases; of others both.
+    """Lines of two drives on one craft: those of one frequency of one clock, and natural modes, with
+    their phases; of others both.
 
     Each drive's run knows the same natural modes, by names that may differ where one of them is the
-    other drive's.
+    other drive's. Lines of two clocks drift against each other, however near their frequencies are,
+    and so do those of one clock that are not quite of one frequency.
     """
-    # Both runs have the same natural modes: the k-th of one is the k-th of the other, whatever
-    # either calls it.
-    ours, theirs = (
-        sorted(coupled_modes(one.scenario), key=lambda m: m.frequency) for one in (first, second)
-    )
-    if len(ours) == len(theirs):
-        partner = {b.name: a.name for a, b in zip(ours, theirs, strict=False)}
-    else:
-        partner = {}
-    modes = {m.name for m in theirs}
-    # Where each line of the second goes: to one of the first of its frequency, or behind them all.
-    place: dict[str, int] = {}
-    for name, f in zip(second.names, second.frequency, strict=True):
-        near = np.flatnonzero(np.abs(first.frequency - f) <= FREQUENCY_TOLERANCE * f)
-        if name in modes:
-            near = np.array(
-                [k for k, own in enumerate(first.names) if own == partner.get(name)], dtype=int
-            )
-        if near.size:
-            place[name] = int(near[0])
-        else:
-            place[name] = len(first.names) + sum(k >= len(first.names) for k in place.values())
-    new = [k for k, name in enumerate(second.names) if place[name] >= len(first.names)]
-    to = [place[name] for name in second.names]
+    partner = _modes_by_name(second, first)
+    place = _places_of_second(first, second, partner)
+    count = len(first.names)
+    new = np.flatnonzero(place >= count)
+    # a natural mode has the name that it has in the first's run, even if that one does not look for
+    # it
+    behind = [
+        partner.get(second.names[k], f"{SECOND_DRIVE} {second.names[k]}") for k in new.tolist()
+    ]
+    names = (*first.names, *behind)
+    called = {name: names[k] for name, k in zip(second.names, place.tolist(), strict=True)}
 
-    def added(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-        if a is None or b is None:
+    def added(ours: np.ndarray | None, theirs: np.ndarray | None) -> np.ndarray | None:
+        if ours is None or theirs is None:
             return None
-        both = np.full((2, len(first.names) + len(new), a.shape[1]), np.nan, dtype=complex)
-        both[0, : len(first.names)], both[1, to] = a, b
+        both = np.full((2, len(names), ours.shape[1]), np.nan, dtype=complex)
+        both[0, :count], both[1, place] = ours, theirs
         total: np.ndarray = np.where(np.isnan(both).all(axis=0), np.nan, np.nansum(both, axis=0))
         return total
 
     def of_both(ours: tuple[str, ...], theirs: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(
-            dict.fromkeys([*ours, *(names[place[name]] for name in theirs if name in place)])
-        )
+        return tuple(dict.fromkeys([*ours, *(called[x] for x in theirs if x in called)]))
 
-    # a natural mode has the name that it has in the first's run, even if that one does not look for
-    # it
-    names = (
-        *first.names,
-        *(partner.get(second.names[k], f"{SECOND_DRIVE} {second.names[k]}") for k in new),
-    )
     loads = added(first.loads, second.loads if second.second is None else second.second)
     assert loads is not None
     return replace(
@@ -180,13 +175,51 @@ def combine_wings(first: HubLines, second: HubLines) -> HubLines:
         frequency=np.concatenate([first.frequency, second.frequency[new]]),
         loads=loads,
         los=added(first.los, second.los),
-        shafts=np.vstack([first.shafts, np.zeros((len(new), 2))]),
+        shafts=np.vstack([first.shafts, np.zeros((new.size, 2))]),
         second=added(first.second, second.loads),
         unknown=(*first.unknown, *(f"{SECOND_DRIVE} {name}" for name in second.unknown)),
         driven=of_both(first.driven, second.driven),
         rings=of_both(first.rings, second.rings),
         drives=(first, second),
     )
+
+
+def _modes_by_name(of: HubLines, other: HubLines) -> dict[str, str]:
+    """What the natural modes of one drive's run are called in the ``other``'s: the k-th of one is
+    the k-th of the other; empty where they have not as many.
+    """
+    mine, theirs = (
+        sorted(coupled_modes(one.scenario), key=lambda m: m.frequency) for one in (of, other)
+    )
+    if len(mine) != len(theirs):
+        return {}
+    return {a.name: b.name for a, b in zip(mine, theirs, strict=True)}
+
+
+def _places_of_second(first: HubLines, second: HubLines, partner: dict[str, str]) -> np.ndarray:
+    """Where each line of the second goes, (k,): to the one of the first that it is added to, or
+    behind them all.
+    """
+    modes = {m.name for m in coupled_modes(second.scenario)}
+    together = _have_one_clock(first)
+    place, behind = [], len(first.names)
+    for name, f in zip(second.names, second.frequency, strict=True):
+        if name in modes:
+            same = [k for k, own in enumerate(first.names) if own == partner.get(name)]
+        elif together:
+            same = np.flatnonzero(np.abs(first.frequency - f) <= LOCKED * f).tolist()
+        else:
+            same = []
+        place.append(same[0] if same else behind)
+        behind += not same
+    return np.array(place, dtype=int)
+
+
+def _have_one_clock(first: HubLines) -> bool:
+    """Whether the second wing's drive, if there is one, is stepped by the first's clock."""
+    craft = first.scenario.spacecraft
+    wing = None if craft is None else craft.second_wing
+    return wing is not None and wing.clock_ratio == 1.0
 
 
 ChannelTones = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -4,7 +4,7 @@ arrays of the others, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from microvib.model.spacecraft import DRIVE_GROUPS, SAME_POINT_DISTANCE, Interfa
 
 _NEAR = 1e-6
 """Distance of unit vectors, and of angles [rad], up to which they are the same."""
+MAX_ARRAYS = 2
+"""Of a craft."""
 _INSTEAD = "or give one scenario of both with spacecraft.second_wing.drive: driven"
 
 
@@ -41,11 +43,8 @@ def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[st
         wing = mounted.second_wing
     theirs = require_craft(other).spacecraft
     if wing is None or _distance(wing.interface, theirs.interface) > SAME_POINT_DISTANCE:
-        full = ""
-        if wing is not None:
-            full = ", and a craft has no more than two arrays"
         yield (
-            f"the hub is without the array of {other_name}{full}, which changes how it moves; put"
+            f"the hub is without the array of {other_name}, which changes how it moves; put"
             " each wing into"
             f" spacecraft.second_wing of the other's scenario, {_INSTEAD}"
         )
@@ -53,6 +52,28 @@ def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[st
     unlike = [f"spacecraft.second_wing.{key}" for key in _unlike(scenario, other)]
     if unlike:
         yield f"{', '.join(unlike)}: is another than that of {other_name}; give what that scenario has, {_INSTEAD}"
+
+
+def number_of_arrays(scenarios: Iterable[Scenario]) -> int:
+    """How many arrays there are on the crafts of drives, those at one place counted once."""
+    places: list[Interface] = []
+    for scenario in scenarios:
+        spacecraft = require_craft(scenario).spacecraft
+        wing = spacecraft.second_wing
+        for one in (spacecraft.interface, *(() if wing is None else (wing.interface,))):
+            if all(_distance(one, other) > SAME_POINT_DISTANCE for other in places):
+                places.append(one)
+    return len(places)
+
+
+def too_many_arrays(number: int) -> str:
+    """Why nothing is judged with more arrays than a craft has, and what to do; without a stop."""
+    return (
+        f"these scenarios have {number} arrays, and a craft has two at most: how the hub moves with"
+        " all of them is not known (make the others part of the hub, spacecraft.hub.modes from finite"
+        " elements with their arrays on it, and give the motion that their drives make there as"
+        " lines in a file of sources)"
+    )
 
 
 def _unlike(scenario: Scenario, other: Scenario) -> Iterator[str]:

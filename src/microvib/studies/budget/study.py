@@ -30,7 +30,13 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.integration import Progress
-from microvib.studies.budget.arrays import check_places, lacking
+from microvib.studies.budget.arrays import (
+    MAX_ARRAYS,
+    check_places,
+    lacking,
+    number_of_arrays,
+    too_many_arrays,
+)
 from microvib.studies.budget.figures import CombinedLines, evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -383,6 +389,10 @@ def _with_lacking(
     """Lines of drives, with the gap that their crafts lack arrays of others; and the reasons, by
     the names of the drives.
     """
+    arrays = number_of_arrays(drive.scenario for drive in drives)
+    if arrays > MAX_ARRAYS:
+        why = too_many_arrays(arrays)
+        return [replace(one, gaps=(*one.gaps, open_gap(why))) for one in found], (why,)
     told = [
         (one.name, why)
         for one, other in _of_two_scenarios(drives)
