@@ -15,8 +15,9 @@ import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
-from microvib.reports.angles import angles_table, unit_in_brackets
+from microvib.reports.angles import angles_outcome
 from microvib.reports.numbers import angle_unit
+from microvib.results import Table
 from microvib.signals.pointing import radial_rms
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.units import Si
@@ -65,15 +66,19 @@ def test_each_angle_is_a_run_of_its_own(tmp_path: Path) -> None:
         float(radial_rms(one.mean_squares("rpe", 0.01).sum(axis=0)))
     )
     assert abs(found.los("drive_1")[0] / found.los("drive_1")[1] - 1.0) > 0.01
-    head, table = angles_table(found)
-    unit, size = angle_unit([float(found.rms("ape", 1.0).max())])
-    assert head[3:5] == [f"its amplitude {unit}", f"APE {unit}"]
-    assert [float(row[4]) for row in table[:2]] == pytest.approx(
+    outcome = angles_outcome(found)
+    [table] = [item for item in outcome.parts[1].items if isinstance(item, Table)]
+    unit, size = angle_unit([float(np.linalg.norm(x.amplitude, axis=1).max()) for x in found.lines])
+    assert [column.title for column in table.shown] == [
+        "angle [deg]", "largest line", "frequency [Hz]", f"its amplitude [{unit}]", f"APE [{unit}]",
+        f"RPE 10 ms [{unit}]", f"RPE 100 ms [{unit}]",
+    ]  # fmt: skip
+    texts = table.texts()
+    assert [float(row[4]) for row in texts[:2]] == pytest.approx(
         found.rms("ape", 1.0) / size, rel=1e-3
     )
-    assert [column for column in map(unit_in_brackets, head) if "[" not in column] == [
-        "largest line"
-    ]
+    assert [row[0] for row in texts] == ["0", "75", "all", "worst"]
+    assert len(table.rows) == 2
     (tmp_path / "craft.yaml").write_text(dump_scenario(scenario))
     arguments = [
         "run",

@@ -97,8 +97,14 @@ def test_rows_stand_out_by_their_verdict_and_angles_have_one_unit(state_1):
         ("fail", ("P-2", "3", "2", "FAIL")),
         ("off", ("P-3", "", "2", "not judged")),
     ]
-    assert table.figure("value_rad", 3e-9) == "0.003 µrad"
+    assert table.measure("value_rad").figure(3e-9) == "0.003 µrad"
     assert table.file_rows()[1] == ["P-2", 3e-6, 2e-6, "fail"]
+    assert table.records()[0] == {
+        "name": "P-1",
+        "value_rad": 2e-9,
+        "limit_rad": 1e-6,
+        "verdict": "pass",
+    }
     found = Outcome(
         "Study",
         "A study",

@@ -23,7 +23,7 @@ A result's dataclass annotates the fields that its table has, in their order:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Any, get_type_hints
@@ -49,6 +49,10 @@ class Measure:
         if not math.isfinite(value):
             return ""
         return f"{value / self.size:{self.form}}".rstrip(".")
+
+    def figure(self, value: float) -> str:
+        """A figure with its unit."""
+        return f"{self.text(value)} {self.unit}".rstrip()
 
     def suited_to(self, values: Iterable[float]) -> Measure:
         """The measure in the one of its ``units`` that suits the largest of some values [SI]."""
@@ -85,6 +89,8 @@ class Column:
     """Of its figures; None where it holds words."""
     absent: str = ""
     """What readers see where there is no figure."""
+    words: Callable[[str], str] = str
+    """How readers see its words."""
     verdict: bool = False
     """Whether it says of each row *pass*, *fail* or *not judged*, by which rows stand out."""
 
@@ -100,7 +106,7 @@ class Column:
         if self.verdict and value == "fail":
             return "FAIL"
         if self.measure is None or isinstance(value, str):
-            return str(value)
+            return self.words(str(value))
         return self.measure.text(float(value)) or self.absent
 
     def in_file(self, value: Any) -> Any:
@@ -185,11 +191,16 @@ class Table:
         )
         return replace(column, measure=column.measure.suited_to(figures))
 
-    def figure(self, key: str, value: float) -> str:
-        """A figure with its unit as it stands in the column ``key``, for a text beside the table."""
-        column = next(x for x in self.shown if x.key == key)
-        unit = column.measure.unit if column.measure else ""
-        return f"{column.text(value)} {unit}".rstrip()
+    def measure(self, key: str) -> Measure:
+        """Of the figures in the column ``key``, for texts and pictures beside the table."""
+        found = next(column.measure for column in self.shown if column.key == key)
+        assert found is not None
+        return found
+
+    def records(self) -> list[dict[str, Any]]:
+        """Rows as they stand in files, by the keys of the columns."""
+        keys = [column.key for column in self.columns]
+        return [dict(zip(keys, row, strict=True)) for row in self.file_rows()]
 
     def texts(self, most: int | None = None) -> list[list[str]]:
         """Cells as readers see them, of the first ``most`` rows that they do."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -48,9 +49,16 @@ def test_a_sweep_is_that_of_the_command_line(client):
         sweep.lines[0].names[0],
         pytest.approx(sweep.lines[0].amplitude[0, 1]),
     )
-    assert told["table"]["header"][:2] == ["angle [deg]", "largest line"]
-    assert [row[0] for row in told["table"]["rows"]] == ["0", "45", "all", "worst"]
-    assert told["drawing"].startswith("data:image/svg+xml;base64,")
+    first, every = told["parts"]
+    [table] = every["tables"]
+    assert [(x["title"], x["unit"]) for x in table["columns"][:2]] == [
+        ("angle", "deg"),
+        ("largest line", ""),
+    ]
+    assert [row["angle_deg"] for row in table["rows"]] == ["0", "45", "all", "worst"]
+    [picture] = first["pictures"]
+    assert picture["source"].startswith("data:image/svg+xml;base64,")
+    assert json.loads(told["files"]["angles.json"])["angles_deg"] == [0.0, 45.0]
 
 
 @pytest.mark.parametrize(

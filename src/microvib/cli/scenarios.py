@@ -102,18 +102,18 @@ def run(
 
 
 def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
-    from microvib.reports.angles import angles_folder, angles_text
+    from microvib.reports.angles import angles_outcome
     from microvib.studies.angles import angles_in, check_sweep, sweep_angles
 
     asked = angles_in(angles or "")
     check_sweep(loaded)
     with progress_bar("solving", "angles") as progress:
         sweep = sweep_angles(loaded, asked, harmonics=harmonics, progress=progress)
-    target.deliver(angles_text(sweep), angles_folder, sweep)
+    target.present(angles_outcome(sweep))
 
 
 def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
-    from microvib.reports.orbit import orbit_folder, orbit_text
+    from microvib.reports.orbit import orbit_outcome
     from microvib.studies.angles import angles_in
     from microvib.studies.orbit import analyse_orbit, check_orbit
 
@@ -124,7 +124,7 @@ def _run_orbit(loaded: Scenario, angles: str | None, harmonics: int, target: Tar
     check_orbit(loaded, asked)
     with progress_bar("solving", "angles") as progress:
         orbit = analyse_orbit(loaded, asked, harmonics=harmonics, progress=progress)
-    target.deliver(orbit_text(orbit), orbit_folder, orbit)
+    target.present(orbit_outcome(orbit))
 
 
 @click.command()

@@ -31,6 +31,14 @@ from microvib.signals.in_step import bases
 Metric = Literal["ape", "mpe", "rpe", "smear", "jitter", "stability", "pde"]
 METRICS: tuple[Metric, ...] = get_args(Metric)
 
+
+def metric_name(metric: str) -> str:
+    """A metric as requirements name it: abbreviations in capitals."""
+    if len(metric) == 3:
+        return metric.upper()
+    return metric
+
+
 _TERMS = (
     14  # terms of the sum over (2 n + 1) j_n(u)^2, which is 1; at u < 1 the next is below 1e-40
 )

@@ -13,8 +13,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
@@ -26,7 +27,14 @@ from microvib.model.coupling import require_craft
 from microvib.model.driven import noise_bands
 from microvib.model.line_names import LineName, is_unlisted
 from microvib.model.scenario import Scenario
-from microvib.signals.pointing import METRICS, Metric, mean_square_of_lines, metric_weight
+from microvib.results import ARRAY_ANGLE, POINTING_ANGLE, SHARE, TIME, Column
+from microvib.signals.pointing import (
+    METRICS,
+    Metric,
+    mean_square_of_lines,
+    metric_name,
+    metric_weight,
+)
 from microvib.solve.integration import Progress
 from microvib.studies.angles import MOST_ANGLES, AngleSweep, check_sweep, sweep_angles
 from microvib.units import GivenQuantity, Si, quantity
@@ -65,18 +73,26 @@ class RefinementRound:
     """
 
 
+_WHERE = replace(ARRAY_ANGLE, form=".4g")
+_PART = replace(SHARE, form=".2g")
+
+
 @dataclass(frozen=True)
 class WindowOverOrbit:
     """One metric in one window over the orbit, radial [rad]."""
 
-    metric: Metric
-    window: float
+    metric: Annotated[Metric, Column("metric", "metric", words=metric_name)]
+    window: Annotated[float, Column("window_s", "window", TIME)]
     """[s]"""
-    worst: float
+    worst: Annotated[float, Column("worst_rad", "worst", POINTING_ANGLE)]
     at: int
     """Where: index of the angle."""
-    rms: float
-    turning: float
+    angle: Annotated[float, Column("worst_deg", "at angle", _WHERE)]
+    """There [rad]."""
+    time: Annotated[float, Column("worst_s", "at time", TIME)]
+    """There [s]."""
+    rms: Annotated[float, Column("rms_rad", "rms over orbit", POINTING_ANGLE)]
+    turning: Annotated[float, Column("turning", "turning", _PART)]
     """What the turning changes at most, over ``rms``."""
 
 
@@ -127,7 +143,14 @@ class Orbit:
             turning = float(self._radial(self.turning, metric, window).max())
             rows.append(
                 WindowOverOrbit(
-                    metric, window, float(size[at]), at, rms, turning / rms if rms else 0.0
+                    metric,
+                    window,
+                    float(size[at]),
+                    at,
+                    float(self.sweep.angles[at]),
+                    float(self.time[at]),
+                    rms,
+                    turning / rms if rms else 0.0,
                 )
             )
         return tuple(rows)

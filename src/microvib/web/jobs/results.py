@@ -20,13 +20,7 @@ from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
 from microvib.model.line_names import SECOND_DRIVE, driving_line
 from microvib.model.scenario import Scenario
-from microvib.reports.angles import (
-    angles_table,
-    angles_texts,
-    draw_angles,
-    fallbacks,
-    unit_in_brackets,
-)
+from microvib.reports.angles import angles_outcome
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_text
 from microvib.reports.modes import mode_kinds
@@ -37,7 +31,7 @@ from microvib.reports.moving import (
     shape_of_array,
     shape_of_craft,
 )
-from microvib.reports.outcome import page_answer
+from microvib.reports.outcome import page_answer, text_files
 from microvib.reports.rates import rates_outcome
 from microvib.reports.rendering import address
 from microvib.reports.sas import (
@@ -298,14 +292,9 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
 
 
 def angles_result(sweep: AngleSweep) -> dict[str, Any]:
-    """A sweep's table, picture, files, and what is to be said of it."""
-    head, rows = angles_table(sweep)
-    return {
-        "table": {"header": [unit_in_brackets(x) for x in head], "rows": rows},
-        "notes": fallbacks(sweep),
-        "drawing": address(svg(draw_angles(sweep))),
-        "files": angles_texts(sweep),
-    }
+    """What is said of a sweep, its pictures and files."""
+    outcome = angles_outcome(sweep)
+    return page_answer(outcome, pictures=True) | {"files": text_files(outcome)}
 
 
 def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import { h, save } from "./dom.js";
 import { keepFields } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
-import { plain } from "./tables.js";
+import { card, partCards, partContent } from "./tables.js";
 
 const angles = h("input", { type: "text", id: "angles-angles", name: "angles", value: "0:180:15", spellcheck: "false" });
 const steady = h("input", { type: "checkbox", id: "angles-steady" });
@@ -33,11 +33,12 @@ async function sweep(event) {
   await task.start("Sweep", () => post("/api/angles", body));
 }
 
-function show({ table, notes, drawing, files }) {
-  const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
+function show({ summary, parts, files }) {
   const links = Object.entries(files).map(([name, text]) => h("button", { type: "button", onclick: () => save(text, name) }, name));
+  const [first, ...others] = parts;
   result.replaceChildren(
-    card("Lines over the array's angle", h("div", { class: "wide" }, h("img", { src: drawing, alt: "Largest lines and rms in each window over the angle" }))),
-    card("Every angle", notes.map((text) => h("p", { class: "soft" }, text)), plain(table, "Angles"), h("div", { class: "bar" }, "Download", links)),
+    card("Lines over the array's angle", summary, ...partContent(first)),
+    ...partCards(others),
+    card("Download", "", h("div", { class: "bar" }, links)),
   );
 }

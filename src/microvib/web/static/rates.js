@@ -8,7 +8,7 @@ import { modeNames, together } from "./labels.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
 import { LIMIT, style } from "./styles.js";
-import { partContent } from "./tables.js";
+import { card, partCards, partContent } from "./tables.js";
 
 const FAINTEST = 1e-3;
 const PANEL = 250; // height of one diagram
@@ -86,16 +86,11 @@ async function show(plan) {
     card("Best rates", plan.summary, ...partContent(first)),
     card("Campbell diagram", "Dashed: modes through the drive; rings: where a line meets one.", campbell),
     card("Largest line over rate", "", largest),
-    ...others.filter(hasContent).map((part) => card(part.title, "", ...partContent(part))),
+    ...partCards(others),
   );
   redraw = () => drawCampbell(campbell, plan, counts);
   await Promise.all([redraw(), drawLargest(largest, plan, counts)]);
 }
-
-const card = (title, words, ...content) =>
-  h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
-
-const hasContent = ({ texts, tables }) => texts.length > 0 || tables.length > 0;
 
 function drawCampbell(place, plan, counts) {
   const columns = Math.min(counts.length, narrow.matches ? 1 : 2);

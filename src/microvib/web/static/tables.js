@@ -62,10 +62,26 @@ export function plain({ header, rows }, caption) {
   return textTable(columns, rows.map((row) => ({ ...row })), caption);
 }
 
-/** Texts and tables of one part of a study's outcome, as `page_answer` gives them. */
-export const partContent = ({ title, texts, tables }) => [
+/** What stands in one part of a study's outcome, as `page_answer` gives it. */
+export const partContent = ({ title, texts, tables, pictures }) => [
+  ...pictures.map(picture),
   ...texts.map((text) => h("p", {}, text)),
-  ...tables.map(({ columns, rows }) => (rows.length ? textTable(columns, rows, title) : "")),
+  ...tables.filter(({ rows }) => rows.length).map(({ columns, rows }) => textTable(columns, rows, title)),
+];
+
+/** Parts that are not empty, a card each. */
+export const partCards = (parts) =>
+  parts
+    .map((part) => [part.title, partContent(part)])
+    .filter(([, content]) => content.length)
+    .map(([title, content]) => card(title, "", ...content));
+
+export const card = (title, words, ...content) =>
+  h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
+
+const picture = ({ title, caption, source }) => [
+  h("div", { class: "wide" }, h("img", { src: source, alt: title })),
+  caption && h("p", { class: "soft" }, caption),
 ];
 
 /** A table whose cells are texts by the columns' keys; those that are numbers sort as numbers. */
