@@ -150,7 +150,7 @@ def test_a_motion_that_depends_on_the_smallest_detail_is_named_so(wanders):
     assert estimate.sensitive
     assert not estimate.advised
     assert str(estimate).startswith("SENSITIVE: the motion depends on details below the tolerance")
-    assert estimate.doubt >= SENSITIVE_MOTION_ERROR
+    assert estimate.relative_error >= SENSITIVE_MOTION_ERROR
     # it does: a change far below the tolerance grows a hundredfold within ten seconds
     scenario = motion.scenario.with_si({"record.settle": 0.2})
     nudged = replace(motion.beginning, state=motion.beginning.state * (1.0 + 1e-9))
@@ -198,7 +198,7 @@ def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
         with_integration_error(table, estimate),
         add_error_estimate(motion.solver, estimate),
     )
-    assert known.own_error == estimate.doubt == solver["error_estimate"]["line"]
+    assert known.own_error == estimate.relative_error == solver["error_estimate"]["line"]
     line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
     near = limit_of(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))
     alone = near.torque, line.frequency_hz - 0.01, line.frequency_hz + 0.01
@@ -217,7 +217,11 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
     assert f"Integration: {estimate}." in said
     summary = json.loads((out / "summary.json").read_text())
     assert summary["solver"]["error_estimate"]["refinement"] == 2
-    assert read_run(out).table.own_error == summary["own_error"] == pytest.approx(estimate.doubt)
+    assert (
+        read_run(out).table.own_error
+        == summary["own_error"]
+        == pytest.approx(estimate.relative_error)
+    )
     page = (out / "report.html").read_text()
     assert page.count("NOT fine enough") == 2
     assert "set solver.refinement=2" in page
@@ -226,7 +230,7 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
 def test_lines_alone_say_it_too(off):
     found = run_scenario(coarse(OFF), lines_only=True)
     assert found.solver["error_estimate"]["line"] == pytest.approx(off[2].line, rel=1e-6)
-    assert found.table.own_error == pytest.approx(off[2].doubt, rel=1e-6)
+    assert found.table.own_error == pytest.approx(off[2].relative_error, rel=1e-6)
 
 
 def test_no_estimate_where_no_step_is_finer_or_the_state_is_not_known(state_1):
@@ -283,5 +287,5 @@ def test_the_error_is_sought_once_and_only_for_a_verdict(off, monkeypatch):
     for torque in (0.01, 0.02):
         mv.judge(table, limit_of(torque), motion.scenario)
     assert calls == [2, 4]
-    assert table.find_error(table) == pytest.approx(estimate.doubt)
+    assert table.find_error(table) == pytest.approx(estimate.relative_error)
     assert pickle.loads(pickle.dumps(table)).find_error(table) == table.find_error(table)

@@ -139,9 +139,9 @@ def test_a_clock_far_off_is_found_by_its_whole_comb_and_told(ratio):
     assert found.table["drive_1"].frequency_hz == pytest.approx(drive.driving_frequency, rel=1e-5)
     assert found.table["drive_1"].expected_hz == pytest.approx(scenario.driving_frequency)
     side = "above" if ratio > scenario.tracking.clock_ratio else "below"
-    doubts = evidence_of(recording, scenario).doubts
-    assert doubts[0] in found.recording.notes
-    assert f"% {side} the scenario's: set tracking.rate" in doubts[0]
+    warnings = evidence_of(recording, scenario).warnings
+    assert warnings[0] in found.recording.notes
+    assert f"% {side} the scenario's: set tracking.rate" in warnings[0]
 
 
 def test_a_comb_of_another_machine_larger_than_the_drives_is_told_and_not_taken_for_it(state_1):
@@ -209,9 +209,9 @@ def test_the_axis_that_shows_the_drive_is_told(state_1):
     channels = {"Mx": table["Mz"], "Mz": quiet["Mz"]}
     both = replace(table, channels=channels, units=dict.fromkeys(channels, "N*m"))
     scenario = state_1.with_(SHORT)
-    (doubt,) = (doubt for doubt in evidence_of(both, scenario).doubts if "Mx" in doubt)
-    assert "channel Mx shows" in doubt
-    assert doubt in compare(both, scenario).a.notes
+    (warning,) = (text for text in evidence_of(both, scenario).warnings if "Mx" in text)
+    assert "channel Mx shows" in warning
+    assert warning in compare(both, scenario).a.notes
     with pytest.raises(
         MicrovibError,
         match=r"no line of the scenario's drive stands out of the floor in channel Mz .*Mx",

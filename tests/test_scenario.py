@@ -449,7 +449,7 @@ def test_a_value_that_was_changed_has_no_longer_the_source_of_the_one_before():
 
 @pytest.mark.parametrize("name", [*mv.catalog_names(), "new"])
 def test_nothing_of_the_catalog_is_doubtful(name):
-    assert scenario_of(parse_yaml(catalog_text(name), name), name).doubts() == ()
+    assert scenario_of(parse_yaml(catalog_text(name), name), name).unusual_values() == ()
 
 
 @pytest.mark.parametrize(
@@ -471,7 +471,7 @@ def test_nothing_of_the_catalog_is_doubtful(name):
     ],
 )
 def test_what_is_allowed_but_of_an_unusual_size_is_doubted(key, value, said):
-    (text,) = load_scenario("state-1", {key: value}).doubts()
+    (text,) = load_scenario("state-1", {key: value}).unusual_values()
     assert text.startswith(key)
     assert said in text
 
@@ -483,7 +483,7 @@ def test_nothing_is_doubted_where_zero_means_none():
         "record.settle": "0 s",
         "tracking.rate": "0 deg/s",
     }
-    assert load_scenario("state-1", changes).doubts() == ()
+    assert load_scenario("state-1", changes).unusual_values() == ()
 
 
 def test_every_usual_size_is_allowed():
@@ -498,7 +498,7 @@ def test_every_usual_size_is_allowed():
     for quantity in with_sizes:
         low, high = quantity.usual
         assert 0.0 < low < high
-        assert quantity.doubt(low) == quantity.doubt(high) == ""
+        assert quantity.unusual(low) == quantity.unusual(high) == ""
         assert quantity.le is None or high <= quantity.le
 
 

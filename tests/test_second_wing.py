@@ -491,7 +491,7 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     assert again.beside.invariants == result.second.invariants != again.invariants
     told = lines_of_second(again, result.table)
     assert told is not None
-    assert told.own_error == result.second.table.own_error == result.second.accuracy.doubt
+    assert told.own_error == result.second.table.own_error == result.second.accuracy.relative_error
     for name in ("T_d", "My", "My_2", "los_x"):
         assert again[name] == pytest.approx(result.motion[name], abs=1e-12)
     report = (out / "report.html").read_text()

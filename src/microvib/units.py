@@ -338,13 +338,13 @@ def band(given: Band) -> tuple[Si, Si]:
     return first, last
 
 
-def within_band(frequency: Any, low: float, high: float, doubt: float = 0.0) -> Any:
-    """Whether a frequency, known to ``doubt``, may be within a band, whose ends belong to it; also
+def within_band(frequency: Any, low: float, high: float, tolerance: float = 0.0) -> Any:
+    """Whether a frequency, known to within ``tolerance``, may be within a band, whose ends belong to it; also
     of arrays.
 
     A line of the clock at an end of the band may be a rounding off it.
     """
-    slack = doubt + 1e-9 * abs(frequency)
+    slack = tolerance + 1e-9 * abs(frequency)
     return (frequency >= low - slack) & (frequency <= high + slack)
 
 
@@ -364,8 +364,8 @@ class Quantity:
     le: float | None = None
     display: str = ""
     usual: tuple[float, float] | None = None
-    """Between which magnitudes a value is expected; beyond it is allowed, and doubted. Zero is
-    never doubted.
+    """Between which magnitudes a value is expected; beyond it is allowed, and said to be
+    unusual. Zero never is.
     """
 
     @property
@@ -474,7 +474,7 @@ class Quantity:
             return value
         return value * _factor(self.unit, self.unit, unit)
 
-    def doubt(self, value: float) -> str:
+    def unusual(self, value: float) -> str:
         """What is said of a value that is allowed but not of a usual size; empty where it is."""
         if self.usual is None or value == 0.0 or self.usual[0] <= abs(value) <= self.usual[1]:
             return ""

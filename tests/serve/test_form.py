@@ -264,8 +264,8 @@ def test_a_large_text_is_read_by_a_worker_and_an_array_has_bounds(client):
 def test_the_form_tells_unusual_values():
     from microvib.web.routes.forms import Spec, view_of
 
-    assert view_of(Spec(base="state-1"))["doubts"] == []
-    (said,) = view_of(Spec(base="state-1", changes={"motor.current": "0.25 mA"}))["doubts"]
+    assert view_of(Spec(base="state-1"))["unusual"] == []
+    (said,) = view_of(Spec(base="state-1", changes={"motor.current": "0.25 mA"}))["unusual"]
     assert said.startswith("motor.current: 0.00025 A is unusual")
 
 

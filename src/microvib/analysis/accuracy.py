@@ -28,11 +28,11 @@ MIN_LINE_RATIO = 0.01
 MAX_REFINEMENT = 64
 """Of ``solver.refinement``."""
 SENSITIVE_MOTION_ERROR = 0.1
-"""Part of an amplitude that is taken for the doubt of a motion which depends on details below the
-tolerance. What two runs differ by is not a bound: in random sets it was 0.05 to 24 %
+"""Relative error assumed for the lines of a motion that depends on details below the tolerance.
+The difference of two runs is no bound there: in random sets it was 0.05 to 24 %
 (benchmarks/README.md)."""
 RMS_SAFETY_FACTOR = 1.5
-"""Factor on the difference of T_d for the doubt of a line: that of single lines between two runs is
+"""Factor on the difference of T_d for the error of a line: that of single lines between two runs is
 small by chance at times.
 """
 ERROR_ESTIMATE_KEY = "error_estimate"
@@ -67,7 +67,7 @@ class Accuracy:
     """Whether that is another than the run's own."""
 
     @property
-    def doubt(self) -> float:
+    def relative_error(self) -> float:
         """Relative error of an amplitude from the integration."""
         return max(
             self.line,
@@ -150,8 +150,8 @@ def steady_accuracy(state: SteadyState, table: LineTable) -> Accuracy | None:
 def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """Estimate how far T_d of a motion and the table of its lines are off by the integration.
 
-    The motion is run again from its beginning with every step twice as fine and, where that leaves
-    a doubt about lines or about T_d itself, four times as fine: all of it, because what a motion
+    The motion is run again from its beginning with every step twice as fine and, where
+    lines or T_d itself then differ, four times as fine: all of it, because what a motion
     remembers of rare events while it settles may show in lines that a short stretch cannot part.
 
     Parameters
@@ -207,7 +207,7 @@ def _compared(
 
 def with_integration_error(table: LineTable, found: Accuracy | None) -> LineTable:
     """A table that knows how far it is off, so that a limit is judged by it."""
-    return replace(table, own_error=0.0 if found is None else found.doubt, find_error=None)
+    return replace(table, own_error=0.0 if found is None else found.relative_error, find_error=None)
 
 
 def failed_invariants_reason(broken: Sequence[str], scenario: Scenario | None) -> str:

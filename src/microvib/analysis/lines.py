@@ -567,12 +567,12 @@ def clock_and_mains_warnings(table: LineTable) -> Iterator[str]:
     """``clock_warnings`` and, where there are none, which lines of the clock pick-up of the mains
     may stand in.
     """
-    doubts = tuple(clock_warnings(table))
+    warnings = tuple(clock_warnings(table))
     clock = (x for x in table if x.of_clock and x.seen)
     hum = [x.line for x in clock if near_mains(x.frequency_hz, table.duration)]
-    if hum and not doubts:
+    if hum and not warnings:
         yield f"possible mains pick-up (50 or 60 Hz): {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
-    yield from doubts
+    yield from warnings
 
 
 _MIN_CLOCK_LINES = 3

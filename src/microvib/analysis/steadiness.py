@@ -55,8 +55,8 @@ def may_be_larger(table: LineTable, low: float, high: float, limit: float) -> It
 
 
 def blurred(table: LineTable, line: Line) -> bool:
-    """Whether the amplitude of a line of the clock is in doubt by what its band holds beyond the
-    lines.
+    """Whether the amplitude of a line of the clock is uncertain because of what its band holds
+    beyond the lines.
     """
     near = (one.amplitude for one in table.excess if one.low <= line.place_hz <= one.high)
     return line.of_clock and max(near, default=0.0) > BLURRED * line.amplitude_n_m

@@ -190,7 +190,7 @@ def target_options(
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:
-    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied; what is doubtful in it
+    """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied; unusual values
     is said on standard error.
     """
     from microvib.io.scenario_file import load_scenario, parse_value
@@ -210,7 +210,7 @@ def load(source: str, settings: tuple[str, ...]) -> Scenario:
 
 def print_scenario_warnings(scenario: Scenario, name: str) -> None:
     """Tell values that are allowed but unusual, on standard error."""
-    found = scenario.doubts()
+    found = scenario.unusual_values()
     for text in found[:MAX_WARNINGS]:
         click.echo(f"Note: {name}: {text}", err=True)
     if len(found) > MAX_WARNINGS:

@@ -117,7 +117,7 @@ def summary(
         **numerics(invariants, solver),
         "clock_ratio_found": table.clock_ratio,
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
-        "doubts": list(scenario.doubts()),
+        "doubts": list(scenario.unusual_values()),
         "left_by_lines": left,
         "own_error": _known_error(table),
         "broken_invariants": list(table.broken),

@@ -552,7 +552,7 @@ class Scenario(Part):
             return quantity.show(value)
         return str(value)
 
-    def doubts(self) -> tuple[str, ...]:
+    def unusual_values(self) -> tuple[str, ...]:
         """Find values that are allowed but not of a usual size: often another unit was meant.
 
         Returns
@@ -561,7 +561,7 @@ class Scenario(Part):
             A sentence for each.
         """
         said = (
-            (key, quantity.doubt(value))
+            (key, quantity.unusual(value))
             for key, value, quantity in self.entries()
             if quantity and isinstance(value, float)
         )

@@ -389,9 +389,9 @@ def _inseparable_lines(joint: JointFit, spread: Uncertainty) -> dict[str, str]:
     unsure &= sizes > DETECTION_RATIO * joint.rest.floors(tones.frequency)
     more = poorly_fitted_tones(joint)
     why: dict[str, str] = {}
-    doubtful = [i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"]
-    alone = isolated_uncertainties(joint, doubtful).amplitude
-    for i, by_itself in zip(doubtful, alone.tolist(), strict=True):
+    uncertain = [i for i in np.flatnonzero(unsure).tolist() if tones.lines[i].kind != "other"]
+    alone = isolated_uncertainties(joint, uncertain).amplitude
+    for i, by_itself in zip(uncertain, alone.tolist(), strict=True):
         apart = np.abs(tones.frequency - tones.frequency[i]) * duration
         near = [
             j

@@ -195,10 +195,10 @@ class _Search:
         for j, line in enumerate(tones.lines):
             if line.is_mode and sizes[j] > sizes[i] and self.orders:
                 own = self._spread(self.joint, j)
-                doubt = 3.0 * float(
+                three_sigma = 3.0 * float(
                     np.hypot(spread.decay[0], own.decay[0])
                 ) + _SIDEBAND_DECAY_TOLERANCE * abs(tones.decay[j])
-                if abs(tones.decay[i] - tones.decay[j]) <= doubt:
+                if abs(tones.decay[i] - tones.decay[j]) <= three_sigma:
                     modes[line.name] = (
                         float(tones.frequency[j]),
                         float(np.hypot(within, 3.0 * own.frequency[0])),

@@ -23,7 +23,7 @@ from microvib.signals.line_table import Line
 
 BANDS = 3.0
 """Bands to the octave."""
-LINES_DOUBT = 0.03
+LINE_ERROR = 0.03
 """Part of their amplitude by which lines may be larger before the rest counts as more; their own
 uncertainty comes on top.
 """
@@ -135,10 +135,10 @@ def excesses(
         for line in counted
         if line.amplitude_n_m > 0.0
     )
-    doubt = LINES_DOUBT + 2.0 * min(max((y for y in own if math.isfinite(y)), default=0.0), 0.1)
+    line_error = LINE_ERROR + 2.0 * min(max((y for y in own if math.isfinite(y)), default=0.0), 0.1)
     worst: dict[int, Excess] = {}
     for pieces in _PIECES:
-        for k, found in _in_pieces(x, model, n // pieces, sample_rate, edges, floor, doubt):
+        for k, found in _in_pieces(x, model, n // pieces, sample_rate, edges, floor, line_error):
             if k not in worst or found.rms > worst[k].rms:
                 worst[k] = found
     return tuple(worst[k] for k in sorted(worst))
@@ -217,7 +217,7 @@ def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
 
 
 def _in_pieces(
-    x: np.ndarray, model: np.ndarray, length: int, sample_rate: float, edges: np.ndarray, floor: np.ndarray, doubt: float,
+    x: np.ndarray, model: np.ndarray, length: int, sample_rate: float, edges: np.ndarray, floor: np.ndarray, line_error: float,
 ) -> Iterator[tuple[int, Excess]]:  # fmt: skip
     """Numbers of bands that pieces of ``length`` samples resolve and that hold more than lines and
     floor, and what is more.
@@ -239,7 +239,7 @@ def _in_pieces(
         free = max((high - low) * duration / _WIDE, 1.0)  # pairs of degrees of freedom
         by_chance = at_most * float(gammainccinv(free, _BY_CHANCE)) / free
         under = _SIGMAS * np.sqrt(2.0 * of_lines * floor[1, k] * _WIDE / duration)
-        known = (1.0 + doubt) ** 2 * of_lines
+        known = (1.0 + line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
         more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)

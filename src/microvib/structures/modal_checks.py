@@ -103,7 +103,7 @@ def check_mass(model: ModalModel) -> ModalModel:
 
 
 def with_plausibility_notes(model: ModalModel, units: str) -> ModalModel:
-    """The model with what is doubtful in its notes."""
+    """The model with what is implausible in its notes."""
     return replace(
         model, notes=(*model.notes, *_shares(model), *_rigid_body(model), *_plausible(model, units))
     )
@@ -148,15 +148,15 @@ def _rigid_body(model: ModalModel) -> Iterator[str]:
 
 def _plausible(model: ModalModel, units: str) -> Iterator[str]:
     """Magnitudes that another unit system than the declared one would explain."""
-    doubt = f"is the deck really in {units}?"
+    question = f"is the deck really in {units}?"
     if model.frequency[-1] > HIGHEST:
-        yield f"The highest frequency is {model.frequency[-1]:.4g} Hz, above {HIGHEST:g} Hz: {doubt}"
+        yield f"The highest frequency is {model.frequency[-1]:.4g} Hz, above {HIGHEST:g} Hz: {question}"
     m = float(np.diag(model.mass)[:3].max())
     if not model.spatial or m <= 0.0:
         return
     (light, heavy), (short, long) = MASSES, LENGTHS
     if not light <= m <= heavy:
-        yield f"The mass is {m:.4g} kg, not within {light:g} to {heavy:g} kg as arrays are: {doubt}"
+        yield f"The mass is {m:.4g} kg, not within {light:g} to {heavy:g} kg as arrays are: {question}"
     radius = float(np.sqrt(np.diag(model.mass)[3:].max() / m))
     if not short <= radius <= long:
-        yield f"The largest radius of gyration is {radius:.4g} m, not within {short:g} to {long:g} m: {doubt}"
+        yield f"The largest radius of gyration is {radius:.4g} m, not within {short:g} to {long:g} m: {question}"

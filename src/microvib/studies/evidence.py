@@ -92,7 +92,7 @@ class Evidence:
     """The recording itself; None of a table."""
     channel: str = ""
     """Its channel."""
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     """What speaks against its being of the scenario's drive at its rate."""
 
     @property
@@ -197,7 +197,7 @@ def require_lines(evidence: Sequence[Evidence]) -> None:
     each = (
         f"{one.name}: no line of the scenario's drive stands out of the"
         f" floor{f' in channel {one.channel}' if one.channel else ''}"
-        + (f" ({'; '.join(one.doubts)})" if one.doubts else "")
+        + (f" ({'; '.join(one.warnings)})" if one.warnings else "")
         for one in evidence
     )
     raise MicrovibError(
@@ -491,5 +491,7 @@ def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
             ratio = line.frequency_hz / scenario.driving_frequency
     if not found:
         raise MicrovibError(f"{name}: has no line with amplitude_n_m or bin_amplitude_n_m")
-    record, doubts = scenario.record, tuple(rate_warnings(ratio))
-    return Evidence(name, tuple(found), ratio, record.duration, record.sample_rate, doubts=doubts)
+    record, warnings = scenario.record, tuple(rate_warnings(ratio))
+    return Evidence(
+        name, tuple(found), ratio, record.duration, record.sample_rate, warnings=warnings
+    )

@@ -86,11 +86,11 @@ def _largest(lines: LineTable) -> list[Line]:
 def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
     """What was simulated, the main lines, what they do not say by themselves, and the picture."""
     scenario = motion.scenario
-    doubts, told = scenario.doubts(), steady_state_fallback_note(motion.solver)
+    unusual, told = scenario.unusual_values(), steady_state_fallback_note(motion.solver)
     notes = [told] if told else []
-    notes += [f"{text}." for text in doubts[:4]]
-    if len(doubts) > 4:
-        notes += [f"So are {len(doubts) - 4} more; `microvib show scenario.yaml` names them."]
+    notes += [f"{text}." for text in unusual[:4]]
+    if len(unusual) > 4:
+        notes += [f"So are {len(unusual) - 4} more; `microvib show scenario.yaml` names them."]
     else:
         notes += []
     notes += transient_warnings(lines, scenario)

@@ -258,5 +258,5 @@ def unit_warnings(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
     areal, first = design.sandwich.areal_mass, float(modes.frequency[0])
     weight = f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?"
     mode = f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?"
-    doubtful = {weight: not 0.5 <= areal <= 50.0, mode: not 0.02 <= first <= 50.0}
-    return tuple(text for text, doubt in doubtful.items() if doubt)
+    implausible = {weight: not 0.5 <= areal <= 50.0, mode: not 0.02 <= first <= 50.0}
+    return tuple(text for text, found in implausible.items() if found)

@@ -572,9 +572,9 @@ def _fit(
 
 def _notes_before(found: Findings, tests: Sequence[Evidence]) -> tuple[str, ...]:
     """What speaks against the evidence, or else which error of the model would explain it."""
-    doubts = tuple(f"{one.name}: {doubt}." for one in tests for doubt in one.doubts)
-    if doubts or found.misread:
-        return (*doubts, *found.misread)
+    warnings = tuple(f"{one.name}: {text}." for one in tests for text in one.warnings)
+    if warnings or found.misread:
+        return (*warnings, *found.misread)
     return tuple(required_model_error(found.problem, found.best.r))
 
 

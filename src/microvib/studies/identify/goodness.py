@@ -21,8 +21,8 @@ MIN_DEGREES_OF_FREEDOM = 3
 """Degrees of freedom below which the data hardly check the model."""
 TRIAL_MODEL_ERRORS = (*(1e-3 * k for k in range(1, 100)), *(1e-2 * k for k in range(10, 31)))
 """Errors of amplitudes at which it is asked whether a model would explain the data."""
-DOUBTFUL_PROBABILITY = 0.05
-"""Probability of so large a chi-square below which a model is doubtful where the data hardly check
+QUESTIONABLE_PROBABILITY = 0.05
+"""Probability of so large a chi-square below which a model is questionable where the data hardly check
 it.
 """
 
@@ -47,13 +47,13 @@ class Goodness:
         return self.chi_square / max(self.freedom, 1)
 
     @property
-    def doubtful(self) -> bool:
+    def is_questionable(self) -> bool:
         """Whether few degrees of freedom are left to check the model, and these speak against it."""
         from scipy.stats import chi2
 
         return (
             0 < self.freedom < MIN_DEGREES_OF_FREEDOM
-            and float(chi2.sf(self.chi_square, self.freedom)) < DOUBTFUL_PROBABILITY
+            and float(chi2.sf(self.chi_square, self.freedom)) < QUESTIONABLE_PROBABILITY
         )
 
     @property

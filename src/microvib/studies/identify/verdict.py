@@ -184,14 +184,14 @@ def estimate(findings: Findings, k: int) -> Estimate:
 def not_identifiable_reason(findings: Findings) -> str:
     """Why nothing is identifiable; empty where something may be."""
     fit = goodness(findings.problem, findings.best.r)
-    if any(one.doubts for one, _ in findings.problem.tests):
+    if any(one.warnings for one, _ in findings.problem.tests):
         return "not identifiable: the recording may not be of this drive at this rate"
     if not fit.explained:
         return "not identifiable: the model does not explain the data"
     parameters = fit.parameters + len(findings.whole)
     if fit.figures < parameters:
         return f"not identifiable: {_counted(fit.figures, 'figure')} cannot tell {_counted(parameters, 'parameter')}; fit fewer"
-    if fit.doubtful:
+    if fit.is_questionable:
         return "not identifiable: few degrees of freedom are left, and the fit is poor"
     if not findings.converged or findings.intervals is None:
         return "not identifiable: the search has not converged"

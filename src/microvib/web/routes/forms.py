@@ -282,7 +282,7 @@ def view_of(spec: Spec) -> dict[str, Any]:
         "changed": changed or list(typed),
         "errors": errors,
         "derived": derived(found) if found else [],
-        "doubts": list(found.doubts()) if found else [],
+        "unusual": list(found.unusual_values()) if found else [],
         "yaml": dump_scenario(found) if found else None,
     }
 

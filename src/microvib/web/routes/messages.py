@@ -200,7 +200,7 @@ class View(BaseModel):
     changed: list[str]
     errors: list[Problem]
     derived: list[str]
-    doubts: list[str]
+    unusual: list[str]
     yaml: str | None
 
 

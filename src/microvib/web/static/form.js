@@ -37,10 +37,10 @@ function show(seen) {
   const count = Object.keys(changes).length;
   $("#changed-count").textContent = count || "";
   $("#undo-all").disabled = !count;
-  const doubts = $("#doubts");
-  if (doubts) {
-    doubts.hidden = !seen.doubts.length;
-    doubts.textContent = seen.doubts.join(". ");
+  const unusual = $("#unusual");
+  if (unusual) {
+    unusual.hidden = !seen.unusual.length;
+    unusual.textContent = seen.unusual.join(". ");
   }
   $("#derived")?.replaceChildren(...seen.derived.map((text) => h("li", {}, text)));
   if ($("#only-changed").checked) filter();
@@ -94,8 +94,8 @@ function build(keys) {
     if (own.length) groups.set(name, makeGroup(name, title, own, open.size ? open.has(name) : name === "motor"));
   }
   const derived = h("details", { class: "group" }, h("summary", {}, "What follows from it"), h("ul", { id: "derived" }));
-  const doubts = h("p", { id: "doubts", class: "help", role: "status", hidden: true });
-  $("#form").replaceChildren(doubts, ...[...groups.values()].map((group) => group.element), derived);
+  const unusual = h("p", { id: "unusual", class: "help", role: "status", hidden: true });
+  $("#form").replaceChildren(unusual, ...[...groups.values()].map((group) => group.element), derived);
   const again = rows.get(wasTyping?.key)?.input;
   if (!again) return;
   again.value = wasTyping.text; // what is being typed goes on

@@ -9,7 +9,7 @@ const DELAY = 200;
 const LONGEST_LINK = 30_000;
 
 const state = { base: "state-1", text: null, packed: null, changes: {} };
-let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], doubts: [], title: "", yaml: null, of: null };
+let seen = { values: {}, base_values: {}, sources: {}, changed: [], errors: [], derived: [], unusual: [], title: "", yaml: null, of: null };
 let answered = null;
 const checking = latest();
 const opening = latest();
