@@ -1,7 +1,7 @@
 """Results as tables, declared once: what a column is called in files and for readers, its unit and
 digits.
 
-A result's dataclass annotates the fields that its table has, in their order:
+A result's dataclass annotates the fields, and properties, that its table has, in their order:
 
 >>> from typing import Annotated
 >>> from dataclasses import dataclass
@@ -51,7 +51,9 @@ class Measure:
         return f"{value / self.size:{self.form}}".rstrip(".")
 
     def figure(self, value: float) -> str:
-        """A figure with its unit."""
+        """A figure with its unit; empty if there is none."""
+        if not math.isfinite(value):
+            return ""
         return f"{self.text(value)} {self.unit}".rstrip()
 
     def suited_to(self, values: Iterable[float]) -> Measure:
@@ -91,6 +93,8 @@ class Column:
     """What readers see where there is no figure."""
     words: Callable[[str], str] = str
     """How readers see its words."""
+    is_key: bool = False
+    """Whether its words are keys of a scenario, which reports set as code."""
     verdict: bool = False
     """Whether it says of each row *pass*, *fail* or *not judged*, by which rows stand out."""
 
@@ -121,7 +125,7 @@ class Table:
     """Records under columns. Files have all of them, readers those that matter."""
 
     name: str
-    """Of its CSV file, without the ending."""
+    """Of its CSV file, without the ending; empty for a table that readers alone see."""
     columns: tuple[Column, ...]
     rows: tuple[tuple[Any, ...], ...]
     """Values in SI units, as the columns stand."""
@@ -143,14 +147,15 @@ class Table:
         brief: int | None = None,
         caption: str = "",
     ) -> Table:
-        """The table of ``records`` of a dataclass whose fields are annotated with columns.
+        """The table of ``records`` of a dataclass whose fields and properties are annotated with
+        columns.
 
         Parameters
         ----------
         name : str
-            Name of its file.
+            Name of its file; empty for a table that readers alone see.
         kind : type
-            The dataclass; fields without a Column are left out.
+            The dataclass; fields and properties without a Column are left out.
         records : iterable
             Instances of it, in the order of the file.
         for_readers : iterable, optional
@@ -228,11 +233,17 @@ MICROSTEPS = Column("microsteps", "microsteps", COUNT)
 
 @cache
 def columns_of(kind: type) -> dict[str, Column]:
-    """Columns of a dataclass by the fields that they annotate, in the order of its fields."""
+    """Columns of a dataclass by the fields and properties that they annotate: fields in their
+    order, then properties in theirs.
+    """
     hints = get_type_hints(kind, include_extras=True)
-    found = {}
-    for field in fields(kind):
-        for note in getattr(hints[field.name], "__metadata__", ()):
-            if isinstance(note, Column):
-                found[field.name] = note
-    return found
+    declared = {field.name: hints[field.name] for field in fields(kind)}
+    for name, member in vars(kind).items():
+        if isinstance(member, property):
+            declared[name] = get_type_hints(member.fget, include_extras=True).get("return")
+    notes = (
+        (name, note)
+        for name, hint in declared.items()
+        for note in getattr(hint, "__metadata__", ())
+    )
+    return {name: note for name, note in notes if isinstance(note, Column)}

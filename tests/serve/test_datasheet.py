@@ -13,6 +13,8 @@ from microvib.io.data_sheet import DataSheet
 from microvib.io.new_scenario import sheet_text
 from microvib.io.questions import QUESTIONS
 from microvib.io.scenario_file import dump_scenario
+from microvib.reports.outcome import page_answer
+from microvib.reports.sensitivity import ranking_outcome
 from microvib.studies.sensitivity import sensitivities
 
 STATED = {"holding_torque": "0.5 N*m", "ratio": "100", "detent": "4 percent"}
@@ -105,19 +107,25 @@ def test_the_ranking_is_that_of_the_command_line(client):
         ],
     )
     expected = sensitivities(drive)
-    for told, line in zip(found["lines"], expected, strict=True):
-        assert (told["line"], told["amplitude"]) == (line.line, pytest.approx(line.amplitude))
-        assert [e["key"] for e in told["effects"]] == [e.key for e in line.effects]
+    assert found == page_answer(ranking_outcome(expected, drive))
+    first, *each, left_out = found["parts"]
+    lines = [(x["line"], x["amplitude_n_m"]) for x in first["tables"][0]["rows"]]
+    assert lines == [(x.line, f"{1e3 * x.amplitude:#.4g}".rstrip(".")) for x in expected]
+    for part, line in zip(each, expected, strict=True):
+        rows = part["tables"][0]["rows"]
+        assert [row["key"] for row in rows] == [e.key for e in line.effects]
         ends = [
-            [math.nan if x is None else x for x in (e["at_low"], e["at_high"])]
-            for e in told["effects"]
-        ]
-        np.testing.assert_allclose(ends, [e.amplitudes for e in line.effects], rtol=1e-9)
+            [math.nan if x == "unknown" else 1e-3 * float(x) for x in (row["at_low_n_m"], row["at_high_n_m"])]
+            for row in rows
+        ]  # fmt: skip
+        np.testing.assert_allclose(ends, [e.amplitudes for e in line.effects], rtol=5.1e-4)
     assert np.isfinite(ends).any()
-    shown = {e["key"]: (e["low"], e["high"]) for e in found["lines"][0]["effects"]}
+    shown = {row["key"]: row["range"] for row in each[0]["tables"][0]["rows"]}
     quantity = next(quantity for key, _, quantity in drive.entries() if key == keys[0])
-    assert shown[keys[0]] == (quantity.show(2.0), quantity.show(20.0))
-    assert found["left_out"] == [{"key": "driver.microsteps", "why": "not a continuous value"}]
+    assert shown[keys[0]] == f"{quantity.show(2.0)} to {quantity.show(20.0)}"
+    assert left_out["tables"][0]["rows"] == [
+        {"key": "driver.microsteps", "reason": "not a continuous value"}
+    ]
 
 
 def test_a_scenario_without_ranges_is_not_ranked(client):

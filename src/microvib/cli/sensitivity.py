@@ -6,17 +6,17 @@ from dataclasses import asdict
 
 import click
 
-from microvib.cli.common import load, set_option, with_precompilation
+from microvib.cli.common import Target, load, set_option, target_options, with_precompilation
 from microvib.cli.progress import progress_bar
-from microvib.cli.streams import echo
 
 
 @click.command()
 @click.argument("scenario")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, in SI.")
 @set_option
+@target_options("Folder for tables and report [default: print only].")
 @with_precompilation
-def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None:
+def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...], target: Target) -> None:
     """Rank, line by line, the values of SCENARIO whose sources note a range by how much they
     matter.
 
@@ -24,7 +24,7 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
     others as they are; d ln/d ln is the sensitivity at the value itself.
     """
     from microvib.io.tables import to_json
-    from microvib.reports.sensitivity import ranking_text
+    from microvib.reports.sensitivity import ranking_outcome
     from microvib.studies.sensitivity import sensitivities
 
     loaded = load(scenario, settings)
@@ -33,4 +33,4 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...]) -> None
     if as_json:
         click.echo(to_json(asdict(found)), nl=False)
     else:
-        echo(ranking_text(found, loaded))
+        target.present(ranking_outcome(found, loaded))

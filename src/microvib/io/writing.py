@@ -198,12 +198,12 @@ RUN_FILES = (
 
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
-    "rates.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
+    "rates.csv", "best.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
     "sas.csv", "sas.json", "simulator.yaml", "drawing.png", "report.pdf",
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
     "orbit.csv", "orbit_lines.csv", "orbit.json", "orbit.png", "seeds.csv",
-    "tornado.png", "sobol.png", "scatter.png", "levels.png",
+    "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

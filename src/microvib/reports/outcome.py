@@ -49,6 +49,11 @@ class Part:
     items: tuple[Item, ...]
     new_page: bool = False
 
+    @property
+    def shown(self) -> list[Item]:
+        """The items that readers see: tables without rows are in files only."""
+        return [x for x in self.items if not (isinstance(x, Table) and not x.rows_shown)]
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -64,7 +69,7 @@ class Outcome:
     facts: tuple[Fact, ...]
     """Leading figures of a report."""
     parts: tuple[Part, ...]
-    """The first is the first page of a report. Parts without items are left out."""
+    """The first is the first page of a report. Parts of which nothing is shown are left out."""
     scenario: Scenario
     files: tuple[Table, ...] = ()
     """Tables that are in files only."""
@@ -73,9 +78,9 @@ class Outcome:
 
     @property
     def tables(self) -> list[Table]:
-        """All tables, those of the parts first."""
+        """All tables with a name, those of the parts first."""
         shown = [item for part in self.parts for item in part.items if isinstance(item, Table)]
-        return [*shown, *self.files]
+        return [table for table in (*shown, *self.files) if table.name]
 
     @property
     def pictures(self) -> list[Picture]:
@@ -91,7 +96,7 @@ def terminal_text(outcome: Outcome) -> str:
     blocks = [outcome.summary]
     first, *others = outcome.parts
     for part in (*others, first) if outcome.verdict else outcome.parts:
-        texts = [text for item in part.items if (text := _terminal_item(item))]
+        texts = [text for item in part.shown if (text := _terminal_item(item))]
         if texts and part.title:
             texts[0] = f"{part.title}:\n{texts[0]}"
         blocks += texts
@@ -100,13 +105,18 @@ def terminal_text(outcome: Outcome) -> str:
 
 def _terminal_item(item: Item) -> str:
     if isinstance(item, Text):
-        return item.text.replace("`", "")
-    if isinstance(item, Picture) or not item.texts(item.brief):
+        return _plain(item)
+    if isinstance(item, Picture):
         return ""
     words = [x.measure is None for x in item.shown]
     left = words.index(False) if False in words else len(words) - 1
     head = [x.title for x in item.shown]
     return text_table(head, item.texts(item.brief), left=left, last_left=words[-1])
+
+
+def _plain(item: Text) -> str:
+    """A text without the marks of code."""
+    return item.text.replace("`", "")
 
 
 def study_contents(outcome: Outcome) -> Contents:
@@ -116,7 +126,7 @@ def study_contents(outcome: Outcome) -> Contents:
     files |= {f"{name}.png": sheets.png(figure) for name, figure in drawn.items()}
 
     def blocks(part: Part) -> Iterator[Block]:
-        for item in part.items:
+        for item in part.shown:
             if isinstance(item, Picture):
                 yield figure_block(drawn[item.name], item.title, item.caption)
             elif isinstance(item, Table):
@@ -132,7 +142,7 @@ def study_contents(outcome: Outcome) -> Contents:
         facts=outcome.facts,
         first_page=tuple(blocks(first)),
         sections=[
-            Section(part.title, tuple(blocks(part)), part.new_page) for part in others if part.items
+            Section(part.title, tuple(blocks(part)), part.new_page) for part in others if part.shown
         ],
         scenario=outcome.scenario,
     )
@@ -162,7 +172,7 @@ def report_table(table: Table) -> document.Table:
 
 def _report_column(column: Column) -> document.Column:
     if column.measure is None:
-        return document.Column(column.heading)
+        return document.Column(column.heading, kind="code" if column.is_key else "text")
     return document.Column(column.heading, column.measure.unit, "number")
 
 
@@ -176,21 +186,22 @@ def page_answer(outcome: Outcome, *, pictures: bool = False) -> dict[str, Any]:
         "verdict": outcome.verdict,
         "facts": [{"value": x.value, "label": x.label, "status": x.status} for x in outcome.facts],
         "parts": [
-            {
-                "title": part.title,
-                "texts": [item.text for item in part.items if isinstance(item, Text)],
-                "tables": [_page_table(item) for item in part.items if isinstance(item, Table)],
-                "pictures": [
-                    {
-                        "title": x.title,
-                        "caption": x.caption,
-                        "source": address(sheets.svg(x.draw())),
-                    }
-                    for x in part.items
-                    if pictures and isinstance(x, Picture)
-                ],
-            }
-            for part in outcome.parts
+            _page_part(part, pictures)
+            for k, part in enumerate(outcome.parts)
+            if k == 0 or part.shown
+        ],
+    }
+
+
+def _page_part(part: Part, pictures: bool) -> dict[str, Any]:
+    return {
+        "title": part.title,
+        "texts": [_plain(item) for item in part.shown if isinstance(item, Text)],
+        "tables": [_page_table(item) for item in part.shown if isinstance(item, Table)],
+        "pictures": [
+            {"title": x.title, "caption": x.caption, "source": address(sheets.svg(x.draw()))}
+            for x in part.shown
+            if pictures and isinstance(x, Picture)
         ],
     }
 

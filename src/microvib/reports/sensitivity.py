@@ -1,65 +1,126 @@
-"""A ranking of what is not known, as text."""
+"""A ranking of uncertain values as tables: what each line depends on most, and every effect."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
 
 from microvib.model.scenario import Scenario
-from microvib.studies.sensitivity import Effect, Ranking
-from microvib.text_tables import text_table
+from microvib.reports.document import Text
+from microvib.reports.outcome import Outcome, Part
+from microvib.results import FREQUENCY, TORQUE, Column, Measure, Table
+from microvib.studies.sensitivity import Effect, LineEffects, Ranking
 
-_HEAD = ("value", "d ln/d ln", "mN m over its range", "range")
+SENSITIVITY = Measure(form=".3g")
+SI_VALUE = Measure(form=".9g")
 
 
-def ranking_text(found: Ranking, scenario: Scenario) -> str:
-    """Line by line the effects of the scenario's uncertain values; what failed, and what was not
-    looked at.
+@dataclass(frozen=True)
+class EffectOnLine:
+    """What one value of a scenario does to one line."""
+
+    line: Annotated[str, Column("line")]
+    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    sensitivity: Annotated[float, Column("sensitivity", "d ln/d ln", SENSITIVITY, absent="none")]
+    slope_below: Annotated[float, Column("slope_below", measure=SENSITIVITY)]
+    slope_above: Annotated[float, Column("slope_above", measure=SENSITIVITY)]
+    at_low: Annotated[float, Column("at_low_n_m", "at low end", TORQUE, absent="unknown")]
+    at_high: Annotated[float, Column("at_high_n_m", "at high end", TORQUE, absent="unknown")]
+    low: Annotated[float, Column("low_si", measure=SI_VALUE)]
+    high: Annotated[float, Column("high_si", measure=SI_VALUE)]
+    remarks: Annotated[str, Column("remarks")]
+    range: Annotated[str, Column("range", "range")]
+
+
+@dataclass(frozen=True)
+class FailedRun:
+    """A value with which the scenario could not be simulated."""
+
+    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    value: Annotated[str, Column("value", "value")]
+    reason: Annotated[str, Column("reason", "reason")]
+
+
+@dataclass(frozen=True)
+class NotRanked:
+    """A value that is assumed or has a range, and did not take part."""
+
+    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    reason: Annotated[str, Column("reason", "reason")]
+
+
+def ranking_outcome(found: Ranking, scenario: Scenario) -> Outcome:
+    """The ranking of the uncertain values of a ``scenario`` for those who read it: what matters
+    most for each line, the effects line by line, runs that failed, values that were not ranked.
     """
-    rows: list[str] = []
-    for line in found:
-        rows += [
-            "",
-            f"{line.line}, {line.frequency:.4g} Hz, {1e3 * line.amplitude:.4g} mN m:"
-            f" {line.verdict}",
-        ]
-        effects = [_row(effect, scenario) for effect in line.effects]
-        told = text_table(_HEAD, effects, left=1, last_left=True, indent=2)
-        rows += [f"  {row}".rstrip() for row in told.splitlines()]
-        rows += [note for effect in line.effects for note in _notes(effect, scenario)]
-    for case in found.failed:
-        rows += [
-            "",
-            f"No run with {case.key} {scenario.shown(case.key, case.value)}: {case.reason}",
-        ]
-    if found.left_out:
-        rows += ["", "Not ranked:"]
-    else:
-        rows += []
-    return "\n".join([*rows, *(f"  {key}: {why}" for key, why in found.left_out.items())])
+    effects = {
+        line: [_effect_on_line(line, effect, scenario) for effect in line.effects] for line in found
+    }
+    failed = [FailedRun(x.key, scenario.shown(x.key, x.value), x.reason) for x in found.failed]
+    left_out = [NotRanked(key, why) for key, why in found.left_out.items()]
+    every_effect = [x for of_line in effects.values() for x in of_line]
+    return Outcome(
+        "Sensitivity report",
+        f"Uncertain values: {scenario.title or 'drive'}",
+        _summary(found),
+        "",
+        (),
+        (
+            Part("", (Table.of("ranking", LineEffects, found), Text(_HOW_TO_READ, note=True))),
+            *(Part(_line_title(line), tuple(_line_items(x))) for line, x in effects.items()),
+            Part("Runs that failed", (Table.of("failed", FailedRun, failed),)),
+            Part("Not ranked", (Table.of("not_ranked", NotRanked, left_out),)),
+        ),
+        scenario,
+        files=(Table.of("effects", EffectOnLine, every_effect, for_readers=()),),
+    )
 
 
-def _row(effect: Effect, scenario: Scenario) -> tuple[str, ...]:
+_HOW_TO_READ = (
+    "Each value goes to both ends of its range, and to extremes of the linearised drive in between,"
+    " the others as they are; d ln/d ln is the relative change of the line for a relative change of"
+    " the value, at the value itself."
+)
+
+
+def _summary(found: Ranking) -> str:
+    keys = {effect.key for line in found for effect in line.effects}
+    return f"{len(keys)} uncertain values over their ranges, {len(found.lines)} lines, the largest first."
+
+
+def _line_title(line: LineEffects) -> str:
+    return f"{line.line}, {FREQUENCY.figure(line.frequency)}, {TORQUE.figure(line.amplitude)}"
+
+
+def _line_items(effects: list[EffectOnLine]) -> Iterator[Table | Text]:
+    yield Table.of("", EffectOnLine, effects)
+    for effect in effects:
+        if effect.remarks:
+            yield Text(f"`{effect.key}`: {effect.remarks}.")
+
+
+def _effect_on_line(line: LineEffects, effect: Effect, scenario: Scenario) -> EffectOnLine:
     low, high = (scenario.shown(effect.key, end) for end in effect.range)
-    moved = " to ".join(f"{1e3 * x:.4g}" for x in effect.amplitudes)
-    if _jumps(effect):
-        slope = "none *"
-    else:
-        slope = f"{effect.sensitivity:.3g}"
-    return effect.key, slope, moved, f"{low} to {high}"
+    return EffectOnLine(
+        line.line,
+        effect.key,
+        effect.sensitivity,
+        *effect.slopes,
+        *effect.amplitudes,
+        *effect.range,
+        "; ".join(_remarks(effect, scenario)),
+        f"{low} to {high}",
+    )
 
 
-def _jumps(effect: Effect) -> bool:
-    """Whether the line jumps or bends at the value itself, which leaves it without a sensitivity
-    there.
-    """
-    return math.isnan(effect.sensitivity) and not math.isnan(effect.slopes[0])
-
-
-def _notes(effect: Effect, scenario: Scenario) -> Iterator[str]:
+def _remarks(effect: Effect, scenario: Scenario) -> Iterator[str]:
+    """Extremes inside the range, and slopes where the line has no derivative."""
     for value, amplitude in effect.between:
         at = scenario.shown(effect.key, value)
-        yield f"  {effect.key}: {1e3 * amplitude:.4g} mN m at {at}, where the linearised drive has an extreme"
-    if _jumps(effect):
-        below, above = effect.slopes
-        yield f"  * {effect.key}: {below:.3g} below and {above:.3g} above: the line jumps or bends there"
+        size = TORQUE.figure(amplitude) or "unknown"
+        yield f"{size} at {at}, where the linearised drive has an extreme"
+    if math.isnan(effect.sensitivity) and not math.isnan(effect.slopes[0]):
+        below, above = map(SENSITIVITY.text, effect.slopes)
+        yield f"the line jumps or bends at the value itself, d ln/d ln {below} below and {above} above"

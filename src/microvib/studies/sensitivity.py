@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
+from microvib.results import FREQUENCY, TORQUE, Column
 from microvib.signals.line_table import Line
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
@@ -87,13 +89,13 @@ class Effect:
 class LineEffects:
     """Effects on one line, ranked: the one that moves it farthest over its range first."""
 
-    line: str
-    frequency: float
-    amplitude: float
+    line: Annotated[str, Column("line", "line")]
+    frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
     effects: tuple[Effect, ...]
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Annotated[str, Column("verdict", "verdict")]:
         """Which value matters most, in words, as far as that is told."""
         spans = [effect.span(self.amplitude) for effect in self.effects]
         most = [

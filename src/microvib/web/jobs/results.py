@@ -43,6 +43,7 @@ from microvib.reports.sas import (
     tolerance_rows,
 )
 from microvib.reports.sas_drawing import draw_simulator
+from microvib.reports.sensitivity import ranking_outcome
 from microvib.reports.sheets import svg
 from microvib.signals.line_table import LineTable
 from microvib.signals.screen import decimate_spectrum
@@ -342,31 +343,8 @@ def _elements(array: Array, structure: str | None) -> ModalSource | None:
 
 
 def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
-    """Effects of uncertain values on each line, the one that moves it farthest first; ranges in
-    units of the form.
-    """
-    return {
-        "lines": [
-            {
-                "line": line.line, "frequency": line.frequency, "amplitude": line.amplitude,
-                "verdict": line.verdict,
-                "effects": [
-                    {
-                        "key": e.key, "low": scenario.shown(e.key, e.range[0]), "high": scenario.shown(e.key, e.range[1]),
-                        "sensitivity": e.sensitivity, "below": e.slopes[0], "above": e.slopes[1],
-                        "at_low": e.amplitudes[0], "at_high": e.amplitudes[1],
-                        "between": [{"at": scenario.shown(e.key, at), "amplitude": x} for at, x in e.between],
-                    }
-                    for e in line.effects
-                ],
-            }
-            for line in found
-        ],
-        "left_out": [
-            *({"key": c.key, "why": f"no run with {scenario.shown(c.key, c.value)}: {c.reason}"} for c in found.failed),
-            *({"key": key, "why": why} for key, why in found.left_out.items()),
-        ],
-    }  # fmt: skip
+    """What is said of a ranking: lines with their verdicts, then the effects on each."""
+    return page_answer(ranking_outcome(found, scenario))
 
 
 def sas_result(result: Any) -> dict[str, Any]:

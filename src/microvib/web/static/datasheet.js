@@ -1,12 +1,12 @@
 // The Data sheet tab: what a data sheet says becomes the scenario; what it does not say is assumed, and ranked by what it does.
 
 import { get, post } from "./api.js";
-import { announce, debounce, h, number, save } from "./dom.js";
+import { announce, debounce, h, save } from "./dom.js";
 import { keepFields } from "./kept.js";
 import { latest } from "./latest.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
-import { table } from "./tables.js";
+import { partContent, table } from "./tables.js";
 
 const DELAY = 250;
 const rows = new Map(); // of the entries: {input, error}
@@ -119,36 +119,8 @@ function empty() {
 
 const rank = () => task.start("Ranking", () => post("/api/sensitivity", { scenario: scenario.current() }));
 
-/** A table for each line, the largest first and open, and what was not ranked. */
-function ranked({ lines, left_out: left }) {
-  const found = lines.map((line, k) => {
-    const head = `${line.line}, ${number(line.frequency, 4)} Hz, ${number(1e3 * line.amplitude, 4)} mN m: ${line.verdict}`;
-    return h("details", { open: k === 0 }, h("summary", {}, head), effects(line));
-  });
-  const unranked = left.map(({ key, why }) => h("li", {}, h("code", {}, key), `: ${why}`));
-  return [
-    ...(found.length ? found : [h("p", {}, "No line stands out.")]),
-    unranked.length ? h("details", {}, h("summary", {}, `Not ranked: ${unranked.length}`), h("ul", { class: "soft" }, unranked)) : "",
-  ];
-}
-
-function effects(line) {
-  const mN = (value) => number(value === null ? null : 1e3 * value, 4);
-  const between = (extremes) => extremes.map(({ at, amplitude }) => `${mN(amplitude)} mN m at ${at}`).join("; ");
-  const rows = line.effects.map((effect) => ({ ...effect, between: between(effect.between) }));
-  const bends = ({ below, above }) => `${number(below, 3)} below, ${number(above, 3)} above: the line jumps or bends there`;
-  const slope = (value, row) => (value === null && row.below !== null ? h("span", { title: bends(row) }, "none: bends") : number(value, 3));
-  return table(
-    [
-      { key: "key", title: "value" },
-      { key: "low", title: "from" },
-      { key: "high", title: "to" },
-      { key: "at_low", title: "line there", unit: "mN m", show: mN },
-      { key: "at_high", title: "and there", unit: "mN m", show: mN },
-      { key: "between", title: "and between" },
-      { key: "sensitivity", title: "d ln/d ln", show: slope },
-    ],
-    rows,
-    { caption: `Values by their effect on ${line.line}` },
-  );
+/** What each line depends on most, the effects on each, the largest line's open, and what was not ranked. */
+function ranked({ parts: [first, ...others] }) {
+  const each = others.map((part, k) => h("details", { open: k === 0 }, h("summary", {}, part.title), ...partContent(part)));
+  return [...partContent(first), ...each];
 }
