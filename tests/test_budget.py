@@ -2098,3 +2098,21 @@ def test_three_arrays_are_not_judged_and_the_sentence_says_what_to_do(carrying: 
         assert one.why[0].startswith("these scenarios have 3 arrays, and a craft has two at most")
         assert "spacecraft.hub.modes" in one.why[0]
         assert not any("second_wing" in why for why in one.why)
+
+
+@pytest.mark.parametrize("metric", ["rpe", "jitter"])
+def test_a_bound_holds_at_every_frequency_that_lines_may_have(metric: str) -> None:
+    """At an instant a line may be largest at another frequency than over the whole window, whose mean square it was judged by."""
+    rng, window = np.random.default_rng(5), 0.3
+    for _ in range(10):
+        f, A = rng.uniform(2.0, 90.0, 4), rng.uniform(0.1, 1.0, 4)
+        r = requirement(axis="x", statistic="bound", metric=metric, window=Si(window))
+        tones = [(x, a, 0.0) for x, a in zip(f, A, strict=True)]
+        one = assess(r, [source(str(k), line) for k, line in enumerate(tones)], "rss")
+        for part in (-1.0, -0.5, 0.0, 0.3, 1.0):
+            moved = evaluate_metric(
+                r, f * (1.0 + 1e-4 * part), URAD * np.column_stack([A, 0.0 * A])
+            )
+            assert one.least <= moved * (1.0 + 1e-12)
+            assert moved <= one.most * (1.0 + 1e-12)
+        assert one.most < 1.005 * one.least

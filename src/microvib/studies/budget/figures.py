@@ -147,6 +147,7 @@ def metric_bounds(
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     hidden_at, hidden = _unobserved_lines(gaps)
     least = evaluate_metric(r, lower, tones.least, densities, single_axis=True)
+    least = max(least - _crest_offset(r, tones, lower, tones.least, -1.0), 0.0)
     if not np.all(np.isfinite(hidden)):
         return least, math.inf
     if moving is not None and r.statistic == "bound":
@@ -154,7 +155,34 @@ def metric_bounds(
             r, moving, Unobserved("", 0.0, math.inf, hidden_at, hidden), densities
         )
     f, most = np.concatenate([upper, hidden_at]), np.vstack([tones.most, hidden])
-    return least, evaluate_metric(r, f, most, densities) + _excess_of_bound(r, f, most)
+    beyond = _excess_of_bound(r, f, most) + _crest_offset(r, tones, upper, tones.most, 1.0)
+    return least, evaluate_metric(r, f, most, densities) + beyond
+
+
+def _crest_offset(
+    r: Requirement, tones: CombinedLines, at: np.ndarray, amplitude: np.ndarray, sign: float
+) -> float:
+    """By how much lines of ``amplitude`` (k, 2) may crest higher (``sign`` 1) or lower (-1) at
+    frequencies that they may have than at those where their mean squares are extreme [rad].
+
+    At an instant of a window a line about its mean may be largest at another frequency than over
+    the whole window.
+    """
+    if r.statistic != "bound" or r.metric not in ("rpe", "jitter"):
+        return 0.0
+
+    def sizes(f: np.ndarray) -> np.ndarray:
+        rows = windowed_amplitudes(
+            r.metric, f, np.ones(f.size), _window(r), r.apart, UNIFORM_INSTANTS
+        )
+        return np.abs(rows)
+
+    own, found = sizes(at), np.zeros(at.size)
+    for part in _FREQUENCY_SAMPLES:
+        change = sign * (sizes(tones.frequency + part * tones.off) - own)
+        found = np.maximum(found, change.max(axis=0))
+    counted = np.abs(amplitude[:, AXES[r.axis]]) * counts_in_band(r, at)[:, None]
+    return math.hypot(*(found @ counted))
 
 
 def _excess_of_bound(r: Requirement, frequency: np.ndarray, most: np.ndarray) -> float:
@@ -211,6 +239,7 @@ def _crest_bound(
     found = [
         evaluate_metric(one, frequency, amplitude, densities)
         + _excess_of_bound(one, frequency, amplitude)
+        + _crest_offset(one, moving.others, upper, moving.others.most, 1.0)
         for one in each
     ]
     return moving.beside(AXES[r.axis], lambda more: np.add(found, more).tolist())
