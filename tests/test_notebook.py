@@ -168,6 +168,7 @@ def test_what_a_cell_ends_with_is_shown_in_a_line_or_as_its_lines(motion_1):
     scenario = motion_1.scenario
     state, (torque,) = mv.steady_state(scenario), simulate_torques([scenario.with_(SHORT)])
     assert repr(state).startswith(f"Steady state of {STATE_1}: repeats every ")
+    assert str(scenario) == repr(scenario)
     assert repr(scenario).splitlines() == [
         f"Scenario '{scenario.title}'",
         "  drive: 2 phases, 50 rotor teeth, 16 microsteps a full step, gear 100:1",

@@ -185,6 +185,9 @@ class Scenario(Part):
         )
         return "\n  ".join(rows)
 
+    def __str__(self) -> str:
+        return repr(self)
+
     @property
     def brief(self) -> str:
         """Title, rate and array in a line, by which results name the scenario that they are of."""
