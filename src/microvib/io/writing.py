@@ -202,7 +202,7 @@ STUDY_FILES = (
     "sas.csv", "sas.json", "simulator.yaml", "drawing.png", "report.pdf",
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
-    "orbit.csv", "orbit_lines.csv", "orbit.json", "orbit.png", "seeds.csv",
+    "summary.csv", "orbit.csv", "orbit_lines.csv", "orbit_windows.csv", "orbit.json", "orbit.png", "seeds.csv",
     "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
