@@ -20,8 +20,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from microvib.errors import MicrovibError
+from microvib.io.modal_sources import load_design
 from microvib.io.named import catalog_text
-from microvib.io.tables import read_table
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.sentences import validate_part
 from microvib.structures.array_design import ArrayDesign
@@ -132,7 +132,7 @@ def row_residuals(x: np.ndarray, targets: dict[str, tuple[float | None, ...]]) -
     makes, as factors.
     """
     found = by_kind(design_of(x, FINER))
-    rows = list(read_table("table1_array_modes"))
+    published = load_design("reference-array").reference
     small = [
         ("I", 0, 1, 1.5),
         ("B", 1, 3, 10.0),
@@ -140,8 +140,7 @@ def row_residuals(x: np.ndarray, targets: dict[str, tuple[float | None, ...]]) -
         ("B", 2, 5, 10.0),
     ]  # kind, which, row, factor
     fractions = [
-        np.log(max(found[kind][k][1], 1e-9) / float(rows[row]["effective_fraction"]))
-        / np.log(factor)
+        np.log(max(found[kind][k][1], 1e-9) / (published[row].fraction or 0.0)) / np.log(factor)
         for kind, k, row, factor in small
     ]
     return np.concatenate([residuals(x, targets, FINER), fractions])

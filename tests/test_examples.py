@@ -106,15 +106,15 @@ def test_a_short_script_runs_and_shows_what_it_says(name, tmp_path, monkeypatch,
 
 
 def test_ten_modes_of_table_1_and_sixty_modes_run():
-    from microvib.io.tables import read_table
+    from microvib.io.modal_sources import load_design
 
     table = [
         {
-            "frequency": float(r["frequency_hz"]),
+            "frequency": mode.frequency,
             "damping": 0.005,
-            "effective_inertia": float(r["effective_inertia_kg_m2"]),
+            "effective_inertia": mode.effective_inertia,
         }
-        for r in read_table("table1_array_modes")
+        for mode in load_design("reference-array").reference
     ]
     short = {
         "record.settle": 2.0,

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from microvib.cli.main import main
 from microvib.errors import MicrovibError
 from microvib.io.scenario_file import dump_scenario, load_scenario
-from microvib.studies.sas import paper_states
+from microvib.studies.sas import catalog_states
 from microvib.validation import draws
 from microvib.validation.assumptions import (
     Calibrated,
@@ -261,4 +261,4 @@ def test_a_test_without_assumptions_has_nothing_to_draw(own_test, tmp_path):
 
 def test_states_of_the_test_are_those_that_simulators_are_sized_for():
     stated = [(state.mode_frequency, state.inertia) for state in TEST.states]
-    assert stated == [(state.frequency, state.inertia) for state in paper_states()]
+    assert stated == [(state.frequency, state.inertia) for state in catalog_states()]

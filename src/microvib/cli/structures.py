@@ -91,7 +91,7 @@ def _value(text: str) -> Any:
 )
 @modal_options
 def modes(source: str, count: int | None, target: Target, **deck: str | None) -> None:
-    """Modes of SOURCE as in the paper's Table 1: `reference-array`, `reference-sas`, a description
+    """Modes of SOURCE with the interface clamped: `reference-array`, `reference-sas`, a description
     of an array or a simulator, a table of modes, or results of Nastran or Ansys, for which the
     options describe the deck.
 
@@ -128,7 +128,10 @@ def sas() -> None:
     help="A further state to reach, e.g. 1.19:15.69.",
 )
 @click.option(
-    "--states", "file", type=PATH, help="Table of further states [default: the paper's Table 2]."
+    "--states",
+    "file",
+    type=PATH,
+    help="Table of further states [default: the catalog's five states].",
 )
 @click.option("--amplitude", default="2 deg", help="Largest angle between frame and plate.")
 @click.option("--rate", default="0.06 deg/s", help="Rate at which the drive starts and stops.")

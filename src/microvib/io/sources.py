@@ -68,7 +68,7 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
     name : str
         A name of the catalog or a YAML file is a scenario; a folder is that of a run; a file is a
         recording by its ending, a CSV file whose first column is ``line`` a table of lines;
-        ``paper-test`` (or ``paper``) and ``paper-simulation`` are the paper's lines.
+        ``paper-test`` (or ``paper``) and ``paper-simulation`` are former names of those of state-1.
     preparation : Preparation, optional
         What is done to a recording before it is used.
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from microvib.io.modal_sources import ModalSource, StructureDesign
 from microvib.io.modal_table import modes_csv
-from microvib.io.tables import read_table
 from microvib.model.rigid import COMPONENTS
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.document import (
@@ -95,10 +94,10 @@ def table_text(source: ModalSource) -> str:
 
 
 def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of Table 1; beside the paper's for the array that was fitted to it."""
-    m, paper = source.model, _beside_the_paper(source.name, source.model.frequency)
+    """Header and rows of Table 1; beside the reference modes of a description that has some."""
+    m, beside = source.model, _beside_reference(source)
     header = ["mode", "kind", "f [Hz]", "damping [%]", "inertia [kg m²]", "fraction [1]", "cumulative [1]",
-              "paper [Hz]", "diff. [%]", "paper fraction [1]"]  # fmt: skip
+              "reference [Hz]", "diff. [%]", "reference fraction [1]"]  # fmt: skip
     cumulative = np.cumsum(m.fraction[m.axis])
     effective, fraction = (
         _zero_rounding(m.effective[m.axis], m.inertia),
@@ -106,7 +105,7 @@ def table_1(source: ModalSource) -> tuple[list[str], list[list[str]]]:
     )
     rows = [
         [str(k + 1), kind, f"{m.frequency[k]:.4g}", f"{100 * m.damping[k]:.3g}", f"{effective[k]:.3g}", f"{fraction[k]:.3g}",
-         f"{cumulative[k]:.4f}", *paper[k]]
+         f"{cumulative[k]:.4f}", *beside[k]]
         for k, kind in enumerate(mode_kinds(source))
     ]  # fmt: skip
     return header[: len(rows[0])], rows
@@ -117,30 +116,23 @@ def _zero_rounding(values: np.ndarray, whole: float) -> np.ndarray:
     return np.where(np.abs(values) > 1e-12 * whole, values, 0.0)
 
 
-_PAPER = {
-    "reference-array": ("table1_array_modes", "frequency_hz"),
-    "reference-sas": ("table4_sas_modes", "finite_element_hz"),
-}
-"""Table of the paper, and its column, that a structure of the catalog was fitted to."""
-
-
-def _beside_the_paper(name: str, frequencies: np.ndarray) -> list[list[str]]:
-    """The paper's frequencies, the differences from them, and where its table has them the
-    effective fractions.
+def _beside_reference(source: ModalSource) -> list[list[str]]:
+    """Frequencies of the description's reference modes, the differences from them, and where they
+    are known the effective fractions.
     """
-    if name not in _PAPER:
+    frequencies = source.model.frequency
+    reference = () if source.design is None else source.design.reference
+    if not reference:
         return [[] for _ in frequencies]
-    file, column = _PAPER[name]
+    has_fractions = any(mode.fraction is not None for mode in reference)
     cells = []
-    for row, f in zip(read_table(file), frequencies, strict=False):
-        paper, fraction = float(row[column]), row.get("effective_fraction")
-        cells.append(
-            [
-                f"{paper:g}",
-                f"{100 * (f / paper - 1):+.1f}",
-                *([f"{float(fraction):.3g}"] if fraction else []),
-            ]
-        )
+    for mode, f in zip(reference, frequencies, strict=False):
+        row = [f"{mode.frequency:g}", f"{100 * (f / mode.frequency - 1):+.1f}"]
+        if mode.fraction is not None:
+            row.append(f"{mode.fraction:.3g}")
+        elif has_fractions:
+            row.append("")
+        cells.append(row)
     return [*cells, *[[""] * len(cells[0])] * (len(frequencies) - len(cells))]
 
 

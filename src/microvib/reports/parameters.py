@@ -129,7 +129,8 @@ def status_sentence(scenario: Scenario) -> str:
 
 def parameter_table(part: Part) -> Table:
     """Key, value and meaning of every parameter of a part."""
-    rows = (row for row in _parameter_rows(part) if row[0] not in ("title", "source"))
+    apart = ("title", "source", "reference")
+    rows = (row for row in _parameter_rows(part) if row[0].split(".")[0] not in apart)
     return table(("`parameter`", "value [1]", "meaning"), rows)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part
+from microvib.structures.reference_modes import ReferenceMode
 from microvib.units import Quantity
 
 
@@ -213,6 +214,9 @@ class ArrayDesign(Part):
     damping: Damping = Damping()
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
     drive_axis: Literal["x"] = Field(default="x", description="drive axis of the description")
+    reference: tuple[ReferenceMode, ...] = Field(
+        default=(), max_length=1000, description="modes that it is to have, in their order"
+    )
 
     def _misfits(self) -> Iterator[str]:
         if self.panels.count > 1 and not self.hinges.between:

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from microvib.model.part import Part
 from microvib.structures.array_design import Damping, Tube
+from microvib.structures.reference_modes import ReferenceMode
 from microvib.structures.springs import SPRINGS, preload_stiffness, torsion_stiffness
 from microvib.units import Quantity
 
@@ -232,6 +233,9 @@ class SimulatorDesign(Part):
     damping: Damping = Damping()
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
     drive_axis: Literal["z"] = Field(default="z", description="drive axis of the description")
+    reference: tuple[ReferenceMode, ...] = Field(
+        default=(), max_length=1000, description="modes that it is to have, in their order"
+    )
 
     def _misfits(self) -> Iterator[str]:
         a, f, p = self.adjustment, self.frame, self.plate

@@ -200,7 +200,7 @@ def compare(
     names : pair of str
         Names of sides that have none themselves.
     scenario : Scenario, str or path, optional
-        Says which lines to look for in recordings where neither side is a scenario, nor the paper.
+        Says which lines to look for in recordings where neither side is a scenario, nor reference lines of one.
     channel : str
         Channel of recordings that has the torque about the drive axis.
     bands : sequence of str or pairs, optional

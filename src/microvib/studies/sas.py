@@ -143,9 +143,9 @@ def stock_springs() -> tuple[CoilSpring, ...]:
     )
 
 
-def paper_states() -> tuple[TargetState, ...]:
-    """The five states of Table 2."""
-    rows = read_table("table2_states")
+def catalog_states() -> tuple[TargetState, ...]:
+    """The five states of the catalog, state-1 to state-5."""
+    rows = read_table("simulator_states")
     return tuple(
         TargetState(
             f"state {row['state']}", float(row["mode_frequency_hz"]), float(row["inertia_kg_m2"])
@@ -192,7 +192,8 @@ def size(
 
 def _fitted(base: SimulatorDesign, spring: CoilSpring, amplitude: float) -> SimulatorDesign:
     preload = _round_to_setting(SLACK_RESERVE * base.adjustment.arm_max * amplitude)
-    return base.model_copy(update={"spring": spring, "preload": preload})
+    own = {"spring": spring, "preload": preload, "reference": ()}  # it is no longer that simulator
+    return base.model_copy(update=own)
 
 
 def _round_to_setting(length: float) -> float:

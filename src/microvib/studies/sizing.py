@@ -16,7 +16,7 @@ from microvib.io.modal_sources import load_design, modal_source
 from microvib.io.tables import dict_rows
 from microvib.structures.modal import ModalModel
 from microvib.structures.simulator_design import SimulatorDesign
-from microvib.studies.sas import Sizing, TargetState, paper_states, size, state_of_array
+from microvib.studies.sas import Sizing, TargetState, catalog_states, size, state_of_array
 from microvib.units import quantity
 
 _MODES_OF_ARRAY = 20
@@ -40,7 +40,7 @@ def size_simulator(
     files: FileAccess = NO_FILES,
 ) -> SizingResult:  # fmt: skip
     """A simulator for an inertia and a frequency, or for an array (a source of modes), set for
-    further states: ``F:J`` each, or a table; without any those of the paper. MicrovibError where
+    further states: ``F:J`` each, or a table; without any those of the catalog. MicrovibError where
     these do not go together or are out of reach."""
     if (array is None) == (inertia is None and frequency is None) or (inertia is None) != (
         frequency is None
@@ -58,7 +58,7 @@ def size_simulator(
         J = _positive("inertia", str(inertia), "kg*m^2")
         target = TargetState("target", _positive("frequency", str(frequency), "Hz"), J)
     given = [parse_state(text, f"state {k}") for k, text in enumerate(states, 1)]
-    further = given or (read_states(file) if file is not None else paper_states())
+    further = given or (read_states(file) if file is not None else catalog_states())
     angle = math.radians(quantity("amplitude", amplitude, "deg", positive=True))
     turning = math.radians(quantity("rate", rate, "deg/s", positive=True))
     simulator = load_design(design, files)

@@ -22,7 +22,7 @@ const inputs = Object.fromEntries(
       id: `sas-${key}`,
       name: key,
       value,
-      placeholder: key === "states" ? "the paper's" : "",
+      placeholder: key === "states" ? "the catalog's five" : "",
       title: key === "states" ? "Hz:kg m² of each, such as 1.19:15.69, 1.39:8.18" : "",
     }),
   ]),
