@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,12 +12,14 @@ from microvib.analysis.accuracy import failed_invariants_reason, with_known_erro
 from microvib.analysis.lines import clock_warnings
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
+    CLOCK_UNCERTAINTY,
     ONE_DRAW,
     SEEDS_NEEDED,
     Margin,
     Verdict,
     amplitude_bound,
     frequency_error_bound,
+    largest_amplitude,
     margin,
     settling_advice,
 )
@@ -33,6 +36,7 @@ from microvib.model.line_names import SECOND_DRIVE, of_second_wing
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable
 from microvib.text_tables import counted
 from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, within_band
@@ -283,7 +287,7 @@ def judge(
     within = [x for x in table if limit.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     margins = [
-        margin(x, limit.torque, table, ringing, scenario)
+        _certainly_within(margin(x, limit.torque, table, ringing, scenario), limit)
         for x in within
         if math.isfinite(x.amplitude_n_m)
     ]
@@ -297,6 +301,7 @@ def judge(
         if not (mode_has_decayed(x, scenario) or _is_negligible(x, limit))
     ]
     gaps += _residual_peak_gaps(table, limit)
+    gaps += _beside_band_gaps(table, limit)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         gaps += clock_warnings(table)
     gaps += may_be_larger(table, limit.low, limit.high, limit.torque)
@@ -414,10 +419,14 @@ def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
     frequency, amplitude = table.rest.within(limit.low, limit.high)
     peak = f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz"
     more = "more members of each family, --harmonics N, or a longer record.duration"
+    told = []
     if amplitude > limit.torque:
-        told = [f"unexplained peaks, {peak} ({more})"]
-    else:
-        told = []
+        told.append(f"unexplained peaks, {peak} ({more})")
+    elif table.rest.factor * amplitude > limit.torque:
+        told.append(
+            f"unexplained peaks, {peak}, where a line may have {table.rest.factor:g} times as much"
+            f" ({more})"
+        )
     lowest = float(table.rest.frequency.min(initial=math.inf))
     if limit.low < lowest and ABOVE_PASSBAND_FACTOR * table.rest.slow > limit.torque:
         if math.isfinite(lowest):
@@ -428,6 +437,46 @@ def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
             f"anything {ends}, for which the record is too short (increase record.duration)"
         )
     return told
+
+
+def _beside_band_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
+    """Lines above the limit beside its band, which may hide others in the band: the record is too
+    short to tell them apart.
+    """
+    if table.rest is None:
+        return
+    beside = [
+        (max(limit.low - x.place_hz, x.place_hz - limit.high), x)
+        for x in table
+        if largest_amplitude(x, table) > limit.torque
+    ]
+    near = [
+        (apart, x)
+        for apart, x in beside
+        if 0.0 < apart < table.rest.resolution and not limit.holds(*_frequency_with_bound(x))
+    ]
+    if near:
+        apart, line = min(near, key=lambda one: one[0])
+        yield (
+            f"what {line.line} at {line.place_hz:.5g} Hz may hide in the band"
+            f" (record.duration >= {rounded_up(SEPARATION / apart)} s)"
+        )
+
+
+def _certainly_within(one: Margin, limit: Limit) -> Margin:
+    """The margin of a line; of an unlisted one above the limit that was found outside the band and
+    may be in it, not judged.
+    """
+    line = one.line
+    clock = CLOCK_UNCERTAINTY * line.place_hz
+    if one.verdict != "fail" or line.kind != "other" or limit.holds(line.place_hz, clock):
+        return one
+    apart = max(limit.low - line.place_hz, line.place_hz - limit.high)
+    why = (
+        f"{line.line} (at {line.place_hz:.5g} Hz, which may be in the band;"
+        f" record.duration >= {rounded_up(SEPARATION / apart)} s)"
+    )
+    return replace(one, verdict="not judged", why=why)
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:

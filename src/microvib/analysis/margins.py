@@ -12,9 +12,10 @@ from typing import Any, Literal
 import numpy as np
 
 from microvib.analysis.start import SETTLED_EFOLDINGS, rounded_up, time_to_settle
-from microvib.model.linear import coupled_modes
+from microvib.model.expected import distance_to_clock_line
+from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.signals.line_fit import SEPARATION
+from microvib.signals.line_fit import CANCELLED, SEPARATION
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable, SeedLine
 
 Verdict = Literal["pass", "fail", "not judged"]
@@ -34,6 +35,9 @@ fall in proportion with a line that is far smaller than the motion about it."""
 ABOVE_PASSBAND_FACTOR = 10.0
 """Factor on what is known by a model or a bin only: on lines of the linearised drive above the
 passband, for what friction and detent torque add there, and on bins that several lines share."""
+SHARED_BINS_FACTOR = 2.0
+"""Factor by which a line may be larger or smaller than is found while the record is too short to
+tell it from others of the clock."""
 RINGING_FACTOR = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction
 couples them.
@@ -151,6 +155,8 @@ def _judge_record(
             "pass" if _BOUND_FIT_FACTOR * amplitude <= most else "not judged",
             line.status,
         )
+    if why := _shared_bins_reason(line, most, doubt, table, scenario):
+        return amplitude, "not judged", why
     # Until what rings has died away friction may change this line by a part of it: the limit must
     # be farther off than that, too.
     rings = sum(
@@ -174,6 +180,37 @@ def _judge_record(
     )
 
 
+def _shared_bins_reason(
+    line: Line, most: float, doubt: float, table: LineTable, scenario: Scenario | None
+) -> str:
+    """Why a line is not judged that the record is too short to tell from another, listed or not;
+    empty where its limit is far from what is found, or it has its bins for itself.
+    """
+    if scenario is None or table.rest is None:
+        return ""
+    if SHARED_BINS_FACTOR * line.amplitude_n_m + doubt <= most:
+        return ""
+    if line.of_clock and line.amplitude_n_m - doubt > SHARED_BINS_FACTOR * most:
+        return ""
+    return _unresolved_from(line, table, table.rest.resolution, scenario)
+
+
+def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: Scenario) -> str:
+    """What else may stand within the ``resolution`` [Hz] of a line and what would tell them apart:
+    a line of the clock, or a mode that may still ring and is not seen; empty without one.
+    """
+    apart = distance_to_clock_line(scenario, line.place_hz)
+    if apart < resolution:
+        longer = rounded_up(SEPARATION / apart)
+        return f"not resolved from a line of the clock; record.duration >= {longer} s"
+    seen = {x.line for x in table if x.seen}
+    for mode in coupled_modes(scenario):
+        near = abs(mode.frequency - line.place_hz) < resolution
+        if near and mode.name not in seen and _may_still_ring(mode, scenario):
+            return f"not resolved from {mode.name}, which may still ring; increase record.settle"
+    return ""
+
+
 def amplitude_error_bound(line: Line, table: LineTable) -> float:
     """By how much an amplitude may be off [N m]: twice its spread over records and draws, and the
     integration's error.
@@ -186,6 +223,20 @@ def amplitude_error_bound(line: Line, table: LineTable) -> float:
     known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty_n_m, drawn))
     size = max(line.amplitude_n_m, MIN_ERROR_REFERENCE_RATIO * table.largest)
     return 2.0 * math.hypot(*known) + max(MIN_RELATIVE_ERROR, table.own_error) * size
+
+
+def largest_amplitude(line: Line, table: LineTable) -> float:
+    """What a line may have at most in the record and, where it decays, at its start [N m]; 0 of one
+    without a figure that another line hides, and infinite where it grows.
+    """
+    if line.status == "growing":
+        return math.inf
+    if line.status == CANCELLED:
+        return amplitude_bound(line)
+    if not math.isfinite(line.amplitude_n_m):
+        return line.hidden_n_m
+    size = max(line.amplitude_n_m, line.starting(table.duration))
+    return max(size + amplitude_error_bound(line, table), line.hidden_n_m)
 
 
 def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> str:
@@ -282,4 +333,9 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
         for m in coupled_modes(scenario)
         if m.name == line.line or abs(m.frequency - line.frequency_hz) < near
     ]
-    return any(m.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS for m in modes)
+    return any(_may_still_ring(m, scenario) for m in modes)
+
+
+def _may_still_ring(mode: CoupledMode, scenario: Scenario) -> bool:
+    """Whether the damping of a mode has not yet ended what rings after the start."""
+    return mode.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS

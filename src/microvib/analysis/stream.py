@@ -159,7 +159,11 @@ def _rest_of_blocks(tables: list[LineTable]) -> ResidualPeaks:
         np.concatenate([one.frequency for one in left]),
         np.concatenate([one.amplitude for one in left]),
     )
-    return replace(rest, slow=max(one.slow for one in left))
+    return replace(
+        rest,
+        slow=max(one.slow for one in left),
+        resolution=max(one.resolution for one in left),
+    )
 
 
 def _matching_line(table: LineTable, line: Line) -> Line | None:

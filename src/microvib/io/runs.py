@@ -109,6 +109,7 @@ def summary(
     rest = table.rest  # the highest peaks that no line accounts for
     left = rest and {
         "frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist(), "slow_n_m": rest.slow,
+        "resolution_hz": rest.resolution,
     }  # fmt: skip
     return {
         "title": scenario.title,
@@ -213,7 +214,8 @@ def _error_of(said: float | None) -> float:
 def _rest(left: dict[str, Any]) -> ResidualPeaks:
     """What ``summary.json`` says of the peaks that no line accounts for."""
     frequency, amplitude = (np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))
-    return ResidualPeaks(frequency, amplitude, slow=left.get("slow_n_m", 0.0))
+    slow, resolution = left.get("slow_n_m", 0.0), left.get("resolution_hz", 0.0)
+    return ResidualPeaks(frequency, amplitude, slow=slow, resolution=resolution)
 
 
 def _motion(path: Path, scenario: Scenario, how: Numerics) -> Motion:

@@ -30,6 +30,8 @@ Kind = Literal[
     "other",
 ]
 
+_SAME_LINE = 1e-6
+"""Part by which frequencies of one line may differ."""
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
 
 
@@ -134,6 +136,28 @@ def expected_lines(
         if float(order) * base <= highest
     ]
     return (*modes, *clock)
+
+
+def distance_to_clock_line(scenario: Scenario, frequency: float) -> float:
+    """Distance [Hz] from a ``frequency`` [Hz] to the nearest line that the step clock can make, of
+    any order, but one at that frequency; infinite without a clock.
+    """
+    f_d = scenario.driving_frequency
+    if not f_d:
+        return math.inf
+    driver, motor = scenario.driver, scenario.motor
+    electrical = f_d / (driver.beats * driver.microsteps)
+    combs = [f_d]
+    if motor.detent_torque > 0.0:
+        combs.append(electrical * motor.detent_periods)
+    if driver.distorted:
+        combs.append(electrical)
+    rotor = electrical / motor.rotor_teeth
+    distances = [abs(float(e.order) * rotor - frequency) for e in scenario.reducer.errors]
+    for comb in combs:
+        off = abs(frequency - round(frequency / comb) * comb)
+        distances += [off, comb - off]
+    return min(d for d in distances if d > _SAME_LINE * frequency)
 
 
 @lru_cache(maxsize=64)

@@ -18,6 +18,7 @@ import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
+from microvib.signals import tone_kernel as hann
 from microvib.signals.clock import consistent_lines, estimate_clock_ratio
 from microvib.signals.line_search import MIN_DECAY_E_FOLDINGS, search
 from microvib.signals.line_table import (
@@ -63,6 +64,10 @@ as the reason.
 """
 _SCALLOP = 1.18  # amplitude of a tone over its highest bin, at most
 UNLISTED_LINE = "an unlisted line"
+CANCELLED = f"{NOT_SEPARABLE} a line that it cancels; requires a longer record"
+_CANCELLING_RATIO = 3.0
+"""Tone that is fitted over what the record shows in its bins, above which others on almost the same
+frequency cancel it."""
 NO_ORDER = "not a low-order multiple of the driving frequency"
 MAX_RELATIVE_UNCERTAINTY = (
     0.2  # standard uncertainty over amplitude above which a line cannot be told from its neighbour
@@ -88,6 +93,7 @@ def estimate_lines(
         ratio_spread = 0.0
     refused |= _inseparable_lines(joint, spread)
     joint, others = _name_unlisted_lines(joint, spread, ClockOrders.of(expected, ratio))
+    refused |= _cancelled_lines(joint)
     lines = (*_note_inseparable_modes(expected, refused), *others)
     rows = _figures(lines, joint, refused).rows(_uncertainties_by_line(spread, lines, joint.tones))
     return LineTable(
@@ -108,7 +114,12 @@ def _residual_peaks(rest: HannSpectrum) -> ResidualPeaks:
     bins = np.arange(first, min(int(PASSBAND * rest.samples), rest.values.size))
     peaks = ResidualPeaks.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
     slow = _SCALLOP * float(np.max(rest.magnitude[1:first], initial=0.0))
-    return replace(peaks, floor=rest.floors(peaks.frequency), slow=slow)
+    return replace(
+        peaks,
+        floor=rest.floors(peaks.frequency),
+        slow=slow,
+        resolution=SEPARATION / rest.duration,
+    )
 
 
 def lines_at_known_clock(
@@ -411,6 +422,23 @@ def _inseparable_lines(joint: JointFit, spread: Uncertainty) -> dict[str, str]:
         else:
             why[tones.lines[i].name] = BELOW_FLOOR
     return why
+
+
+def _cancelled_lines(joint: JointFit) -> dict[str, str]:
+    """Names of the lines far larger than what the record shows in their bins, with the reason:
+    tones on almost one frequency that cancel, of which only the sum is known.
+    """
+    tones, spectrum = joint.tones, joint.spectrum
+    cycles, fold = tones.frequency * spectrum.duration, tones.decay * spectrum.duration
+    nearest = np.rint(cycles).astype(int)
+    cancelled = {}
+    for i, line in enumerate(tones.lines):
+        k = np.arange(max(nearest[i] - 1, 0), min(nearest[i] + 2, spectrum.values.size))
+        alone = hann.tone(cycles[i], fold[i], joint.amplitudes[i], k, spectrum.table)
+        shown = float(np.max(spectrum.magnitude[k], initial=0.0))
+        if float(np.max(np.abs(alone), initial=0.0)) > _CANCELLING_RATIO * shown:
+            cancelled[line.name] = CANCELLED
+    return cancelled
 
 
 def _name_unlisted_lines(

@@ -266,7 +266,23 @@ class _Search:
         apart = np.abs(tones.frequency - tones.frequency[-1]) * self.duration
         apart[-1] = np.inf
         misfit = (apart < REACH) & tones.falls & (sizes[-1] < _MISFIT * sizes)
-        return bool(np.any(apart < _SAME_TONE_DISTANCE) or np.any(misfit))
+        return bool(
+            np.any(apart < _SAME_TONE_DISTANCE) or np.any(misfit) or self._merges_others(fit)
+        )
+
+    def _merges_others(self, fit: JointFit) -> bool:
+        """Whether unlisted tones have moved together in a fit: they then grow without bound and
+        cancel.
+        """
+        return self._close_pairs(fit) > self._close_pairs(self.joint)
+
+    def _close_pairs(self, fit: JointFit) -> int:
+        """Unlisted tones next to which another free tone is not a line of its own."""
+        free = fit.tones.only(fit.tones.free)
+        apart = np.abs(free.frequency[:, None] - free.frequency) * self.duration
+        np.fill_diagonal(apart, np.inf)
+        other = np.array([line.kind == "other" for line in free.lines], dtype=bool)
+        return int(np.count_nonzero(apart[other] < _SAME_TONE_DISTANCE))
 
     def _put(self, i: int, line: ExpectedLine) -> None:
         """Assign tone ``i`` to another line, and fit it again as a steady one."""

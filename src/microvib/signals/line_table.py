@@ -134,6 +134,9 @@ class Line(LineKindProperties):
         return self.amplitude_n_m
 
 
+UNFITTED_FACTOR = 3.0
+"""Factor on a peak that no line is fitted to, for lines nearer to each other than the record's
+resolution cancel in part in the bins that they share."""
 TWELFTH_OCTAVE = 2.0 ** (1.0 / 12.0) - 1.0
 """Width of a twelfth of an octave over its lower end."""
 
@@ -155,6 +158,8 @@ class ResidualPeaks:
     slow: float = 0.0
     """Highest peak [N m] below all of them, at frequencies that the record is too short to tell
     from its mean and from each other; 0 of exact lines, which have none."""
+    resolution: float = 0.0
+    """Distance [Hz] from which two lines are told apart; 0 of exact lines."""
 
     @classmethod
     def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> ResidualPeaks:
@@ -167,9 +172,14 @@ class ResidualPeaks:
         )
         return cls(frequency[first], amplitude[first])
 
+    @property
+    def factor(self) -> float:
+        """Factor on a peak for the largest line that may stand there: of exact lines 1."""
+        return UNFITTED_FACTOR if self.resolution > 0.0 else 1.0
+
     def within(self, low: float, high: float) -> tuple[float, float]:
-        """Frequency [Hz] and amplitude [N m] of the highest peak between two frequencies [Hz]; 0
-        where nothing is left.
+        """Frequency [Hz] and amplitude [N m] of the highest peak between two frequencies [Hz], and
+        within the resolution of them; 0 where nothing is left.
 
         Where an end of the band cuts a twelfth of an octave, only the highest peak of the whole of
         it is known. A peak inside the band may be as high as that one, which then counts although
@@ -178,7 +188,8 @@ class ResidualPeaks:
         if high < low:
             return low, 0.0
         part = _twelfth_octave(self.frequency)
-        first, last = _twelfth_octave(np.array([low, high]))
+        ends = [max(low - self.resolution, 0.0), high + self.resolution]
+        first, last = _twelfth_octave(np.array(ends))
         overlapping = np.flatnonzero((part >= first) & (part <= last))
         if overlapping.size == 0:
             return low, 0.0

@@ -524,7 +524,12 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
     for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
         if amplitude > 0.0:
             yield RateLine(
-                "an unexplained peak", "other", f / f_d, f, amplitude, TWELFTH_OCTAVE * f
+                "an unexplained peak",
+                "other",
+                f / f_d,
+                f,
+                rest.factor * amplitude,
+                TWELFTH_OCTAVE * f,
             )
     if rest.slow > 0.0:
         for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):

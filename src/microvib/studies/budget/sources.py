@@ -521,7 +521,7 @@ def _gaps(
     if table.rest is None:
         yield open_gap("lines that are not in the table were not sought")
     elif table.rest.frequency.size:
-        at, peaks = table.rest.frequency, table.rest.amplitude
+        at, peaks = table.rest.frequency, table.rest.factor * table.rest.amplitude
         known = at >= receiver_of(scenario).lowest
         yield Unobserved(
             "unexplained peaks of T_d",
