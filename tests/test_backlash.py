@@ -81,3 +81,25 @@ def test_backlash_of_a_train_adds_up_at_the_output():
     )
     assert reducer.backlash == pytest.approx(2e-3 / 10.0 + 3e-4)
     assert "backlash" not in to_plain_data(reducer)
+
+
+def test_a_gear_that_crosses_its_backlash_within_a_step_says_which_step_is_short_enough(state_1):
+    """Full steps at a ratio of 67: the gap of 1.5 arcsec is crossed in 48 us."""
+    errors = [
+        {"order": 1, "amplitude": 3.2e-6, "phase": 1.77},
+        {"order": 2, "amplitude": 1.4e-6, "phase": 5.65},
+    ]
+    fast = state_1.with_si(
+        {
+            **NO_FRICTION, "friction.viscous": 0.0255, "motor.friction.viscous": 0.0,
+            "reducer.ratio": 66.7, "reducer.stiffness": 19832.0, "reducer.damping": 0.0,
+            "reducer.backlash": 7.24e-6, "reducer.transmission_error": errors,
+            "driver.microsteps": 2, "tracking.rate": 1.301e-3, **SHORT,
+        }
+    )  # fmt: skip
+    with pytest.raises(MicrovibError, match="crosses its backlash") as raised:
+        mv.simulate(fast, channels=("T_d",))
+    advised = str(raised.value).split("solver.max_step to ")[1].removesuffix(" or less")
+    motion = mv.simulate(fast.with_({"solver.max_step": advised}))
+    assert motion.invariants.energy_mechanical < 1e-3
+    assert motion.invariants.momentum < 1e-6

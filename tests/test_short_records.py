@@ -67,13 +67,13 @@ def bands(frequency: float, resolution: float) -> list[tuple[float, float]]:
 
 @pytest.mark.parametrize("duration", [1.0, 1.5])
 def test_a_short_record_does_not_contradict_a_long_one(drive, duration):
-    known = mv.lines(recorded(drive, 30.0), harmonics=40)
+    known = mv.find_lines(recorded(drive, 30.0), harmonics=40)
     short = recorded(drive, duration)
     lines = [x for x in known if x.seen and x.place_hz < TOP]
     lines = sorted(lines, key=lambda x: -x.amplitude_n_m)[:24:2]
     judged = 0
     for harmonics in (1, 8):
-        table = mv.lines(short, harmonics=harmonics)
+        table = mv.find_lines(short, harmonics=harmonics)
         for x in lines:
             for part in (0.72, 0.95, 1.05, 30.0):
                 for low, high in bands(x.place_hz, 1.0 / duration):
@@ -103,7 +103,7 @@ def test_a_band_narrower_than_the_resolution_does_not_pass_beside_a_larger_line(
 
 
 def test_lines_that_are_exact_leave_nothing_open_beside_them(state_1):
-    exact = mv.steady(state_1).lines
+    exact = mv.find_lines(state_1, start="steady")
     assert exact.rest.resolution == 0.0
     line = exact["drive_1"]
     band = (line.place_hz + 0.01, line.place_hz + 0.02)
@@ -111,7 +111,7 @@ def test_lines_that_are_exact_leave_nothing_open_beside_them(state_1):
 
 
 def test_a_peak_without_a_line_counts_with_what_it_may_hide(motion_1):
-    table = mv.lines(motion_1, harmonics=1)
+    table = mv.find_lines(motion_1, harmonics=1)
     assert table.rest.resolution == SEPARATION / table.duration
     frequency, amplitude = table.rest.within(60.0, 150.0)
     told = judge(table, limit_of(2.0 * amplitude, 0.999 * frequency, 1.001 * frequency))

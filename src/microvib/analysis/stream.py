@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -136,6 +137,9 @@ def _mean_line(blocks: list[Line]) -> Line:
     if not np.any(weights > 0.0):
         weights = np.ones(len(blocks))
 
+    hidden = [x for x in blocks if not math.isfinite(x.amplitude_n_m)]
+    telling = hidden[0] if hidden else blocks[int(np.argmax(weights))]
+
     def values(name: str) -> list[float]:
         return [getattr(line, name) for line in blocks]
 
@@ -147,7 +151,7 @@ def _mean_line(blocks: list[Line]) -> Line:
         floor_n_m=float(np.average(values("floor_n_m"))),
         frequency_uncertainty_hz=_uncertainty_of_mean(values("frequency_uncertainty_hz")),
         amplitude_uncertainty_n_m=_uncertainty_of_mean(values("amplitude_uncertainty_n_m")),
-        status=blocks[int(np.argmax(weights))].status,
+        status=telling.status,
     )
 
 

@@ -440,12 +440,22 @@ def compute_invariants(
     )
 
 
+_CROSSING_SHORTER = 0.01
+"""Part of the longest step that is advised where the gear crosses its backlash within one."""
+
+
 def status_error(scenario: Scenario, status: int, now: float) -> SimulationError:
     """What a status of the kernel at the time ``now`` [s] means to the user."""
     if status == kernel.LOST_SYNCHRONISM:
         return SynchronismLost(_synchronism_lost_message(scenario, now), now)
     if status == kernel.NOT_FINITE:
         what = "the solution is not finite"
+    elif scenario.reducer.backlash:
+        shorter = 1e6 * _CROSSING_SHORTER * scenario.solver.max_step
+        return SimulationError(
+            f"simulation stopped at t = {now:.6g} s: the gear crosses its backlash within one step;"
+            f" set solver.max_step to {shorter:.3g} us or less"
+        )
     else:
         what = "the step became too small"
     return SimulationError(
