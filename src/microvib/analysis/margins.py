@@ -199,7 +199,12 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
     """What else may stand within the ``resolution`` [Hz] of a line and what would tell them apart:
     a line of the clock, or a mode that may still ring and is not seen; empty without one.
     """
-    apart = distance_to_clock_line(scenario, line.place_hz)
+    if line.of_clock:
+        nominal, doubt = line.expected_hz, 0.0
+    else:
+        nominal = line.place_hz / (table.clock_ratio or 1.0)
+        doubt = float(frequency_error_bound(line.place_hz, line.frequency_uncertainty_hz))
+    apart = distance_to_clock_line(scenario, nominal, doubt)
     if apart < resolution:
         longer = rounded_up(SEPARATION / apart)
         return f"not resolved from a line of the clock; record.duration >= {longer} s"
