@@ -1,4 +1,5 @@
-"""Syntax nodes a line of code and conditional expressions per 1000 lines, of each room and of all.
+"""Syntax nodes a line of code and conditional expressions per 1000 lines, of each room and of all,
+and the functions that are hardest to read.
 
 ``python benchmarks/house.py``
 """
@@ -11,6 +12,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from support.house import Module, modules
+
+LIMIT = 12
+"""Complexity above which a function is listed."""
 
 
 def main() -> None:
@@ -28,6 +32,18 @@ def main() -> None:
             print(
                 f"{room:16s} {lines:7d} {nodes / lines:13.2f} {1000 * conditionals / lines:22.1f}"
             )
+    found = sorted(
+        (each for module in modules() for each in module.complexities()),
+        key=lambda each: -each.value,
+    )
+    hard = [each for each in found if each.value > LIMIT]
+    compiled = sum(each.module.is_compiled for each in hard)
+    print(
+        f"\ncomplexity above {LIMIT}: {len(hard)} of {len(found)} functions, {compiled} of them in"
+        " compiled modules"
+    )
+    for each in hard:
+        print(each)
 
 
 if __name__ == "__main__":

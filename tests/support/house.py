@@ -70,6 +70,12 @@ class Module:
         """How often ``a if b else c`` is written."""
         return sum(isinstance(node, ast.IfExp) for node in ast.walk(self.tree))
 
+    def complexities(self) -> Iterator[Complexity]:
+        """Every function with its complexity."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.FunctionDef):
+                yield Complexity(self, node.name, node.lineno, complexity(node))
+
     def nested_conditionals(self) -> Iterator[str]:
         """Places of conditional expressions inside others."""
         for node in ast.walk(self.tree):
@@ -96,6 +102,46 @@ class Module:
         for word, plain in BANNED.items():
             if re.search(rf"\b{word}\b", text.lower()):
                 yield f"{self.path.name}:{line} '{word}'; plain is '{plain}'"
+
+
+@dataclass(frozen=True)
+class Complexity:
+    """A function and its complexity."""
+
+    module: Module
+    name: str
+    line: int
+    value: int
+
+    def __str__(self) -> str:
+        return f"{self.value} {self.module.path.relative_to(PACKAGE)}:{self.line} {self.name}"
+
+
+def complexity(function: ast.FunctionDef) -> int:
+    """One, and one for each place at which a reader has to think of two ways.
+
+    These are branches, loops, exceptions that are caught, ``and`` and ``or``, conditional
+    expressions, the loops of comprehensions with what they select, cases of a match, and those of
+    functions within it. ruff's C901 counts neither boolean operators nor expressions.
+    """
+    return 1 + sum(_ways(node) for node in ast.walk(function))
+
+
+_BRANCHES = (
+    ast.If,
+    ast.For,
+    ast.While,
+    ast.ExceptHandler,
+    ast.IfExp,
+    ast.comprehension,
+    ast.match_case,
+)
+
+
+def _ways(node: ast.AST) -> int:
+    if isinstance(node, ast.BoolOp):
+        return len(node.values) - 1
+    return int(isinstance(node, _BRANCHES))
 
 
 def modules() -> list[Module]:

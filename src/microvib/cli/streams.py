@@ -39,11 +39,7 @@ def _report_error(error: BaseException) -> int:
     """Say in sentences what ended a command, and return its status."""
     match error:
         case SystemExit():
-            if isinstance(error.code, int):
-                return error.code
-            if error.code:
-                return FAILED
-            return 0
+            return _exit_status(error)
         case KeyboardInterrupt() | click.Abort():
             if isinstance(error, click.Abort) and sys.stderr.isatty():
                 click.echo(err=True)  # behind the prompt that was left
@@ -51,23 +47,36 @@ def _report_error(error: BaseException) -> int:
         case click.ClickException():
             error.show()
             return error.exit_code
+        case StdoutWriteError() if isinstance(error.args[0], BrokenPipeError):
+            return CLOSED_PIPE  # who reads has enough: nothing is wrong
         case MicrovibError():
             return _say("\n".join(f"Error: {line}" for line in _error_text(error).splitlines()))
-        case ModuleNotFoundError() if sentence := missing_library(error):
-            return _say(f"Error: {sentence}")
+    if sentence := _sentence(error):
+        return _say(f"Error: {sentence}")
+    return _bug_report(error)
+
+
+def _exit_status(error: SystemExit) -> int:
+    if isinstance(error.code, int):
+        return error.code
+    return FAILED if error.code else 0
+
+
+def _sentence(error: BaseException) -> str:
+    """What is wrong with the machine that a user can mend; empty for anything else."""
+    match error:
+        case ModuleNotFoundError():
+            return missing_library(error)
         case MemoryError():
-            return _say(
-                "Error: memory is exhausted; a shorter record.duration or fewer cases at a time"
-                " need less"
+            return (
+                "memory is exhausted; a shorter record.duration or fewer cases at a time need less"
             )
         case StdoutWriteError():
             cause = error.args[0]
-            if isinstance(cause, BrokenPipeError):
-                return CLOSED_PIPE  # who reads has enough: nothing is wrong
-            return _say(f"Error: standard output cannot be written: {cause.strerror or cause}")
+            return f"standard output cannot be written: {cause.strerror or cause}"
         case OSError() if error.filename is not None:
-            return _say(f"Error: {error.filename}: {error.strerror or error}")
-    return _bug_report(error)
+            return f"{error.filename}: {error.strerror or error}"
+    return ""
 
 
 def _error_text(error: MicrovibError) -> str:

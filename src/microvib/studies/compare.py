@@ -350,74 +350,75 @@ def _side(
     match source:
         case Scenario():
             if clock is not None:
-                source, name = (
-                    source.with_({"tracking.clock_ratio": clock}),
-                    f"{name} at clock {clock:.6f}",
-                )
-            return _side(
-                simulate(source, channels=("T_d",), progress=progress),
-                name,
-                guide,
-                channel,
-                clock,
-                progress,
-            )
-        case Motion(scenario):
-            clock, x, rate = scenario.tracking.clock_ratio, source["T_d"], source.sample_rate
-            table = find_lines(source)
-            return Side(
-                name, "simulation", _figures(table), clock, x, rate, scenario,
-                duration=table.duration, observations=observations(table),
-            )  # fmt: skip
+                source = source.with_({"tracking.clock_ratio": clock})
+                name = f"{name} at clock {clock:.6f}"
+            return _of_motion(simulate(source, channels=("T_d",), progress=progress), name)
+        case Motion():
+            return _of_motion(source, name)
         case Recording():
-            return _side(Prepared(source.in_si()), name, guide, channel, clock, progress)
+            return _of_recording(Prepared(source.in_si()), guide, channel)
+        case Prepared():
+            return _of_recording(source, guide, channel)
         case RunFolder():
-            if source.lines is None:
-                raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")
-            motion, made = source.motion, source.scenario
-            if motion is None:
-                torque, rate = (None, math.nan)
-            else:
-                torque, rate = (motion["Mz"], motion.sample_rate)
-            if made is None:
-                ratio = None
-            else:
-                ratio = made.tracking.clock_ratio
-            if made is None:
-                lasts = math.nan
-            else:
-                lasts = made.record.duration
-            seen = observations(source.lines)
-            return Side(
-                str(source.path),
-                "run",
-                _figures(source.lines),
-                ratio,
-                torque,
-                rate,
-                made,
-                duration=lasts,
-                observations=seen,
-            )
-        case Prepared(recording, background):
-            table = lines_of_recording(recording, channel, guide, background)
-            found, x, rate = table.clock_ratio, recording[channel], recording.sample_rate
-            if found is None or guide is None:
-                ratio = None
-            else:
-                ratio = found * guide.tracking.clock_ratio
-            notes = (
-                *recording.told(channel),
-                *recording_warnings(recording, channel, guide, table),
-            )
-            return Side(
-                recording.title, "recording", _figures(table), ratio, x, rate, notes=notes,
-                duration=table.duration, observations=observations(table),
-            )  # fmt: skip
+            return _of_run_folder(source)
         case ReferenceLines():
             return Side(source.name, "reference", _figures(source.table))
         case LineTable():
             return Side(name, "table", _figures(source))
+
+
+def _of_motion(motion: Motion, name: str) -> Side:
+    table = find_lines(motion)
+    return Side(
+        name,
+        "simulation",
+        _figures(table),
+        motion.scenario.tracking.clock_ratio,
+        motion["T_d"],
+        motion.sample_rate,
+        motion.scenario,
+        duration=table.duration,
+        observations=observations(table),
+    )
+
+
+def _of_recording(source: Prepared, guide: Scenario | None, channel: str) -> Side:
+    recording = source.recording
+    table = lines_of_recording(recording, channel, guide, source.background)
+    ratio = None
+    if table.clock_ratio is not None and guide is not None:
+        ratio = table.clock_ratio * guide.tracking.clock_ratio
+    return Side(
+        recording.title,
+        "recording",
+        _figures(table),
+        ratio,
+        recording[channel],
+        recording.sample_rate,
+        notes=(
+            *recording.told(channel),
+            *recording_warnings(recording, channel, guide, table),
+        ),
+        duration=table.duration,
+        observations=observations(table),
+    )
+
+
+def _of_run_folder(source: RunFolder) -> Side:
+    if source.lines is None:
+        raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")
+    motion, made = source.motion, source.scenario
+    return Side(
+        str(source.path),
+        "run",
+        _figures(source.lines),
+        None if made is None else made.tracking.clock_ratio,
+        None if motion is None else motion["Mz"],
+        math.nan if motion is None else motion.sample_rate,
+        made,
+        duration=math.nan if made is None else made.record.duration,
+        observations=observations(source.lines),
+    )
 
 
 def _decay_with_uncertainty(line: Line) -> tuple[float, float]:
