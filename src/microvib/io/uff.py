@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -213,7 +214,7 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
             f"channel {label} is truncated, or broken; it says that it has {points} samples"
         )
     if re.match(rb" *58 *b", line, re.IGNORECASE):
-        values, at = _binary(data, line, at, points, kind, spacing=spacing, label=label)
+        values, at = _binary(data, line, at, _Numbers(label, kind, points, spacing == 1))
     else:
         values, at = _text(data, at, points * each, label, points)
     if kind in (5, 6):
@@ -298,33 +299,49 @@ def _text(data: bytes, at: int, count: int, label: str, points: int) -> tuple[np
     return values, end.end()
 
 
-def _binary(
-    data: bytes, line: bytes, at: int, points: int, kind: int, *, spacing: int, label: str
-) -> tuple[np.ndarray, int]:
+@dataclass(frozen=True)
+class _Numbers:
+    """What the header of a dataset says of its numbers."""
+
+    label: str  # of the channel
+    kind: int
+    points: int
+    even: bool  # without abscissas
+
+    @property
+    def size(self) -> int:
+        """Bytes of a number."""
+        return 4 if self.kind in (2, 5) else 8
+
+    @property
+    def parts(self) -> int:
+        """Two of a complex number."""
+        return 2 if self.kind in (5, 6) else 1
+
+    @property
+    def abscissa_sizes(self) -> tuple[int, ...]:
+        """Bytes that an abscissa may have, 0 without."""
+        return (0,) if self.even else (4, self.size)
+
+
+def _binary(data: bytes, line: bytes, at: int, numbers: _Numbers) -> tuple[np.ndarray, int]:
     """Binary numbers, as many as the header says: what looks like an end within them is none."""
     text = line.decode("latin-1")
     order, form, said = (int(_field(text, *place)) for place in ((7, 6), (13, 6), (31, 12)))
     if form not in (0, _IEEE):
         raise RecordingError(
-            f"channel {label} has numbers in a format other than IEEE 754 ({form}); export it"
-            " again, or as text"
+            f"channel {numbers.label} has numbers in a format other than IEEE 754 ({form}); export"
+            " it again, or as text"
         )
-    size = 4 if kind in (2, 5) else 8
-    parts = 2 if kind in (5, 6) else 1
-    if spacing == 1:
-        layouts = [(size, size)]
-    else:
-        layouts = [(4, size), (size, size)]
-    for along, own in layouts:
-        whole = points * (parts * own + (0 if spacing == 1 else along))
+    *others, last = numbers.abscissa_sizes
+    for along in (*others, last):
+        whole = numbers.points * (numbers.parts * numbers.size + along)
         stop = _end_at(data, at + whole)
-        if stop >= 0 and (said in (0, whole) or len(layouts) == 1 or along == layouts[-1][0]):
-            return _unpacked(
-                data[at : at + whole], order, points, parts, own, 0 if spacing == 1 else along
-            ), stop
+        if stop >= 0 and (said in (0, whole) or along == last):
+            return _unpacked(data[at : at + whole], order, numbers, along), stop
     raise RecordingError(
-        f"channel {label} is truncated or broken: after its {points} samples the dataset does not"
-        f" end (it says {said} bytes)"
+        f"channel {numbers.label} is truncated or broken: after its {numbers.points} samples the"
+        f" dataset does not end (it says {said} bytes)"
     )
 
 
@@ -338,19 +355,19 @@ def _end_at(data: bytes, at: int) -> int:
     return found.end()
 
 
-def _unpacked(
-    data: bytes, order: int, points: int, parts: int, size: int, along: int
-) -> np.ndarray:
-    """Numbers of a dataset, in the byte order that it says; in the other where only that gives
-    numbers of any sense.
+def _unpacked(data: bytes, order: int, numbers: _Numbers, along: int) -> np.ndarray:
+    """Numbers of a dataset with abscissas of ``along`` bytes, in the byte order that it says; in
+    the other where only that gives numbers of any sense.
     """
     found = []
     for mark in ("<", ">") if order in (0, 1) else (">", "<"):
-        fields = ([("x", f"{mark}f{along}")] if along else []) + [("y", f"{mark}f{size}", (parts,))]
-        table = np.frombuffer(data, np.dtype(fields), count=points)
-        columns = ([table["x"].astype(float)] if along else []) + [
-            table["y"][:, k].astype(float) for k in range(parts)
-        ]
+        fields: list[Any] = [("y", f"{mark}f{numbers.size}", (numbers.parts,))]
+        if along:
+            fields = [("x", f"{mark}f{along}"), *fields]
+        table = np.frombuffer(data, np.dtype(fields), count=numbers.points)
+        columns = [table["y"].astype(float)]
+        if along:
+            columns = [table["x"].astype(float), *columns]
         found.append(np.column_stack(columns).ravel())
         if _makes_sense(found[-1]):
             return found[-1]

@@ -136,9 +136,10 @@ def excesses(
         if line.amplitude_n_m > 0.0
     )
     line_error = LINE_ERROR + 2.0 * min(max((y for y in own if math.isfinite(y)), default=0.0), 0.1)
+    bands = _Bands(edges, floor, line_error)
     worst: dict[int, Excess] = {}
     for pieces in _PIECES:
-        for k, found in _in_pieces(x, model, n // pieces, sample_rate, edges, floor, line_error):
+        for k, found in _in_pieces(n // pieces, sample_rate, x, model, bands):
             if k not in worst or found.rms > worst[k].rms:
                 worst[k] = found
     return tuple(worst[k] for k in sorted(worst))
@@ -216,9 +217,18 @@ def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
     return 2.0 * np.abs(values) ** 2 / (length * np.sum(window**2))
 
 
+@dataclass(frozen=True)
+class _Bands:
+    """What is known of bands of frequency."""
+
+    edges: np.ndarray  # [Hz], (k + 1,)
+    floor: np.ndarray  # power density, the mean and at most, (2, k)
+    line_error: float  # relative, of amplitudes
+
+
 def _in_pieces(
-    x: np.ndarray, model: np.ndarray, length: int, sample_rate: float, edges: np.ndarray, floor: np.ndarray, line_error: float,
-) -> Iterator[tuple[int, Excess]]:  # fmt: skip
+    length: int, sample_rate: float, x: np.ndarray, model: np.ndarray, bands: _Bands
+) -> Iterator[tuple[int, Excess]]:
     """Numbers of bands that pieces of ``length`` samples resolve and that hold more than lines and
     floor, and what is more.
     """
@@ -230,16 +240,16 @@ def _in_pieces(
         starts = np.append(starts, x.size - length)
     window = np.lib.stride_tricks.sliding_window_view
     samples, lines = (_power(window(y, length)[starts], sample_rate) for y in (x, model))
-    for k, (low, high) in enumerate(pairwise(edges.tolist())):
+    for k, (low, high) in enumerate(pairwise(bands.edges.tolist())):
         if low * duration < _FIRST or (high - low) * duration < _BINS:
             continue
         bins = slice(math.ceil(low * duration), math.ceil(high * duration))
         all_of, of_lines = samples[:, bins].sum(axis=1), lines[:, bins].sum(axis=1)
-        noise, at_most = floor[:, k] * (high - low)
+        noise, at_most = bands.floor[:, k] * (high - low)
         free = max((high - low) * duration / _WIDE, 1.0)  # pairs of degrees of freedom
         by_chance = at_most * float(gammainccinv(free, _BY_CHANCE)) / free
-        under = _SIGMAS * np.sqrt(2.0 * of_lines * floor[1, k] * _WIDE / duration)
-        known = (1.0 + line_error) ** 2 * of_lines
+        under = _SIGMAS * np.sqrt(2.0 * of_lines * bands.floor[1, k] * _WIDE / duration)
+        known = (1.0 + bands.line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
         more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)

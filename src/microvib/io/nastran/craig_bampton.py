@@ -4,6 +4,7 @@ shapes with mass in OP4.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from microvib.io.nastran.library import grid_coordinates, lines_of, pyyeti, rigid_motion
 from microvib.io.nastran.printed import read_punched
-from microvib.structures.deck import ORIGIN, Deck, ImportOptions, Point
+from microvib.structures.deck import Deck, ImportOptions
 from microvib.structures.modal import ModalError, natural_frequency
 
 LARGEST_MATRIX = 1_000_000_000  # bytes of the largest matrix that is read into memory in full
@@ -141,7 +142,8 @@ def _from_reduced(path: Path, K: Any, M: Any, options: ImportOptions) -> Deck:
         )
     boundary = _boundary_of_six(K, M)
     said = "The boundary is taken to be the interface point, in axes of the basic frame."
-    return _fixed(K, M, boundary, np.eye(6), options.interface, grids={}, notes=(said,))
+    deck = _fixed(K, M, boundary, np.eye(6))
+    return replace(deck, reference=options.interface, notes=(said,))
 
 
 def _geometry_beside(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] | None:
@@ -195,7 +197,7 @@ def _tied(K: Any, M: Any, boundary: np.ndarray, points: Any, rows: np.ndarray) -
         if len(grids) == 1
         else (f"The {len(grids)} boundary grids are tied rigidly to the interface point.",)
     )
-    return _fixed(K, M, boundary, rigid_motion(points)[rows], ORIGIN, grids=grids, notes=said)
+    return replace(_fixed(K, M, boundary, rigid_motion(points)[rows]), grids=grids, notes=said)
 
 
 def _boundary_of_six(K: np.ndarray, M: np.ndarray) -> np.ndarray:
@@ -221,10 +223,7 @@ def _diagonal(A: np.ndarray) -> bool:
     return bool(np.abs(A - np.diag(np.diag(A))).max() <= 1e-4 * np.abs(A).max())
 
 
-def _fixed(
-    K: Any, M: Any, boundary: np.ndarray, R: np.ndarray, reference: int | Point,
-    *, grids: dict[int, np.ndarray], notes: tuple[str, ...],
-) -> Deck:  # fmt: skip
+def _fixed(K: Any, M: Any, boundary: np.ndarray, R: np.ndarray) -> Deck:
     """Fixed-interface modes and participation M_bq of a Craig-Bampton model; ``R`` (b, 6) moves its
     boundary rigidly.
     """
@@ -248,7 +247,7 @@ def _fixed(
     frequency = natural_frequency(eigenvalue)
     mass = R.T @ M[np.ix_(boundary, boundary)] @ R
     _check_free(R.T @ K[np.ix_(boundary, boundary)] @ R, mass, float(frequency[0]))
-    return Deck(frequency, R.T @ M_bq @ phi, mass, reference, grids, notes=notes)
+    return Deck(frequency, R.T @ M_bq @ phi, mass)
 
 
 def _check_free(stiffness: np.ndarray, mass: np.ndarray, first: float) -> None:

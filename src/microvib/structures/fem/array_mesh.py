@@ -174,8 +174,7 @@ def _root_hinges(mesh: Mesh, design: ArrayDesign, seats: dict[float, int], first
             first,
             hinge,
             (x, hinge.position, 0.0),
-            start=x,
-            end=x + hinge.footprint,
+            along=(x, x + hinge.footprint),
         )
         mesh.parts.append(
             Spring("root hinge", (seats[hinge.position], node), hinge.stiffness.values)
@@ -190,20 +189,22 @@ def _hinge_line(mesh: Mesh, design: ArrayDesign, number: int, before: Panel, aft
     name = f"hinge line {number}-{number + 1}"
     for hinge in design.hinges.between:
         place = ((edge + other) / 2.0, hinge.position, design.offset)
-        a = _footprint(mesh, name, before, hinge, place, start=edge - hinge.footprint, end=edge)
-        b = _footprint(mesh, name, after, hinge, place, start=other, end=other + hinge.footprint)
+        a = _footprint(mesh, name, before, hinge, place, along=(edge - hinge.footprint, edge))
+        b = _footprint(mesh, name, after, hinge, place, along=(other, other + hinge.footprint))
         mesh.parts.append(Spring(name, (a, b), hinge.stiffness.values))
 
 
 def _footprint(
-    mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, *, start: float, end: float
+    mesh: Mesh, name: str, panel: Panel, hinge: Hinge, place: Point, *, along: tuple[float, float]
 ) -> int:
-    """A node at ``place``, rigidly linked to the panel's nodes in the hinge's footprint."""
+    """A node at ``place``, rigidly linked to the panel's nodes in the hinge's footprint, which is
+    ``along`` x [m].
+    """
     index, xyz = panel
     half = hinge.footprint / 2.0 + 1e-6
     inside = (
-        (xyz[:, 0] > start - 1e-6)
-        & (xyz[:, 0] < end + 1e-6)
+        (xyz[:, 0] > along[0] - 1e-6)
+        & (xyz[:, 0] < along[1] + 1e-6)
         & (np.abs(xyz[:, 1] - hinge.position) < half)
     )
     node = mesh.node(*place)

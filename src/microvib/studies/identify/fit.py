@@ -29,6 +29,7 @@ from microvib.studies.identify.keys import FitKey, IntegerKey, parse_key
 from microvib.studies.identify.lacking import unmodelled_effects
 from microvib.studies.identify.misread import diagnose_units_signs
 from microvib.studies.identify.problem import (
+    BestSoFar,
     ErrorModel,
     FitProgress,
     Problem,
@@ -239,7 +240,7 @@ def identify(
         selector = Selector(scenario, tests, fitted, effects, trust, seed, starts, progress, wholes)
         scenario, tests, fitted, asked = selector.run()
         wholes += [its for one in asked if one.selected and (its := EFFECTS[one.effect].whole)]
-    problem = Problem(scenario, tests, fitted, trust, progress)
+    problem = Problem(scenario, tests, fitted, trust, BestSoFar(progress))
     require_lines([one for one, _ in tests])
     found, interrupted = _last_stage(_with_integer_stages(problem, wholes, seed, starts, finishes))
     return replace(

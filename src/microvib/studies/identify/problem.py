@@ -196,11 +196,12 @@ class ErrorModel:
 class BestSoFar:
     """Count of simulations and the best so far, through all that is done to a problem."""
 
-    def __init__(self, progress: FitProgress) -> None:
+    def __init__(self, progress: FitProgress | None = None) -> None:
         self.stage, self.simulations, self.stopped = "global", 0, False
         # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
-        self._cost, self._progress, self._lock = math.inf, progress, Lock()
+        self._progress: FitProgress = progress or (lambda *_: None)
+        self._cost, self._lock = math.inf, Lock()
 
     def more(self, simulations: int) -> None:
         """Simulations that are no point of a search."""
@@ -223,6 +224,20 @@ class BestSoFar:
             self._tell()
 
 
+def _start_coordinates(
+    scenario: Scenario, tests: Sequence[Scenario], keys: Sequence[FitKey]
+) -> np.ndarray:
+    """Coordinates of the scenario's values or, of a key with one in each test, of its test's."""
+    shared = {name: value for name, value, _ in scenario.entries()}
+    own = [{name: value for name, value, _ in test.entries()} for test in tests]
+    return np.array(
+        [
+            key.coordinate(float((shared if key.test is None else own[key.test])[key.key]))
+            for key in keys
+        ]
+    )
+
+
 class Problem:
     """Residuals of all observations at points in the space of the fitted parameters' coordinates."""
 
@@ -232,7 +247,6 @@ class Problem:
         evidence: Sequence[tuple[Evidence, TestOverrides]],
         keys: Sequence[FitKey],
         trust: ErrorModel,
-        progress: FitProgress | None = None,
         best_so_far: BestSoFar | None = None,
         whole: Problem | None = None,
     ) -> None:
@@ -240,25 +254,17 @@ class Problem:
         # whose records this one has shortened
         self.whole = whole
         tests = [(one, as_tested(scenario, one, own)) for one, own in evidence]
-        if whole is None:
-            self.tests = tests
-        else:
+        self.tests = tests
+        if whole is not None:
             self.tests = [(one, with_short_record(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
         self.weights = self.tight = np.array(
             [total_standard_deviation(o, trust.each) for _, o in self.observed]
         )
-        own = [
-            {name: value for name, value, _ in one.entries()}
-            for one in (scenario, *(test for _, test in tests))
-        ]
-        starts = (float(own[0 if key.test is None else key.test + 1][key.key]) for key in self.keys)
-        self.start = np.array(
-            [key.coordinate(start) for key, start in zip(self.keys, starts, strict=True)]
-        )
+        self.start = _start_coordinates(scenario, [test for _, test in tests], self.keys)
         self.spans = np.array([key.span for key in self.keys])
         self.low, self.high = np.array([key.reach for key in self.keys]).T
-        self.best_so_far = best_so_far or BestSoFar(progress or (lambda *_: None))
+        self.best_so_far = best_so_far or BestSoFar()
 
     def again(
         self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, TestOverrides]] | None = None,

@@ -26,7 +26,14 @@ from microvib.studies.identify.keys import (
     IntegerKey,
     parse_fit,
 )
-from microvib.studies.identify.problem import ErrorModel, FitProgress, Problem, TestOverrides, cost
+from microvib.studies.identify.problem import (
+    BestSoFar,
+    ErrorModel,
+    FitProgress,
+    Problem,
+    TestOverrides,
+    cost,
+)
 from microvib.studies.identify.scattered import minus_two_log_likelihood, refine_noisy_optimum
 from microvib.studies.identify.search import (
     COARSE_COST_TOLERANCE,
@@ -341,7 +348,7 @@ class Selector:
             tests,
             [*self.keys, *self.keys_of(scenario, models)],
             self.trust,
-            self.progress,
+            BestSoFar(self.progress),
         )
         while (along := problem.along()) is not None:
             problem = along
