@@ -83,7 +83,7 @@ class RunResult:
         return read_error_estimate(self.solver)
 
 
-def run_scenario(
+def run_scenario(  # noqa: PLR0913 - keyword options
     scenario: GivenScenario,
     *,
     start: Start | None = None,

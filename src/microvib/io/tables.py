@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
@@ -146,17 +147,12 @@ def dict_rows(
         head, *rows = _cells(lines) or [[]]
         columns = [names.get(name.strip().lower(), name.strip()) for name in head]
         rows = [row for row in rows if row]
-        while (
-            columns
-            and not columns[-1]
-            and not any("".join(row[len(columns) - 1 :]).strip() for row in rows)
-        ):
+        while columns and not columns[-1] and not _has_cells(rows, len(columns) - 1):
             columns.pop()  # spreadsheets leave empty columns behind
-        _check_columns(
-            path, columns if rows else [], names, kind, what, needed=needed, ignored=ignored
-        )
+        expected = _KnownColumns(tuple(names.values()), tuple(needed), ignored, what)
+        _check_columns(path, columns if rows else [], expected, kind)
         for k, row in enumerate(rows, 2):
-            if any(cell.strip() for cell in row[len(columns) :]):
+            if _has_cells([row], len(columns)):
                 raise kind(
                     f"{path}, row {k}: has {len(row)} cells, and the first line names"
                     f" {len(columns)} columns"
@@ -164,28 +160,38 @@ def dict_rows(
     return [dict(zip(columns, [*row, *[""] * len(columns)], strict=False)) for row in rows]
 
 
+def _has_cells(rows: Sequence[Sequence[str]], first: int) -> bool:
+    """Whether anything is in the columns from the ``first`` on."""
+    return any(cell.strip() for row in rows for cell in row[first:])
+
+
+@dataclass(frozen=True)
+class _KnownColumns:
+    """Columns that a table may have."""
+
+    names: tuple[str, ...]
+    needed: tuple[str, ...]
+    ignored: str  # regular expression of those that are not read
+    what: str  # is in the rows, in words
+
+
 def _check_columns(
-    path: Path, columns: Sequence[str], names: Mapping[str, str], kind: type[MicrovibError], what: str,
-    *, needed: Sequence[str], ignored: str,
-) -> None:  # fmt: skip
-    """Refuse a table that lacks ``needed`` columns, or has others than those with these ``names``,
-    or one twice.
-    """
-    for name in needed:
+    path: Path, columns: Sequence[str], known: _KnownColumns, kind: type[MicrovibError]
+) -> None:
+    """Refuse a table that lacks columns which are needed, or has unknown ones, or one twice."""
+    what = known.what
+    for name in known.needed:
         if name not in columns:
             raise kind(
-                f"{path}: is not a table of {what}: a header with {', '.join(needed)} is expected;"
-                f" {name} is missing"
+                f"{path}: is not a table of {what}: a header with {', '.join(known.needed)} is"
+                f" expected; {name} is missing"
             )
     for name in columns:
-        if name not in names.values() and not re.fullmatch(ignored, name):
-            if what:
-                none = f"is not a table of {what}: "
-            else:
-                none = ""
+        if name not in known.names and not re.fullmatch(known.ignored, name):
+            none = f"is not a table of {what}: " if what else ""
             raise kind(
                 f"{path}: {none}column {quoted_value(name)} is not known;"
-                f" {_proposal(name, names.values())}"
+                f" {_proposal(name, known.names)}"
             )
         if columns.count(name) > 1:
             raise kind(f"{path}: column '{name}' is there twice; leave one of them out")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 
-def study_report(
+def study_report(  # noqa: PLR0913 - keyword options
     kind: str,
     title: str,
     subtitle: str,

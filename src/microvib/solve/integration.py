@@ -146,7 +146,7 @@ class Simulation:
     stuck_output: float
     momentum: float
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - keyword options
         self,
         scenario: Scenario,
         *,
@@ -197,7 +197,7 @@ class Simulation:
         self._command, self._known_until = command or Command(scenario), -math.inf
         self._chunk = min(CHUNK_TIME, CHUNK_STEPS / max(max_driving_frequency(scenario), 1.0))
 
-    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
+    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:  # noqa: C901
         begun = clock_time.perf_counter()
         record, packed = self.scenario.record, self.packed
         x = packed.state

@@ -43,7 +43,7 @@ class Analysis:
     """Lower and upper end [Hz] of the bands asked for, and their RMS."""
 
 
-def analyse(
+def analyse(  # noqa: PLR0913 - keyword options
     source: Source,
     *,
     name: str = "",

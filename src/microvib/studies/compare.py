@@ -178,7 +178,7 @@ class Comparison(NamedTuple):
 ComparisonSource = Source | Motion | Recording
 
 
-def compare(
+def compare(  # noqa: PLR0913 - keyword options
     a: ComparisonSource | str | os.PathLike[str],
     b: ComparisonSource | str | os.PathLike[str],
     *,

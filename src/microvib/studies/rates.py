@@ -288,7 +288,7 @@ class RatePlan:
         return max(found, default=math.nan)
 
 
-def plan_rates(
+def plan_rates(  # noqa: PLR0913 - keyword options
     scenario: GivenScenario,
     rates: Sequence[GivenQuantity],
     microsteps: Sequence[int] | None = None,

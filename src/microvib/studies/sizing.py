@@ -34,7 +34,7 @@ class SizingResult:
     array: ModalModel | None = None
 
 
-def size_simulator(
+def size_simulator(  # noqa: PLR0913 - keyword options
     *, inertia: str | None = None, frequency: str | None = None, array: str | None = None, states: Sequence[str] = (),
     file: Path | None = None, amplitude: str = "2 deg", rate: str = "0.06 deg/s", design: str = "reference-sas",
     files: FileAccess = NO_FILES,

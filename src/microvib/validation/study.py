@@ -139,7 +139,7 @@ def _peak_from_power_on(scenario: Scenario) -> float:
     return float(np.abs(simulate(scenario.with_si(whole), channels=("T_d",))["T_d"]).max())
 
 
-def _check(
+def _check(  # noqa: PLR0913 - a row of the checks
     item: str,
     source: str,
     ours: float,
@@ -158,7 +158,7 @@ def _check(
     return Check(item, source, paper, test, ours, error, bar, holds, status)
 
 
-def check_near(
+def check_near(  # noqa: PLR0913 - a row of the checks
     item: str,
     source: str,
     ours: float,

@@ -26,7 +26,7 @@ from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
 
 
-def run_to_folder(
+def run_to_folder(  # noqa: PLR0913 - keyword options
     scenario: Scenario,
     out: Path,
     *,

@@ -140,7 +140,7 @@ class Budget:
         return "not judged"
 
 
-def pointing_budget(
+def pointing_budget(  # noqa: PLR0913 - keyword options
     scenarios: GivenScenario | Sequence[GivenScenario],
     requirements: Requirements | str | Path | None = None,
     *,

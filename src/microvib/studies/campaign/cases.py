@@ -20,7 +20,7 @@ from microvib.analysis.lines import find_lines, steady_lines
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
-from microvib.signals.line_table import LineTable
+from microvib.signals.line_table import Line, LineTable
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.integration import SECOND_WING, simulate_from_rest
 from microvib.solve.on_craft import LINE_OF_SIGHT_ACCELERATIONS
@@ -159,6 +159,11 @@ class _Result:
     los: dict[str, np.ndarray] | None = None
     """Amplitudes of both angles of the line of sight [rad] and frequency [Hz], (3,), by line."""
 
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """Its lines; none of a case that failed."""
+        return () if self.table is None else tuple(self.table)
+
 
 WORKER_DIED = _Result(
     reason="its worker died each time it was computed (memory exhausted, killed, crashed, or slower than time_limit)"
@@ -264,28 +269,10 @@ def _solved(work: WorkPackage, scenario: Scenario, torque: Torque | Exception | 
         if isinstance(torque, Exception):
             raise torque
         if torque is not None:
-            table = find_lines(torque, harmonics=work.study.harmonics)
-            second = _second_wing_lines(work, scenario)
-            return _result(
-                work.study, scenario, table, torque.T_d, torque.stuck_output, second=second
-            )
+            return _of_torque(work, scenario, torque)
         if _has_line_of_sight(scenario):
             return _with_line_of_sight(work, scenario)
-        found = steady_lines(scenario, harmonics=work.study.harmonics)
-        if found.state is not None:
-            stuck = found.state.stuck_output
-        else:
-            stuck = math.nan
-        second = _second_wing_lines(work, scenario)
-        return _result(
-            work.study,
-            scenario,
-            found.lines,
-            found.source["T_d"],
-            stuck,
-            note=found.fallback,
-            second=second,
-        )
+        return _of_steady_state(work, scenario)
     except MicrovibError as error:
         return _failed(error)
     except MemoryError:
@@ -294,6 +281,20 @@ def _solved(work: WorkPackage, scenario: Scenario, torque: Torque | Exception | 
         )
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
+
+
+def _of_torque(work: WorkPackage, scenario: Scenario, torque: Torque) -> _Result:
+    table = find_lines(torque, harmonics=work.study.harmonics)
+    second = _second_wing_lines(work, scenario)
+    return _result(work.study, scenario, _Motion(table, torque.T_d, torque.stuck_output, second))
+
+
+def _of_steady_state(work: WorkPackage, scenario: Scenario) -> _Result:
+    found = steady_lines(scenario, harmonics=work.study.harmonics)
+    stuck = math.nan if found.state is None else found.state.stuck_output
+    second = _second_wing_lines(work, scenario)
+    motion = _Motion(found.lines, found.source["T_d"], stuck, second, found.fallback)
+    return _result(work.study, scenario, motion)
 
 
 def _has_line_of_sight(scenario: Scenario) -> bool:
@@ -320,10 +321,7 @@ def _second_wing_lines(work: WorkPackage, scenario: Scenario) -> LineTable | Non
 def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
     """A case of a craft, with the lines of its line of sight."""
     harmonics = work.study.harmonics
-    if work.steady:
-        state, fallback = find_steady(scenario)
-    else:
-        state, fallback = (None, "")
+    state, fallback = find_steady(scenario) if work.steady else (None, "")
     kept = ("T_d", "stuck_output", "alpha_l", "alpha_m", *LINE_OF_SIGHT_ACCELERATIONS)
     source = state or simulate_from_rest(scenario, channels=kept, balanced=False)
     table = find_lines(source, harmonics=harmonics)
@@ -335,42 +333,45 @@ def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
     los = dict(
         zip(on_hub.names, np.column_stack([on_hub.amplitude, on_hub.frequency]), strict=True)
     )
-    if source.beside is None:
-        second = None
-    else:
-        second = find_lines(source.beside, harmonics=harmonics)
-    return replace(
-        _result(work.study, scenario, table, source["T_d"], stuck, note=fallback, second=second),
-        los=los,
-    )
+    second = None if source.beside is None else find_lines(source.beside, harmonics=harmonics)
+    motion = _Motion(table, source["T_d"], stuck, second, fallback)
+    return replace(_result(work.study, scenario, motion), los=los)
 
 
-def _result(
-    study: Study,
-    scenario: Scenario,
-    table: LineTable,
-    x: np.ndarray,
-    stuck_output: float,
-    *,
-    note: str = "",
-    second: LineTable | None = None,
-) -> _Result:
-    """A case whose lines are known, with those of a ``second`` wing's drive, judged as its run
-    would be.
+@dataclass(frozen=True)
+class _Motion:
+    """The motion of a case that was solved."""
+
+    table: LineTable
+    T_d: np.ndarray
+    """[N m]"""
+    stuck_output: float
+    second: LineTable | None
+    """Of a second wing's drive."""
+    note: str = ""
+
+
+def _result(study: Study, scenario: Scenario, motion: _Motion) -> _Result:
+    """A case whose motion is known, judged as its run would be.
 
     One whose motion is not sound has failed: it counts as a case of which nothing is known.
     """
-    if why := failed_invariants_reason(
-        (*table.broken, *(() if second is None else second.broken)), scenario
-    ):
+    table, second, T_d = motion.table, motion.second, motion.T_d
+    broken = (*table.broken, *(() if second is None else second.broken))
+    if why := failed_invariants_reason(broken, scenario):
         return _Result(reason=why)
     verdict, gaps, limit = 0, "", limit_of(study)
     if limit is not None:
         judgement = _judged(table, limit, scenario, second)
         verdict, gaps = VERDICTS.index(judgement.verdict), judgement.not_judged(1).strip()
-    scalars = (float(np.abs(x).max()), float(x.std()), stuck_output)
-    table = replace(table, find_error=None)  # with it goes the motion, which no process needs
-    return _Result(table, scalars, verdict, gaps, note=note, T_d=x if "T_d" in study.keep else None)
+    return _Result(
+        replace(table, find_error=None),  # with it goes the motion, which no process needs
+        (float(np.abs(T_d).max()), float(T_d.std()), motion.stuck_output),
+        verdict,
+        gaps,
+        note=motion.note,
+        T_d=T_d if "T_d" in study.keep else None,
+    )
 
 
 _MAX_SEEN_ERROR = 0.25
@@ -399,36 +400,75 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
     """Results of single cases as one chunk; unexpected lines by their rank in the case (``other_1``
     is the largest).
     """
-    found = {i: tuple(r.table) for i, r in enumerate(results) if r.table is not None}
-    names = dict.fromkeys(x.line for lines in found.values() for x in lines)
-    names |= dict.fromkeys(
-        name for r in results for name in r.los or ()
-    )  # of a second wing's drive
-    statuses = tuple(
-        sorted({_status_without_values(x.status) for lines in found.values() for x in lines})
-    )
-    column, number = ({text: k for k, text in enumerate(texts)} for texts in (names, statuses))
-    figures = {name: np.full((len(results), len(names)), math.nan) for name in FIGURES}
-    status = np.full((len(results), len(names)), -1, dtype=np.int16)
-    for i, lines in found.items():
-        here = [column[x.line] for x in lines]
-        status[i, here] = [number[_status_without_values(x.status)] for x in lines]
-        for name, values in figures.items():
-            values[i, here] = [getattr(x, _OF_LINE[name]) for x in lines]
-    if any(r.los is not None for r in results):
-        for k, name in enumerate(LINE_OF_SIGHT):
-            figures[name] = np.full((len(results), len(names)), math.nan)
-            for i, result in enumerate(results):
-                for line, found_there in (result.los or {}).items():
-                    figures[name][i, column[line]] = found_there[k]
-        _fill_second_wing_frequencies(figures["frequency"], results, column)
+    names = _line_names(results)
+    figures = _line_figures(results, names) | _line_of_sight_figures(results, names)
+    _fill_second_wing_frequencies(figures["frequency"], results, names)
+    statuses, status = _statuses(results, names)
     return Chunk(
-        label=label, lines=tuple(names), figures=figures, status=status, statuses=statuses,
+        label=label,
+        lines=tuple(names),
+        figures=figures,
+        status=status,
+        statuses=statuses,
         scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},
-        verdict=np.array([r.verdict for r in results], dtype=np.int8), gaps=tuple(r.gaps for r in results),
-        reasons=tuple(r.reason for r in results), notes=tuple(r.note for r in results),
+        verdict=np.array([r.verdict for r in results], dtype=np.int8),
+        gaps=tuple(r.gaps for r in results),
+        reasons=tuple(r.reason for r in results),
+        notes=tuple(r.note for r in results),
         histories={k: r.T_d for k, r in enumerate(results) if r.T_d is not None},
-    )  # fmt: skip
+    )
+
+
+def _line_names(results: Sequence[_Result]) -> dict[str, int]:
+    """Columns of the lines of all cases, those of the line of sight alone behind the others: a
+    second wing's drive has lines of its own.
+    """
+    names: dict[str, None] = {}
+    for result in results:
+        names |= dict.fromkeys(line.line for line in result.lines)
+    for result in results:
+        names |= dict.fromkeys(result.los or ())
+    return {name: k for k, name in enumerate(names)}
+
+
+def _line_figures(results: Sequence[_Result], column: dict[str, int]) -> dict[str, np.ndarray]:
+    """FIGURES of every line, (cases, lines) each; nan where a case has no such line."""
+    figures = {name: np.full((len(results), len(column)), math.nan) for name in FIGURES}
+    for name, values in figures.items():
+        for i, result in enumerate(results):
+            here = [column[line.line] for line in result.lines]
+            values[i, here] = [getattr(line, _OF_LINE[name]) for line in result.lines]
+    return figures
+
+
+def _line_of_sight_figures(
+    results: Sequence[_Result], column: dict[str, int]
+) -> dict[str, np.ndarray]:
+    """LINE_OF_SIGHT of every line, (cases, lines) each; nothing where no case has one."""
+    if all(result.los is None for result in results):
+        return {}
+    figures = {name: np.full((len(results), len(column)), math.nan) for name in LINE_OF_SIGHT}
+    for k, values in enumerate(figures.values()):
+        for i, result in enumerate(results):
+            for line, amplitudes in (result.los or {}).items():
+                values[i, column[line]] = amplitudes[k]
+    return figures
+
+
+def _statuses(
+    results: Sequence[_Result], column: dict[str, int]
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """What is said of lines, and its number for every line, (cases, lines); -1 where a case has no
+    such line.
+    """
+    said = [[_status_without_values(line.status) for line in result.lines] for result in results]
+    statuses = tuple(sorted({text for each in said for text in each}))
+    number = {text: k for k, text in enumerate(statuses)}
+    status = np.full((len(results), len(column)), -1, dtype=np.int16)
+    for i, result in enumerate(results):
+        here = [column[line.line] for line in result.lines]
+        status[i, here] = [number[text] for text in said[i]]
+    return statuses, status
 
 
 def _fill_second_wing_frequencies(

@@ -152,70 +152,75 @@ def line_statistics(
     points = results.campaign.design.samples.shape[0]
     levels = levels_of(results)
     names = [LARGEST_LINE, *(name for name in results.lines if not is_unlisted(name))]
+    whole = None if limit is None else case_verdicts(results, limit, band)
     rows: list[list[LineStatistics]] = [[] for _ in levels]
-    if limit is None:
-        judged = None
-    else:
-        judged = case_verdicts(results, limit, band)
-    for line in names:
-        amplitude = amplitudes(results, line, band)
-        if line == LARGEST_LINE or limit is None or judged is None:
-            verdicts = judged
-        else:
-            verdicts = line_verdicts(results, line, limit, band, judged)
-        if line == LARGEST_LINE:
-            frequency = np.full(amplitude.size, np.nan)
-        else:
-            frequency = results.of(line, "frequency")
+    for name in names:
+        amplitude = amplitudes(results, name, band)
+        frequency, verdicts = np.full(amplitude.size, np.nan), whole
+        if name != LARGEST_LINE:
+            frequency = results.of(name, "frequency")
+            if limit is not None and whole is not None:
+                verdicts = line_verdicts(results, name, limit, band, whole)
         for level in levels:
             here = np.arange(level.number * points, (level.number + 1) * points)
             drawn = here[counted[here] & np.isfinite(amplitude[here])]
+            computed = here[counted[here] & (results.state[here] != MISSING)]
             if drawn.size:
-                if verdicts is None:
-                    judgement = None
-                else:
-                    judgement = verdicts[here[counted[here] & (results.state[here] != MISSING)]]
-                worst = int(here[np.nanargmax(amplitude[here])])
-                x, f, largest = amplitude[drawn], frequency[drawn], float(amplitude[worst])
-                rows[level.number].append(
-                    _statistics_of_line(line, level, x, f, judgement, worst=worst, largest=largest)
+                line = _LineAtLevel(
+                    amplitude[drawn],
+                    frequency[drawn],
+                    None if verdicts is None else verdicts[computed],
+                    int(here[np.nanargmax(amplitude[here])]),
                 )
+                largest = float(amplitude[line.worst])
+                rows[level.number].append(_statistics_of_line(name, level, line, largest))
     return [
         row for each in rows for row in (*each[:1], *sorted(each[1:], key=lambda row: -row.mean))
     ]
 
 
+@dataclass(frozen=True)
+class _LineAtLevel:
+    """One line in the cases of a level."""
+
+    amplitude: np.ndarray
+    """Of cases that have it, (n,), as the frequency."""
+    frequency: np.ndarray
+    verdicts: np.ndarray | None
+    """Of all cases that were computed; None without a limit."""
+    worst: int
+    """Case in which it is largest, of all."""
+
+    def count(self, verdict: int) -> int:
+        """In how many cases it was judged so."""
+        return 0 if self.verdicts is None else int(np.sum(self.verdicts == verdict))
+
+
 def _statistics_of_line(
-    line: str,
-    level: Level,
-    x: np.ndarray,
-    f: np.ndarray,
-    verdicts: np.ndarray | None,
-    *,
-    worst: int,
-    largest: float,
+    name: str, level: Level, line: _LineAtLevel, largest: float
 ) -> LineStatistics:
-    f = f[np.isfinite(f)]
-    if verdicts is None:
-        above = None
-    else:
-        above = int(np.sum(verdicts == ABOVE))
-    if verdicts is None:
-        unknown = 0
-    else:
-        unknown = int(np.sum(verdicts == UNKNOWN))
-    if verdicts is None:
-        judged = 0
-    else:
-        judged = int(np.sum(verdicts != ABSENT))
+    x, f = line.amplitude, line.frequency[np.isfinite(line.frequency)]
+    above = None if line.verdicts is None else line.count(ABOVE)
+    unknown = line.count(UNKNOWN)
+    judged = 0 if line.verdicts is None else line.verdicts.size - line.count(ABSENT)
     chance = x.size > 1 and level.draws > 1
     return LineStatistics(
-        line=line, level=level, frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
-        count=int(x.size), mean=float(x.mean()), deviation=float(x.std(ddof=1)) if chance else math.nan,
-        median=quantile(x, 0.5), p95=quantile(x, 0.95), p99=quantile(x, 0.99), largest=largest, worst=worst, above=above,
-        exceedance=proportion(above, judged, unknown) if above is not None and chance else None, unknown=unknown,
+        line=name,
+        level=level,
+        frequency=(float(f.min()), float(f.max())) if f.size else (math.nan, math.nan),
+        count=int(x.size),
+        mean=float(x.mean()),
+        deviation=float(x.std(ddof=1)) if chance else math.nan,
+        median=quantile(x, 0.5),
+        p95=quantile(x, 0.95),
+        p99=quantile(x, 0.99),
+        largest=largest,
+        worst=line.worst,
+        above=above,
+        exceedance=proportion(above, judged, unknown) if above is not None and chance else None,
+        unknown=unknown,
         judged=judged,
-    )  # fmt: skip
+    )
 
 
 def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> np.ndarray:

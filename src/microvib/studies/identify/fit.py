@@ -151,7 +151,7 @@ EvidenceSource = Evidence | Recording | Prepared | LineTable | ReferenceLines
 EvidenceWithOverrides = EvidenceSource | tuple[EvidenceSource, TestOverrides]
 
 
-def identify(
+def identify(  # noqa: PLR0913 - keyword options
     scenario: GivenScenario,
     evidence: Sequence[EvidenceWithOverrides],
     keys: Sequence[FitKey | IntegerKey | str],

@@ -192,7 +192,7 @@ def comparison(
     _write(folder, results.comparison_result(*found))
 
 
-def identification(
+def identification(  # noqa: PLR0913 - what a process is sent
     folder: str,
     recordings: list[Upload],
     scenario: Scenario,
@@ -214,7 +214,7 @@ def identification(
     _write(folder, results.identification_result(found, scenario))
 
 
-def rates(
+def rates(  # noqa: PLR0913 - what a process is sent
     folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
     linear: bool, tell: ProgressCallback,
 ) -> None:  # fmt: skip
