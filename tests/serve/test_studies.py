@@ -215,8 +215,10 @@ def test_a_rate_plan_and_its_bad_options(client):
 def test_a_simulator_is_sized(client):
     asked = {"inertia": "8.18 kg*m^2", "frequency": "1.19 Hz", "states": ["1.39:8.18"]}
     found = result(client, client.post("/api/sas", json=asked).json()["id"])
-    assert found["settings"][0]["elements_frequency_hz"] == pytest.approx(1.19, rel=0.01)
-    assert found["drawing"].startswith("data:image/svg+xml;base64,")
+    target = found["parts"][0]["tables"][0]["rows"][0]
+    assert float(target["elements_frequency_hz"]) == pytest.approx(1.19, rel=0.01)
+    [drawing] = [x for part in found["parts"] for x in part["pictures"]]
+    assert drawing["source"].startswith("data:image/svg+xml;base64,")
     bad = client.post("/api/sas", json={**asked, "inertia": "8 m"}).json()["id"]
     assert wait(client, bad)["error"].startswith("inertia: '8 m' has the wrong dimension")
     assert client.post("/api/sas", json={"inertia": "8 kg*m^2"}).json()["key"] == "frequency"

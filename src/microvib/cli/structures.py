@@ -145,8 +145,7 @@ def sas_size(target: Target, **options: Any) -> None:
     `array: {fem: sas/simulator.yaml}`.
     """
     from microvib.io.file_access import WORKING_FOLDER
-    from microvib.reports.sas import sizing_folder, sizing_text
+    from microvib.reports.sas import sizing_outcome
     from microvib.studies.sizing import size_simulator
 
-    result = size_simulator(**options, files=WORKING_FOLDER)
-    target.deliver(sizing_text(result), sizing_folder, result)
+    target.present(sizing_outcome(size_simulator(**options, files=WORKING_FOLDER)))

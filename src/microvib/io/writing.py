@@ -199,7 +199,7 @@ RUN_FILES = (
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
     "rates.csv", "best.csv", "resonances.csv", "forbidden.csv", "campbell.png", "largest.png",
-    "sas.csv", "sas.json", "simulator.yaml", "drawing.png", "report.pdf",
+    "sas.csv", "sas.json", "tolerances.csv", "simulator.yaml", "drawing.png", "report.pdf",
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
     "summary.csv", "orbit.csv", "orbit_lines.csv", "orbit_windows.csv", "orbit.json", "orbit.png", "seeds.csv",

@@ -32,6 +32,7 @@ from microvib.reports.moving import (
     shape_of_mesh,
 )
 from microvib.reports.numbers import count_text, signed
+from microvib.reports.outcome import report_table
 from microvib.reports.parameters import parameter_table
 from microvib.reports.sheets import GREY, png, sheet
 from microvib.reports.typography import file_name
@@ -161,7 +162,9 @@ def modes_report(source: ModalSource) -> Document:
     sections += _spatial(model) if model.spatial else []
     if design is not None:
         origin = (Text(design.source),) if design.source else ()
-        sections.append(Section("Description", (*origin, parameter_table(design)), new_page=True))
+        sections.append(
+            Section("Description", (*origin, report_table(parameter_table(design))), new_page=True)
+        )
     name = file_name(source.name)
     return study_report(
         "Modes report",

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from microvib.io.tables import rows_csv, to_json
+from microvib.model.part import Part as ModelPart
 from microvib.model.scenario import Scenario
 from microvib.reports import document, sheets
 from microvib.reports.blocks import figure_block, study_report
@@ -36,6 +37,8 @@ class Picture:
     title: str
     """What it shows, for those who do not see it."""
     caption: str = ""
+    turned: bool = False
+    """Whether it is printed on a page of its own, which lies on its side."""
 
 
 Item = Text | Table | Picture
@@ -48,6 +51,8 @@ class Part:
     title: str
     items: tuple[Item, ...]
     new_page: bool = False
+    report_only: bool = False
+    """Whether neither terminal nor page shows it."""
 
     @property
     def shown(self) -> list[Item]:
@@ -70,11 +75,16 @@ class Outcome:
     """Leading figures of a report."""
     parts: tuple[Part, ...]
     """The first is the first page of a report. Parts of which nothing is shown are left out."""
-    scenario: Scenario
+    scenario: Scenario | None = None
+    """What all of it rests on."""
     files: tuple[Table, ...] = ()
     """Tables that are in files only."""
     data: Mapping[str, Any] = field(default_factory=dict)
     """Contents of JSON files by their names, without the ending."""
+    other_files: Mapping[str, str] = field(default_factory=dict)
+    """Further files by their names, such as a scenario that was found."""
+    descriptions: Mapping[str, ModelPart] = field(default_factory=dict)
+    """What it rests on besides, by what it is; a report has their hashes."""
 
     @property
     def tables(self) -> list[Table]:
@@ -96,6 +106,8 @@ def terminal_text(outcome: Outcome) -> str:
     blocks = [outcome.summary]
     first, *others = outcome.parts
     for part in (*others, first) if outcome.verdict else outcome.parts:
+        if part.report_only:
+            continue
         texts = [text for item in part.shown if (text := _terminal_item(item))]
         if texts and part.title:
             texts[0] = f"{part.title}:\n{texts[0]}"
@@ -128,7 +140,7 @@ def study_contents(outcome: Outcome) -> Contents:
     def blocks(part: Part) -> Iterator[Block]:
         for item in part.shown:
             if isinstance(item, Picture):
-                yield figure_block(drawn[item.name], item.title, item.caption)
+                yield figure_block(drawn[item.name], item.title, item.caption, item.turned)
             elif isinstance(item, Table):
                 yield report_table(item)
             else:
@@ -145,17 +157,19 @@ def study_contents(outcome: Outcome) -> Contents:
             Section(part.title, tuple(blocks(part)), part.new_page) for part in others if part.shown
         ],
         scenario=outcome.scenario,
+        parts=outcome.descriptions,
     )
     return files, report
 
 
 def text_files(outcome: Outcome) -> dict[str, str]:
-    """CSV and JSON files of the outcome by name."""
+    """Files of the outcome that are text by name: CSV, JSON and others."""
     tables = {
         f"{table.name}.csv": rows_csv([x.key for x in table.columns], table.file_rows())
         for table in outcome.tables
     }
-    return tables | {f"{name}.json": to_json(data) for name, data in outcome.data.items()}
+    data = {f"{name}.json": to_json(data) for name, data in outcome.data.items()}
+    return tables | data | dict(outcome.other_files)
 
 
 _MARKS: dict[str, document.Mark] = {"pass": "pass", "fail": "fail", "not judged": "off"}
@@ -188,7 +202,7 @@ def page_answer(outcome: Outcome, *, pictures: bool = False) -> dict[str, Any]:
         "parts": [
             _page_part(part, pictures)
             for k, part in enumerate(outcome.parts)
-            if k == 0 or part.shown
+            if k == 0 or (part.shown and not part.report_only)
         ],
     }
 

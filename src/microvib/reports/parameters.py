@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib import results
 from microvib.analysis.start import wind_up
 from microvib.model.expected import angle_errors
 from microvib.model.line_names import electrical_line, full_step_line
@@ -127,11 +128,16 @@ def status_sentence(scenario: Scenario) -> str:
     return f"{len(found)} parameters: {', '.join(counts)}."
 
 
-def parameter_table(part: Part) -> Table:
+def parameter_table(part: Part) -> results.Table:
     """Key, value and meaning of every parameter of a part."""
+    columns = (
+        results.Column("key", "parameter", is_key=True),
+        results.Column("value", "value", results.Measure()),
+        results.Column("meaning", "meaning"),
+    )
     apart = ("title", "source", "reference")
     rows = (row for row in _parameter_rows(part) if row[0].split(".")[0] not in apart)
-    return table(("`parameter`", "value [1]", "meaning"), rows)
+    return results.Table("", columns, tuple(rows))
 
 
 def _description(part: Any, key: str) -> str:

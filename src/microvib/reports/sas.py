@@ -1,38 +1,198 @@
-"""The simulator's sizing: its text, tables, drawing and report."""
+"""The simulator's sizing for those who read it: settings, springs, tolerances, drawing."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from microvib.io.scenario_file import dump_part
-from microvib.io.tables import rows_csv, to_json
-from microvib.reports.blocks import figure_block, study_report
-from microvib.reports.document import Contents, Document, Fact, Section, Text, table
+from microvib.reports.document import Fact, Text
+from microvib.reports.outcome import Outcome, Part, Picture
 from microvib.reports.parameters import parameter_table
 from microvib.reports.sas_drawing import draw_simulator
-from microvib.studies.sas import Setting, Sizing, tolerance
+from microvib.results import FREQUENCY, Column, Measure, Table
+from microvib.structures.simulator_design import SimulatorDesign
+from microvib.studies.sas import Setting, Sizing, Tolerance, tolerance
 from microvib.studies.sizing import SizingResult
-from microvib.text_tables import text_table
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+INERTIA = Measure("kg m²")
+SET_LENGTH = Measure("mm", 1e-3, ".1f")
+FORCE = Measure("N")
+MASS = Measure("kg")
+SPRING_RATE = Measure("N/m")
+STRESS = Measure("MPa", 1e6)
+ERROR = Measure("%", 0.01, "+.2f")
+TOLERANCE = Measure("%", 0.01, ".2f")
 
-HEADER = (
-    "state", "f [Hz]", "J [kg m²]", "spring", "k [N/m]", "arm [mm]", "weight [kg]", "radius [mm]", "J_h [kg m²]",
-    "FE f [Hz]", "off [%]", "FE J [kg m²]", "off [%]",
-)  # fmt: skip
+
+@dataclass(frozen=True)
+class SettingOfState:
+    """The simulator set to one state."""
+
+    state: Annotated[str, Column("state", "state")]
+    frequency: Annotated[float, Column("frequency_hz", "f", FREQUENCY)]
+    inertia: Annotated[float, Column("inertia_kg_m2", "J", INERTIA)]
+    spring: Annotated[str, Column("spring", "spring")]
+    rate: Annotated[float, Column("rate_n_m", "k", SPRING_RATE)]
+    arm: Annotated[float, Column("arm_m", "arm l", SET_LENGTH)]
+    counterweight: Annotated[float, Column("counterweight_kg", "weight", MASS)]
+    radius: Annotated[float, Column("radius_m", "radius r", SET_LENGTH)]
+    rigid_inertia: Annotated[float, Column("rigid_inertia_kg_m2", "J_h", INERTIA)]
+    preload: Annotated[float, Column("preload_m", measure=SET_LENGTH)]
+    force_min: Annotated[float, Column("force_min_n", measure=FORCE)]
+    force_max: Annotated[float, Column("force_max_n", measure=FORCE)]
+    stress: Annotated[float, Column("stress_pa", measure=STRESS)]
+    allowable: Annotated[float, Column("allowable_pa", measure=STRESS)]
+    elements_frequency: Annotated[float, Column("elements_frequency_hz", "FE f", FREQUENCY)]
+    elements_inertia: Annotated[float, Column("elements_inertia_kg_m2", "FE J", INERTIA)]
+    frequency_error: Annotated[float, Column("frequency_error", "f error", ERROR)]
+    inertia_error: Annotated[float, Column("inertia_error", "J error", ERROR)]
 
 
-def setting_rows(sizing: Sizing) -> list[list[str]]:
-    """Rows under ``HEADER``."""
-    found = [(x.design, x.state, *x.finite_elements) for x in sizing.settings]
-    return [
-        [s.name, f"{s.frequency:.4g}", f"{s.inertia:.4g}", d.spring.name, f"{d.spring.rate:g}", f"{1e3 * d.arm:.1f}",
-         f"{d.counterweight.mass:g}", f"{1e3 * d.counterweight.radius:.1f}", f"{d.J_h:.3f}", f"{f:.4f}",
-         f"{100 * (f / s.frequency - 1):+.2f}", f"{J:.4f}", f"{100 * (J / s.inertia - 1):+.2f}"]
-        for d, s, f, J in found
-    ]  # fmt: skip
+@dataclass(frozen=True)
+class EffectOfTolerance:
+    """What parts of one kind, off by their tolerance, change."""
+
+    kind: Annotated[str, Column("part", "off by its tolerance")]
+    frequency: Annotated[float, Column("relative_frequency", "f", TOLERANCE)]
+    inertia: Annotated[float, Column("relative_inertia", "J", TOLERANCE)]
+
+
+def sizing_outcome(result: SizingResult) -> Outcome:
+    """A sizing for those who read it: the settings, what the springs bear, Eq. 21 to 24,
+    tolerances, drawing and description.
+
+    The file ``simulator.yaml`` is a source of modes.
+    """
+    sizing, design = result.sizing, result.sizing.target.design
+    settings = Table.of(
+        "sas", SettingOfState, map(_setting_of_state, sizing.settings), caption=_SETTINGS
+    )
+    found = tolerance(design)
+    springs = [text for text in (*spring_sentences(result), array_sentence(result)) if text]
+    drawing = Picture(
+        "drawing",
+        lambda: draw_simulator(sizing.target),
+        "Dimensioned drawing",
+        "Set to the target; to scale, dimensions in mm.",
+        turned=True,
+    )
+    holds = _holds(sizing)
+    return Outcome(
+        "Simulator report",
+        "Solar array simulator, sized",
+        f"Torsion mode {FREQUENCY.figure(sizing.target.state.frequency)} with"
+        f" {INERTIA.figure(sizing.target.state.inertia)} about the drive axis.",
+        "pass" if holds else "fail",
+        (_stress_fact(sizing, holds), *_design_facts(design)),
+        (
+            Part("", (settings, *map(Text, springs))),
+            Part("Equations 21 to 24", (Text(equation_sentence(sizing.target)),)),
+            Part("Tolerances", (Text(_TOLERANCES), _tolerance_table(found))),
+            Part("Not checked", (Text(_NOT_CHECKED),)),
+            Part("Drawing", (drawing,)),
+            Part("Description", _description(design), report_only=True),
+        ),
+        descriptions={"simulator": design},
+        data={"sas": _sizing_data(sizing.target, settings, found)},
+        other_files={"simulator.yaml": dump_part(design)},
+    )
+
+
+_SETTINGS = (
+    "Requested (f, J), set by hand calculation (arm l, radius r), checked with finite elements (FE);"
+    " errors are those of FE against what was requested."
+)
+_TOLERANCES = (
+    "First order. Worst case: all parts at their limits; standard deviation: each of the eight"
+    " springs, four arms and four weights independently, anywhere within its limits. Springs of one"
+    " batch deviate together, as in the worst case; the arm can trim that."
+)
+_NOT_CHECKED = (
+    "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of"
+    " the frame."
+)
+
+
+def _setting_of_state(x: Setting) -> SettingOfState:
+    (f, J), (low, high) = x.finite_elements, x.forces
+    return SettingOfState(
+        x.state.name,
+        x.state.frequency,
+        x.state.inertia,
+        x.design.spring.name,
+        x.design.spring.rate,
+        x.design.arm,
+        x.design.counterweight.mass,
+        x.design.counterweight.radius,
+        x.design.J_h,
+        x.design.preload,
+        low,
+        high,
+        x.stress,
+        x.allowable,
+        f,
+        J,
+        f / x.state.frequency - 1.0,
+        J / x.state.inertia - 1.0,
+    )
+
+
+def _tolerance_table(found: Tolerance) -> Table:
+    two = tuple(2.0 * v for v in found.deviation)
+    rows = {**found.contributions, "worst case, all": found.worst, "two standard deviations": two}
+    return Table.of(
+        "tolerances",
+        EffectOfTolerance,
+        [EffectOfTolerance(kind, f, J) for kind, (f, J) in rows.items()],
+    )
+
+
+def _description(design: SimulatorDesign) -> tuple[Text | Table, ...]:
+    origin = (Text(design.source),) if design.source else ()
+    return (*origin, parameter_table(design))
+
+
+def _sizing_data(target: Setting, settings: Table, found: Tolerance) -> Mapping[str, Any]:
+    """All figures of a sizing, SI units, angles in rad."""
+    return {
+        "amplitude_rad": target.amplitude,
+        "settings": settings.records(),
+        "equations": target.equations,
+        "tolerance": {
+            "relative_frequency_and_inertia": {
+                name: list(pair) for name, pair in found.contributions.items()
+            },
+            "worst_case": list(found.worst),
+            "standard_deviation": list(found.deviation),
+        },
+    }
+
+
+def _holds(sizing: Sizing) -> bool:
+    """Whether no spring goes slack or is overstressed."""
+    return all(x.stress <= x.allowable and x.forces[0] > 0.0 for x in sizing.settings)
+
+
+def _stress_fact(sizing: Sizing, holds: bool) -> Fact:
+    if not holds:
+        return Fact("does NOT hold", "a spring goes slack or is overstressed", "fail")
+    used = max(x.stress / x.allowable for x in sizing.settings)
+    return Fact(f"{100 * used:.0f} %", "of the allowed stress, no spring slack", "pass")
+
+
+def _design_facts(design: SimulatorDesign) -> tuple[Fact, ...]:
+    weight = design.counterweight
+    return (
+        Fact(SPRING_RATE.figure(design.spring.rate), f"eight springs {design.spring.name}"),
+        Fact(SET_LENGTH.figure(design.arm), "arm l"),
+        Fact(
+            f"{MASS.figure(weight.mass)} at {SET_LENGTH.figure(weight.radius)}",
+            "each counterweight",
+        ),
+    )
 
 
 def spring_sentences(result: SizingResult) -> list[str]:
@@ -94,14 +254,6 @@ def equation_sentence(setting: Setting) -> str:
     )
 
 
-def tolerance_rows(setting: Setting) -> list[list[str]]:
-    """What each kind of part may change in f and J, and all together."""
-    found = tolerance(setting.design)
-    two = tuple(2.0 * v for v in found.deviation)
-    rows = {**found.contributions, "worst case, all": found.worst, "two standard deviations": two}
-    return [[name, f"{100 * f:.2f}", f"{100 * J:.2f}"] for name, (f, J) in rows.items()]
-
-
 def array_sentence(result: SizingResult) -> str:
     """What of the array the simulator does not have."""
     model = result.array
@@ -117,126 +269,3 @@ def array_sentence(result: SizingResult) -> str:
         f" simulator {result.sizing.target.design.J_h:.3g}: the drive's lines above the torsion"
         " mode are the simulator's own."
     )
-
-
-TOLERANCE_HEADER = ("off by its tolerance", "f [%]", "J [%]")
-
-
-def sizing_text(result: SizingResult) -> str:
-    """What is printed."""
-    blocks = [
-        text_table(HEADER, setting_rows(result.sizing)),
-        "",
-        *spring_sentences(result),
-        array_sentence(result),
-    ]
-    blocks += [equation_sentence(result.sizing.target), ""]
-    return "\n".join(
-        [*blocks, text_table(TOLERANCE_HEADER, tolerance_rows(result.sizing.target)), ""]
-    )
-
-
-def sizing_folder(result: SizingResult) -> Contents:
-    """``sas.csv``, ``sas.json``, ``simulator.yaml`` (a source of modes), ``drawing.png``, the
-    report.
-    """
-    figure, settings = (
-        draw_simulator(result.sizing.target),
-        [_values(setting) for setting in result.sizing.settings],
-    )
-    files: dict[str, Any] = {
-        "sas.csv": rows_csv(list(settings[0]), [list(row.values()) for row in settings]),
-        "sas.json": to_json(sas_data(result)),
-        "simulator.yaml": dump_part(result.sizing.target.design),
-        "drawing.png": lambda path: figure.savefig(path, format="png"),
-    }
-    return files, sizing_report(result, figure)
-
-
-def _values(setting: Setting) -> dict[str, Any]:
-    """A setting's row of ``sas.csv``; SI units."""
-    d, s, (f, J), (low, high) = (
-        setting.design,
-        setting.state,
-        setting.finite_elements,
-        setting.forces,
-    )
-    return {
-        "state": s.name, "frequency_hz": s.frequency, "inertia_kg_m2": s.inertia, "spring": d.spring.name,
-        "rate_n_m": d.spring.rate, "arm_m": d.arm, "counterweight_kg": d.counterweight.mass, "radius_m": d.counterweight.radius,
-        "rigid_inertia_kg_m2": d.J_h, "preload_m": d.preload, "force_min_n": low, "force_max_n": high,
-        "stress_pa": setting.stress, "allowable_pa": setting.allowable, "elements_frequency_hz": f, "elements_inertia_kg_m2": J,
-    }  # fmt: skip
-
-
-def sas_data(result: SizingResult) -> dict[str, Any]:
-    """All figures of a sizing, SI units, angles in rad."""
-    target, found = result.sizing.target, tolerance(result.sizing.target.design)
-    return {
-        "amplitude_rad": target.amplitude,
-        "settings": [_values(setting) for setting in result.sizing.settings],
-        "equations": target.equations,
-        "tolerance": {
-            "relative_frequency_and_inertia": {
-                name: list(pair) for name, pair in found.contributions.items()
-            },
-            "worst_case": list(found.worst),
-            "standard_deviation": list(found.deviation),
-        },
-    }
-
-
-def sizing_report(result: SizingResult, drawing: Figure) -> Document:
-    """The report of a sizing: settings, springs, tolerances, drawing."""
-    target = result.sizing.target
-    caption = (
-        "Requested, set by hand calculation (arm l, radius r), checked with finite elements (FE)."
-    )
-    rows = [row[:3] + row[4:] for row in setting_rows(result.sizing)]
-    settings = table(HEADER[:3] + HEADER[4:], rows, caption)
-    springs = [Text(text) for text in (*spring_sentences(result), array_sentence(result)) if text]
-    tolerances = (
-        "First order. Worst case: all parts at their limits; standard deviation: each of the eight"
-        " springs, four arms and four"
-        " weights independently, anywhere within its limits. Springs of one batch deviate together,"
-        " as in the worst case; the arm"
-        " can trim that."
-    )
-    unchecked = "Bending of the springs' hooks, their fatigue, play and friction of bearing and sliders, sag of the frame"
-    scale = "Set to the target; to scale, dimensions in mm."
-    origin = (Text(target.design.source),) if target.design.source else ()
-    return study_report(
-        "Simulator report",
-        "Solar array simulator, sized",
-        f"Torsion mode {target.state.frequency:.4g} Hz with {target.state.inertia:.4g} kg m² about"
-        " the drive axis.",
-        facts=_facts(result),
-        first_page=(settings, *springs),
-        sections=(
-            Section("Equations 21 to 24", (Text(equation_sentence(target)),)),
-            Section(
-                "Tolerances", (Text(tolerances), table(TOLERANCE_HEADER, tolerance_rows(target)))
-            ),
-            Section("Not checked", (Text(f"{unchecked}."),)),
-            Section("Drawing", (figure_block(drawing, "Dimensioned drawing", scale, turned=True),)),
-            Section("Description", (*origin, parameter_table(target.design))),
-        ),
-        parts={"simulator": target.design},
-    )
-
-
-def _facts(result: SizingResult) -> list[Fact]:
-    target, settings = result.sizing.target, result.sizing.settings
-    d, used = target.design, max(x.stress / x.allowable for x in settings)
-    holds = Fact(f"{100 * used:.0f} %", "of the allowed stress, no spring slack", "pass")
-    if used > 1.0 or min(x.forces[0] for x in settings) <= 0.0:
-        holds = Fact("does NOT hold", "a spring goes slack or is overstressed", "fail")
-    return [
-        holds,
-        Fact(f"{d.spring.rate:g} N/m", f"eight springs {d.spring.name}"),
-        Fact(f"{1e3 * d.arm:.1f} mm", "arm l"),
-        Fact(
-            f"{d.counterweight.mass:g} kg at {1e3 * d.counterweight.radius:.1f} mm",
-            "each counterweight",
-        ),
-    ]

@@ -34,15 +34,7 @@ from microvib.reports.moving import (
 from microvib.reports.outcome import page_answer, text_files
 from microvib.reports.rates import rates_outcome
 from microvib.reports.rendering import address
-from microvib.reports.sas import (
-    HEADER,
-    TOLERANCE_HEADER,
-    sas_data,
-    setting_rows,
-    sizing_text,
-    tolerance_rows,
-)
-from microvib.reports.sas_drawing import draw_simulator
+from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
 from microvib.reports.sheets import svg
 from microvib.signals.line_table import LineTable
@@ -56,6 +48,7 @@ from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
 from microvib.studies.rates import RatePlan
 from microvib.studies.sensitivity import Ranking
+from microvib.studies.sizing import SizingResult
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
@@ -347,15 +340,6 @@ def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
     return page_answer(ranking_outcome(found, scenario))
 
 
-def sas_result(result: Any) -> dict[str, Any]:
-    """A sizing's table, text, figures and drawing."""
-    sizing = result.sizing
-    data = sas_data(result)
-    return {
-        "table": {"header": HEADER, "rows": setting_rows(sizing)},
-        "tolerance": {"header": TOLERANCE_HEADER, "rows": tolerance_rows(sizing.target)},
-        "text": sizing_text(result),
-        "settings": data["settings"],
-        "equations": data["equations"],
-        "drawing": address(svg(draw_simulator(sizing.target))),
-    }
+def sas_result(result: SizingResult) -> dict[str, Any]:
+    """What is said of a sizing, and its drawing."""
+    return page_answer(sizing_outcome(result), pictures=True)

@@ -5,7 +5,7 @@ import { h } from "./dom.js";
 import { keepFields } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
-import { plain } from "./tables.js";
+import { card, partCards, partContent } from "./tables.js";
 
 const ASKED = [
   ["inertia", "inertia J", "8.18 kg*m^2"],
@@ -60,13 +60,6 @@ async function size(ofScenario) {
   await task.start("Sizing", () => post("/api/sas", body));
 }
 
-function show({ table: settings, tolerance, text, drawing }) {
-  const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
-  const parts = [
-    card("Settings", plain(settings, "Settings of the simulator")),
-    tolerance && card("Effect of a small setting error", plain(tolerance, "Tolerances")),
-    drawing && card("Drawing", h("img", { src: drawing, alt: "Drawing of the simulator set to its target" })),
-    card("In words", h("pre", {}, text)),
-  ];
-  result.replaceChildren(...parts.filter(Boolean));
+function show({ summary, parts: [first, ...others] }) {
+  result.replaceChildren(card("Settings", summary, ...partContent(first)), ...partCards(others));
 }

@@ -56,12 +56,6 @@ export function table(columns, rows, { caption, sort } = {}) {
   );
 }
 
-/** A table of texts, {header, rows}; those that are numbers sort as numbers. */
-export function plain({ header, rows }, caption) {
-  const columns = header.map((title, k) => ({ key: String(k), title }));
-  return textTable(columns, rows.map((row) => ({ ...row })), caption);
-}
-
 /** What stands in one part of a study's outcome, as `page_answer` gives it. */
 export const partContent = ({ title, texts, tables, pictures }) => [
   ...pictures.map(picture),
