@@ -70,5 +70,8 @@ def test_the_least_misfit_is_found_from_a_corner_whatever_error_is_stated(made, 
     assert goodness(problem, corner.r).chi_square > 20.0 * least
     found, optima = least_misfit(problem, [corner], seed=1)
     assert goodness(found, optima[0].r).chi_square < 1.02 * least
-    values = found.named(optima[0].x)
-    assert [values[key] / truth[key] for key in KEYS] == pytest.approx(np.ones(4), rel=0.1)
+    if model_error > 0.1 * LINES:
+        values = found.named(optima[0].x)
+        assert [values[key] / truth[key] for key in KEYS] == pytest.approx(np.ones(4), rel=0.1)
+    else:  # so far from the errors that the lines have, the least misfit need not be near the truth
+        assert goodness(found, optima[0].r).chi_square < least
