@@ -13,6 +13,12 @@ import pytest
 from support.front import PUBLIC
 
 import microvib as mv
+from microvib.io.recordings import Prepared
+from microvib.io.scenario_file import load_bench
+from microvib.studies.analyse import analyse
+from microvib.studies.measure import measure
+from microvib.studies.orbit import analyse_orbit
+from microvib.studies.sensitivity import NOT_RANKED, sensitivities
 
 CRAFT = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
 QUICK = {"record.settle": "0 s", "record.duration": "0.5 s", "record.sample_rate": "512 Hz"}
@@ -34,6 +40,9 @@ def file(quick, tmp_path_factory):
 RECORDING = {"Mz": np.random.default_rng(1).normal(0.0, 1.0, 2048)}
 
 
+BENCH = load_bench("force-table").model_copy(update={"duration": 1.0})
+
+
 def recording():
     return mv.Recording(RECORDING, 512.0, {"Mz": "N*m"}, "mine")
 
@@ -50,6 +59,9 @@ TAKERS = {
     "expected_lines": lambda s: mv.expected_lines(s, "60 Hz"),
     "dump_scenario": mv.dump_scenario,
     "judge": lambda s: mv.judge(mv.find_lines(recording(), scenario=s), mv.Limit("1 N*m"), s),
+    "analyse": lambda s: repr(analyse(s).table),
+    "analyse with a guide": lambda s: analyse(Prepared(recording()), scenario=s).table,
+    "measure": lambda s: measure(s, BENCH)["Mz"],
     "compare": lambda s: repr(mv.compare(recording(), s).rows),
     "compare with a guide": lambda s: repr(mv.compare(recording(), recording(), scenario=s).rows),
 }
@@ -75,6 +87,14 @@ def test_the_name_of_a_craft_is_taken_for_its_budget(tmp_path):
 def test_identification_takes_the_name_of_its_model(file):
     with pytest.raises(mv.MicrovibError, match=r"reducer\.dampin: is not a key of the scenario"):
         mv.identify(file, [recording()], ["reducer.dampin"])
+
+
+def test_studies_that_refuse_a_drive_have_read_it_by_its_name(file):
+    with pytest.raises(mv.MicrovibError, match="spacecraft"):
+        analyse_orbit(file)
+    with pytest.raises(mv.MicrovibError) as refused:
+        sensitivities(file)
+    assert str(refused.value) == NOT_RANKED
 
 
 def test_how_a_motion_starts(quick):

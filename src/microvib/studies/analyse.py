@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,9 +10,9 @@ from microvib.analysis import spectra
 from microvib.analysis.lines import lines_of_recording, lines_of_samples, recording_warnings
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
-from microvib.io.sources import RunFolder, Source
+from microvib.io.sources import RunFolder, Source, open_source
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
@@ -44,23 +45,50 @@ class Analysis:
 
 
 def analyse(  # noqa: PLR0913 - keyword options
-    source: Source,
+    source: Source | str | os.PathLike[str],
     *,
     name: str = "",
-    scenario: Scenario | None = None,
+    scenario: GivenScenario | None = None,
     channel: str = "Mz",
     window: Window = "hann",
     resolution: GivenQuantity | None = None,
     bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Analysis:
-    """Lines and spectra of a scenario, a run folder or a recording.
+    """Find the lines and spectra of a scenario, a run's folder or a recording.
 
-    ``scenario`` says which lines to look for in a recording; without it those that stand out are
-    not named. ``name`` is what a scenario is called; ``resolution`` [Hz] is that of density and
-    waterfall. MicrovibError where the source is too short.
+    Parameters
+    ----------
+    source : Scenario, RunFolder, Prepared, str or path
+        What is analysed; a name is one that ``open_source`` takes.
+    name : str
+        What a scenario is called.
+    scenario : Scenario, str or path, optional
+        Says which lines to look for in a recording; without it those that stand out are not named.
+    channel : str
+        Channel with the torque about the drive axis.
+    window : {"rectangular", "hann", "flat-top"}
+        Window of the spectra.
+    resolution : str or Si, optional
+        Distance between bins of density and waterfall, such as ``"0.5 Hz"``.
+    bands : sequence of str or pairs
+        Bands whose RMS is wanted, such as ``["0.5:5 Hz"]``.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with simulated seconds.
+
+    Returns
+    -------
+    Analysis
+        Lines, spectrum, density, waterfall, and RMS in the bands.
+
+    Raises
+    ------
+    MicrovibError
+        Where the source is too short, or its channel is neither a force nor a torque.
     """
-    recording, background, table, expected = _source(source, name, scenario, channel, progress)
+    opened = open_source(os.fspath(source)) if isinstance(source, (str, os.PathLike)) else source
+    guide = None if scenario is None else as_scenario(scenario)
+    recording, background, table, expected = _source(opened, name, guide, channel, progress)
     if table is None:
         found = None
     else:

@@ -65,10 +65,33 @@ def sweep_angles(
     harmonics: int = 8,
     progress: Progress | None = None,
 ) -> AngleSweep:
-    """Run ``scenario`` at each of the ``angles`` of its array, such as ``"30 deg"``.
+    """Run a scenario at each of several angles of its array.
 
     The angle is constant in each run: an array that turns by it in minutes stays there for many
-    periods of every line. Raises MicrovibError and what ``simulate`` raises.
+    periods of every line.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive on its craft: a scenario, a name of the catalog, or the path of a scenario file.
+    angles : sequence of str or Si
+        Angles of the array, such as ``"30 deg"``.
+    harmonics : int
+        Members of each family of lines that are looked for.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with the number of angles.
+
+    Returns
+    -------
+    AngleSweep
+        Lines of loads and line of sight at each angle.
+
+    Raises
+    ------
+    MicrovibError
+        Where the scenario has no craft.
+    SimulationError
+        What ``simulate`` raises.
     """
     scenario = as_scenario(scenario)
     check_sweep(scenario)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, as_scenario
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
 from microvib.testdata.bench import Bench
@@ -16,15 +16,37 @@ _NEEDED = ("T_d", "theta_l", "alpha_l", "eta", "eta_rate")
 
 
 def measure(
-    scenario: Scenario, bench: Bench, *, seed: int = 1, progress: Progress | None = None
+    scenario: GivenScenario, bench: Bench, *, seed: int = 1, progress: Progress | None = None
 ) -> Recording:
-    """Six components that ``bench`` records of ``scenario``, from ``record.settle`` on, for as long
-    as the bench records.
+    """Record the six components that a virtual test bench measures, from ``record.settle`` on, for
+    as long as the bench records.
 
     The bench stands on the ground: drive and array of a craft are measured without it. Rate and
     length of the recording are the bench's. A scenario without interface participation has a torque
     about the drive axis only; the other loads are then zero, and the recording says so.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        What is measured: a scenario, a name of the catalog, or the path of a scenario file.
+    bench : Bench
+        The bench, its sensors and its recorder.
+    seed : int
+        Seed of the bench's noise.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with simulated seconds.
+
+    Returns
+    -------
+    Recording
+        Fx Fy Fz [N], Mx My Mz [N m], (n,) each.
+
+    Raises
+    ------
+    SimulationError
+        What ``simulate`` raises.
     """
+    scenario = as_scenario(scenario)
     lead, axis = min(bench.lead, scenario.record.settle), scenario.array.drive_axis
     bench = bench.model_copy(update={"lead": lead})
     span = {"record.settle": scenario.record.settle - lead, "record.duration": bench.span}

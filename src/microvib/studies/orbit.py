@@ -26,7 +26,7 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import require_craft
 from microvib.model.driven import noise_bands
 from microvib.model.line_names import LineName, is_unlisted
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import ARRAY_ANGLE, POINTING_ANGLE, SHARE, TIME, Column
 from microvib.signals.pointing import (
     METRICS,
@@ -230,18 +230,41 @@ def _metrics_and_windows(scenario: Scenario) -> list[tuple[Metric, float]]:
 
 
 def analyse_orbit(
-    scenario: Scenario,
+    scenario: GivenScenario,
     angles: Sequence[GivenQuantity] | None = None,
     *,
     harmonics: int = 8,
     progress: Progress | None = None,
 ) -> Orbit:
-    """The craft while its array turns through ``angles``, one after another, at the scenario's
-    rate.
+    """Run the craft at the angles through which its array turns, one after another, at the
+    scenario's rate.
 
-    Without angles it is one turn from ``array_angle``. Steps between them are halved where it is
-    needed. Raises what ``check_orbit`` raises.
+    Steps between the angles are halved where it is needed.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive on its craft: a scenario, a name of the catalog, or the path of a scenario file.
+    angles : sequence of str or Si, optional
+        Angles of the array, such as ``"30 deg"``; without them one turn from ``array_angle``.
+    harmonics : int
+        Members of each family of lines that are looked for.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with the number of angles.
+
+    Returns
+    -------
+    Orbit
+        Lines at each angle and between them.
+
+    Raises
+    ------
+    MicrovibError
+        Where a rate is zero or changes.
+    OptionError
+        Where the array does not turn this way.
     """
+    scenario = as_scenario(scenario)
     turns = check_orbit(scenario, angles)
     # Noise has no steady state; it is said that it is left out.
     changes = {"record.start": "steady", "friction": scenario.friction.without_noise}

@@ -16,7 +16,7 @@ from microvib.analysis.lines import expected_in, lines_of_samples
 from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import FREQUENCY, TORQUE, Column
 from microvib.signals.line_table import Line
 from microvib.solve.batch import simulate_torques
@@ -178,16 +178,34 @@ def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[flo
     return ends
 
 
-def sensitivities(scenario: Scenario, *, progress: Progress | None = None) -> Ranking:
-    """Effect of every value whose source notes a range on each of the MAX_LINES largest lines, by
-    four runs a value or more.
+def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) -> Ranking:
+    """Rank values whose source notes a range by their effect on the MAX_LINES largest lines.
 
-    Two are beside the value, two at the ends of its range, and more where the linearised drive has
-    a resonance or its opposite for a line in between. Runs begin at rest and have the scenario's
-    record. MicrovibError where no source notes a range; raises what ``simulate`` raises for the
-    scenario itself, while a changed one that fails has no amplitudes and is listed. Integers are
-    not ranked.
+    Each takes four runs or more: two beside the value, two at the ends of its range, and more where
+    the linearised drive has a resonance or its opposite for a line in between. Runs begin at rest
+    and have the scenario's record. A changed scenario that fails has no amplitudes and is listed.
+    Integers are not ranked.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive: a scenario, a name of the catalog, or the path of a scenario file.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with the number of runs.
+
+    Returns
+    -------
+    Ranking
+        Of each line the effects, the largest first; what failed; and what was not ranked.
+
+    Raises
+    ------
+    MicrovibError
+        Where no source notes a range.
+    SimulationError
+        What ``simulate`` raises for the scenario itself.
     """
+    scenario = as_scenario(scenario)
     ranges = noted_ranges(scenario)
     if not ranges:
         raise MicrovibError(NOT_RANKED)
