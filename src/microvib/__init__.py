@@ -23,9 +23,11 @@ _HOME = {
     "LineTable": "signals.line_table",
     "MicrovibError": "errors",
     "Motion": "solve.motion",
+    "NotPeriodic": "solve.steady.period",
     "ObjectError": "errors",
     "OptionError": "errors",
     "Recording": "testdata.recording",
+    "RecordingError": "testdata.recording",
     "Scenario": "model.scenario",
     "ScenarioError": "errors",
     "Si": "units",
@@ -106,12 +108,13 @@ if TYPE_CHECKING:
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate, simulate_many
+    from microvib.solve.steady.period import NotPeriodic
     from microvib.solve.steady.state import steady_state
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
     from microvib.studies.rates import plan_rates, rate_grid
-    from microvib.testdata.recording import Recording
+    from microvib.testdata.recording import Recording, RecordingError
     from microvib.units import Si
 
 __all__ = [
@@ -121,9 +124,11 @@ __all__ = [
     "LineTable",
     "MicrovibError",
     "Motion",
+    "NotPeriodic",
     "ObjectError",
     "OptionError",
     "Recording",
+    "RecordingError",
     "Scenario",
     "ScenarioError",
     "Si",
