@@ -353,7 +353,7 @@ class Quantity:
     """Declaration of one physical parameter, used inside ``Annotated[float, ...]``.
 
     ``unit`` is the SI unit of the value in memory, ``display`` the unit that people use for it,
-    ``symbol`` the paper's.
+    ``symbol`` that of the equations.
     """
 
     unit: str

@@ -74,7 +74,7 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
 
     Returns
     -------
-    Scenario, RunFolder, Prepared, LineTable or PaperLines
+    Scenario, RunFolder, Prepared, LineTable or ReferenceLines
         The object, by what the name is of.
 
     Raises

@@ -22,7 +22,7 @@ Start = Literal["rest", "steady"]
 
 
 class Record(Part):
-    """The recorded window (the paper's: 16 s at 4096 Hz, in stable operation)."""
+    """The recorded window."""
 
     settle: Annotated[float, Quantity("s", "time before the window", ge=0, usual=(1e-3, 1e6))]
     duration: Annotated[float, Quantity("s", "length of the window", gt=0, usual=(0.01, 1e6))]

@@ -1,5 +1,5 @@
-"""Harmonic reducer or gear train: ratio, torsional compliance, transmission error (Eq. 19, and
-beyond the paper).
+"""Harmonic reducer or gear train: ratio, torsional compliance, transmission error (Eq. 19
+and beyond).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Hysteresis(Part):
 
 
 class Reducer(Part):
-    """Harmonic reducer, or a train of gears; ``stiffness: rigid`` is the paper's, which has no
+    """Harmonic reducer, or a train of gears; with ``stiffness: rigid`` it has no
     compliance and no loss.
     """
 
@@ -280,7 +280,7 @@ class Reducer(Part):
 
     @property
     def rigid(self) -> bool:
-        """True for the paper's reducer, without compliance."""
+        """Whether the reducer has no compliance."""
         return self.stiffness == "rigid"
 
     def kinematic_error(self, theta_m: float) -> float:

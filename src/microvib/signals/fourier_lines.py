@@ -108,7 +108,7 @@ def _others(
 def _nearest_bins(
     series: np.ndarray, base: float, frequency: np.ndarray, samples: int, sample_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The paper's estimator on a record of the series: rectangular window, leakage of all lines
+    """Nearest bins of a rectangular window on a record of the series, leakage of all lines
     included.
 
     Frequencies [Hz] and amplitudes of the bins nearest to ``frequency`` (m,) [Hz].

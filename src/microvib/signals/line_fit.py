@@ -555,8 +555,8 @@ def _figures(
         phase=_values_by_line(np.angle(joint.amplitudes), order),
         decay=_values_by_line(tones.decay, order),
         floor=_values_by_line(floor, order),
-        # The paper's estimator: rectangular window, nearest bin. Between bins it reads up to 36 %
-        # low (picket fence), so that it depends on where the bins happen to fall.
+        # Nearest bin of a rectangular window, as tests are often read: between bins it is up to
+        # 36 % low (picket fence), so that it depends on where the bins happen to fall.
         bin_frequency=bins / duration,
         bin_amplitude=np.abs(rest.unwindowed[bins.astype(int)]),
     )

@@ -73,7 +73,7 @@ class Line(LineKindProperties):
     phase_uncertainty_rad: float
     bin_frequency_hz: float
     bin_amplitude_n_m: float
-    """The paper's figure: rectangular window, nearest bin."""
+    """Of the nearest bin of a rectangular window, as tests are often read."""
     floor_n_m: float
     """Median amplitude of the bins about the line."""
     decay_per_s: float

@@ -194,13 +194,14 @@ def compare(  # noqa: PLR0913 - keyword options
 
     Parameters
     ----------
-    a, b : Scenario, Motion, RunFolder, Recording, LineTable, PaperLines, str or path
+    a, b : Scenario, Motion, RunFolder, Recording, LineTable, ReferenceLines, str or path
         The sides. A name is that of a scenario, a run's folder, a recording or a table of lines, as
         ``open_source`` takes it.
     names : pair of str
         Names of sides that have none themselves.
     scenario : Scenario, str or path, optional
-        Says which lines to look for in recordings where neither side is a scenario, nor reference lines of one.
+        Says which lines to look for in recordings where neither side is a scenario, nor the
+        reference lines of one.
     channel : str
         Channel of recordings that has the torque about the drive axis.
     bands : sequence of str or pairs, optional
