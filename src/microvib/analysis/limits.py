@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -286,43 +286,48 @@ def judge(
     table = with_known_error(table)
     within = [x for x in table if limit.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
-    margins = [
-        _certainly_within(margin(x, limit.torque, table, ringing, scenario), limit)
-        for x in within
-        if math.isfinite(x.amplitude_n_m)
-    ]
-    margins.sort(key=lambda m: m.factor)
+    known = [x for x in within if math.isfinite(x.amplitude_n_m)]
+    each = (margin(x, limit.torque, table, ringing, scenario) for x in known)
+    margins = sorted((_certainly_within(one, limit) for one in each), key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
-    gaps = _not_tracking_reasons(table, scenario)
-    gaps += [m.why for m in margins if m.verdict == "not judged"]
-    gaps += [
-        f"{x.line} ({x.status})"
-        for x in unknown
-        if not (mode_has_decayed(x, scenario) or _is_negligible(x, limit))
+    gaps = [
+        *_not_tracking_reasons(table, scenario),
+        *(m.why for m in margins if m.verdict == "not judged"),
+        *_hidden_line_gaps(unknown, limit, scenario),
+        *_record_gaps(table, limit, scenario),
     ]
-    gaps += _residual_peak_gaps(table, limit)
-    gaps += _beside_band_gaps(table, limit)
-    if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
-        gaps += clock_warnings(table)
-    gaps += may_be_larger(table, limit.low, limit.high, limit.torque)
-    if scenario is not None and scenario.rate is None:
-        gaps.append(
-            "lines of the step clock, because the rate changes during the record (use a record at"
-            " constant rate)"
-        )
-    gaps += _above_passband(table, limit, scenario)
     why = failed_invariants_reason(table.broken, scenario) or _unknown_error_reason(table)
     if why:
         margins = [replace(m, verdict="not judged", why=f"{m.line.line} ({why})") for m in margins]
-        gaps.insert(0, why)
+        gaps = [why, *gaps]
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
-    if scenario is None:
-        other = None
-    else:
-        other = scenario.driven_wing
-    if other is None:
+    if scenario is None or scenario.driven_wing is None:
         return judged
-    return _combine_drives(judged, second, other.alone)
+    return _combine_drives(judged, second, scenario.driven_wing.alone)
+
+
+def _hidden_line_gaps(
+    unknown: Sequence[Line], limit: Limit, scenario: Scenario | None
+) -> Iterator[str]:
+    """Lines without an amplitude that may be above the limit."""
+    for line in unknown:
+        if not (mode_has_decayed(line, scenario) or _is_negligible(line, limit)):
+            yield f"{line.line} ({line.status})"
+
+
+def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
+    """What a record leaves open besides its lines."""
+    yield from _residual_peak_gaps(table, limit)
+    yield from _beside_band_gaps(table, limit)
+    if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
+        yield from clock_warnings(table)
+    yield from may_be_larger(table, limit.low, limit.high, limit.torque)
+    if scenario is not None and scenario.rate is None:
+        yield (
+            "lines of the step clock, because the rate changes during the record (use a record at"
+            " constant rate)"
+        )
+    yield from _above_passband(table, limit, scenario)
 
 
 def _unknown_error_reason(table: LineTable) -> str:

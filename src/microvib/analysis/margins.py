@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -97,87 +97,98 @@ def margin(
     whatever the record was.
     """
     seeds = table.over_seeds(line.line)
-    # Draws tell more than one record of what noise drives, and of a steady line once they bound its
-    # quantile from above.
-    steady = (
-        line.status in ("ok", BELOW_FLOOR)
-        and seeds is not None
-        and math.isfinite(seeds.p95_high_n_m)
-    )
-    if seeds is not None and (line.status == NOISE_DRIVEN or steady):
-        amplitude, verdict, why = _judge_seed_quantile(line, seeds, most, table.own_error)
+    if seeds is not None and _draws_decide(line, seeds):
+        judged = _judge_seed_quantile(line, seeds, most, table.own_error)
     else:
-        amplitude, verdict, why = _judge_record(line, most, table, ringing, scenario)
-        if verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high_n_m):
+        judged = _judge_record(line, most, table, ringing, scenario)
+        if judged.verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high_n_m):
             verdict, why = _judge_by_tolerance_bound(line, seeds, most)
-    if verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
-        verdict = "not judged"
+            judged = judged._replace(verdict=verdict, why=why)
+    if judged.verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
         why = "may be a decaying array mode, which the record is too short to resolve; increase record.settle"
-    if amplitude > 0.0:
-        factor = most / amplitude
-    else:
-        factor = math.inf
-    return Margin(
-        line, amplitude, factor, verdict, f"{line.line} ({why})" if verdict == "not judged" else ""
-    )
+        judged = judged._replace(verdict="not judged", why=why)
+    factor = most / judged.amplitude if judged.amplitude > 0.0 else math.inf
+    why = f"{line.line} ({judged.why})" if judged.verdict == "not judged" else ""
+    return Margin(line, judged.amplitude, factor, judged.verdict, why)
+
+
+class _Judged(NamedTuple):
+    """Amplitude that is judged [N m], verdict and reason."""
+
+    amplitude: float
+    verdict: Verdict
+    why: str = ""
+
+
+def _draws_decide(line: Line, seeds: SeedLine) -> bool:
+    """Whether draws tell more than one record: of what noise drives, and of a steady line once they
+    bound its quantile from above.
+    """
+    if line.status == NOISE_DRIVEN:
+        return True
+    return line.status in ("ok", BELOW_FLOOR) and math.isfinite(seeds.p95_high_n_m)
 
 
 def _judge_record(
     line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None
-) -> tuple[float, Verdict, str]:
-    """Amplitude that is judged, verdict and reason of one record alone.
+) -> _Judged:
+    """The verdict of one record alone.
 
     What a line may be at most decides that it passes, whatever its status; only a line that neither
     decays nor is hidden can fail.
     """
     amplitude, doubt = line.amplitude_n_m, amplitude_error_bound(line, table)
     if line.status == NOISE_DRIVEN:
-        return amplitude, "not judged", f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
+        why = f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
+        return _Judged(amplitude, "not judged", why)
     if line.status == BELOW_FLOOR:
-        amplitude = max(amplitude + doubt if math.isfinite(amplitude) else 0.0, line.hidden_n_m)
-        return (
-            amplitude,
-            "pass" if amplitude <= most else "not judged",
-            "below the noise floor; increase record.duration",
-        )
+        found = amplitude + doubt if math.isfinite(amplitude) else 0.0
+        largest = max(found, line.hidden_n_m)
+        return _passes(largest, largest, most, "below the noise floor; increase record.duration")
     if line.status in ("decaying", "growing"):
-        amplitude = line.starting(table.duration)
-        largest = max(amplitude, line.amplitude_n_m) + doubt
-        settled = line.status == "decaying" and largest <= most
-        return (
-            amplitude,
-            "pass" if settled else "not judged",
-            settling_advice(line, largest / most, scenario),
-        )
+        start = line.starting(table.duration)
+        largest = max(start, amplitude) + doubt
+        why = settling_advice(line, largest / most, scenario)
+        if line.status == "growing":
+            return _Judged(start, "not judged", why)
+        return _passes(start, largest, most, why)
     if line.status != "ok":
-        return (
-            amplitude,
-            "pass" if _BOUND_FIT_FACTOR * amplitude <= most else "not judged",
-            line.status,
-        )
+        return _passes(amplitude, _BOUND_FIT_FACTOR * amplitude, most, line.status)
     if why := _shared_bins_reason(line, most, doubt, table, scenario):
-        return amplitude, "not judged", why
-    # Until what rings has died away friction may change this line by a part of it: the limit must
-    # be farther off than that, too.
+        return _Judged(amplitude, "not judged", why)
+    return _judge_beside_ringing(line, most, table, ringing, scenario)
+
+
+def _passes(amplitude: float, largest: float, most: float, why: str) -> _Judged:
+    """A pass where what a line may be at most, ``largest``, is within the limit."""
+    return _Judged(amplitude, "pass" if largest <= most else "not judged", why)
+
+
+def _judge_beside_ringing(
+    line: Line, most: float, table: LineTable, ringing: Sequence[Line], scenario: Scenario | None
+) -> _Judged:
+    """A steady line beside what rings in its record.
+
+    Until that has died away friction may change this line by a part of it: the limit must be
+    farther off than that, too.
+    """
+    amplitude = line.amplitude_n_m
+    falling = [x for x in ringing if x.status != NOISE_DRIVEN]
     rings = sum(
         x.amplitude_n_m if x.status == NOISE_DRIVEN else x.starting(table.duration) for x in ringing
     )
-    clear, stirred = abs(amplitude - most) - doubt, RINGING_FACTOR * min(rings, amplitude)
+    clear = abs(amplitude - most) - amplitude_error_bound(line, table)
+    stirred = RINGING_FACTOR * min(rings, amplitude)
     if clear >= stirred:
-        return amplitude, "fail" if amplitude > most else "pass", ""
+        return _Judged(amplitude, "fail" if amplitude > most else "pass")
     if clear <= 0.0:
-        return amplitude, "not judged", "within its uncertainty of the limit"
-    falling = [x for x in ringing if x.status != NOISE_DRIVEN]
-    slowest = min(falling, key=lambda x: x.decay_per_s, default=None)
-    if slowest is None:
-        remedy = "--seeds N"
-    else:
+        return _Judged(amplitude, "not judged", "within its uncertainty of the limit")
+    remedy = "--seeds N"
+    if falling:
+        slowest = min(falling, key=lambda x: x.decay_per_s)
         remedy = settling_advice(slowest, stirred / clear, scenario)
-    return (
-        amplitude,
-        "not judged",
-        f"too close to the limit to judge until the transient has decayed; {remedy}",
-    )
+    why = f"too close to the limit to judge until the transient has decayed; {remedy}"
+    return _Judged(amplitude, "not judged", why)
 
 
 def _shared_bins_reason(
@@ -254,25 +265,21 @@ def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> 
     return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
 
 
-def _judge_seed_quantile(
-    line: Line, seeds: SeedLine, most: float, own_error: float
-) -> tuple[float, Verdict, str]:
-    """Amplitude that is judged, verdict and reason where many draws of the noise were run: their 95
-    % quantile.
-    """
+def _judge_seed_quantile(line: Line, seeds: SeedLine, most: float, own_error: float) -> _Judged:
+    """The verdict where many draws of the noise were run, by their 95 % quantile."""
     doubt = max(MIN_RELATIVE_ERROR, own_error)
     largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
     if seeds.mean_n_m > _MIN_TRANSIENT_RATIO * line.noise_mean_n_m:
-        return (
+        return _Judged(
             seeds.p95_n_m,
             "not judged",
             "larger than the noise accounts for, possibly the start-up transient; increase"
             " record.settle",
         )
     if largest <= most:
-        return seeds.p95_n_m, "pass", ""
+        return _Judged(seeds.p95_n_m, "pass")
     if seeds.p95_low_n_m * (1.0 - doubt) > most:
-        return seeds.p95_n_m, "fail", ""
+        return _Judged(seeds.p95_n_m, "fail")
     high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
     if math.isnan(seeds.p95_high_n_m):
         high, needed = "an unknown amplitude", f"{SEEDS_NEEDED} seeds or more"
@@ -285,7 +292,7 @@ def _judge_seed_quantile(
             " draws, and the integration may"
             f" be off by {100.0 * doubt:.2g} %; a larger solver.refinement"
         )
-    return seeds.p95_n_m, "not judged", why
+    return _Judged(seeds.p95_n_m, "not judged", why)
 
 
 def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple[Verdict, str]:
