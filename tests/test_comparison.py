@@ -17,11 +17,11 @@ from microvib.io.runs import lines_csv
 from microvib.io.sources import open_source
 from microvib.reports.comparison import (
     clock_sentence,
-    comparison_report,
-    comparison_text,
+    comparison_outcome,
     verdict_sentence,
 )
 from microvib.reports.document import Table, Text
+from microvib.reports.outcome import study_contents, terminal_text, text_files
 from microvib.reports.rendering import html
 from microvib.reports.typography import file_name
 from microvib.studies.analyse import analyse
@@ -31,7 +31,6 @@ from microvib.studies.compare import (
     SideLine,
     _match_unlisted_names,
     compare,
-    comparison_csv,
     misread,
 )
 from microvib.studies.evidence import evidence_of, select_evidence
@@ -198,7 +197,7 @@ def test_a_recording_of_another_unit_sign_or_order_is_told(change, told):
     said = misread(*found)
     assert len(said) == bool(told)
     assert all(one.startswith(told) for one in said)
-    assert all(one in comparison_text(*found) for one in said)
+    assert all(one in terminal_text(comparison_outcome(*found)) for one in said)
 
 
 def test_the_axis_that_shows_the_drive_is_told(state_1):
@@ -307,8 +306,12 @@ def test_the_sentence_counts_and_names():
     )
 
 
+def outcome_of(rows):
+    return comparison_outcome(*(Side(name, "table", {}) for name in "ab"), rows)
+
+
 def test_the_file_keeps_all_digits_and_the_verdict():
-    rows = list(csv.DictReader(io.StringIO(comparison_csv(ROWS))))
+    rows = list(csv.DictReader(io.StringIO(text_files(outcome_of(ROWS))["compare.csv"])))
     assert [r["verdict"] for r in rows] == [r.verdict for r in ROWS]
     assert rows[1]["b_amplitude_n_m"] == "0.5105"
     assert rows[0]["a_uncertainty_n_m"] == "0.03"
@@ -316,14 +319,14 @@ def test_the_file_keeps_all_digits_and_the_verdict():
 
 def test_reference_lines_are_not_judged():
     a, b, rows = compare(open_source("state-1:measured"), open_source("state-1:model"))
-    document = comparison_report(a, b, rows)
-    assert document.facts[0].value == "not judged"
-    assert "agree" not in comparison_text(a, b, rows)
+    found = comparison_outcome(a, b, rows)
+    assert found.facts[0].value == "not judged"
+    assert "agree" not in terminal_text(found)
 
 
 def test_the_first_page_says_which_lines_agree():
     a, b = (Side(name, "table", {}) for name in ("/home/me/secret/a.csv", "b.csv"))
-    document = comparison_report(a, b, ROWS)
+    _, document = study_contents(comparison_outcome(a, b, ROWS))
     assert document.facts[0].value == "1 of 2"
     assert any(
         isinstance(x, Text) and x.text.startswith(verdict_sentence(ROWS))
@@ -331,7 +334,7 @@ def test_the_first_page_says_which_lines_agree():
     )
     noise = Row("drive_9", SideLine(10.0, 0.4, 0.3, seen=False), SideLine(10.0, 0.1, 0.001))
     assert (
-        comparison_report(a, b, [*ROWS, noise, noise, noise]).facts == document.facts
+        comparison_outcome(a, b, [*ROWS, noise, noise, noise]).facts == document.facts
     )  # no figure is made of noise
     main = next(
         x for x in document.first_page if isinstance(x, Table) and x.columns[0].title == "line"

@@ -11,7 +11,8 @@ import numpy as np
 import microvib as mv
 from microvib.reports import sheets
 from microvib.reports.budget import draw_budget
-from microvib.reports.comparison import comparison_text
+from microvib.reports.comparison import comparison_outcome
+from microvib.reports.outcome import terminal_text
 from microvib.studies.compare import compare
 from microvib.text_tables import text_table
 
@@ -69,5 +70,6 @@ def test_a_comparison_keeps_a_long_name_from_its_figures() -> None:
     state = mv.load_scenario("state-1").with_({"record.settle": "1 s", "record.duration": "4 s"})
     a, b, rows = (lambda c: (c.a, c.b, c.rows))(compare(state, mv.open_source("state-1:measured")))
     name = "an_unexpected_line_of_the_other_wing"
-    text = comparison_text(a, b, [dataclasses.replace(rows[0], line=name), *rows[1:]])
+    rows = [dataclasses.replace(rows[0], line=name), *rows[1:]]
+    text = terminal_text(comparison_outcome(a, b, rows))
     assert re.search(rf"^{name}  +\d", text, re.MULTILINE)

@@ -12,7 +12,7 @@ import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.io.recordings import write_recording
 from microvib.io.sources import open_source
-from microvib.reports.comparison import comparison_folder
+from microvib.reports.comparison import comparison_outcome
 from microvib.reports.document import Form, Table
 from microvib.reports.identification import (
     draw_before_and_after,
@@ -21,6 +21,7 @@ from microvib.reports.identification import (
     fit_report,
     fit_text,
 )
+from microvib.reports.outcome import study_contents
 from microvib.reports.rendering import write_study
 from microvib.studies.compare import Side, SideLine, _match_unlisted_names, compare
 from microvib.studies.evidence import evidence_of, select_evidence
@@ -434,8 +435,9 @@ def test_comparison_of_a_recording_with_a_scenario(recording, tmp_path):
     )  # the scenario ran at the recording's clock
     assert by_name["drive_1"].a.frequency == pytest.approx(by_name["drive_1"].b.frequency, abs=1e-4)
     assert abs(by_name["drive_2"].error) > 0.05
-    files = write_study(tmp_path / "out", comparison_folder(a, b, rows), Form(), overwrite=False)
-    assert sorted(files) == ["compare.csv", "report.html"]
+    contents = study_contents(comparison_outcome(a, b, rows))
+    files = write_study(tmp_path / "out", contents, Form(), overwrite=False)
+    assert sorted(files) == ["compare.csv", "report.html", "spectra.png"]
     assert "relative_error" in (tmp_path / "out" / "compare.csv").read_text()
 
 

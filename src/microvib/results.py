@@ -23,10 +23,16 @@ A result's dataclass annotates the fields, and properties, that its table has, i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_type_hints
+
+Mark = Literal["", "strong", "group", "pass", "fail", "off"]
+"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly)
+``off`` mean.
+"""
+PASS_FAIL: dict[str, Mark] = {"pass": "pass", "fail": "fail", "not judged": "off"}
 
 
 @dataclass(frozen=True)
@@ -69,14 +75,17 @@ class Measure:
 _DEGREE = math.radians(1.0)
 ARRAY_ANGLE = Measure("deg", _DEGREE, ".6g", file_size=_DEGREE)
 COUNT = Measure(form=".15g")
+DIFFERENCE = Measure("%", 0.01, "+.2f")
 DECIBEL = Measure("dB", form="+.1f")
 FREQUENCY = Measure("Hz")
+LINE_FREQUENCY = Measure("Hz", form="#.6g")
 ORDER = Measure(form=".6g")
 POINTING_ANGLE = Measure("rad", units=(("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)))
 RATE = Measure("deg/s", _DEGREE, ".5g", file_size=_DEGREE)
 SHARE = Measure("%", 0.01, ".3g")
 TIME = Measure("s")
 TORQUE = Measure("mN m", 1e-3, "#.4g")
+TORQUE_UNCERTAINTY = Measure("mN m", 1e-3, ".2g")
 
 
 @dataclass(frozen=True)
@@ -97,6 +106,8 @@ class Column:
     """Whether its words are keys of a scenario, which reports set as code."""
     verdict: bool = False
     """Whether it says of each row *pass*, *fail* or *not judged*, by which rows stand out."""
+    marks: Mapping[str, Mark] | None = None
+    """How rows stand out by other words of a verdict."""
 
     @property
     def title(self) -> str:
@@ -215,10 +226,20 @@ class Table:
             for row in self.rows_shown[:most]
         ]
 
-    def verdicts(self) -> list[str]:
-        """What each row that readers see says of itself: *pass*, *fail*, *not judged* or nothing."""
+    def only(self, keys: Sequence[str]) -> Table:
+        """The rows for readers under the columns with some ``keys``, for readers alone."""
+        kept = [k for k, column in enumerate(self.columns) if column.key in keys]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows_shown)
+        columns = tuple(self.columns[k] for k in kept)
+        return replace(self, name="", columns=columns, rows=rows, for_readers=None)
+
+    def marks(self) -> list[Mark]:
+        """How each row that readers see stands out, by the word of its verdict."""
         at = next((k for k, column in enumerate(self.columns) if column.verdict), None)
-        return ["" if at is None else row[at] for row in self.rows_shown]
+        if at is None:
+            return [""] * len(self.rows_shown)
+        by_word = self.columns[at].marks or PASS_FAIL
+        return [by_word.get(row[at], "") for row in self.rows_shown]
 
     def file_rows(self) -> list[list[Any]]:
         """Values as they stand in files."""

@@ -103,9 +103,10 @@ def test_a_recording_beside_a_run(client, loaded, finished):
         "id"
     ]
     found = result(client, id)
-    assert found["a"]["name"] == "my bench.uff"
-    row = next(row for row in found["rows"] if row["line"] == "drive_1")
-    assert row["error"] == pytest.approx(0.0, abs=0.01)
+    assert found["summary"].endswith("against my bench.uff (recording).")
+    rows = found["parts"][0]["tables"][0]["rows"]
+    row = next(row for row in rows if row["line"] == "drive_1")
+    assert float(row["relative_error"]) == pytest.approx(0.0, abs=1.0)
 
 
 def test_a_parameter_is_identified_from_the_page(client, loaded):

@@ -104,7 +104,7 @@ def compare(
     """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines,
     or the reference lines of a scenario (state-1:measured, state-1:model)."""
     from microvib.io.sources import open_source
-    from microvib.reports.comparison import comparison_folder, comparison_text
+    from microvib.reports.comparison import comparison_outcome
     from microvib.studies.compare import compare as run_comparison
 
     prepared = read_preparation(prepare)
@@ -123,7 +123,7 @@ def compare(
             bands=bands,
             progress=progress,
         )
-    target.deliver(comparison_text(*found), comparison_folder, *found)
+    target.present(comparison_outcome(*found))
 
 
 @click.command()

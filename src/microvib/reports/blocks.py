@@ -63,18 +63,22 @@ def figure_block(drawing: Drawing, alt: str, caption: str = "", turned: bool = F
     return Figure(sheets.svg(drawing), alt, caption, turned)
 
 
+OVERLAY_CAPTION = (
+    "Amplitude spectra of T_d, one-sided, 0-to-peak, Hann window. Left, the low end. Right, the"
+    " peaks to 200 Hz, those of one frequency drawn side by side."
+)
+
+
 def overlay_block(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
-    """Spectra of several torques in one picture: the low end as curves, lines to 200 Hz as stems
-    side by side.
-    """
+    """Spectra of several torques in one picture."""
+    return figure_block(draw_overlay(sides), f"Spectra: {what}", f"{what}. {OVERLAY_CAPTION}")
+
+
+def draw_overlay(sides: Sequence[tuple[str, np.ndarray, float]]) -> Drawing:
+    """Spectra of several torques: the low end as curves, lines to 200 Hz as stems side by side."""
     drawing, axes = sheets.plain_sheet(3.5, 1, 2)
     axes[0, 0].get_gridspec().set_width_ratios((1.0, 1.6))
     drawing.subplots_adjust()  # moves the axes
     figures.draw_overlay(axes[0, 0], sides, 5.0)
     figures.draw_stems(axes[0, 1], sides, 200.0)
-    caption = (
-        f"{what}. Amplitude spectra of T_d, one-sided, 0-to-peak, Hann window. Left, the low end."
-        " Right, the peaks to 200 Hz,"
-        " those of one frequency drawn side by side."
-    )
-    return figure_block(drawing, f"Spectra: {what}", caption)
+    return drawing

@@ -1,28 +1,31 @@
-"""Comparison from command to folder: text, tables, verdict and report."""
+"""A comparison for those who read it: which lines agree, spectra, nearest bins."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from statistics import median
+from typing import Annotated
 
 from microvib.model.line_names import is_sideband, is_unlisted
-from microvib.reports.blocks import overlay_block, study_report
-from microvib.reports.document import (
-    Block,
-    Contents,
-    Document,
-    Fact,
-    Mark,
-    Section,
-    Table,
-    Text,
-    pairs,
-    table,
-)
-from microvib.reports.numbers import brief_number, count_text, format_number, milli, percent
+from microvib.reports.blocks import OVERLAY_CAPTION, draw_overlay
+from microvib.reports.document import Fact, Text
+from microvib.reports.numbers import count_text
+from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.typography import file_name
+from microvib.results import (
+    DIFFERENCE,
+    LINE_FREQUENCY,
+    SHARE,
+    TORQUE,
+    TORQUE_UNCERTAINTY,
+    Column,
+    Measure,
+    Table,
+    columns_of,
+)
 from microvib.studies.compare import (
     AGREES,
     COVERAGE,
@@ -33,63 +36,137 @@ from microvib.studies.compare import (
     UNJUDGED,
     Row,
     Side,
-    comparison_csv,
     misread,
 )
-from microvib.text_tables import text_table
 
-_MAX_FIRST_PAGE = 10
-"""Lines on the first page."""
 _MAX_NAMES = 4
 """Lines that a sentence names."""
+_SIGNIFICANCE = Measure(form=".1f")
 
 
-def comparison_text(a: Side, b: Side, rows: Sequence[Row]) -> str:
-    """Tables 5 and 6 for any pair, as text: the form that does not depend on bins with a verdict,
-    and the nearest bins.
+@dataclass(frozen=True)
+class ComparedLine:
+    """One line of both sides, wherever the bins fall, and its nearest bins."""
+
+    line: Annotated[str, Column("line", "line")]
+    a_frequency: Annotated[float, Column("a_frequency_hz", "A", LINE_FREQUENCY)]
+    b_frequency: Annotated[float, Column("b_frequency_hz", "B", LINE_FREQUENCY)]
+    a_amplitude: Annotated[float, Column("a_amplitude_n_m", "A", TORQUE)]
+    a_uncertainty: Annotated[float, Column("a_uncertainty_n_m", "±", TORQUE_UNCERTAINTY)]
+    b_amplitude: Annotated[float, Column("b_amplitude_n_m", "B", TORQUE)]
+    b_uncertainty: Annotated[float, Column("b_uncertainty_n_m", "±", TORQUE_UNCERTAINTY)]
+    difference: Annotated[float, Column("difference_n_m", measure=TORQUE)]
+    error: Annotated[float, Column("relative_error", "B against A", DIFFERENCE)]
+    significance: Annotated[float, Column("significance", "over uncertainty", _SIGNIFICANCE)]
+    a_bin_frequency: Annotated[float, Column("a_bin_frequency_hz", "A", LINE_FREQUENCY)]
+    b_bin_frequency: Annotated[float, Column("b_bin_frequency_hz", "B", LINE_FREQUENCY)]
+    a_bin_amplitude: Annotated[float, Column("a_bin_amplitude_n_m", "A", TORQUE)]
+    b_bin_amplitude: Annotated[float, Column("b_bin_amplitude_n_m", "B", TORQUE)]
+    bin_error: Annotated[float, Column("bin_relative_error", "B against A", DIFFERENCE)]
+    verdict: Annotated[
+        str,
+        Column("verdict", "verdict", verdict=True, marks={AGREES: "pass", DIFFERS: "off"}),
+    ]
+
+
+_BINS = (
+    "line", "a_bin_frequency_hz", "b_bin_frequency_hz", "a_bin_amplitude_n_m",
+    "b_bin_amplitude_n_m", "bin_relative_error",
+)  # fmt: skip
+"""Columns of the table of bins; that of lines has the others."""
+_LINES = ("line", *(x.key for x in columns_of(ComparedLine).values() if x.key not in _BINS))
+
+
+def comparison_outcome(a: Side, b: Side, rows: Sequence[Row]) -> Outcome:
+    """A comparison for those who read it: verdict line by line wherever the bins fall, spectra, and
+    the nearest bins. The file has all lines, readers see the significant ones.
     """
     shown = significant_rows(rows)
-    lines = [
-        text
+    told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
+    binned = [r for r in shown if math.isfinite(r.bin_error)]
+    first: list[Item] = [
+        Pairs(tuple(_about(a, b))),
+        Text(" ".join([*misread(a, b, rows), verdict_sentence(told or shown)])),
+        _table(told, _LINES_CAPTION).only(_LINES),
+    ]
+    torques = [
+        (f"{mark}: {file_name(s.name)}", s.torque, s.sample_rate)
         for mark, s in (("A", a), ("B", b))
-        for text in (f"{mark}: {s.name} ({s.kind})", *(f"  {n}" for n in s.notes))
+        if s.torque is not None
     ]
-    head = (
-        "line",
-        "A Hz",
-        "B Hz",
-        "A N m",
-        "B N m",
-        "B/A %",
-        "verdict",
-        "A bin N m",
-        "B bin N m",
-        "bin B/A %",
-    )
-    listed: list[tuple[str, ...]] = []
-    for r in shown:
-        hz = (
-            brief_number(x.frequency if math.isfinite(x.frequency) else x.bin_frequency, 8)
-            for x in (r.a, r.b)
-        )
-        found = (
-            brief_number(r.a.amplitude),
-            brief_number(r.b.amplitude),
-            percent(r.error),
-            r.verdict,
-        )
-        bins = (
-            brief_number(r.a.bin_amplitude),
-            brief_number(r.b.bin_amplitude),
-            percent(r.bin_error),
-        )
-        listed.append((r.line, *hz, *found, *bins))
-    lines += [
-        clock_sentence(a, b),
+    if torques:
+        caption = f"Both sides. {OVERLAY_CAPTION}"
+        first += [Picture("spectra", lambda: draw_overlay(torques), "Spectra: both sides", caption)]
+    bins = _table(binned, "All of them are in `compare.csv`.").only(_BINS)
+    return Outcome(
+        "Comparison report",
+        "Comparison of disturbance lines",
+        f"B against A: {_called(b)} against {_called(a)}.",
         "",
-        text_table(head, listed, left=1),
-    ]
-    return "\n".join([*lines, "", *misread(a, b, rows), verdict_sentence(shown)])
+        tuple(_facts(told, shown)),
+        (
+            Part("", tuple(first)),
+            Part("Nearest bins", (Text(_BINS_TEXT), bins) if binned else ()),
+        ),
+        files=(Table.of("compare", ComparedLine, map(_compared, rows), for_readers=()),),
+        descriptions={
+            f"{mark}, scenario": s.scenario
+            for mark, s in (("A", a), ("B", b))
+            if s.scenario is not None
+        },
+    )
+
+
+_LINES_CAPTION = (
+    "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over uncertainty:"
+    " the difference over its standard uncertainty. Hidden: does not stand out of the floor of one"
+    " side. Names with _of_b are lines that only B has."
+    f" Of equal lines one in twenty differs by more than {COVERAGE:g} standard uncertainties by"
+    " chance. The uncertainties are those of the records, from the floor about each line: they"
+    " include neither the calibration of a test nor the parameters of a model."
+)
+_BINS_TEXT = (
+    "Amplitudes as a rectangular window's nearest bins read them, up to 36 % low between bins."
+)
+
+
+def _table(rows: Sequence[Row], caption: str) -> Table:
+    return Table.of("", ComparedLine, map(_compared, rows), caption=caption)
+
+
+def _compared(r: Row) -> ComparedLine:
+    return ComparedLine(
+        r.line,
+        r.a.frequency,
+        r.b.frequency,
+        r.a.amplitude,
+        r.a.uncertainty,
+        r.b.amplitude,
+        r.b.uncertainty,
+        r.b.amplitude - r.a.amplitude,
+        r.error,
+        r.significance,
+        r.a.bin_frequency,
+        r.b.bin_frequency,
+        r.a.bin_amplitude,
+        r.b.bin_amplitude,
+        r.bin_error,
+        r.verdict,
+    )
+
+
+def _about(a: Side, b: Side) -> Iterator[tuple[str, str]]:
+    """What the sides are, how their recordings were prepared, and their clocks."""
+    yield "A", _called(a)
+    yield "B", _called(b)
+    for mark, side in (("A", a), ("B", b)):
+        for note in side.notes:
+            yield f"{mark}, prepared", note
+    yield "Clock", clock_sentence(a, b)
+
+
+def _called(side: Side) -> str:
+    return f"{file_name(side.name)} ({side.kind})"
 
 
 def significant_rows(rows: Sequence[Row]) -> list[Row]:
@@ -182,71 +259,6 @@ def clock_sentence(a: Side, b: Side) -> str:
     return f"{text}; B is {1e6 * (second / first - 1.0):+.1f} ppm off A."
 
 
-def comparison_folder(a: Side, b: Side, rows: Sequence[Row]) -> Contents:
-    """``compare.csv`` and the report of a comparison."""
-    return {"compare.csv": comparison_csv(rows)}, comparison_report(a, b, rows)
-
-
-def comparison_report(a: Side, b: Side, rows: Sequence[Row]) -> Document:
-    """The report of a comparison: verdict line by line wherever the bins fall, spectra, the nearest-bin
-    nearest bins.
-    """
-    shown = significant_rows(rows)
-    told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
-    main = sorted((r for r in told if math.isfinite(r.error)), key=lambda r: -r.a.amplitude)[
-        :_MAX_FIRST_PAGE
-    ]
-    binned = [r for r in shown if math.isfinite(r.bin_error) and (r in main or not main)]
-    sides = {"A": a, "B": b}
-    called = {mark: f"{file_name(s.name)} ({s.kind})" for mark, s in sides.items()}
-    notes = [(f"{mark}, prepared", note) for mark, s in sides.items() for note in s.notes]
-    first_page: list[Block] = [pairs((*called.items(), *notes, ("Clock", clock_sentence(a, b))))]
-    first_page += [
-        Text(" ".join([*misread(a, b, rows), verdict_sentence(told or shown), _UNCERTAINTY_NOTE]))
-    ]
-    if main:
-        first_page += [_line_table([r for r in told if r in main])]
-    else:
-        first_page += []
-    torques = [
-        (f"{k}: {file_name(s.name)}", s.torque, s.sample_rate)
-        for k, s in sides.items()
-        if s.torque is not None
-    ]
-    if torques:
-        first_page += [overlay_block(torques, "Both sides")]
-    else:
-        first_page += []
-    if len(main) < len(told):
-        sections = [Section("All lines", (_line_table(told),), new_page=True)]
-    else:
-        sections = []
-    if binned:
-        sections += [Section("Nearest bins (as Tables 5 and 6)", _bin_blocks(binned))]
-    else:
-        sections += []
-    return study_report(
-        "Comparison report",
-        "Comparison of disturbance lines",
-        f"B against A: {called['B']} against {called['A']}.",
-        facts=_facts(told, shown),
-        first_page=first_page,
-        sections=sections,
-        parts={
-            f"{mark}, scenario": s.scenario for mark, s in sides.items() if s.scenario is not None
-        },
-    )
-
-
-_UNCERTAINTY_NOTE = (
-    f"Of equal lines one in twenty differs by more than {COVERAGE:g} standard uncertainties by"
-    " chance. The uncertainties"
-    " are those of the records, from the floor about each line: they include neither the"
-    " calibration of a test nor the parameters"
-    " of a model."
-)
-
-
 def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
     verdicts = Counter(r.verdict for r in told)
     judged = verdicts[AGREES] + verdicts[DIFFERS]
@@ -267,56 +279,12 @@ def _facts(told: Sequence[Row], shown: Sequence[Row]) -> list[Fact]:
     if errors:
         facts.append(
             Fact(
-                f"{100 * median(abs(e) for _, e, _ in errors):.3g} %",
+                SHARE.figure(median(abs(e) for _, e, _ in errors)),
                 "median difference of amplitudes",
             )
         )
     largest = sorted(errors, key=lambda item: -item[2])[:2]
     return [
         *facts,
-        *(Fact(f"{percent(e)} %", f"{r.line}, amplitude of B over A") for r, e, _ in largest),
+        *(Fact(DIFFERENCE.figure(e), f"{r.line}, amplitude of B over A") for r, e, _ in largest),
     ]
-
-
-def _line_table(rows: Sequence[Row]) -> Table:
-    header = ["line", "A [Hz]", "B [Hz]", "A [mN m]", "± [mN m]", "B [mN m]", "± [mN m]", "B against A [%]",
-              "over uncertainty [1]", "verdict"]  # fmt: skip
-    cells = [
-        [r.line, format_number(r.a.frequency, 6), format_number(r.b.frequency, 6), milli(r.a.amplitude), _spread(r.a.uncertainty),
-         milli(r.b.amplitude), _spread(r.b.uncertainty), percent(r.error), _times(r.significance), r.verdict]
-        for r in rows
-    ]  # fmt: skip
-    caption = (
-        "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over"
-        " uncertainty: the difference over its"
-        " standard uncertainty. Hidden: does not stand out of the floor of one side. Names with"
-        " _of_b are lines that only B has."
-    )
-    looks: dict[str, Mark] = {AGREES: "pass", DIFFERS: "off"}
-    return table(header, cells, caption, {k: looks.get(r.verdict, "") for k, r in enumerate(rows)})
-
-
-def _spread(value: float) -> str:
-    if not value > 0.0:
-        return ""
-    if value < 1e-6:
-        return "< 0.001"
-    return brief_number(1e3 * value, 2)
-
-
-def _times(value: float) -> str:
-    """A multiple of an uncertainty; beyond a hundred its digits say nothing."""
-    if value > 100.0:
-        return "> 100"
-    return format_number(value, 2)
-
-
-def _bin_blocks(rows: Sequence[Row]) -> tuple[Text | Table, ...]:
-    header = ["line", "A [Hz]", "B [Hz]", "A [mN m]", "B [mN m]", "B − A [mN m]", "B against A [%]"]
-    cells = [
-        [r.line, format_number(r.a.bin_frequency, 7), format_number(r.b.bin_frequency, 7), milli(r.a.bin_amplitude),
-         milli(r.b.bin_amplitude), milli(r.b.bin_amplitude - r.a.bin_amplitude, 3), percent(r.bin_error)]
-        for r in rows
-    ]  # fmt: skip
-    text = "Rectangular window, nearest bin. Between bins it reads up to 36 % low."
-    return Text(text), table(header, cells, "All of them are in `compare.csv`.")

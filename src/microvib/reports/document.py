@@ -9,12 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from microvib.reports.title_block import TitleBlock
+from microvib.results import Mark as Mark
 
 Status = Literal["", "pass", "fail"]
-Mark = Literal["", "strong", "group", "pass", "fail", "off"]
-"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly)
-``off`` mean.
-"""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,19 @@ class Picture:
     """Whether it is printed on a page of its own, which lies on its side."""
 
 
-Item = Text | Table | Picture
+@dataclass(frozen=True)
+class Pairs:
+    """Names and what they stand for, a line each."""
+
+    rows: tuple[tuple[str, str], ...]
+
+    @property
+    def lines(self) -> list[str]:
+        """As text."""
+        return [f"{name}: {text}" for name, text in self.rows]
+
+
+Item = Text | Table | Picture | Pairs
 
 
 @dataclass(frozen=True)
@@ -120,6 +132,8 @@ def _terminal_item(item: Item) -> str:
         return _plain(item)
     if isinstance(item, Picture):
         return ""
+    if isinstance(item, Pairs):
+        return "\n".join(item.lines)
     words = [x.measure is None for x in item.shown]
     left = words.index(False) if False in words else len(words) - 1
     head = [x.title for x in item.shown]
@@ -143,6 +157,8 @@ def study_contents(outcome: Outcome) -> Contents:
                 yield figure_block(drawn[item.name], item.title, item.caption, item.turned)
             elif isinstance(item, Table):
                 yield report_table(item)
+            elif isinstance(item, Pairs):
+                yield document.pairs(item.rows)
             else:
                 yield item
 
@@ -172,15 +188,10 @@ def text_files(outcome: Outcome) -> dict[str, str]:
     return tables | data | dict(outcome.other_files)
 
 
-_MARKS: dict[str, document.Mark] = {"pass": "pass", "fail": "fail", "not judged": "off"}
-
-
 def report_table(table: Table) -> document.Table:
     """A table of results as a report's."""
-    marks = [_MARKS.get(verdict, "") for verdict in table.verdicts()]
-    rows = tuple(
-        document.Row(tuple(cells), mark) for cells, mark in zip(table.texts(), marks, strict=True)
-    )
+    cells = map(tuple, table.texts())
+    rows = tuple(map(document.Row, cells, table.marks()))
     return document.Table(tuple(map(_report_column, table.shown)), rows, table.caption)
 
 
@@ -210,7 +221,7 @@ def page_answer(outcome: Outcome, *, pictures: bool = False) -> dict[str, Any]:
 def _page_part(part: Part, pictures: bool) -> dict[str, Any]:
     return {
         "title": part.title,
-        "texts": [_plain(item) for item in part.shown if isinstance(item, Text)],
+        "texts": [text for item in part.shown for text in _page_texts(item)],
         "tables": [_page_table(item) for item in part.shown if isinstance(item, Table)],
         "pictures": [
             {"title": x.title, "caption": x.caption, "source": address(sheets.svg(x.draw()))}
@@ -218,6 +229,12 @@ def _page_part(part: Part, pictures: bool) -> dict[str, Any]:
             if pictures and isinstance(x, Picture)
         ],
     }
+
+
+def _page_texts(item: Item) -> list[str]:
+    if isinstance(item, Text):
+        return [_plain(item)]
+    return item.lines if isinstance(item, Pairs) else []
 
 
 def _page_table(table: Table) -> dict[str, Any]:

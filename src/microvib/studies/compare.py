@@ -18,7 +18,6 @@ from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
-from microvib.io.tables import rows_csv
 from microvib.model.line_names import is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.line_table import Line, LineTable
@@ -31,12 +30,6 @@ from microvib.testdata.recording import Recording
 from microvib.text_tables import counted
 from microvib.units import Band, band, within_band
 
-COLUMNS = (
-    "line", "a_frequency_hz", "b_frequency_hz", "a_amplitude_n_m", "b_amplitude_n_m", "difference_n_m", "relative_error",
-    "significance", "a_bin_frequency_hz", "b_bin_frequency_hz", "a_bin_amplitude_n_m", "b_bin_amplitude_n_m", "bin_relative_error",
-    "a_uncertainty_n_m", "b_uncertainty_n_m", "verdict",
-)  # fmt: skip
-"""Columns of ``compare.csv``."""
 COVERAGE = 2.0
 """Standard uncertainties of the difference within which two amplitudes agree; of equal lines one in
 twenty is beyond.
@@ -465,13 +458,3 @@ def _figures(table: LineTable) -> dict[str, SideLine]:
         )
         for x in table
     }  # fmt: skip
-
-
-def comparison_csv(rows: Sequence[Row]) -> str:
-    """CSV text of a comparison."""
-    return rows_csv(COLUMNS, (
-        (r.line, r.a.frequency, r.b.frequency, r.a.amplitude, r.b.amplitude, r.b.amplitude - r.a.amplitude, r.error, r.significance,
-         r.a.bin_frequency, r.b.bin_frequency, r.a.bin_amplitude, r.b.bin_amplitude, r.bin_error, r.a.uncertainty,
-         r.b.uncertainty, r.verdict)
-        for r in rows
-    ))  # fmt: skip

@@ -21,6 +21,7 @@ from microvib.model.array import Array
 from microvib.model.line_names import SECOND_DRIVE, driving_line
 from microvib.model.scenario import Scenario
 from microvib.reports.angles import angles_outcome
+from microvib.reports.comparison import comparison_outcome
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_text
 from microvib.reports.modes import mode_kinds
@@ -208,24 +209,8 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
 
 
 def comparison_result(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
-    """Lines of both sides."""
-    return {
-        "a": _side(a),
-        "b": _side(b),
-        "rows": [
-            {
-                "line": row.line,
-                "a_hz": row.a.frequency, "b_hz": row.b.frequency,
-                "a_n_m": row.a.amplitude, "b_n_m": row.b.amplitude,
-                "error": row.error if row.a.amplitude else math.nan,
-            }
-            for row in rows
-        ],
-    }  # fmt: skip
-
-
-def _side(side: Side) -> dict[str, Any]:
-    return {"name": side.name, "kind": side.kind, "clock_ratio": side.clock_ratio}
+    """What is said of a comparison: its lines with their verdicts."""
+    return page_answer(comparison_outcome(a, b, rows))
 
 
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:

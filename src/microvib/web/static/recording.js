@@ -9,7 +9,7 @@ import { makeTask } from "./progress.js";
 import * as recorded from "./recorded.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
-import { shortTable } from "./tables.js";
+import { partContent, shortTable } from "./tables.js";
 
 const KEPT = "recording.file";
 const NO_LINES = "None: lines are looked for in the torque about the drive axis of the scenario on the left.";
@@ -167,24 +167,10 @@ function compare() {
     return;
   }
   const body = { recording: recording.id, run: run.id, channel: channel.value };
-  comparisons.start(`Comparison with ${run.name}`, () => post("/api/comparisons", body), { notable });
+  comparisons.start(`Comparison with ${run.name}`, () => post("/api/comparisons", body));
 }
 
-function showComparison({ a, b, rows }, context) {
-  comparison.replaceChildren(
-    h("p", { class: "soft" }, `${a.name} (${a.kind}) and ${b.name} (${b.kind}).`),
-    shortTable(
-      [
-        { key: "line", title: "line" },
-        { key: "a_hz", title: "recording", unit: "Hz", show: hz },
-        { key: "b_hz", title: "run", unit: "Hz", show: hz },
-        { key: "a_n_m", title: "recording", unit: "mN m", show: milli(4) },
-        { key: "b_n_m", title: "run", unit: "mN m", show: milli(4) },
-        { key: "error", title: "run against recording", show: percent },
-      ],
-      rows,
-      (row) => context.notable.includes(row.line),
-      { caption: "Recording beside run" },
-    ),
-  );
+/** The recording is A, the run B. */
+function showComparison({ summary, parts }) {
+  comparison.replaceChildren(h("p", { class: "soft" }, summary), ...parts.flatMap(partContent));
 }
