@@ -614,22 +614,11 @@ def draw_cumulative(budget: Budget) -> Figure:
         order = np.argsort(f)
         up = np.sqrt(np.cumsum(squares[order]))
         down = np.sqrt(np.cumsum(squares[order][::-1])[::-1])
-        ax.step(
-            f[order],
-            1e6 * up,
-            where="post",
-            color=sheets.BLUE,
-            linewidth=1.1,
-            label="from low to high",
-        )
-        ax.step(
-            f[order],
-            1e6 * down,
-            where="pre",
-            color=sheets.RED,
-            linewidth=1.1,
-            label="from high to low",
-        )
+        for rms, where, colour, label in (
+            (up, "post", sheets.BLUE, "from low to high"),
+            (down, "pre", sheets.RED, "from high to low"),
+        ):
+            ax.step(f[order], 1e6 * rms, where=where, color=colour, linewidth=1.1, label=label)
         ax.set(xscale="log", xlabel="frequency [Hz]", ylabel=f"rms of los_{axis} [µrad]")
         ax.legend(fontsize=6.5, frameon=False)
     return drawing
