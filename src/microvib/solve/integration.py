@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import math
 import time as clock_time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from microvib.solve.on_craft import (
 from microvib.solve.pack import Packed, pack
 from microvib.solve.sampling import (
     Decimator,
+    SampleIntervals,
     max_driving_frequency,
     sample_buffer,
     sample_intervals,
@@ -133,6 +134,53 @@ def rerun_refined(
     return np.concatenate([block["T_d"] for block in run])
 
 
+@dataclass
+class _TorqueSums:
+    """What is known of the torque alone, chunk by chunk; the record is rows ``start`` to ``stop``."""
+
+    start: int
+    stop: int
+    stuck: float = 0.0
+    """Rows of the record in which the output sticks."""
+    largest: float = 0.0
+    """[N m]"""
+
+    def add(self, T_d: np.ndarray, output: np.ndarray, done: int) -> None:
+        """Count rows from the number ``done`` on."""
+        own = output[max(self.start - done, 0) : max(self.stop - done, 0)]
+        self.stuck += float(np.sum(own))
+        self.largest = max(self.largest, float(np.max(np.abs(T_d))))
+
+
+def _check_channels(scenario: Scenario, channels: tuple[str, ...] | None) -> None:
+    """ChannelError where a channel cannot be kept."""
+    if isinstance(channels, str):
+        raise ChannelError(
+            f"channels: a list of names is expected, such as ('T_d',), not the text {channels!r}"
+        )
+    craft = scenario.craft
+    looks = craft is not None and craft.spacecraft.line_of_sight is not None
+    known = (*CHANNELS, *MODAL, *(LINE_OF_SIGHT_ACCELERATIONS if looks else ()))
+    for name in channels or ():
+        if name in known:
+            continue
+        if name in (*COMPONENTS, *LINE_OF_SIGHT):
+            needed = INTERFACE_LOAD_CHANNELS if craft is None else (*ACCELERATIONS, *ANGLES)
+            raise ChannelError(f"channel '{name}' is made of others; keep {', '.join(needed)}")
+        near = did_you_mean(name, known)
+        raise ChannelError(
+            f"channel '{name}' does not exist; {near}available channels: {', '.join(known)}"
+        )
+
+
+def _line_of_sight_weights(scenario: Scenario, channels: Sequence[str]) -> np.ndarray | None:
+    """Weights of the channels in what the line of sight does; None where that is not kept."""
+    craft = scenario.craft
+    if craft is None or not set(channels) & set(LINE_OF_SIGHT_ACCELERATIONS):
+        return None
+    return line_of_sight_acceleration_weights(craft, tuple(CHANNELS))
+
+
 class Simulation:
     """One simulation as a stream of blocks ``{channel: samples}``; invariants are known when it is
     through.
@@ -163,135 +211,113 @@ class Simulation:
         invariants are those of the record."""
         self.scenario = scenario
         self._progress = progress or (lambda done, total: None)
-        craft = scenario.craft
-        looks = craft is not None and craft.spacecraft.line_of_sight is not None
-        known = (*CHANNELS, *MODAL, *(LINE_OF_SIGHT_ACCELERATIONS if looks else ()))
-        unknown = [name for name in channels or () if name not in known]
-        if isinstance(channels, str):
-            raise ChannelError(
-                "channels: a list of names is expected, such as ('T_d',), not the text"
-                f" {channels!r}"
-            )
-        if unknown and unknown[0] in (*COMPONENTS, *LINE_OF_SIGHT):
-            needed = (
-                INTERFACE_LOAD_CHANNELS if scenario.craft is None else (*ACCELERATIONS, *ANGLES)
-            )
-            raise ChannelError(
-                f"channel '{unknown[0]}' is made of others; keep {', '.join(needed)}"
-            )
-        if unknown:
-            near = did_you_mean(unknown[0], known)
-            raise ChannelError(
-                f"channel '{unknown[0]}' does not exist; {near}available channels:"
-                f" {', '.join(known)}"
-            )
+        _check_channels(scenario, channels)
         self._wanted = channels or None
         self.packed = packed or pack(scenario)
-        made = craft is not None and set(channels or ()) & set(LINE_OF_SIGHT_ACCELERATIONS)
-        self._of_states = (
-            line_of_sight_acceleration_weights(craft, tuple(CHANNELS))
-            if craft is not None and made
-            else None
-        )
+        self._of_states = _line_of_sight_weights(scenario, channels or ())
         self._torque_only, self._balanced = torque_only, balanced
         self._command, self._known_until = command or Command(scenario), -math.inf
         self._chunk = min(CHUNK_TIME, CHUNK_STEPS / max(max_driving_frequency(scenario), 1.0))
 
-    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:  # noqa: C901
+    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         begun = clock_time.perf_counter()
-        record, packed = self.scenario.record, self.packed
-        x = packed.state
-        t = start = float(x.clock[kernel.NOW])
+        samples, packed = self.scenario.record.samples, self.packed
+        start = float(packed.state.clock[kernel.NOW])
         self.beginning = self.initial_state
         intervals = sample_intervals(self.scenario, start)
+        self._factor = intervals.factor
         self._progress(start, intervals.end)
-        self._factor, width, first, end = (
-            intervals.factor,
-            intervals.width,
-            intervals.first,
-            intervals.end,
-        )
         before, momentum_before = packed.snapshot(), packed.momentum
-        torque, channels = np.zeros((0, packed.torque_columns)), np.zeros((0, packed.columns))
-        if self._torque_only or not self._balanced:
-            silent = torque
-        else:
-            silent = channels
-        while t < first:
-            t = self._advance(min(t + self._chunk, first), end, sample_buffer(silent, first, width))
+        reached = self._advance_to_record(intervals, start)
         if not self._balanced:
-            before, momentum_before, start = packed.snapshot(), packed.momentum, t
-            x.clock[kernel.IMPULSE], x.energy[:] = 0.0, 0.0
-        mix = self._mix()
+            before, momentum_before, start = packed.snapshot(), packed.momentum, reached
+            packed.state.clock[kernel.IMPULSE], packed.state.energy[:] = 0.0, 0.0
+        lead = round((self.scenario.record.settle - intervals.first) / intervals.width)
+        torque = _TorqueSums(lead, lead + self._factor * samples)
+        made = 0
+        for whole in self._blocks(intervals, torque):
+            block = whole[: samples - made]
+            made += block.shape[0]
+            if block.shape[0]:
+                yield {"T_d": block[:, 0]} if self._torque_only else self._name(block)
+            if made >= samples:
+                break
         if self._torque_only:
-            columns = torque.shape[1]
-        elif mix is None:
-            columns = packed.columns
+            lost = packed.momentum - momentum_before + float(packed.state.clock[kernel.IMPULSE])
+            self.stuck_output = torque.stuck / (torque.stop - torque.start)
+            self.momentum = 0.0
+            if torque.largest > 0.0:
+                self.momentum = abs(lost) / (torque.largest * (intervals.end - start))
+            return
+        span = intervals.end - start
+        self.invariants = compute_invariants(packed, before, momentum_before, span)
+        self._finish(span, clock_time.perf_counter() - begun)
+
+    def _advance_to_record(self, intervals: SampleIntervals, start: float) -> float:
+        """Go on from ``start`` to the first interval of the record [s], and say where that is."""
+        packed, t = self.packed, start
+        if self._torque_only or not self._balanced:
+            silent = np.zeros((0, packed.torque_columns))
         else:
-            columns = whole_lanes(len(mix))
+            silent = np.zeros((0, packed.columns))
+        while t < intervals.first:
+            t = self._advance(
+                min(t + self._chunk, intervals.first),
+                intervals.end,
+                sample_buffer(silent, intervals.first, intervals.width),
+            )
+        return t
+
+    def _blocks(self, intervals: SampleIntervals, torque: _TorqueSums) -> Iterator[np.ndarray]:
+        """Samples of the record and beyond, (n, columns), chunk by chunk without end."""
+        packed, width, first = self.packed, intervals.width, intervals.first
+        mix = self._mix()
+        columns = self._columns(mix)
         decimator = Decimator(self._factor)
         # As long whatever is kept, since a step ends where a chunk does.
         per_chunk = chunk_rows(
             columns if self._torque_only else packed.columns, math.ceil(self._chunk / width)
         )
+        # Channels are picked before they are filtered, which takes its time.
+        picks = self._wanted is not None and mix is None and not self._torque_only
         # Where rows are filtered as they are, they are written where the filter takes them.
-        selected = (
-            self._torque_only
-            or (self._wanted is not None and mix is None)
-            or columns != whole_lanes(columns)
-        )
+        selected = self._torque_only or picks or columns != whole_lanes(columns)
         buffer = np.zeros((per_chunk if selected else 0, columns))
         samples = sample_buffer(buffer[:0], first, width, mix)
-        done = made = 0
-        stuck = largest = 0.0
-        lead = round((record.settle - first) / width)
-        last = lead + self._factor * record.samples
-        while made < record.samples:
-            count, missing = min(per_chunk, intervals.rows - done), 0 if done else intervals.missing
-            if count > 0:
-                if selected:
-                    rows = buffer[:count]
-                else:
-                    rows = decimator.room(missing + count, columns)[missing:]
-                samples = samples._replace(rows=rows)
-                samples.cursor[:] = 0, done
-                self._advance(first + (done + count) * width, end, samples)
-                assert samples.cursor[0] == count
-                if self._torque_only:
-                    T_d, output = packed.torque_of(rows)
-                    stuck, largest = (
-                        stuck + float(np.sum(output[max(lead - done, 0) : max(last - done, 0)])),
-                        max(largest, float(np.max(np.abs(T_d)))),
-                    )
-                    rows = T_d[:, None]
-                elif (
-                    self._wanted is not None and mix is None
-                ):  # before they are filtered, which takes its time
-                    rows = self._picked(rows[:, : packed.channels], self._wanted)
-                room = decimator.room(missing + count, rows.shape[1])
-                if selected:
-                    room[missing:, : rows.shape[1]] = rows
-                room[:missing] = room[missing]
-                done += count
-                block = decimator.filtered()
+        done = 0
+        while done < intervals.rows:
+            count = min(per_chunk, intervals.rows - done)
+            missing = 0 if done else intervals.missing
+            if selected:
+                rows = buffer[:count]
             else:
-                block = decimator.end()
-            block = block[: record.samples - made]
-            made += block.shape[0]
-            if block.shape[0]:
-                yield {"T_d": block[:, 0]} if self._torque_only else self._name(block)
+                rows = decimator.room(missing + count, columns)[missing:]
+            samples = samples._replace(rows=rows)
+            samples.cursor[:] = 0, done
+            self._advance(first + (done + count) * width, intervals.end, samples)
+            assert samples.cursor[0] == count
+            if self._torque_only:
+                T_d, output = packed.torque_of(rows)
+                torque.add(T_d, output, done)
+                rows = T_d[:, None]
+            elif picks:
+                rows = self._picked(rows[:, : packed.channels], self._wanted or ())
+            room = decimator.room(missing + count, rows.shape[1])
+            if selected:
+                room[missing:, : rows.shape[1]] = rows
+            room[:missing] = room[missing]
+            done += count
+            yield decimator.filtered()
+        while True:
+            yield decimator.end()
+
+    def _columns(self, mix: np.ndarray | None) -> int:
+        """Columns of the rows that the kernel fills."""
         if self._torque_only:
-            lost = abs(
-                packed.momentum - momentum_before + float(packed.state.clock[kernel.IMPULSE])
-            )
-            self.stuck_output = stuck / (last - lead)
-            if largest > 0.0:
-                self.momentum = lost / (largest * (end - start))
-            else:
-                self.momentum = 0.0
-            return
-        self.invariants = compute_invariants(packed, before, momentum_before, end - start)
-        self._finish(end - start, clock_time.perf_counter() - begun)
+            return self.packed.torque_columns
+        if mix is None:
+            return self.packed.columns
+        return whole_lanes(len(mix))
 
     @property
     def initial_state(self) -> InitialState:
