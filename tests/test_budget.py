@@ -22,7 +22,8 @@ from microvib.model.coupling import line_of_sight_transfer
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import rigid_motion_at
 from microvib.model.spacecraft import SecondWing
-from microvib.reports.budget import budget_report, budget_text, draw_budget, draw_cumulative
+from microvib.reports.budget import budget_outcome, draw_budget, draw_cumulative
+from microvib.reports.outcome import study_contents, terminal_text
 from microvib.signals.in_step import bases
 from microvib.signals.pointing import confidence_level_angle, metric_weight
 from microvib.studies.budget.angles import budget_over_angles
@@ -1004,30 +1005,36 @@ def test_a_curve_limits_each_line() -> None:
     assert assess(r, [source("a", (10.0, 0.09, 0.0), gaps=(gap,))], "rss").verdict == "not judged"
 
 
-def test_the_text_ends_with_the_verdicts_within_a_terminal() -> None:
+def test_the_text_ends_with_the_verdicts_within_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     required = [
         requirement(name=f"P-{k}", metric="rpe", window="10 ms", limit=limit)
         for k, limit in ((1, "1 urad"), (2, "0.1 urad"))
     ]
     one = source("a", (60.0, 0.5, 0.0))
     found = tuple(assess(r, [one], "rss") for r in required)
-    text = budget_text(
-        Budget(
-            scenario_of(whole.FullCraft()),
-            None,
-            "rss",
-            (one,),
-            combine_lines([one], "rss"),
-            found,
-            (),
+    text = terminal_text(
+        budget_outcome(
+            Budget(
+                scenario_of(whole.FullCraft()),
+                None,
+                "rss",
+                (one,),
+                combine_lines([one], "rss"),
+                found,
+                (),
+            )
         )
     )
-    *_, head, first, second = text.splitlines()
-    assert head.split() == ["limit", "value", "at", "most", "dB", "verdict"]
+    *heads, first, second = text.split("\n\n")[-1].splitlines()
+    assert " ".join(heads).count("[µrad]") == 3
+    assert set(" ".join(heads).split()) == {
+        "name", "limit", "value", "at", "most", "margin", "[µrad]", "[dB]", "verdict", "requirement"
+    }  # fmt: skip
     assert [row.split()[0] for row in (first, second)] == ["P-1", "P-2"]
     assert "pass  RPE 10 ms, radial, rms" in first
     assert "FAIL  RPE 10 ms, radial, rms" in second
-    assert max(map(len, (head, first, second))) <= 80
+    assert max(map(len, (*heads, first, second))) <= 80
 
 
 def test_a_curve_is_decided_by_the_line_nearest_to_it_and_not_by_the_largest() -> None:
@@ -1979,9 +1986,11 @@ def test_a_budget_says_for_which_angle_it_holds_and_judges_the_worst() -> None:
     )
     degrees = (0.0, 60.0, 120.0)
     each = [pointing_budget(scenario.at_angle(f"{x} deg"), r) for x in degrees]
-    assert "at an array angle of 60 deg only" in budget_text(each[1])
+    assert "at an array angle of 60 deg only" in terminal_text(budget_outcome(each[1]))
     both = budget_over_angles(scenario, r, angles=[f"{x} deg" for x in degrees])
-    assert "the worst of 3 array angles from 0 to 120 deg, and at these only" in budget_text(both)
+    assert "the worst of 3 array angles from 0 to 120 deg, and at these only" in terminal_text(
+        budget_outcome(both)
+    )
     for k, one in enumerate(both.judged):
         most = [x.judged[k].most for x in each]
         assert one.most == pytest.approx(max(most))
@@ -2022,8 +2031,9 @@ def test_a_budget_says_that_a_drive_without_a_steady_state_was_simulated_from_re
     [told] = found.without_steady
     assert told.startswith("north: No steady state: friction that varies with the angle")
     assert told.endswith("Simulated from rest instead.")
-    assert told in budget_text(found)
-    assert told in str(budget_report(found, draw_budget(found)))
+    outcome = budget_outcome(found)
+    assert told in terminal_text(outcome)
+    assert told in str(study_contents(outcome)[1])
     assert told in summary(found)["notes"]
     assert not pointing_budget(scenario, names=["north"]).without_steady
 

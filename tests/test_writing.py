@@ -154,10 +154,18 @@ def test_a_file_that_cannot_be_written_keeps_the_old_one(tmp_path):
 def test_a_folder_may_hold_every_file_that_a_report_writes() -> None:
     """Else what wrote it could not replace it."""
     sources = Path(reports.__file__).parent.rglob("*.py")
-    named = set()
-    for text in (path.read_text(encoding="utf-8") for path in sources):
-        named |= set(re.findall(r'"(\w+\.(?:csv|json|png|nc))"', text))
-        named |= {f"{name}.csv" for name in re.findall(r'\bTable(?:\.of)?\(\s*"(\w+)"', text)}
-        named |= {f"{name}.png" for name in re.findall(r'\bPicture\(\s*"([a-z_]+)"', text)}
-    assert {"seeds.csv", "loads.csv", "best.csv", "campbell.png"} <= named
+    texts = [path.read_text(encoding="utf-8") for path in sources]
+    named = {
+        f"{name}{ending}"
+        for text in texts
+        for pattern, ending in (
+            (r'"(\w+\.(?:csv|json|png|nc))"', ""),
+            (r'[tT]able(?:\.of)?\(\s*"(\w+)",', ".csv"),
+            (r'Picture\(\s*"([a-z]\w+)",', ".png"),
+            (r'data=\{"(\w+)":', ".json"),
+        )
+        for name in re.findall(pattern, text)
+    }
+    assert {"seeds.csv", "loads.csv", "best.csv", "orbit_lines.csv"} <= named
+    assert {"orbit.json", "campbell.png", "orbit_windows.csv", "summary.csv"} <= named
     assert named <= {*RUN_FILES, *STUDY_FILES}

@@ -191,8 +191,16 @@ class Table:
 
     @cached_property
     def shown(self) -> tuple[Column, ...]:
-        """The columns that readers see, those of one measure in one unit."""
-        return tuple(self._in_one_unit(column) for column in self.columns if column.heading)
+        """The columns that readers see, those of one measure in one unit; empty ones are left
+        out.
+        """
+        return tuple(self._in_one_unit(self.columns[k]) for k in self._kept)
+
+    @cached_property
+    def _kept(self) -> list[int]:
+        named = [k for k, column in enumerate(self.columns) if column.heading]
+        rows = self.rows_shown
+        return [k for k in named if not rows or any(self.columns[k].text(row[k]) for row in rows)]
 
     def _in_one_unit(self, column: Column) -> Column:
         if column.measure is None or not column.measure.units:
@@ -220,9 +228,8 @@ class Table:
 
     def texts(self, most: int | None = None) -> list[list[str]]:
         """Cells as readers see them, of the first ``most`` rows that they do."""
-        kept = [k for k, column in enumerate(self.columns) if column.heading]
         return [
-            [column.text(row[k]) for k, column in zip(kept, self.shown, strict=True)]
+            [column.text(row[k]) for k, column in zip(self._kept, self.shown, strict=True)]
             for row in self.rows_shown[:most]
         ]
 

@@ -93,7 +93,7 @@ def budget(
     """Judge the line of sight of a craft against requirements. SCENARIO is the drive on its craft;
     further ones are other drives on the same craft."""
     from microvib.io.recordings import read_prepared
-    from microvib.reports.budget import budget_folder, budget_text
+    from microvib.reports.budget import budget_outcome
     from microvib.studies.angles import angles_in
     from microvib.studies.budget.angles import budget_over_angles
     from microvib.studies.budget.study import Budget, pointing_budget
@@ -125,4 +125,4 @@ def budget(
             one_clock=one_clock, short_way=short_way, steady=steady, harmonics=harmonics,
             names=[Path(name).stem for name in scenarios], progress=progress, **several,
         )  # fmt: skip
-    target.deliver(budget_text(found), budget_folder, found)
+    target.present(budget_outcome(found))

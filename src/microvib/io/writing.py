@@ -204,6 +204,7 @@ STUDY_FILES = (
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
     "summary.csv", "orbit.csv", "orbit_lines.csv", "orbit_windows.csv", "orbit.json", "orbit.png", "seeds.csv",
     "spectra.png", "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
+    "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

@@ -1,34 +1,34 @@
-"""A pointing budget as text, tables, pictures and a report whose first page has the decision."""
+"""A pointing budget for those who read it: verdicts, tables and pictures."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from microvib.analysis.margins import Verdict
-from microvib.io.tables import tables_csv, to_json
 from microvib.reports import sheets
-from microvib.reports.blocks import figure_block, study_report
-from microvib.reports.document import (
-    Contents,
-    Document,
-    Fact,
-    Mark,
-    Section,
-    Status,
+from microvib.reports.document import Fact, Status, Text
+from microvib.reports.numbers import brief_number, count_text
+from microvib.reports.outcome import Item, Outcome, Part, Picture
+from microvib.results import (
+    ARRAY_ANGLE,
+    COUNT,
+    DECIBEL,
+    FREQUENCY,
+    POINTING_ANGLE,
+    SHARE,
+    TIME,
+    Column,
     Table,
-    Text,
-    table,
 )
-from microvib.reports.numbers import angle_text, angle_unit, brief_number, count_text
-from microvib.signals.pointing import Metric, mean_square_of_density, metric_weight
+from microvib.signals.pointing import Metric, mean_square_of_density, metric_name, metric_weight
 from microvib.studies.budget.study import Budget, summary
-from microvib.studies.budget.sums import Assessment, combine_lines
+from microvib.studies.budget.sums import Assessment, Share, combine_lines
 from microvib.studies.campaign.statistics import NO_ESTIMATE
-from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +38,8 @@ MOST_REASONS = 4
 """Reasons that are told on the first page; all are in the tables."""
 RANKED = 8
 """Lines that a ranking shows."""
+COMPARED = 20
+"""Lines by which the blocked-load method is compared with the coupled run."""
 _RULES = {
     "rss": "as mean squares, averaged over unknown phases",
     "coherent": "with their phases",
@@ -46,101 +48,143 @@ _RULES = {
 _WORDS: dict[Verdict, str] = {"fail": "FAIL", "not judged": "not judged", "pass": "pass"}
 
 
-def _margin(one: Assessment) -> str:
-    if 0.0 < one.margin < math.inf:
-        return f"{20.0 * math.log10(one.margin):+.1f}"
-    return ""
+@dataclass(frozen=True)
+class RequirementRow:
+    """A requirement with what was found; angles [rad]."""
+
+    name: Annotated[str, Column("name", "name")]
+    limit: Annotated[float, Column("limit_rad", "limit", POINTING_ANGLE)]
+    value: Annotated[float, Column("value_rad", "value", POINTING_ANGLE)]
+    least: Annotated[float, Column("least_rad", measure=POINTING_ANGLE)]
+    most: Annotated[float, Column("most_rad", "at most", POINTING_ANGLE, absent="not bounded")]
+    lines: Annotated[float, Column("lines_rad", measure=POINTING_ANGLE)]
+    noise: Annotated[float, Column("noise_rad", measure=POINTING_ANGLE)]
+    median: Annotated[float, Column("median_rad", "median", POINTING_ANGLE)]
+    p95: Annotated[float, Column("p95_rad", "P95", POINTING_ANGLE)]
+    p99: Annotated[float, Column("p99_rad", "P99", POINTING_ANGLE)]
+    margin: Annotated[float, Column("margin_db", "margin", DECIBEL)]
+    angle: Annotated[float, Column("array_angle_deg", "array angle", ARRAY_ANGLE)]
+    why: Annotated[str, Column("why")]
+    verdict: Annotated[str, Column("verdict", "verdict", verdict=True)]
+    requirement: Annotated[str, Column("requirement", "requirement")]
 
 
-def _upper_bound_text(one: Assessment) -> str:
-    if math.isinf(one.most):
-        return "not bounded"
-    return angle_text(one.most)
-
-
-def budget_text(budget: Budget) -> str:
-    """Requirements with verdicts, sources, ranked lines, as text."""
-    parts = [f"{budget.scenario.title or 'Pointing budget'}: {_decision(budget)}"]
-    unit, size = angle_unit(x for w in budget.windows for x in (*w.both, w.lines[2], w.noise[2]))
-    windows = [
-        (
-            _metric_label(w.metric),
-            f"{w.window:g}",
-            *(f"{x[2] / size:.4g}" for x in (w.lines, w.noise, w.both)),
-        )
-        for w in budget.windows
-    ]
-    head = ["metric", "window s", *(f"{what} {unit}" for what in ("lines", "noise", "both"))]
-    parts.append("Radial rms of all sources:\n" + text_table(head, windows))
-    for one in budget.judged[:1]:
-        unit, rows = _ranked(one)
-        if one.requirement.curve:
-            share = "of limit %"
-        else:
-            share = "share %"
-        parts.append(
-            f"Largest contributors to {_name(one)}:\n"
-            + text_table(("source", "line", "Hz", f"rms {unit}", share), rows)
-        )
-    if budget.short_way:
-        parts.append(short_way_text(budget))
-    parts += [_angle_notes(budget), *budget.without_steady]
-    if (
-        budget.judged
-    ):  # last, where a terminal shows it, and what is required in words after the figures
-        spread = _spread(budget)
-        head = [
-            "",
-            "limit",
-            "value",
-            "at most",
-            *spread,
-            "dB",
-            *(["at deg"] if budget.angles else []),
-            "verdict",
-            "",
-        ]
-        parts.append(
-            text_table(head, [_row(one, bool(spread)) for one in budget.judged], last_left=True)
-        )
-        parts += _not_judged(budget)
-    return "\n\n".join(parts)
-
-
-def _angle_notes(budget: Budget) -> str:
-    """For which angles of the array the verdict holds, and what to ask for the others, as
-    sentences.
+def budget_outcome(budget: Budget) -> Outcome:
+    """A budget for those who read it: verdicts, largest contributors, windows, sources, and the
+    blocked-load method against the coupled run.
     """
-    if not budget.angles:
-        return f"This holds {budget.holds_at}; --angles 0:330:30 or --orbit judges the worst."
-    return " ".join([f"Each is {budget.holds_at}.", *budget.notes])
+    required = budget.requirements
+    title = (required.title if required else "") or budget.scenario.title or "craft"
+    cumulative = Picture(
+        "cumulative",
+        lambda: draw_cumulative(budget),
+        "Cumulative rms of the line of sight",
+        _CUMULATIVE,
+    )
+    return Outcome(
+        "Pointing budget",
+        f"Pointing budget: {title}",
+        _decision(budget),
+        budget.verdict if budget.judged else "",
+        tuple(_facts(budget)),
+        (
+            Part("", tuple(_first_page(budget))),
+            Part("What this rests on", (Text(_basis(budget)),)),
+            Part("Largest contributors", (_contributors(budget),)),
+            Part("Windows", (_windows(budget),)),
+            Part("Cumulative rms", (cumulative,)),
+            Part("Sources", (_sources(budget),), report_only=True),
+            Part(
+                "Blocked-load method compared with the coupled run",
+                (_blocked_loads(budget),) if budget.short_way else (),
+            ),
+        ),
+        budget.scenario,
+        files=(_source_shares(budget), _lines(budget)),
+        data={"budget": summary(budget)},
+        descriptions={} if required is None else {"requirements": required},
+    )
 
 
-def _at(one: Assessment) -> list[str]:
-    if one.angle is None:
-        return []
-    return [f"{math.degrees(one.angle):.4g}"]
+def _first_page(budget: Budget) -> Iterator[Item]:
+    yield _requirements(budget)
+    yield from map(Text, _not_judged(budget))
+    title = "Lines by source, and rms over windows"
+    yield Picture("budget", lambda: draw_budget(budget), title, _CAPTION)
 
 
-def _spread(budget: Budget) -> list[str]:
-    """Heads of the percentiles, where there are any."""
+_CAPTION = (
+    "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits"
+    " one axis, lines about that axis have a marker of their own, as its legend says. Right, radial"
+    " rms of all sources over the length of the window (the largest within each fortieth of a"
+    " decade), dashed about x and dotted about y where a limit is on that axis; markers are limits"
+    " on them."
+)
+_CUMULATIVE = (
+    "Root of the sum of mean squares of lines and densities, from the lowest frequency up and from"
+    " the highest down."
+)
+
+
+def _margin(one: Assessment) -> float:
+    """Margin to the limit [dB]; nan where there is none."""
+    if 0.0 < one.margin < math.inf:
+        return 20.0 * math.log10(one.margin)
+    return math.nan
+
+
+def _name(one: Assessment) -> str:
+    return one.requirement.name or one.requirement.text
+
+
+def _decision(budget: Budget) -> str:
+    said = _verdict_counts(budget)
+    if budget.judged:
+        said = f"{_WORDS[budget.verdict]} ({said})"
+    return f"{said[0].upper()}{said[1:]}, {budget.holds_at}."
+
+
+def _verdict_counts(budget: Budget) -> str:
+    if not budget.judged:
+        return "no requirement was given, so nothing is judged"
+    verdicts: dict[Verdict, int] = {
+        v: sum(one.verdict == v for one in budget.judged) for v in _WORDS
+    }
+    said = ", ".join(f"{n} {v}" for v, n in verdicts.items() if n)
+    return f"{said}, of {count_text(len(budget.judged), 'requirement')}"
+
+
+def _requirements(budget: Budget) -> Table:
+    caption = (
+        "At most: with the worst phases, all that still rings, and allowances for what was not"
+        " examined."
+    )
     if any(one.spread for one in budget.judged):
-        return ["median", "P95", "P99"]
-    return []
+        caption += " Percentiles over a campaign."
+    shown = [_requirement_row(one, one.angle) for one in budget.judged]
+    in_file = [_requirement_row(one, math.radians(budget.angle_of(one))) for one in budget.judged]
+    return Table.of("budget", RequirementRow, in_file, for_readers=shown, caption=caption)
 
 
-def _row(one: Assessment, spread: bool) -> list[str]:
-    _, *figures, margin, median, p95, p99 = _cells(one)
-    percentiles = (median, p95, p99) if spread else ()
-    return [
+def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
+    median, p95, p99 = one.spread or (NO_ESTIMATE,) * 3
+    return RequirementRow(
         one.requirement.name,
-        *figures,
-        *percentiles,
-        margin,
-        *_at(one),
-        _WORDS[one.verdict],
+        one.limit,
+        one.value,
+        one.least,
+        one.most,
+        one.lines,
+        one.noise,
+        median.value,
+        p95.value,
+        p99.value,
+        _margin(one),
+        math.nan if angle is None else angle,
+        "; ".join(one.why),
+        one.verdict,
         one.requirement.text,
-    ]
+    )
 
 
 def _not_judged(budget: Budget) -> list[str]:
@@ -161,288 +205,159 @@ def _not_judged(budget: Budget) -> list[str]:
     ]
 
 
-def short_way_text(budget: Budget) -> str:
-    """The short way against the coupled run, line by line."""
-    head = ("line", "Hz", "short rad", "coupled rad", "line of sight %", "moments %")
-    return "Blocked-load method compared with the coupled run:\n" + text_table(
-        head, _short_rows(budget)
-    )
-
-
-def _short_rows(budget: Budget) -> list[list[str]]:
-    return [
-        [d.line, f"{d.frequency:.5g}", *(f"{x:.4g}" for x in d.los), *(f"{100 * x:.3g}" for x in (d.los_error, d.load_error))]
-        for d in budget.short_way[:20]
-    ]  # fmt: skip
-
-
-def _name(one: Assessment) -> str:
-    return one.requirement.name or one.requirement.text
-
-
-def _cells(one: Assessment) -> list[str]:
-    if one.spread is None:
-        spread = ["", "", ""]
+def _basis(budget: Budget) -> str:
+    """For which angles of the array the verdict holds and what to ask for the others, how lines
+    were added, who requires it, and which drives have no steady state, as sentences.
+    """
+    if budget.angles:
+        angles = " ".join([f"Each is {budget.holds_at}.", *budget.notes])
     else:
-        spread = [angle_text(e.value) for e in one.spread]
-    r = one.requirement
-    if r.name:
-        what = f"{r.name}: {r.text}"
-    else:
-        what = r.text
-    return [
-        what,
-        angle_text(one.limit),
-        angle_text(one.value),
-        _upper_bound_text(one),
-        _margin(one),
-        *spread,
-    ]
+        angles = f"This holds {budget.holds_at}; --angles 0:330:30 or --orbit judges the worst."
+    said = [f"Lines of one frequency in several sources add {_RULES[budget.rule]}."]
+    if budget.requirements and budget.requirements.source:
+        said += [f"Required by: {budget.requirements.source}."]
+    return " ".join([*said, *budget.without_steady, angles])
 
 
-def _metric_label(metric: str) -> str:
-    """A metric as requirements name it: abbreviations in capitals."""
-    if len(metric) == 3:
-        return metric.upper()
-    return metric
-
-
-def _ranked(one: Assessment) -> tuple[str, list[list[str]]]:
-    """Unit of their rms, and rows of the lines that contribute most."""
-    kept = one.ranking[:RANKED]
-    unit, size = angle_unit(c.rms for c in kept)
-    return unit, [
-        [c.source, c.line, brief_number(c.frequency), f"{c.rms / size:.4g}", f"{100 * c.share:.3g}"]
-        for c in kept
-    ]
-
-
-def _decision(budget: Budget) -> str:
-    if budget.judged:
-        said = f"{_WORDS[budget.verdict]} ({_counted_sources(budget)})"
-    else:
-        said = _counted_sources(budget)
-    return f"{said}, {budget.holds_at}"
-
-
-def _counted_sources(budget: Budget) -> str:
-    if not budget.judged:
-        return "no requirement was given, so nothing is judged"
-    verdicts: dict[Verdict, int] = {
-        v: sum(one.verdict == v for one in budget.judged) for v in _WORDS
-    }
-    said = ", ".join(f"{n} {v}" for v, n in verdicts.items() if n)
-    return f"{said}, of {count_text(len(budget.judged), 'requirement')}"
-
-
-_BUDGET_CSV = (
-    "name requirement limit_rad value_rad least_rad most_rad lines_rad noise_rad median_rad p95_rad"
-    " p99_rad verdict why"
-    " array_angle_deg"
-)
-
-
-def budget_folder(budget: Budget) -> Contents:
-    """Tables, JSON, picture and report of a budget."""
-    picture = draw_budget(budget)
-    judged = [
-        (one.requirement.name, one.requirement.text, one.limit, one.value, one.least, one.most, one.lines, one.noise,
-         *(e.value for e in one.spread or (NO_ESTIMATE,) * 3), one.verdict, "; ".join(one.why), budget.angle_of(one))
-        for one in budget.judged
-    ]  # fmt: skip
-    costs = [
-        (x.requirement.name, x.requirement.text, c.source, c.rms, c.share)
-        for x in budget.judged
-        for c in x.sources
-    ]
-    lines = [
-        (c.source, c.names[k], float(c.frequency[k]), *np.abs(c.los[k]).tolist(), *np.angle(c.los[k]).tolist(), bool(c.settled[k]))
-        for c in budget.contributions for k in range(len(c.names))
-    ]  # fmt: skip
-    tables = tables_csv({
-        "budget": (_BUDGET_CSV, judged),
-        "sources": ("name requirement source rms_rad share", costs),
-        "lines": ("source line frequency_hz los_x_rad los_y_rad los_x_phase_rad los_y_phase_rad settled", lines),
-    })  # fmt: skip
-    files = {"budget.json": to_json(summary(budget)), "budget.png": sheets.png(picture)}
-    return tables | files, budget_report(budget, picture)
-
-
-def budget_report(budget: Budget, picture: Figure) -> Document:
-    """The report of a budget: decision, requirements and sources on the first page."""
-    notes = [
-        Text(text, note=True)
-        for text in (*_not_judged(budget), _angle_notes(budget), *budget.without_steady)
-    ]
-    caption = (
-        "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits"
-        " one axis, lines about that axis"
-        " have a marker of their own, as its legend says. Right, radial rms of all sources over the"
-        " length"
-        " of the window (the largest within each fortieth of a decade), dashed about x and dotted"
-        " about y where a limit is on that"
-        " axis; markers are limits on them."
-    )
-    required = budget.requirements
-    if required and required.source:
-        source = f" Required by: {required.source}."
-    else:
-        source = ""
-    how = Text(
-        f"Lines of one frequency in several sources add {_RULES[budget.rule]}.{source}", note=True
-    )
-    if budget.judged:
-        sections = [
-            Section(
-                "What costs most",
-                tuple(_contributor_tables(one) for one in budget.judged if one.ranking),
-            )
-        ]
-    else:
-        sections = []
-    sections.append(Section("Windows", (_windows(budget),)))
-    sections.append(
-        Section(
-            "Cumulative rms",
-            (
-                figure_block(
-                    draw_cumulative(budget), "Cumulative rms of the line of sight", _CUMULATIVE
-                ),
-            ),
-        )
-    )
-    sections.append(Section("Sources", (_sources(budget),)))
-    if budget.short_way:
-        head = [
-            "line",
-            "frequency [Hz]",
-            "short way [rad]",
-            "coupled [rad]",
-            "line of sight [%]",
-            "moments [%]",
-        ]
-        told = Text(
-            "Blocked loads and apparent masses against the coupled run: differences of complex"
-            " amplitudes, part of the latter."
-        )
-        sections.append(Section("The short way", (told, table(head, _short_rows(budget)))))
-    return study_report(
-        "Pointing budget",
-        f"Pointing budget: {(required.title if required else '') or budget.scenario.title or 'craft'}",
-        _decision(budget),
-        facts=_facts(budget),
-        first_page=(
-            _requirements(budget),
-            *notes,
-            how,
-            figure_block(picture, "Lines by source, and rms over windows", caption),
-        ),
-        sections=sections,
-        scenario=budget.scenario,
-        parts={} if required is None else {"requirements": required},
-    )
-
-
-_CUMULATIVE = "Root of the sum of mean squares of lines and densities, from the lowest frequency up and from the highest down."
-
-
-def _facts(budget: Budget) -> list[Fact]:
-    if budget.verdict == "pass":
-        status: Status = "pass"
-    else:
-        status = "fail"
+def _facts(budget: Budget) -> Iterator[Fact]:
     word = _WORDS[budget.verdict]
-    facts = [Fact(word[0].upper() + word[1:], _counted_sources(budget), status)]
+    status: Status = "pass" if budget.verdict == "pass" else "fail"
+    yield Fact(word[0].upper() + word[1:], _verdict_counts(budget), status)
     known = [
         one
         for one in budget.judged
         if math.isfinite(one.margin) and one.value > 0.0 and one.verdict != "not judged"
     ]
-    if known:
-        worst = min(known, key=lambda one: one.margin)
-        facts.append(Fact(f"{_margin(worst)} dB", f"smallest margin judged: {_name(worst)}"))
-        if worst.ranking:
-            top = worst.ranking[0]
-            if worst.requirement.curve:
-                what = "what its curve allows"
-            else:
-                what = "its mean square"
-            facts.append(
-                Fact(
-                    f"{100 * top.share:.3g} %",
-                    f"of {what}: {top.line} of {top.source}, {brief_number(top.frequency)} Hz",
-                )
-            )
-    return facts
+    if not known:
+        return
+    worst = min(known, key=lambda one: one.margin)
+    yield Fact(DECIBEL.figure(_margin(worst)), f"smallest margin judged: {_name(worst)}")
+    if worst.ranking:
+        top = worst.ranking[0]
+        if worst.requirement.curve:
+            what = "what its curve allows"
+        else:
+            what = "its mean square"
+        label = f"of {what}: {top.line} of {top.source}, {FREQUENCY.figure(top.frequency)}"
+        yield Fact(SHARE.figure(top.share), label)
 
 
-def _requirements(budget: Budget) -> Table:
-    mark_of: dict[str, Mark] = {"pass": "pass", "fail": "fail"}
-    marks: dict[int, Mark] = {
-        k: mark_of.get(one.verdict, "off") for k, one in enumerate(budget.judged)
-    }
-    if not budget.judged:
-        return table(["requirement"], [["none was given"]])
-    spread = any(one.spread for one in budget.judged)
-    head = [
-        "requirement",
-        "limit [1]",
-        "value [1]",
-        "at most [1]",
-        "margin [dB]",
-        *(["median [1]", "P95 [1]", "P99 [1]"] if spread else []),
-    ]
-    rows = [[*_cells(one)[: len(head)], *_at(one), _WORDS[one.verdict]] for one in budget.judged]
-    if budget.angles:
-        head += ["array angle [deg]"]
-    else:
-        head += []
-    caption = (
-        "At most: with the worst phases, all that still rings, and allowances for what was not"
-        " examined." + (" Percentiles over a campaign." if spread else "")
+def _contributors(budget: Budget) -> Table:
+    """Lines that contribute most to each requirement; a terminal shows those of the first."""
+    columns = (
+        Column("name", "requirement"),
+        Column("requirement"),
+        Column("source", "source"),
+        Column("line", "line"),
+        Column("frequency_hz", "frequency", FREQUENCY),
+        Column("rms_rad", "rms", POINTING_ANGLE),
+        Column("share", "share", SHARE),
     )
-    return table([*head, "verdict"], rows, caption, marks)
+
+    def row(one: Assessment, x: Share) -> tuple[Any, ...]:
+        r = one.requirement
+        return (_name(one), r.text, x.source, x.line, x.frequency, x.rms, x.share)
+
+    ranked = [one for one in budget.judged if one.ranking]
+    return Table(
+        "contributors",
+        columns,
+        tuple(row(one, x) for one in ranked for x in one.ranking),
+        tuple(row(one, x) for one in ranked for x in one.ranking[:RANKED]),
+        brief=len(ranked[0].ranking[:RANKED]) if ranked else None,
+        caption="Share: of the mean square; of a curve, the part of what it allows.",
+    )
 
 
-def _contributor_tables(one: Assessment) -> Table:
-    if one.requirement.curve:
-        share = "part of what the curve allows [%]"
-    else:
-        share = "share of the mean square [%]"
-    unit, rows = _ranked(one)
-    head = ["source", "line", "frequency [Hz]", f"rms [{unit}]", share]
-    return table(head, rows, f"{_name(one)}: {one.requirement.text}.")
+_PARTS = ("both", "lines", "noise")
+_AXES = ("x", "y", "radial")
+_WINDOW_HEADINGS = {
+    "both_x_rad": "x",
+    "both_y_rad": "y",
+    "both_radial_rad": "radial",
+    "lines_radial_rad": "lines, radial",
+    "noise_radial_rad": "noise, radial",
+}
 
 
 def _windows(budget: Budget) -> Table:
-    unit, size = angle_unit(x for w in budget.windows for x in (*w.both, w.lines[2], w.noise[2]))
-    what = ("x", "y", "radial", "lines, radial", "noise, radial")
-    rows = [
-        [
-            _metric_label(w.metric),
-            f"{w.window:g}",
-            *(f"{x / size:.4g}" for x in (*w.both, w.lines[2], w.noise[2])),
-        ]
-        for w in budget.windows
-    ]
-    return table(
-        ["metric", "window [s]", *(f"{name} [{unit}]" for name in what)],
-        rows,
-        "Rms of all sources.",
+    keys = [f"{part}_{axis}_rad" for part in _PARTS for axis in _AXES]
+    columns = (
+        Column("metric", "metric", words=metric_name),
+        Column("window_s", "window", TIME),
+        *(Column(key, _WINDOW_HEADINGS.get(key, ""), POINTING_ANGLE) for key in keys),
     )
+    rows = tuple((w.metric, w.window, *w.both, *w.lines, *w.noise) for w in budget.windows)
+    return Table("windows", columns, rows, caption="Rms of all sources.")
 
 
 def _sources(budget: Budget) -> Table:
-    rows = [
-        [
+    """Where each source comes from, for a report."""
+    columns = (
+        Column("source", "source"),
+        Column("how", "how it was found"),
+        Column("lines", "lines", COUNT),
+        Column("not_known", "what is not known about it"),
+    )
+
+    def row(reasons: int | None) -> Iterator[tuple[Any, ...]]:
+        for c in budget.contributions:
+            unknown = list(dict.fromkeys(gap.why for gap in c.gaps))[:reasons]
+            yield c.source, c.how, len(c.names), "; ".join(unknown)
+
+    return Table("source_list", columns, tuple(row(None)), tuple(row(6)))
+
+
+def _blocked_loads(budget: Budget) -> Table:
+    columns = (
+        Column("line", "line"),
+        Column("frequency_hz", "frequency", FREQUENCY),
+        Column("short_rad", "blocked loads", POINTING_ANGLE),
+        Column("coupled_rad", "coupled run", POINTING_ANGLE),
+        Column("los_error", "line of sight", SHARE),
+        Column("load_error", "moments", SHARE),
+        Column("share"),
+    )
+    rows = tuple(
+        (d.line, d.frequency, *d.los, d.los_error, d.load_error, d.share) for d in budget.short_way
+    )
+    caption = (
+        "Blocked loads and apparent masses against the coupled run: differences of complex"
+        " amplitudes, part of the latter."
+    )
+    return Table("blocked_loads", columns, rows, rows[:COMPARED], caption=caption)
+
+
+def _source_shares(budget: Budget) -> Table:
+    """What each source contributes to each requirement, for a file."""
+    rows = tuple(
+        (one.requirement.name, one.requirement.text, x.source, x.rms, x.share)
+        for one in budget.judged
+        for x in one.sources
+    )
+    keys = ("name", "requirement", "source", "rms_rad", "share")
+    return Table("sources", tuple(map(Column, keys)), rows)
+
+
+def _lines(budget: Budget) -> Table:
+    """All lines of all sources, for a file."""
+    keys = (
+        "source", "line", "frequency_hz", "los_x_rad", "los_y_rad", "los_x_phase_rad",
+        "los_y_phase_rad", "settled",
+    )  # fmt: skip
+    rows = tuple(
+        (
             c.source,
-            c.how,
-            str(len(c.names)),
-            "; ".join(list(dict.fromkeys(gap.why for gap in c.gaps))[:6]),
-        ]
+            c.names[k],
+            float(c.frequency[k]),
+            *np.abs(c.los[k]).tolist(),
+            *np.angle(c.los[k]).tolist(),
+            bool(c.settled[k]),
+        )
         for c in budget.contributions
-    ]
-    return table(["source", "how it was found", "lines [1]", "what is not known about it"], rows)
+        for k in range(len(c.names))
+    )
+    return Table("lines", tuple(map(Column, keys)), rows)
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")
@@ -567,9 +482,9 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
             squares = 0.5 * size**2 @ metric_weight(metric, cycles, 1.0)
             rms = np.sqrt(squares.reshape(T.size, -1).max(axis=1))
             if axis == "radial":
-                label = _metric_label(metric)
+                label = metric_name(metric)
             else:
-                label = f"{_metric_label(metric)} los_{axis}"
+                label = f"{metric_name(metric)} los_{axis}"
             style: dict[str, Any] = (
                 {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}
             )  # smear lies on it

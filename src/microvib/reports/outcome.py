@@ -189,10 +189,14 @@ def text_files(outcome: Outcome) -> dict[str, str]:
 
 
 def report_table(table: Table) -> document.Table:
-    """A table of results as a report's."""
-    cells = map(tuple, table.texts())
-    rows = tuple(map(document.Row, cells, table.marks()))
-    return document.Table(tuple(map(_report_column, table.shown)), rows, table.caption)
+    """A table of results as a report's, the verdict of each row at its end."""
+    order = sorted(range(len(table.shown)), key=lambda k: table.shown[k].verdict)
+    rows = tuple(
+        document.Row(tuple(cells[k] for k in order), mark)
+        for cells, mark in zip(table.texts(), table.marks(), strict=True)
+    )
+    columns = tuple(_report_column(table.shown[k]) for k in order)
+    return document.Table(columns, rows, table.caption)
 
 
 def _report_column(column: Column) -> document.Column:
