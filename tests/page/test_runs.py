@@ -57,6 +57,7 @@ def test_edit_run_and_read_what_the_command_line_says(
     assert amplitude(page, "drive_2") == f"{1e3 * float(lines['drive_2']):#.5g}"
     assert page.locator("#spectrum-plot .main-svg").count()
     assert page.locator("#history-plot .main-svg").count()
+    assert page.get_by_text("Beside measured lines").count()
     assert "mean" in page.locator("svg.drive").get_attribute("aria-label")
     found = downloads(page, tmp_path)
     assert found["lines.csv"].decode() == printed

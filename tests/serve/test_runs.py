@@ -13,6 +13,7 @@ from support.scenarios import limit_of
 from support.server import SHORT, result, start
 
 import microvib as mv
+from microvib.analysis.reference import compare_with_reference
 from microvib.io.writing import RUN_FILES
 from microvib.reports.run.folder import run_to_folder
 from microvib.signals.screen import decimate_spectrum
@@ -30,6 +31,15 @@ def test_a_run_gives_the_numbers_of_the_command_line(client, finished, tmp_path)
         for column in ("frequency_hz", "amplitude_n_m", "phase_rad", "bin_amplitude_n_m"):
             shown = "" if line[column] is None else f"{line[column]:.9g}"
             assert shown == rows[line["line"]][column]
+
+
+def test_a_run_has_the_reference_lines_of_its_scenario(client, finished, motion):
+    found, table = result(client, finished)["reference"], mv.find_lines(motion)
+    rows = compare_with_reference(motion.scenario, table)
+    assert [row["line"] for row in found["rows"]] == [row.line for row in rows] != []
+    assert found["rows"][0]["measured_n_m"] == rows[0].measured_n_m
+    assert found["source"] == "Appl. Sci. 2021, 11, 9076, Tables 5 and 6"
+    assert "nearest bin" in found["estimator"]
 
 
 def test_the_drive_train_balances(client, finished, motion):
