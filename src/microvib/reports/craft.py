@@ -5,7 +5,7 @@ of sight and what costs it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from microvib.model.rigid import COMPONENTS, inertia_about_center, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, SECOND_INTERFACE, Interface, SecondWing, Spacecraft
 from microvib.reports.blocks import figure_block
-from microvib.reports.document import Block, Fact, Figure, Section, Text, pairs, table
+from microvib.reports.document import Block, Fact, Figure, Section, Table, Text, pairs, table
 from microvib.reports.moving import box_corners
 from microvib.reports.numbers import count_text, format_number, plain_number, window_text
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
@@ -400,65 +400,71 @@ def _windows(hub: HubLines) -> list[Block]:
     """Radial rms in each window and metric, in pixels, too; which lines cost most; what is left of
     contrast.
     """
-    names = [window_text(w) for w in hub.windows]
-    sums = {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
-    rms = [
-        [
-            metric.upper() if len(metric) < 4 else metric,
-            *(_microradians(sums[w, metric]) for w in hub.windows),
-        ]
+    return [_rms_in_windows(hub), *_pixels_in_windows(hub), _contributors_in_windows(hub)]
+
+
+def _radial_sums(hub: HubLines) -> dict[tuple[float, str], float]:
+    """Radial rms [rad] by window [s] and metric."""
+    return {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
+
+
+def _metric_name(metric: str) -> str:
+    return metric.upper() if len(metric) < 4 else metric
+
+
+def _rms_in_windows(hub: HubLines) -> Table:
+    sums = _radial_sums(hub)
+    rows = [
+        [_metric_name(metric), *(_microradians(sums[w, metric]) for w in hub.windows)]
         for metric in METRICS
     ]
-    noise = [
-        [f"of which torque noise, {metric.upper()}", *(_microradians(float(radial_rms(hub.noise(metric, w)))) for w in hub.windows)]
-        for metric in ("ape", "rpe") if hub.density is not None
-    ]  # fmt: skip
-    if noise:
+    what = "all lines"
+    if hub.density is not None:
         what = "all lines and torque noise (through the linearised drive)"
-    else:
-        what = "all lines"
-    caption = f"Radial rms of {what}, by length of the window."
-    found: list[Block] = [
-        table(["metric", *(f"{name} [µrad]" for name in names)], [*rms, *noise], caption)
+        for metric in ("ape", "rpe"):
+            noise = (float(radial_rms(hub.noise(metric, w))) for w in hub.windows)
+            rows.append([f"of which torque noise, {metric.upper()}", *map(_microradians, noise)])
+    head = ["metric", *(f"{window_text(w)} [µrad]" for w in hub.windows)]
+    return table(head, rows, f"Radial rms of {what}, by length of the window.")
+
+
+def _pixels_in_windows(hub: HubLines) -> Iterator[Table]:
+    """The same in pixels, with contrast, where the line of sight has a pixel."""
+    craft = hub.scenario.spacecraft
+    los = None if craft is None else craft.line_of_sight
+    if los is None or los.pixel is None:
+        return
+    sums = _radial_sums(hub)
+    rows = [
+        [_metric_name(m), *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
+        for m in METRICS
     ]
-    if hub.scenario.spacecraft is None:
-        los = None
-    else:
-        los = hub.scenario.spacecraft.line_of_sight
-    if los is not None and los.pixel is not None:
-        pixels = [[row[0], *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
-                  for row, m in zip(rms, METRICS, strict=True)]  # fmt: skip
-        for axis in "xy":
-            left = (row["mtf_at_nyquist"] for row in hub.image() if row["axis"] == axis)
-            pixels.append([f"contrast (MTF), turns about {axis}", *(f"{one:.4f}" for one in left)])
-        caption = (
-            f"The same in pixels of {_microradians(los.pixel)} µrad; contrast at half a cycle per"
-            " pixel (below 0 it is reversed)."
-        )
-        found.append(table(["metric", *(f"{name} [1]" for name in names)], pixels, caption))
+    for axis in "xy":
+        left = (row["mtf_at_nyquist"] for row in hub.image() if row["axis"] == axis)
+        rows.append([f"contrast (MTF), turns about {axis}", *(f"{one:.4f}" for one in left)])
+    caption = (
+        f"The same in pixels of {_microradians(los.pixel)} µrad; contrast at half a cycle per"
+        " pixel (below 0 it is reversed)."
+    )
+    yield table(["metric", *(f"{window_text(w)} [1]" for w in hub.windows)], rows, caption)
+
+
+def _contributors_in_windows(hub: HubLines) -> Table:
     ranks = [
         [x for x in hub.ranking("rpe", w)[:_MAX_CONTRIBUTORS] if x[1] > 0.0] for w in hub.windows
     ]
-    rows = [
-        [
-            str(k + 1),
-            *(
-                f"{_named(hub, rank[k][0])}, {_microradians(rank[k][1])}" if k < len(rank) else ""
-                for rank in ranks
-            ),
-        ]
-        for k in range(_MAX_CONTRIBUTORS)
+    columns = [
+        [f"{_named(hub, line)}, {_microradians(rms)}" for line, rms in rank] for rank in ranks
     ]
-    found.append(
-        table(
-            ["", *names],
-            rows,
-            "Largest contributors in each window: RPE, radial rms in µrad. The start-up transient"
-            " counts with its mean over the"
-            f" record (a longer record.settle{steady_start_advice(hub.scenario)} leaves it out).",
-        )
+    padded = [[*column, *[""] * (_MAX_CONTRIBUTORS - len(column))] for column in columns]
+    rows = [[str(k + 1), *(column[k] for column in padded)] for k in range(_MAX_CONTRIBUTORS)]
+    return table(
+        ["", *map(window_text, hub.windows)],
+        rows,
+        "Largest contributors in each window: RPE, radial rms in µrad. The start-up transient"
+        " counts with its mean over the"
+        f" record (a longer record.settle{steady_start_advice(hub.scenario)} leaves it out).",
     )
-    return found
 
 
 def _named(hub: HubLines, line: str) -> str:

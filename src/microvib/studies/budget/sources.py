@@ -42,6 +42,7 @@ from microvib.model.coupling import (
 )
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
+from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
@@ -603,6 +604,53 @@ def _los_over_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
     )
 
 
+@dataclass(frozen=True)
+class _RecordedLoads:
+    """Loads on a force table at the expected lines of the clock, 0 where a channel is missing."""
+
+    lines: tuple[ExpectedLine, ...]
+    loads: np.ndarray  # with phases, (k, 6)
+    floors: np.ndarray  # below which nothing is detected, (k, 6)
+    tables: dict[str, LineTable]  # by channel
+
+
+def _recorded_loads(
+    recording: Recording, scenario: Scenario, harmonics: int, clock_ratio: float
+) -> _RecordedLoads:
+    """What each channel shows at the lines of the clock, which is known."""
+    lines = tuple(
+        replace(
+            line,
+            frequency=clock_ratio * line.frequency,
+            low=clock_ratio * line.frequency,
+            high=clock_ratio * line.frequency,
+        )
+        for line in expected_in(scenario, recording.sample_rate, harmonics)
+        if line.of_clock
+    )
+    loads, floors = np.zeros((len(lines), 6), dtype=complex), np.zeros((len(lines), 6))
+    tables: dict[str, LineTable] = {}
+    for k, channel in enumerate(COMPONENTS):
+        if channel not in recording.channels:
+            continue
+        tables[channel] = lines_at_known_clock(recording[channel], recording.sample_rate, lines)
+        rows = [tables[channel][line.name] for line in lines]
+        loads[:, k] = [row.amplitude_n_m * np.exp(1j * row.phase_rad) for row in rows]
+        floors[:, k] = [DETECTION_RATIO * row.floor_n_m for row in rows]
+    return _RecordedLoads(lines, loads, floors, tables)
+
+
+def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
+    """What speaks against the channels of a recording, and its clock."""
+    missing = [channel for channel in COMPONENTS if channel not in recording.channels]
+    given = [channel for channel in COMPONENTS if channel in recording.channels]
+    told = [f"{', '.join(missing)} not recorded, and counted as 0"] if missing else []
+    for check in (partial(channel_fault, recording), recording.glitch):
+        faults = {channel: check(channel) for channel in given}
+        told += [f"channel {channel} {fault}" for channel, fault in faults.items() if fault]
+    return [open_gap(why) for why in (*told, *clock_warnings(table))]
+
+
 def contribution_of_recording(
     name: str, scenario: Scenario, recording: Recording, harmonics: int
 ) -> Contribution:
@@ -611,89 +659,66 @@ def contribution_of_recording(
     """
     axis, recording = "M" + scenario.array.drive_axis, recording.in_si()
     table = lines_of_recording(recording, axis, scenario, harmonics=harmonics)
-    ratio = table.clock_ratio or 1.0
-    expected = [
-        replace(x, frequency=ratio * x.frequency, low=ratio * x.frequency, high=ratio * x.frequency)
-        for x in expected_in(scenario, recording.sample_rate, harmonics)
-        if x.of_clock
-    ]
-    missing = [channel for channel in COMPONENTS if channel not in recording.channels]
-    loads, floors = np.zeros((len(expected), 6), dtype=complex), np.zeros((len(expected), 6))
-    faults = {
-        channel: channel_fault(recording, channel)
-        for channel in COMPONENTS
-        if channel in recording.channels
-    }
-    every: dict[str, LineTable] = {}
-    for k, channel in enumerate(COMPONENTS):
-        if channel in recording.channels:
-            rows = every[channel] = lines_at_known_clock(
-                recording[channel], recording.sample_rate, expected
-            )
-            loads[:, k] = [
-                rows[x.name].amplitude_n_m * np.exp(1j * rows[x.name].phase_rad) for x in expected
-            ]
-            floors[:, k] = [DETECTION_RATIO * rows[x.name].floor_n_m for x in expected]
+    recorded = _recorded_loads(recording, scenario, harmonics, table.clock_ratio or 1.0)
+    expected = recorded.lines
+    loads, floors = np.nan_to_num(recorded.loads), np.nan_to_num(recorded.floors)
     of_axis = {line.line: line for line in table}
     found = [of_axis.get(x.name) for x in expected]
-    seen = np.array([x is not None and x.status == "ok" for x in found]) & np.all(
-        np.isfinite(loads), axis=1
-    )
+    status = np.array(["not in the table" if row is None else row.status for row in found], str)
+    seen = (status == "ok") & np.all(np.isfinite(recorded.loads), axis=1)
     turn, f = rotation_to_hub_axes(scenario), np.array([x.frequency for x in expected])
-    los = blocked_load_method(scenario, f, np.nan_to_num(loads) @ turn.T).los
+    los = blocked_load_method(scenario, f, loads @ turn.T).los
     assert los is not None
-    by_one = (
-        blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T
-    )
-    by_each = np.abs(np.array([one for one in by_one if one is not None]))  # (6, k, 2)
-    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, np.nan_to_num(floors) ** 2))
-    most = np.einsum("jka,kj->ka", by_each, np.abs(np.nan_to_num(loads))) + noise
+    by_each = _line_of_sight_by_load(scenario, f, turn)
+    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, floors**2))
+    most = np.einsum("jka,kj->ka", by_each, np.abs(loads)) + noise
     known = np.all(np.isfinite(los), axis=1)
-    faint = (
-        np.array([x is not None and x.status == BELOW_FLOOR for x in found])
-        & np.all(np.isfinite(floors), axis=1)
-        & known
-    )
-    if missing:
-        gaps = [open_gap(f"{', '.join(missing)} not recorded, and counted as 0")]
-    else:
-        gaps = []
-    gaps += [open_gap(f"channel {channel} {told}") for channel, told in faults.items() if told]
-    single = {channel: recording.glitch(channel) for channel in faults}
-    gaps += [open_gap(f"channel {channel} {told}") for channel, told in single.items() if told]
-    gaps += [open_gap(told) for told in clock_warnings(table)]
+    faint = (status == BELOW_FLOOR) & np.all(np.isfinite(recorded.floors), axis=1) & known
+    gaps = _recording_gaps(recording, table)
     if faint.any():
         gaps.append(
             Unobserved("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint])
         )
-    gaps += [
-        open_gap(f"{x.name} ({'not in the table' if row is None else row.status}; a longer recording)", x.frequency, x.frequency)
-        for x, row, ok in zip(expected, found, seen | faint, strict=True) if not ok
-    ]  # fmt: skip
+    for k in np.flatnonzero(~(seen | faint)):
+        why = f"{expected[k].name} ({status[k]}; a longer recording)"
+        gaps.append(open_gap(why, expected[k].frequency, expected[k].frequency))
     gaps += low_frequency_gap(not np.all(known))
     gaps += list(_above_passband_gaps(scenario, table, PASSBAND * recording.sample_rate))
     kept = seen & known
+    names = tuple(expected[k].name for k in np.flatnonzero(kept))
+    gaps += [
+        Unobserved(why, low, high, np.array([math.sqrt(low * high)]), size[None, :], between=True)
+        for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names))
+    ]
     spread = np.array([_relative_uncertainty(row) for row in found])
     doubt = (
         BLOCKED_LOAD_UNCERTAINTY
         + 2.0 * float(np.max(spread[kept], initial=0.0))
         + noise[kept] / np.abs(los[kept])
     )
-    names = tuple(x.name for x, ok in zip(expected, kept, strict=True) if ok)
-    gaps += [
-        Unobserved(why, low, high, np.array([math.sqrt(low * high)]), most[None, :], between=True)
-        for why, low, high, most in unaccounted(scenario, recording, every, set(names))
-    ]
-    how = f"clock lines of the recording {recording.title}, the short way"
-    # Its lines keep their phases to each other, not to those of a run, which starts at another
-    # instant.
-    clock = f"{name}, recorded"
     beside = _drive_uncertainty(held_drive_variants(scenario), f[kept])
-    doubt = np.broadcast_to(doubt, beside.shape) + beside
-    recorded = np.abs(np.nan_to_num(loads[kept])), np.nan_to_num(floors[kept])
     return Contribution(
-        name, how, names, f[kept], los[kept], clock, gaps=tuple(gaps), doubt=doubt, scenario=scenario, recorded=recorded
-    )  # fmt: skip
+        name,
+        f"clock lines of the recording {recording.title}, the short way",
+        names,
+        f[kept],
+        los[kept],
+        # Its lines keep their phases to each other, not to those of a run, which starts at another
+        # instant.
+        f"{name}, recorded",
+        gaps=tuple(gaps),
+        doubt=np.broadcast_to(doubt, beside.shape) + beside,
+        scenario=scenario,
+        recorded=(np.abs(loads[kept]), floors[kept]),
+    )
+
+
+def _line_of_sight_by_load(scenario: Scenario, f: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Amplitudes of the line of sight by one of each load in the array's axes, (6, k, 2)."""
+    by_one = (
+        blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los for column in turn.T
+    )
+    return np.abs(np.array([one for one in by_one if one is not None]))
 
 
 def _relative_uncertainty(line: object) -> float:

@@ -225,15 +225,7 @@ def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
     for k, item in enumerate(study.cases):
         with error_context(f"cases.{k}"):
             combinations.append(_checked(base, item))
-    named = [key for part in parts for key in part.keys or (part.key,)]
-    twice = {key for key in named if named.count(key) > 1}
-    if twice:
-        raise ScenarioError(f"{min(twice)} stands in vary twice; one place is expected")
-    both = {
-        key for item in combinations for pattern in item for key in keys_of(base, pattern)
-    } & set(named)
-    if both:
-        raise ScenarioError(f"{min(both)} stands in vary and in cases; one place is expected")
+    _check_one_place(base, parts, combinations)
     total = (
         max(len(combinations), 1)
         * math.prod(len(x.values) for x in levels)
@@ -245,6 +237,20 @@ def _draw_cases(study: Study, base: Scenario, files: FileAccess) -> Design:
     return Design(
         study, base, tuple(combinations) or ({},), levels, uncertain, _sample(study, uncertain)
     )
+
+
+def _check_one_place(
+    base: Scenario, parts: Sequence[Levels | Uncertain], combinations: Sequence[dict[str, Any]]
+) -> None:
+    """Refuse a key that is varied twice, or in cases, too."""
+    named = [key for part in parts for key in part.keys or (part.key,)]
+    twice = {key for key in named if named.count(key) > 1}
+    if twice:
+        raise ScenarioError(f"{min(twice)} stands in vary twice; one place is expected")
+    patterns = {pattern for item in combinations for pattern in item}
+    both = {key for pattern in patterns for key in keys_of(base, pattern)} & set(named)
+    if both:
+        raise ScenarioError(f"{min(both)} stands in vary and in cases; one place is expected")
 
 
 def _variation(base: Scenario, key: str, spec: Any, files: FileAccess) -> Levels | Uncertain:
