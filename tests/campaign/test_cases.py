@@ -28,8 +28,8 @@ from support.scenarios import limit_of
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.errors import MicrovibError
-from microvib.reports.campaign.report import summarise
-from microvib.reports.campaign.text import report_text
+from microvib.reports.campaign.report import campaign_outcome, summarise
+from microvib.reports.outcome import terminal_text
 from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, merge, open_results
@@ -181,13 +181,15 @@ def test_cases_without_a_steady_state_are_counted_with_their_reasons(tmp_path):
     results = computed(
         tmp_path, study(solve="steady", vary=vary, set={**SHORT, "friction.position": position})
     )
-    text = report_text(summarise(results, None, EVERYTHING))
+    text = terminal_text(campaign_outcome(summarise(results, None, EVERYTHING)))
     assert (
         "1 of 2 cases have no steady state and were integrated from rest instead: 1 x friction that varies"
         in text
     )
     alone = computed(tmp_path / "alone", study(solve="steady"))
-    assert "no steady state" not in report_text(summarise(alone, None, EVERYTHING))
+    assert "no steady state" not in terminal_text(
+        campaign_outcome(summarise(alone, None, EVERYTHING))
+    )
 
 
 def test_histories_are_kept_when_asked_for(tmp_path):

@@ -15,12 +15,11 @@ import microvib as mv
 from microvib.reports.campaign.report import (
     _sampling,
     above_limit,
-    campaign_report,
-    draw,
+    campaign_outcome,
     summarise,
 )
-from microvib.reports.campaign.text import report_text
 from microvib.reports.document import Table
+from microvib.reports.outcome import study_contents, terminal_text
 from microvib.reports.rendering import html
 from microvib.studies.campaign import effects, statistics
 from microvib.studies.campaign.cases import VERDICTS
@@ -76,7 +75,7 @@ def test_of_levels_alone_no_probability_is_told(tmp_path):
     assert all(row.exceedance is None and np.isnan(row.median.value) for row in rows)
     assert at_any_level(results, 1e-9, EVERYTHING) is None
     summary = summarise(results, 1e-9, EVERYTHING)
-    assert " % (" not in report_text(summary)
+    assert " % (" not in terminal_text(campaign_outcome(summary))
 
 
 def test_cases_that_could_not_be_judged_are_neither_above_nor_below(tmp_path):
@@ -165,8 +164,8 @@ def test_columns_of_a_campaign_never_run_together(tmp_path):
         replace(row, worst=967123, unknown=1234567, above=1000000, judged=2000000)
         for row in summary.rows
     ]
-    text = report_text(replace(summary, rows=rows))
-    body = [line for line in text.split("\n\n")[1].splitlines() if "967123" in line]
+    text = terminal_text(campaign_outcome(replace(summary, rows=rows)))
+    body = [line for line in text.splitlines() if "967123" in line]
     assert len(body) >= 3
     for line in body:
         assert "  967123  1000000 of 2000000, 1234567 not judged" in line
@@ -277,7 +276,7 @@ def test_statistics_worst_cases_and_exceedance(sixteen):
 def test_the_report_has_the_worst_cases_as_a_table(sixteen):
     results = sixteen
     summary = summarise(results, None, EVERYTHING)
-    document = campaign_report(summary, {})
+    _, document = study_contents(campaign_outcome(summary))
     section = next(x for x in document.sections if x.title == "Worst cases")
     worst, of_lines = [x for x in section.blocks if isinstance(x, Table)]
     cases = [case for case, _ in summary.worst[LARGEST_LINE]]
@@ -316,9 +315,10 @@ def test_a_partly_computed_campaign_can_be_looked_at(tmp_path):
 def test_a_campaign_whose_cases_all_failed_has_a_report_without_pictures(tmp_path):
     results = computed(tmp_path, study(set={**SHORT, "motor.current": "0.005 A"}))
     summary = summarise(results, 0.01, EVERYTHING)
-    assert draw(summary) == {}
-    assert "synchronism" in html(campaign_report(summary, {}))
-    assert report_text(summary)
+    outcome = campaign_outcome(summary)
+    assert outcome.pictures == []
+    assert "synchronism" in html(study_contents(outcome)[1])
+    assert terminal_text(outcome)
 
 
 def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):

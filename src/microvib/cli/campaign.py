@@ -193,8 +193,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     """Merge the results so far, then write statistics, worst cases, pictures and report into
     DIR/report.
     """
-    from microvib.reports.campaign.report import summarise
-    from microvib.reports.campaign.text import campaign_folder, report_text
+    from microvib.reports.campaign.report import campaign_outcome, summarise
     from microvib.studies.campaign.results import merge as merge_chunks
     from microvib.studies.campaign.results import open_results
     from microvib.units import band as ends
@@ -210,7 +209,10 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     within = ends(text) if text else (0.0, float("inf"))
     merge_chunks(opened)
     summary = summarise(open_results(opened), most, within)
-    Target(folder / "report", True, form).deliver(report_text(summary), campaign_folder, summary)
+    Target(folder / "report", True, form).present(campaign_outcome(summary))
+    if (worst := summary.worst_case) is not None:
+        again = f"microvib campaign case {shlex.quote(str(folder))} {worst} --out worst.yaml"
+        echo(f"Worst case again: {again}")
 
 
 @campaign.command()

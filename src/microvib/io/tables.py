@@ -40,11 +40,6 @@ def columns_csv(columns: Mapping[str, Iterable[float]]) -> str:
     return rows_csv(list(columns), zip(*columns.values(), strict=True))
 
 
-def tables_csv(tables: Mapping[str, tuple[str, Iterable[Sequence[Any]]]]) -> dict[str, Any]:
-    """CSV files by name, of tables by theirs: a header of words, and rows."""
-    return {f"{name}.csv": rows_csv(head.split(), rows) for name, (head, rows) in tables.items()}
-
-
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         if math.isnan(value):

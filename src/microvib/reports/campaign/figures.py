@@ -10,6 +10,7 @@ import numpy as np
 
 from microvib.reports import sheets
 from microvib.studies.campaign import statistics
+from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.effects import Indices, Tornado
 from microvib.studies.campaign.results import Results
 from microvib.studies.campaign.statistics import Level, LineStatistics, amplitudes
@@ -172,12 +173,14 @@ def tornados(found: Sequence[Tornado]) -> Figure:
     )
 
 
-def scatters(results: Results, line: str, band: Band) -> Figure | None:
+def scattered_keys(design: Design) -> list[Varied]:
+    """The keys that are numbers, over which cases may be drawn."""
+    return [x for x in (*design.uncertain, *design.levels) if x.numeric][:MAX_KEYS]
+
+
+def scatters(results: Results, line: str, band: Band) -> Figure:
     """Amplitude of a line over every key that is a number."""
-    design = results.campaign.design
-    keys: list[Varied] = [x for x in (*design.uncertain, *design.levels) if x.numeric][:MAX_KEYS]
-    if not keys:
-        return None
+    keys = scattered_keys(results.campaign.design)
     y = 1e3 * amplitudes(results, line, band)
     shown = np.flatnonzero(np.isfinite(y))
     shown = shown[:: max(shown.size // MAX_POINTS, 1)]

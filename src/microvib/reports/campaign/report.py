@@ -1,4 +1,4 @@
-"""The report of a campaign: its contents, its figures, its document."""
+"""A campaign for those who read it: its statistics, tables, pictures and verdict."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +17,17 @@ from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.model.line_names import is_sideband
 from microvib.model.scenario import Scenario
-from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.campaign import figures
-from microvib.reports.document import Block, Document, Fact, Section, Table, Text, table
+from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import (
     brief_milli,
     count_text,
     plain_number,
-    torque,
     torque_as_given,
     truncate,
 )
+from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
+from microvib.results import COUNT, LINE_FREQUENCY, SHARE, TORQUE, Column, Measure, Table
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
@@ -34,6 +35,7 @@ from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.studies.campaign.statistics import (
     LARGEST_LINE,
+    NO_ESTIMATE,
     AnyLevel,
     Estimate,
     LineStatistics,
@@ -41,16 +43,17 @@ from microvib.studies.campaign.statistics import (
 )
 from microvib.units import Si
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
-
 MAX_WORST_CASES = 5
 """Worst cases that are listed for each line."""
+MAX_RANK = 3
+"""Those of them that a report lists."""
 MAX_LEVELS = 20
+"""Levels, those with the largest lines, that are listed; all of them are in statistics.csv."""
 MAX_REASONS = 10
-"""Levels, those with the largest lines, that are listed in a report; all of them are in
-statistics.csv.
-"""
+MAX_EFFECTS = 8
+"""Keys whose effects on a line are listed; all of them are in effects.csv."""
+MAX_FAILED = 20
+"""Failed cases that a report lists; all of them are in failed.csv."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,12 @@ class Summary:
         return sorted(
             (row for row in self.rows if row.line == LARGEST_LINE), key=lambda row: -row.largest
         )
+
+    @property
+    def worst_case(self) -> int | None:
+        """Number of the case with the largest line; None where none is computed."""
+        found = self.worst[LARGEST_LINE]
+        return found[0][0] if found else None
 
     @property
     def several(self) -> bool:
@@ -114,21 +123,12 @@ def shown_rows(s: Summary) -> list[LineStatistics]:
     ]
 
 
-def frequency_text(r: LineStatistics) -> str:
-    """Frequency of a line, or its range over the cases [Hz]."""
+def _frequency(r: LineStatistics) -> float | str:
+    """Frequency of a line [Hz], or its range over the cases in words."""
     low, high = r.frequency
-    if not math.isfinite(low):
-        return ""
-    if high - low < 1e-4 * high:
-        return f"{low:.5g}"
-    return f"{low:.4g} to {high:.4g}"
-
-
-def interval(e: Estimate) -> str:
-    """An interval; empty where the draws are too few for it."""
-    if math.isfinite(e.value):
-        return f"{brief_milli(e.low)} to {brief_milli(e.high)}"
-    return ""
+    if not math.isfinite(low) or high - low < 1e-4 * high:
+        return low
+    return f"{LINE_FREQUENCY.text(low)} to {LINE_FREQUENCY.text(high)}"
 
 
 def above_limit(r: LineStatistics) -> str:
@@ -155,163 +155,114 @@ def counts(results: Results) -> list[int]:
     return [int(n) for n in np.bincount(results.state, minlength=3)]
 
 
-class Picture(NamedTuple):
-    """A drawing with its caption."""
-
-    title: str
-    drawing: Drawing
-    caption: str
-
-
-def draw(s: Summary) -> dict[str, Picture]:
-    """All pictures of a campaign, by the names of their files."""
-    results, design = s.results, s.results.campaign.design
-    made: dict[str, Picture] = {}
-    if not counts(results)[DONE]:
-        return made  # every case failed, or none is computed
-    if s.rows:
-        if s.several:
-            where = " Each line at the level at which it is largest."
-        else:
-            where = ""
-        text = f"Median, 95 % and 99 % point where the draws carry them, and the largest amplitude.{where}"
-        made["envelopes"] = Picture(
-            "Envelopes", figures.envelopes(shown_rows(s)[:16], s.limit), text
-        )
-    if s.rows and s.by_level[0].level.draws > 1:
-        level = s.by_level[0].level
-        if s.several:
-            where = f" At {level.text}, the level with the largest line."
-        else:
-            where = ""
-        given = results, [LARGEST_LINE, *s.lines][:6], s.limit, s.band, level
-        text = f"Fraction of the draws in which a line exceeds an amplitude.{where}"
-        made["exceedance"] = Picture("Exceedance", figures.exceedances(*given), text)
-        text = f"Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point.{where}"
-        made["histograms"] = Picture("Histograms", figures.histograms(*given), text)
-    if any(len(levels.values) > 1 for levels in design.levels):
-        text = "Median over the levels of a key, the largest where other keys have levels too; shaded, all cases at it."
-        drawing = figures.over_levels(results, [LARGEST_LINE, *s.lines][:4], s.band)
-        made["levels"] = Picture("Over the levels", drawing, text)
-    if s.tornados:
-        text = "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest to highest mean"
-        made["tornado"] = Picture("What moves the lines", figures.tornados(s.tornados), f"{text}.")
-    if s.indices:
-        text = "Fraction of the variance that a key explains alone (first order) and with all others (total), 95 % bootstrap."
-        made["sobol"] = Picture("Sobol indices", figures.sobol_bars(s.indices), text)
-    scatter = figures.scatters(results, LARGEST_LINE, s.band)
-    if scatter is not None:
-        made["scatter"] = Picture("Cases", scatter, "Largest line of each case over what varies.")
-    return made
-
-
-def campaign_report(s: Summary, pictures: dict[str, Picture]) -> Document:
-    """The report of a campaign; its first page says what was varied, the lines against the limit,
-    and the envelopes.
+def campaign_outcome(s: Summary) -> Outcome:
+    """A campaign for those who read it: its lines against the limit, level by level where there are
+    several, worst cases, what was varied, distributions and effects.
     """
     campaign, base = s.results.campaign, s.results.campaign.design.base
-    figure = {
-        name: figure_block(drawing, title, caption)
-        for name, (title, drawing, caption) in pictures.items()
-    }
-    envelopes = figure.pop("envelopes", None)
-    lines: list[Block] = [*([_lines(s)] if s.rows else []), *([envelopes] if envelopes else [])]
-    by_level = (
-        s.rows and s.several
-    )  # then the first page has the levels, and the lines the next one
-    first_page: list[Block] = [_levels(s)] if by_level else lines
-    sections = [
-        *([Section("Lines", tuple(lines), new_page=True)] if by_level else []),
-        Section("Worst cases", tuple(_worst(s)), new_page=True),
-        Section("What is varied", (_varied(campaign), Text(_sampling(campaign, s)))),
-        Section("How to read the figures", (Text(_how_to_read(s)),)),
-        *(Section(pictures[name].title, (block,)) for name, block in figure.items()),
-        *([Section("Failed cases", _failed(s.results))] if FAILED in s.results.state else []),
-        Section(
-            "Identity",
-            (Text(f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."),),
+    done, failed, missing = (counts(s.results)[k] for k in (DONE, FAILED, MISSING))
+    lines = tuple(_lines(s))
+    return Outcome(
+        "Campaign",
+        campaign.design.study.title or f"Campaign {campaign.folder.name}",
+        f"{done} of {campaign.design.cases} cases of {base.title or campaign.design.study.scenario},"
+        f" {failed} failed, {missing} not computed yet.",
+        _verdict(s),
+        tuple(_facts(s)),
+        (
+            Part("", (*(_levels(s) if s.several else lines), *map(Text, _against_limit(s)))),
+            Part("Lines", lines if s.several else (), new_page=True),
+            Part("Worst cases", tuple(_worst(s)), new_page=True, report_only=True),
+            Part("What is varied", (_varied(campaign), Text(_sampling(campaign, s)))),
+            Part("How to read the figures", (Text(_how_to_read(s)),), report_only=True),
+            Part("Distributions", tuple(_distributions(s))),
+            Part("Over the levels", tuple(_over_levels(s))),
+            Part("What moves the lines", tuple(_effects(s))),
+            Part("Sobol indices", tuple(_sobol(s))),
+            Part("Cases", tuple(_scatter(s))),
+            Part("Failed cases", tuple(_failed(s)), report_only=True),
+            Part(
+                "Identity",
+                (
+                    Text(
+                        f"Campaign SHA-256 `{campaign.identity}`, over the scenario and all cases."
+                    ),
+                ),
+                report_only=True,
+            ),
         ),
-    ]
-    done, cases = counts(s.results)[DONE], campaign.design.cases
-    subtitle = f"{done} of {cases} cases of {base.title or campaign.design.study.scenario}"
-    title = campaign.design.study.title or f"Campaign {campaign.folder.name}"
-    return study_report(
-        "Campaign", title, subtitle, facts=_facts(s), first_page=first_page, sections=sections, scenario=base
-    )  # fmt: skip
+        base,
+        files=(_statistics(s.rows), _effects_file(s)),
+    )
 
 
-def _facts(s: Summary) -> list[Fact]:
+def _verdict(s: Summary) -> Verdict:
+    if s.limit is None or not s.rows:
+        return ""
+    if any(row.above for row in s.by_level):
+        return "fail"
+    if any(row.unknown or row.level.failed for row in s.by_level):
+        return "not judged"
+    return "pass"
+
+
+def _facts(s: Summary) -> Iterator[Fact]:
     found = counts(s.results)
-    facts = [Fact(str(found[DONE]), "cases")]
+    if s.rows:
+        yield from _limit_facts(s)
+    yield Fact(str(found[DONE]), "cases")
     if found[FAILED]:
-        facts += [Fact(str(found[FAILED]), "failed", "fail")]
-    else:
-        facts += []
+        yield Fact(str(found[FAILED]), "failed", "fail")
     if found[MISSING]:
-        facts += [Fact(str(found[MISSING]), "not computed yet", "fail")]
-    else:
-        facts += []
+        yield Fact(str(found[MISSING]), "not computed yet", "fail")
     if not s.rows:
-        return facts
+        return
     top = s.by_level[0]
-    if s.several:
-        at = f" at {truncate(top.level.text, 80)}"
-    else:
-        at = ""
+    at = f" at {truncate(top.level.text, 80)}" if s.several else ""
     if math.isfinite(top.p95.value):
-        facts.append(Fact(torque(top.p95.value), f"largest line, 95 % of the draws below{at}"))
-    facts.append(Fact(torque(top.largest), f"worst case, number {top.worst}{at}"))
-    return _limit_facts(s) + facts
+        yield Fact(TORQUE.figure(top.p95.value), f"largest line, 95 % of the draws below{at}")
+    yield Fact(TORQUE.figure(top.largest), f"worst case, number {top.worst}{at}")
 
 
-def _limit_facts(s: Summary) -> list[Fact]:
+_STATUS: dict[Verdict, Status] = {"pass": "pass", "fail": "fail"}
+
+
+def _limit_facts(s: Summary) -> Iterator[Fact]:
     """What may be said against the limit, of every level by itself and of units that pass through
     all levels.
     """
     if s.limit is None:
-        return []
-    allowed, facts = torque_as_given(s.limit), []
-    fails, open_ones = (
-        [row for row in s.by_level if row.above],
-        [row for row in s.by_level if row.unknown],
-    )
-    incomplete = any(row.level.failed for row in s.by_level)
-    if fails:
-        kind: Literal["", "pass", "fail"] = "fail"
-    elif open_ones or incomplete:
-        kind = ""
-    else:
-        kind = "pass"
+        return
+    allowed, status = torque_as_given(s.limit), _STATUS.get(_verdict(s), "")
     if s.several:
-        if open_ones:
-            doubt = f"; cases that could not be judged at {len(open_ones)}"
-        else:
-            doubt = ""
-        facts.append(
-            Fact(
-                f"{len(fails)} of {len(s.by_level)} levels",
-                f"with cases above {allowed}{doubt}",
-                kind,
-            )
-        )
+        fails = sum(bool(row.above) for row in s.by_level)
+        open_ones = sum(bool(row.unknown) for row in s.by_level)
+        doubt = f"; cases that could not be judged at {open_ones}" if open_ones else ""
+        label = f"with cases above {allowed}{doubt}"
+        yield Fact(f"{fails} of {len(s.by_level)} levels", label, status)
     chance = s.any_level if s.several else s.by_level[0]
     if chance is not None and chance.exceedance is not None:
-        if chance.unknown:
-            doubt = f", {chance.unknown} not judged"
-        else:
-            doubt = ""
-        if isinstance(chance, AnyLevel):
-            total = chance.count
-        else:
-            total = chance.judged
-        text = (
-            f"of {total} draws above {allowed}{' at one level or more' if s.several else ''}{doubt}"
-        )
+        total = chance.count if isinstance(chance, AnyLevel) else chance.judged
+        where = " at one level or more" if s.several else ""
+        doubt = f", {chance.unknown} not judged" if chance.unknown else ""
         e = chance.exceedance
-        facts.append(
-            Fact(f"{100 * e.value:.3g} %", f"{text} (95 % interval {percents(e)} %)", kind)
+        label = f"of {total} draws above {allowed}{where}{doubt} (95 % interval {percents(e)} %)"
+        yield Fact(SHARE.figure(e.value), label, status)
+    elif not s.several:
+        yield Fact(above_limit(s.by_level[0]), allowed, status)
+
+
+def _against_limit(s: Summary) -> Iterator[str]:
+    """What is to be said of the limit beside the table, in sentences."""
+    if s.any_level is not None and s.limit is not None:
+        found, e = s.any_level, s.any_level.exceedance
+        yield (
+            f"Above {torque_as_given(s.limit)} at one level or more: {found.above} of {found.count}"
+            f" draws, {found.unknown} not judged, {SHARE.figure(e.value)} (95 % interval"
+            f" {percents(e)} %)."
         )
-    return facts or [Fact(above_limit(s.by_level[0]), allowed, kind)]
+    if why := why_not_judged(s):
+        yield why
 
 
 def why_not_judged(s: Summary) -> str:
@@ -332,47 +283,208 @@ def why_not_judged(s: Summary) -> str:
     return ""
 
 
-def _lines(s: Summary) -> Table:
-    header = ["line", "frequency [Hz]", "median [mN m]", "P95 [mN m]", "its interval [mN m]", "P99 [mN m]", "largest [mN m]",
-              "case [1]", "above the limit [1]", "at level"]  # fmt: skip
-    rows = [
-        [
-            r.line,
-            frequency_text(r),
-            brief_milli(r.median.value),
-            brief_milli(r.p95.value),
-            interval(r.p95),
-            brief_milli(r.p99.value),
-            brief_milli(r.largest),
-            str(r.worst),
-            above_limit(r),
-            truncate(r.level.text, 60),
-        ]
-        for r in shown_rows(s)
-    ]
-    if s.several:
-        where = ", each at the level at which it is largest"
-    else:
-        where = ""
-    return table(header, rows, f"Lines{where}; 0-to-peak.", {0: "strong"})
+_MEDIAN = Column("median_n_m", "median", TORQUE)
+_P95 = Column("p95_n_m", "P95", TORQUE)
+_P99 = Column("p99_n_m", "P99", TORQUE)
+_CASE = Column("worst_case", "case", COUNT)
 
 
-def _levels(s: Summary) -> Table:
-    header = ["level", "draws [1]", "median [mN m]", "P95 [mN m]", "P99 [mN m]", "largest [mN m]", "case [1]",
-              "above the limit [1]"]  # fmt: skip
-    rows = [
-        [truncate(r.level.text, 80), str(r.level.draws), brief_milli(r.median.value), brief_milli(r.p95.value),
-         brief_milli(r.p99.value), brief_milli(r.largest), str(r.worst), above_limit(r)]
-        for r in s.by_level[:MAX_LEVELS]
-    ]  # fmt: skip
-    more = len(s.by_level) - len(rows)
-    if more > 0:
-        rest = f" {more} more are in `statistics.csv`."
-    else:
-        rest = ""
-    return table(
-        header, rows, f"The largest line at each level, the highest first.{rest}", {0: "strong"}
+def _above_column(s: Summary) -> Column:
+    limit = "the limit" if s.limit is None else torque_as_given(s.limit)
+    return Column("above", f"above {limit}", COUNT)
+
+
+def _lines(s: Summary) -> Iterator[Item]:
+    """Each line at the level at which it is largest, and the envelopes."""
+    if not s.rows:
+        return
+    columns = (
+        Column("line", "line"),
+        Column("frequency_hz", "frequency", LINE_FREQUENCY),
+        _MEDIAN,
+        _P95,
+        Column("p95_low_n_m", "P95 from", TORQUE),
+        Column("p95_high_n_m", "P95 to", TORQUE),
+        _P99,
+        Column("largest_n_m", "largest", TORQUE),
+        _CASE,
+        _above_column(s),
+        Column("level", "at level", words=lambda text: truncate(text, 60)),
     )
+    rows = tuple(
+        (
+            r.line,
+            _frequency(r),
+            r.median.value,
+            r.p95.value,
+            r.p95.low,
+            r.p95.high,
+            r.p99.value,
+            r.largest,
+            r.worst,
+            above_limit(r),
+            r.level.text,
+        )
+        for r in shown_rows(s)
+    )
+    where = ", each at the level at which it is largest" if s.several else ""
+    yield Table("", columns, rows, caption=f"Lines{where}; 0-to-peak.")
+    if counts(s.results)[DONE]:
+        caption = (
+            "Median, 95 % and 99 % point where the draws carry them, and the largest amplitude."
+            + (" Each line at the level at which it is largest." if s.several else "")
+        )
+        drawn = shown_rows(s)[:16]
+        yield Picture("envelopes", partial(figures.envelopes, drawn, s.limit), "Envelopes", caption)
+
+
+def _levels(s: Summary) -> Iterator[Item]:
+    """The largest line at each level."""
+    columns = (
+        Column("level", "level", words=lambda text: truncate(text, 80)),
+        Column("draws", "draws", COUNT),
+        _MEDIAN,
+        _P95,
+        _P99,
+        Column("largest_n_m", "largest line", TORQUE),
+        _CASE,
+        _above_column(s),
+    )
+    rows = tuple(
+        (
+            r.level.text,
+            r.level.draws,
+            r.median.value,
+            r.p95.value,
+            r.p99.value,
+            r.largest,
+            r.worst,
+            above_limit(r),
+        )
+        for r in s.by_level
+    )
+    caption = "The largest line at each level, the highest first."
+    yield Table("", columns, rows[:MAX_LEVELS], caption=caption)
+    if len(rows) > MAX_LEVELS:
+        yield Text(f"{len(rows) - MAX_LEVELS} more levels are in `statistics.csv`.")
+
+
+def _statistics(rows: Sequence[LineStatistics]) -> Table:
+    """Every line at every level, for a file."""
+    keys = ["level", "line", "cases", "lowest_hz", "highest_hz", "mean_n_m", "deviation_n_m"]
+    keys += [
+        f"{name}{end}_n_m" for name in ("median", "p95", "p99") for end in ("", "_low", "_high")
+    ]
+    keys += ["largest_n_m", "worst_case", "above"]
+    keys += ["exceedance", "exceedance_low", "exceedance_high"]
+
+    def cells(e: Estimate | None) -> tuple[float, float, float]:
+        known = e or NO_ESTIMATE
+        return known.value, known.low, known.high
+
+    return Table("statistics", tuple(map(Column, keys)), tuple(
+        (r.level.text, r.line, r.count, *r.frequency, r.mean, r.deviation, *cells(r.median), *cells(r.p95), *cells(r.p99),
+         r.largest, r.worst, "" if r.above is None else r.above, *cells(r.exceedance))
+        for r in rows
+    ))  # fmt: skip
+
+
+def _distributions(s: Summary) -> Iterator[Picture]:
+    if not s.rows or s.by_level[0].level.draws < 2:
+        return
+    level = s.by_level[0].level
+    where = f" At {level.text}, the level with the largest line." if s.several else ""
+    given = s.results, [LARGEST_LINE, *s.lines][:6], s.limit, s.band, level
+    caption = f"Fraction of the draws in which a line exceeds an amplitude.{where}"
+    yield Picture("exceedance", partial(figures.exceedances, *given), "Exceedance", caption)
+    caption = (
+        "Draws by amplitude of each line. Full, dashed and dotted: median, 95 % and 99 % point."
+        f"{where}"
+    )
+    yield Picture("histograms", partial(figures.histograms, *given), "Histograms", caption)
+
+
+def _over_levels(s: Summary) -> Iterator[Picture]:
+    if not counts(s.results)[DONE]:
+        return
+    if any(len(levels.values) > 1 for levels in s.results.campaign.design.levels):
+        caption = (
+            "Median over the levels of a key, the largest where other keys have levels too; shaded,"
+            " all cases at it."
+        )
+        lines = [LARGEST_LINE, *s.lines][:4]
+        draw = partial(figures.over_levels, s.results, lines, s.band)
+        yield Picture("levels", draw, "Over the levels", caption)
+
+
+def _effects(s: Summary) -> Iterator[Item]:
+    """What each key does to the lines, the strongest first."""
+    if not s.tornados:
+        return
+    columns = (
+        Column("line", "line"),
+        Column("key", "parameter", is_key=True),
+        Column("low_n_m", "low end", TORQUE),
+        Column("high_n_m", "high end", TORQUE),
+        Column("explained", "plane explains", Measure("%", 0.01, ".0f")),
+    )
+    rows = tuple(
+        (t.line, e.key, e.low, e.high, t.explained)
+        for t in s.tornados
+        for e in t.effects[:MAX_EFFECTS]
+    )
+    first = len(s.tornados[0].effects[:MAX_EFFECTS])
+    yield Table("", columns, rows, brief=first)
+    caption = (
+        "From the 5 % to the 95 % point of each key, the others at their means; levels from lowest"
+        " to highest mean."
+    )
+    draw = partial(figures.tornados, s.tornados)
+    yield Picture("tornado", draw, "What moves the lines", caption)
+
+
+def _sobol(s: Summary) -> Iterator[Item]:
+    if not s.indices:
+        return
+    index = Measure(form=".2f")
+    columns = (
+        Column("line", "line"),
+        Column("key", "parameter", is_key=True),
+        Column("first", "first order", index),
+        Column("total", "total", index),
+    )
+    rows = []
+    for found in s.indices:
+        order = np.argsort([-t.value for t in found.total])[:MAX_EFFECTS]
+        rows += [
+            (found.line, found.keys[k], found.first[k].value, found.total[k].value) for k in order
+        ]
+    yield Table("", columns, tuple(rows), brief=min(len(s.indices[0].keys), MAX_EFFECTS))
+    caption = (
+        "Fraction of the variance that a key explains alone (first order) and with all others"
+        " (total), 95 % bootstrap."
+    )
+    yield Picture("sobol", partial(figures.sobol_bars, s.indices), "Sobol indices", caption)
+
+
+def _effects_file(s: Summary) -> Table:
+    """Effects and Sobol indices with their intervals, for a file."""
+    rows: list[tuple[Any, ...]] = [
+        ("tornado", t.line, e.key, e.low, e.high, "") for t in s.tornados for e in t.effects
+    ]
+    for found in s.indices:
+        for kind, estimates in (("sobol first order", found.first), ("sobol total", found.total)):
+            pairs = zip(found.keys, estimates, strict=True)
+            rows += [(kind, found.line, key, e.low, e.high, e.value) for key, e in pairs]
+    keys = ("kind", "line", "key", "low", "high", "value")
+    return Table("effects", tuple(map(Column, keys)), tuple(rows))
+
+
+def _scatter(s: Summary) -> Iterator[Picture]:
+    if counts(s.results)[DONE] and figures.scattered_keys(s.results.campaign.design):
+        caption = "Largest line of each case over what varies."
+        draw = partial(figures.scatters, s.results, LARGEST_LINE, s.band)
+        yield Picture("scatter", draw, "Cases", caption)
 
 
 def _how_to_read(s: Summary) -> str:
@@ -391,12 +503,9 @@ def _how_to_read(s: Summary) -> str:
         text += (
             " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
         )
-    failed, why = sum(r.level.failed for r in s.by_level), why_not_judged(s)
+    failed = sum(r.level.failed for r in s.by_level)
     if failed:
         text += f" {count_text(failed, 'case')} without figures (failed, or not computed) are not in them."
-    else:
-        text += ""
-    text += f" {why}" if why else ""
     return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 
@@ -443,28 +552,41 @@ def reason_without_values(reason: str) -> str:
 def _varied(campaign: Campaign) -> Table:
     design = campaign.design
     rows = [
-        [x.key, truncate(f"{count_text(len(x.values), 'level')}: {', '.join(x.labels)}", 120)]
+        (x.key, truncate(f"{count_text(len(x.values), 'level')}: {', '.join(x.labels)}", 120))
         for x in design.levels
     ]
-    rows += [[x.key, x.text] for x in design.uncertain]
+    rows += [(x.key, x.text) for x in design.uncertain]
     rows += [
-        [" and ".join(c.keys), f"correlation {c.coefficient:g}"] for c in design.study.correlations
+        (" and ".join(c.keys), f"correlation {c.coefficient:g}") for c in design.study.correlations
     ]
     rows += [
-        [f"combination {k}", truncate(str(item), 120)]
+        (f"combination {k}", truncate(str(item), 120))
         for k, item in enumerate(design.combinations)
         if item
     ]
-    return table(["`key`", "how"], rows)
+    columns = (Column("key", "parameter", is_key=True), Column("how", "how"))
+    return Table("", columns, tuple(rows))
 
 
-def _worst(s: Summary) -> list[Block]:
+def _worst(s: Summary) -> Iterator[Item]:
     """The cases with the largest lines and what is varied in them, a column each; the worst cases
     of every line.
     """
     found = s.worst[LARGEST_LINE][:MAX_WORST_CASES]
-    if not found:
-        return [Text("No case has been computed yet.")]
+    if found:
+        yield _largest_cases(s, found)
+    else:
+        yield Text("No case has been computed yet.")
+    yield _worst_of_lines(s)
+    if found:
+        folder = s.results.campaign.folder
+        again = f"microvib campaign case {shlex.quote(folder.name or str(folder))} CASE"
+        text = f"Each case runs again alone: `{again}`. All digits are in `worst.csv`."
+        yield Text(text, note=True)
+
+
+def _largest_cases(s: Summary, found: Sequence[tuple[int, float]]) -> Table:
+    """Values of what is varied in some cases, a column each."""
     design = s.results.campaign.design
     labels = [design.labels(case) for case, _ in found]
     which = {
@@ -473,18 +595,22 @@ def _worst(s: Summary) -> list[Block]:
         if line != LARGEST_LINE
         for case in cases
     }
-    header = ["what", "unit", *(f"case {case} [1]" for case, _ in found), "scenario [1]"]
+    columns = (
+        Column("what", "what"),
+        Column("unit", "unit"),
+        *(Column(f"case_{case}", f"case {case}", COUNT) for case, _ in found),
+        Column("scenario", "scenario", COUNT),
+    )
     rows = [
-        ["largest line", "mN m", *(brief_milli(amplitude) for _, amplitude in found), ""],
-        ["which line", "", *(which.get(case, "") for case in found), ""],
+        ("largest line", "mN m", *(brief_milli(amplitude) for _, amplitude in found), ""),
+        ("which line", "", *(which.get(case, "") for case in found), ""),
     ]
     varied = {key: [x.get(key, "") for x in labels] for key in design.keys}
-    rows += [_varied_row(design.base, key, texts) for key, texts in varied.items() if any(texts)]
+    rows += [
+        tuple(_varied_row(design.base, key, texts)) for key, texts in varied.items() if any(texts)
+    ]
     caption = "Cases with the largest lines, worst first; scenario: what the study starts from."
-    folder = s.results.campaign.folder
-    again = f"`microvib campaign case {shlex.quote(folder.name or str(folder))} CASE`. All digits are in `worst.csv`."
-    note = Text(f"Each case runs again alone: {again}", note=True)
-    return [table(header, rows, caption, {0: "strong"}), _worst_of_lines(s), note]
+    return Table("", columns, tuple(rows), caption=caption)
 
 
 def _varied_row(base: Scenario, key: str, labels: Sequence[str]) -> list[str]:
@@ -502,21 +628,42 @@ _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
 
 
 def _worst_of_lines(s: Summary) -> Table:
-    header, rows = ["line"], []
-    for what in ("worst case", "second", "third"):
-        header += [f"{what} [1]", "its amplitude [mN m]"]
-    for line, found in s.worst.items():
-        cells = [
-            cell for case, amplitude in found[:3] for cell in (str(case), brief_milli(amplitude))
-        ]
-        rows.append([line, *cells, *[""] * (6 - len(cells))])
-    return table(header, rows, "The worst cases of each line.", {0: "strong"})
+    """The worst cases of each line; what is varied in them is in the file."""
+    columns = (
+        Column("line", "line"),
+        Column("rank", "rank", COUNT),
+        Column("case", "case", COUNT),
+        Column("amplitude_n_m", "amplitude", TORQUE),
+        *map(Column, s.results.campaign.design.keys),
+    )
+
+    def rows(most: int) -> tuple[tuple[Any, ...], ...]:
+        return tuple(
+            (line, rank, case, amplitude, *_labels(s, case))
+            for line, found in s.worst.items()
+            for rank, (case, amplitude) in enumerate(found[:most], 1)
+        )
+
+    caption = "The worst cases of each line."
+    return Table("worst", columns, rows(MAX_WORST_CASES), rows(MAX_RANK), caption=caption)
 
 
-def _failed(results: Results) -> tuple[Block, ...]:
-    rows = [[str(case), reason] for case, reason in enumerate(results.reasons) if reason]
-    if len(rows) > 20:
-        more = [Text("All of them are in `failed.csv`.")]
-    else:
-        more = []
-    return table(["case [1]", "reason"], rows[:20]), *more
+def _labels(s: Summary, case: int) -> list[str]:
+    """What is varied in a case, by the keys of the study."""
+    design = s.results.campaign.design
+    found = design.labels(case)
+    return [found.get(key, "") for key in design.keys]
+
+
+def _failed(s: Summary) -> Iterator[Item]:
+    columns = (
+        Column("case", "case", COUNT),
+        Column("reason", "reason"),
+        *map(Column, s.results.campaign.design.keys),
+    )
+    rows = tuple(
+        (case, reason, *_labels(s, case)) for case, reason in enumerate(s.results.reasons) if reason
+    )
+    yield Table("failed", columns, rows, rows[:MAX_FAILED])
+    if len(rows) > MAX_FAILED:
+        yield Text("All of them are in `failed.csv`.")
