@@ -18,7 +18,7 @@ from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
 from microvib.io.tables import package_versions
 from microvib.io.writing import write_file
-from microvib.studies.campaign.cases import FIGURES, LINE_OF_SIGHT, SCALARS, VERDICTS
+from microvib.studies.campaign.cases import FIGURES, LINE_OF_SIGHT, SCALARS, VERDICTS, Chunk
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
 
@@ -94,32 +94,16 @@ def _write(
         _text(f, "line", "line", np.array(lines, dtype=object), "name of the line")
         _parameters(f, campaign)
         kept = {*FIGURES, *(name for _, chunk in campaign.results() for name in chunk.figures)}
-        table = {
-            name: _variable(f, name, ("case", "line"))
-            for name in (*FIGURES, *LINE_OF_SIGHT)
-            if name in kept
-        }
-        columns = {name: _variable(f, name, ("case",)) for name in SCALARS}
-        status = _variable(f, "status", ("case", "line"), np.int16, -1)
-        status.attrs["flag_meanings"] = _flags(statuses) or "none"
+        figures = _Figures(f, lines, statuses, kept)
         texts = {name: np.full(design.cases, "", dtype=object) for name in _TEXT_VARIABLES}
         verdict = np.zeros(design.cases, dtype=np.int8)
-        position = {name: k for k, name in enumerate(lines)}
         for cases, chunk in campaign.results():
             here = slice(cases.start, cases.stop)
             state[here] = [FAILED if reason else DONE for reason in chunk.reasons]
+            verdict[here] = chunk.verdict
+            figures.write(here, chunk)
             for name, values in texts.items():
                 values[here] = getattr(chunk, name)
-            verdict[here] = chunk.verdict
-            where = [position[name] for name in chunk.lines]
-            for name, values in chunk.figures.items():
-                table[name][here, :] = _scatter_columns(values, where, len(lines), np.nan)
-            numbers = np.array(
-                [*(statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16
-            )
-            status[here, :] = _scatter_columns(numbers[chunk.status], where, len(lines), -1)
-            for name in SCALARS:
-                columns[name][here] = chunk.scalars[name]
         for name, (variable, meaning) in _TEXT_VARIABLES.items():
             _text(f, variable, "case", texts[name], meaning)
         for name, data, flags in (
@@ -127,6 +111,33 @@ def _write(
             ("state", state, ("not computed", "done", "failed")),
         ):
             f.create_variable(name, ("case",), data=data).attrs["flag_meanings"] = _flags(flags)
+
+
+class _Figures:
+    """Variables of what is kept of every line and of every case."""
+
+    def __init__(
+        self, f: Any, lines: tuple[str, ...], statuses: tuple[str, ...], kept: set[str]
+    ) -> None:
+        names = [name for name in (*FIGURES, *LINE_OF_SIGHT) if name in kept]
+        self._of_lines = {name: _variable(f, name, ("case", "line")) for name in names}
+        self._of_cases = {name: _variable(f, name, ("case",)) for name in SCALARS}
+        self._status = _variable(f, "status", ("case", "line"), np.int16, -1)
+        self._status.attrs["flag_meanings"] = _flags(statuses) or "none"
+        self._position = {name: k for k, name in enumerate(lines)}
+        self._statuses = statuses
+
+    def write(self, here: slice, chunk: Chunk) -> None:
+        """Write the cases of a chunk."""
+        where, width = [self._position[name] for name in chunk.lines], len(self._position)
+        for name, values in chunk.figures.items():
+            self._of_lines[name][here, :] = _scatter_columns(values, where, width, np.nan)
+        for name, variable in self._of_cases.items():
+            variable[here] = chunk.scalars[name]
+        numbers = np.array(
+            [*(self._statuses.index(text) for text in chunk.statuses), -1], dtype=np.int16
+        )
+        self._status[here, :] = _scatter_columns(numbers[chunk.status], where, width, -1)
 
 
 def _flags(meanings: Iterable[str]) -> str:
