@@ -219,10 +219,13 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
         cwd=tmp_path,
     )
     assert analysed.exit_code == 0, analysed.stderr
-    assert "step clock over nominal: 0.99399" in analysed.stdout
+    assert "Step clock over nominal: 0.99399" in analysed.stdout
     assert "15 averages" in analysed.stdout
     assert rows(tmp_path / "seen")["drive_1"]["status"] == "ok"
-    names = ["density.csv", "lines.csv", "report.html", "spectrum.csv", "third_octaves.csv"]
+    names = [
+        "density.csv", "density.png", "lines.csv", "report.html", "spectrum.csv", "spectrum.png",
+        "third_octaves.csv", "waterfall.png",
+    ]  # fmt: skip
     assert sorted(p.name for p in (tmp_path / "seen").iterdir()) == names
     before = (tmp_path / "test.uff").read_bytes()
     again = microvib("measure", "state-1", *SHORT, "-o", "test.uff", cwd=tmp_path)

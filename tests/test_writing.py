@@ -161,7 +161,7 @@ def test_a_folder_may_hold_every_file_that_a_report_writes() -> None:
         for pattern, ending in (
             (r'"(\w+\.(?:csv|json|png|nc))"', ""),
             (r'[tT]able(?:\.of)?\(\s*"(\w+)",', ".csv"),
-            (r'Picture\(\s*"([a-z]\w+)",', ".png"),
+            (r'[Pp]icture\(\s*"([a-z]\w+)",', ".png"),
             (r'data=\{"(\w+)":', ".json"),
         )
         for name in re.findall(pattern, text)

@@ -49,12 +49,17 @@ class Measure:
     """Of the unit in files, which a column's key ends with."""
     units: tuple[tuple[str, float], ...] = ()
     """Units and their sizes in SI, the largest first, where a table takes the one that suits it."""
+    least: float = 0.0
+    """Figure in that unit below which it is only said that one is less."""
 
     def text(self, value: float) -> str:
         """A figure as readers see it; empty if there is none."""
         if not math.isfinite(value):
             return ""
-        return f"{value / self.size:{self.form}}".rstrip(".")
+        shown = value / self.size
+        if 0.0 < shown < self.least:
+            return f"< {self.least:g}"
+        return f"{shown:{self.form}}".rstrip(".")
 
     def figure(self, value: float) -> str:
         """A figure with its unit; empty if there is none."""
@@ -85,7 +90,7 @@ RATE = Measure("deg/s", _DEGREE, ".5g", file_size=_DEGREE)
 SHARE = Measure("%", 0.01, ".3g")
 TIME = Measure("s")
 TORQUE = Measure("mN m", 1e-3, "#.4g")
-TORQUE_UNCERTAINTY = Measure("mN m", 1e-3, ".2g")
+TORQUE_UNCERTAINTY = Measure("mN m", 1e-3, "#.2g", least=0.001)
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,8 @@ class Column:
     """What readers see where there is no figure."""
     words: Callable[[str], str] = str
     """How readers see its words."""
+    report_only: bool = False
+    """Whether a terminal, which is narrow, leaves it out."""
     is_key: bool = False
     """Whether its words are keys of a scenario, which reports set as code."""
     verdict: bool = False

@@ -60,7 +60,7 @@ def analyse(
     recording.
     """
     from microvib.io.sources import open_source
-    from microvib.reports.analysis import analysis_folder, analysis_text
+    from microvib.reports.analysis import analysis_outcome
     from microvib.studies.analyse import analyse as run_analysis
 
     with progress_bar() as progress:
@@ -74,7 +74,7 @@ def analyse(
             bands=bands,
             progress=progress,
         )
-    target.deliver(analysis_text(analysis), analysis_folder, analysis)
+    target.present(analysis_outcome(analysis))
 
 
 @click.command()

@@ -203,7 +203,8 @@ STUDY_FILES = (
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
     "summary.csv", "orbit.csv", "orbit_lines.csv", "orbit_windows.csv", "orbit.json", "orbit.png", "seeds.csv",
-    "spectra.png", "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
+    "spectra.png", "spectrum.png", "density.png", "waterfall.png",
+    "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
     "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
 )  # fmt: skip
 """Further files of the folders of studies."""

@@ -134,6 +134,7 @@ def _terminal_item(item: Item) -> str:
         return ""
     if isinstance(item, Pairs):
         return "\n".join(item.lines)
+    item = item.only([x.key for x in item.shown if not x.report_only])
     words = [x.measure is None for x in item.shown]
     left = words.index(False) if False in words else len(words) - 1
     head = [x.title for x in item.shown]

@@ -20,6 +20,7 @@ from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
 from microvib.model.line_names import SECOND_DRIVE, driving_line
 from microvib.model.scenario import Scenario
+from microvib.reports.analysis import analysis_outcome
 from microvib.reports.angles import angles_outcome
 from microvib.reports.comparison import comparison_outcome
 from microvib.reports.craft import craft_words, draw_craft
@@ -191,20 +192,17 @@ def _rms(*phases: np.ndarray) -> float:
 
 
 def analysis_result(a: Analysis) -> dict[str, Any]:
-    """Lines, spectrum, density of one channel."""
+    """What is said of one channel, and what the page draws: lines, spectrum, density."""
     f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
     g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
-    return {
-        "title": f"{a.name}, {a.channel}",
+    return page_answer(analysis_outcome(a)) | {
         "lines": [] if a.table is None else [asdict(line) for line in a.table],
-        "notable": [] if a.table is None else [line.line for line in a.table.notable()],
         "spectrum": {"f": f.tolist(), "amplitude": amplitude.tolist(), "made": str(a.spectrum)},
         "density": {"f": g.tolist(), "psd": density.tolist(), "made": str(a.density)},
         "clock_ratio": a.clock_ratio,
         "channel": a.channel,
         "unit": a.unit,
         "run_channel": a.channel if a.table is None else "T_d",  # what a run has of the same load
-        "notes": [note for note in a.recording.told(a.channel) if note],
     }
 
 

@@ -1,7 +1,7 @@
 // The Recording tab: a test's file, what is in it, beside the current run, and parameters from it.
 
 import { post, upload } from "./api.js";
-import { announce, h, number, onDrop, percent, quantity, unitText } from "./dom.js";
+import { announce, h, number, onDrop, quantity } from "./dom.js";
 import { makeFit } from "./fit.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
@@ -9,7 +9,7 @@ import { makeTask } from "./progress.js";
 import * as recorded from "./recorded.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
-import { partContent, shortTable } from "./tables.js";
+import { partContent } from "./tables.js";
 
 const KEPT = "recording.file";
 const NO_LINES = "None: lines are looked for in the torque about the drive axis of the scenario on the left.";
@@ -33,7 +33,6 @@ const analysing = makeTask("analysis", working, showAnalysis);
 const comparisons = makeTask("comparison", comparing, showComparison);
 let recording = null;
 let fit = null;
-let notable = []; // names of the lines that are worth a row
 
 const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
 
@@ -129,34 +128,12 @@ function analyse() {
 
 function showAnalysis(answer, _, id) {
   const analysis = { ...answer, id };
-  notable = answer.notable;
   const clock = answer.clock_ratio
     ? `step clock at ${number(answer.clock_ratio, 6)} of its nominal rate`
     : answer.lines.length && "no line of the step clock is seen";
-  lines.replaceChildren(answer.lines.length ? linesTable(answer) : h("p", { class: "soft" }, NO_LINES));
+  const found = answer.parts.find((part) => part.title === "Lines");
+  lines.replaceChildren(...(found ? partContent(found) : [h("p", { class: "soft" }, NO_LINES)]));
   return Promise.all([recorded.spectrum.show(analysis, clock || ""), recorded.density.show(analysis, "")]);
-}
-
-const hz = (value) => number(value, 7);
-const milli = (digits) => (value) => number(value === null ? null : 1e3 * value, digits);
-
-function linesTable({ lines: rows, notable, unit }) {
-  const small = `m${unitText(unit)}`;
-  return shortTable(
-    [
-      { key: "line", title: "line" },
-      { key: "frequency_hz", title: "frequency", unit: "Hz", show: hz },
-      { key: "frequency_uncertainty_hz", title: "± (1σ)", unit: "Hz", show: (value) => number(value, 2) },
-      { key: "amplitude_n_m", title: "amplitude", unit: small, show: milli(4) },
-      { key: "amplitude_uncertainty_n_m", title: "± (1σ)", unit: small, show: milli(2) },
-      { key: "floor_n_m", title: "floor", unit: small, show: milli(2) },
-      { key: "origin", title: "what it is" },
-      { key: "status", title: "status" },
-    ],
-    rows,
-    (line) => notable.includes(line.line),
-    { caption: "Lines of the recording" },
-  );
 }
 
 function compare() {
