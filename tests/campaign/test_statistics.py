@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from support.campaigns import EVERYTHING, SHORT, Fragile, computed, made, spread, study
 from support.scenarios import limit_of
 
 import microvib as mv
+from microvib.cli.main import main
 from microvib.reports.campaign.report import (
     _sampling,
     above_limit,
@@ -365,3 +368,24 @@ def test_effects_are_in_order_though_one_is_not_known(monkeypatch):
         SimpleNamespace(campaign=SimpleNamespace(design=design)), "drive_1", (0.0, math.inf)
     )
     assert [e.key for e in found.effects] == ["c", "a", "b"]
+
+
+def test_the_command_says_the_verdict_last_and_replaces_its_report(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    some = {"friction.breakaway": {"distribution": "uniform", "within": "1 percent"}}
+    results = computed(tmp_path, study(vary=some, sampling={"method": "random", "count": 8}))
+    worst = worst_cases(results, LARGEST_LINE, EVERYTHING)[0][0]
+    results.dataset.close()
+    folder = results.campaign.folder
+    for _ in range(2):
+        command = ["campaign", "report", str(folder), "--limit", "1 mN*m"]
+        done = CliRunner().invoke(main, command, prog_name="microvib")
+        assert done.exit_code == 0, done.output
+        said, _, written = done.output.partition("\n\nWritten: ")
+        assert said.startswith("8 of 8 cases of ")
+        assert "above 1 mN m" in said.split("\n\n")[-1]
+        files = written.splitlines()[0].split(", ")
+        assert {Path(name).name for name in files} == {
+            p.name for p in (folder / "report").iterdir()
+        }
+        assert f"campaign case {folder} {worst} --out" in written.replace("'", "")

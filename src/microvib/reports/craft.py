@@ -22,7 +22,7 @@ from microvib.reports.document import Block, Fact, Figure, Section, Table, Text,
 from microvib.reports.moving import box_corners
 from microvib.reports.numbers import count_text, format_number, plain_number, window_text
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
-from microvib.signals.pointing import METRICS, cumulative_rms, radial_rms
+from microvib.signals.pointing import METRICS, cumulative_rms, metric_name, radial_rms
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
 from microvib.solve.channels import LOADS, SECOND_LOADS
 from microvib.solve.motion import Motion
@@ -408,14 +408,10 @@ def _radial_sums(hub: HubLines) -> dict[tuple[float, str], float]:
     return {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
 
 
-def _metric_name(metric: str) -> str:
-    return metric.upper() if len(metric) < 4 else metric
-
-
 def _rms_in_windows(hub: HubLines) -> Table:
     sums = _radial_sums(hub)
     rows = [
-        [_metric_name(metric), *(_microradians(sums[w, metric]) for w in hub.windows)]
+        [metric_name(metric), *(_microradians(sums[w, metric]) for w in hub.windows)]
         for metric in METRICS
     ]
     what = "all lines"
@@ -436,7 +432,7 @@ def _pixels_in_windows(hub: HubLines) -> Iterator[Table]:
         return
     sums = _radial_sums(hub)
     rows = [
-        [_metric_name(m), *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
+        [metric_name(m), *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
         for m in METRICS
     ]
     for axis in "xy":

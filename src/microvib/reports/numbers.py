@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 
 def brief_number(value: float, digits: int = 4) -> str:
@@ -21,26 +20,6 @@ def format_number(value: float, digits: int = 4, scale: float = 1.0) -> str:
 def milli(value: float, digits: int = 4) -> str:
     """A torque [N m] in mN m with so many digits."""
     return format_number(value, digits, 1e3)
-
-
-def brief_milli(value: float) -> str:
-    """A torque [N m] in mN m with at most four digits; empty if there is none."""
-    return brief_number(1e3 * value)
-
-
-def angle_text(value: float, digits: int = 4) -> str:
-    """An angle [rad] with a unit that suits its size; empty if there is none."""
-    if not math.isfinite(value):
-        return ""
-    unit, size = angle_unit([value])
-    return f"{brief_number(value / size, digits)} {unit}"
-
-
-def angle_unit(values: Iterable[float]) -> tuple[str, float]:
-    """The unit that suits the largest of some angles [rad], and its size."""
-    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
-    units = (("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9))
-    return next(((unit, size) for unit, size in units if largest >= size), units[-1])
 
 
 def window_text(length: float) -> str:

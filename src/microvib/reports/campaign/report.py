@@ -20,7 +20,6 @@ from microvib.model.scenario import Scenario
 from microvib.reports.campaign import figures
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import (
-    brief_milli,
     count_text,
     plain_number,
     torque_as_given,
@@ -602,7 +601,7 @@ def _largest_cases(s: Summary, found: Sequence[tuple[int, float]]) -> Table:
         Column("scenario", "scenario", COUNT),
     )
     rows = [
-        ("largest line", "mN m", *(brief_milli(amplitude) for _, amplitude in found), ""),
+        ("largest line", TORQUE.unit, *(TORQUE.text(amplitude) for _, amplitude in found), ""),
         ("which line", "", *(which.get(case, "") for case in found), ""),
     ]
     varied = {key: [x.get(key, "") for x in labels] for key in design.keys}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from microvib.analysis.limits import Limit, judge, transient_warnings
 from microvib.analysis.reference import (
@@ -14,7 +15,8 @@ from microvib.analysis.run import RunResult
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.scenario import Scenario
 from microvib.reports.craft import pointing_facts
-from microvib.reports.numbers import angle_text, brief_number, percent
+from microvib.reports.numbers import brief_number, percent
+from microvib.results import POINTING_ANGLE
 from microvib.signals.line_table import LineTable
 from microvib.text_tables import text_table
 
@@ -100,8 +102,9 @@ def _integration_error_text(result: RunResult, limit: Limit | None) -> Iterator[
     for fact in pointing_facts(result.hub):
         assert result.hub is not None
         window = max(result.hub.windows)
+        rms = replace(POINTING_ANGLE, form=".3g")
         costs = (
-            f"{name} {angle_text(angle, 3)}"
+            f"{name} {rms.suited_to([angle]).figure(angle)}"
             for name, angle in result.hub.ranking("rpe", window)[:_MAX_CONTRIBUTORS]
         )
         yield f"\n{fact.label[0].upper()}{fact.label[1:]}: {fact.value}; largest contributors, rms: {', '.join(costs)}."
