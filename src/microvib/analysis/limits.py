@@ -19,9 +19,10 @@ from microvib.analysis.margins import (
     Verdict,
     amplitude_bound,
     frequency_error_bound,
-    largest_amplitude,
     margin,
     settling_advice,
+    shared_amplitude_bound,
+    unseen_ringing_modes,
 )
 from microvib.analysis.start import (
     mode_has_decayed,
@@ -43,6 +44,9 @@ from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, with
 
 _SETTLED_RATIO = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
+_STRONG_RINGING_EFOLDINGS = 3.0
+"""Within which a mode rings with more than a twentieth of what it began with, and friction may make
+lines of that."""
 _FULL_BAND = Si(0.0), Si(math.inf)
 """The band of all frequencies [Hz]."""
 
@@ -318,7 +322,8 @@ def _hidden_line_gaps(
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
     """What a record leaves open besides its lines."""
     yield from _residual_peak_gaps(table, limit)
-    yield from _beside_band_gaps(table, limit)
+    yield from _beside_band_gaps(table, limit, scenario)
+    yield from _unresolved_ringing_gaps(table, limit, scenario)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit.low, limit.high, limit.torque)
@@ -444,21 +449,19 @@ def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
     return told
 
 
-def _beside_band_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
+def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
     """Lines above the limit beside its band, which may hide others in the band: the record is too
     short to tell them apart.
     """
     if table.rest is None:
         return
-    beside = [
-        (max(limit.low - x.place_hz, x.place_hz - limit.high), x)
-        for x in table
-        if largest_amplitude(x, table) > limit.torque
-    ]
+    beside = [(max(limit.low - x.place_hz, x.place_hz - limit.high), x) for x in table]
     near = [
         (apart, x)
         for apart, x in beside
-        if 0.0 < apart < table.rest.resolution and not limit.holds(*_frequency_with_bound(x))
+        if 0.0 < apart < table.rest.resolution
+        and not limit.holds(*_frequency_with_bound(x))
+        and shared_amplitude_bound(x, table, scenario) > limit.torque
     ]
     if near:
         apart, line = min(near, key=lambda one: one[0])
@@ -466,6 +469,27 @@ def _beside_band_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
             f"what {line.line} at {line.place_hz:.5g} Hz may hide in the band"
             f" (record.duration >= {rounded_up(SEPARATION / apart)} s)"
         )
+
+
+def _unresolved_ringing_gaps(
+    table: LineTable, limit: Limit, scenario: Scenario | None
+) -> Iterator[str]:
+    """Modes that may ring, slower than the record resolves, where there is friction: it makes other
+    lines of their motion, which come and go with it.
+    """
+    if scenario is None or table.rest is None:
+        return
+    if max(scenario.friction.largest_torque, scenario.motor.friction.largest_torque) == 0.0:
+        return
+    if limit.torque > ABOVE_PASSBAND_FACTOR * table.largest:
+        return
+    for mode in unseen_ringing_modes(table, scenario, _STRONG_RINGING_EFOLDINGS):
+        if mode.frequency < table.rest.resolution:
+            yield (
+                f"lines that friction makes of {mode.name}, which may still ring and which the"
+                " record is too short to show; record.duration >="
+                f" {rounded_up(SEPARATION / mode.frequency)} s, or a longer record.settle"
+            )
 
 
 def _certainly_within(one: Margin, limit: Limit) -> Margin:

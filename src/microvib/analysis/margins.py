@@ -219,12 +219,20 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
     if apart < resolution:
         longer = rounded_up(SEPARATION / apart)
         return f"not resolved from a line of the clock; record.duration >= {longer} s"
-    seen = {x.line for x in table if x.seen}
-    for mode in coupled_modes(scenario):
-        near = abs(mode.frequency - line.place_hz) < resolution
-        if near and mode.name not in seen and _may_still_ring(mode, scenario):
+    for mode in unseen_ringing_modes(table, scenario):
+        if abs(mode.frequency - line.place_hz) < resolution:
             return f"not resolved from {mode.name}, which may still ring; increase record.settle"
     return ""
+
+
+def shared_amplitude_bound(line: Line, table: LineTable, scenario: Scenario | None) -> float:
+    """What a line and those that the record is too short to tell from it may have at most [N m]."""
+    largest = largest_amplitude(line, table)
+    if scenario is None or table.rest is None or not largest > 0.0:
+        return largest
+    if _unresolved_from(line, table, table.rest.resolution, scenario):
+        return SHARED_BINS_FACTOR * largest
+    return largest
 
 
 def amplitude_error_bound(line: Line, table: LineTable) -> float:
@@ -348,6 +356,22 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
     return any(_may_still_ring(m, scenario) for m in modes)
 
 
-def _may_still_ring(mode: CoupledMode, scenario: Scenario) -> bool:
+def unseen_ringing_modes(
+    table: LineTable, scenario: Scenario, efoldings: float = SETTLED_EFOLDINGS
+) -> list[CoupledMode]:
+    """Modes that may still ring after the start, which have not yet decayed by so many
+    ``efoldings``, and of which the record shows nothing.
+    """
+    seen = {x.line for x in table if x.seen}
+    return [
+        mode
+        for mode in coupled_modes(scenario)
+        if mode.name not in seen and _may_still_ring(mode, scenario, efoldings)
+    ]
+
+
+def _may_still_ring(
+    mode: CoupledMode, scenario: Scenario, efoldings: float = SETTLED_EFOLDINGS
+) -> bool:
     """Whether the damping of a mode has not yet ended what rings after the start."""
-    return mode.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS
+    return mode.decay * time_to_settle(scenario) < efoldings
