@@ -1287,6 +1287,41 @@ def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
     assert any("not even two driving lines" in why for why in found.why)
 
 
+SLOW_FULL_STEPS = {
+    "driver.microsteps": 1,
+    "tracking.rate": "0.018 deg/s",
+    "motor.detent_torque": "5 mN*m",
+    "friction.coulomb": "1 N*m",
+    "friction.breakaway": "1 N*m",
+    "spacecraft.array_angle": "66 deg",
+    "record.sample_rate": "2048 Hz",
+    "record.duration": "4 s",
+}
+"""About one step in a second: hundreds of lines above those that are looked for."""
+
+
+@pytest.mark.parametrize("start", ["steady", "rest"])
+def test_the_sum_of_many_lines_that_are_not_listed_counts(tmp_path, start) -> None:
+    craft = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml"))
+    slow = craft.with_(SLOW_FULL_STEPS | {"record.start": start, "record.settle": "60 s"})
+    y = mv.simulate(slow)["los_y"]
+    size = 2.0 * np.abs(np.fft.rfft((y - y.mean()) * np.hanning(y.size))) ** 2
+    f = np.fft.rfftfreq(y.size, 1.0 / 2048.0)
+    above = (f >= 50.0) & (f <= 700.0)
+    truth = math.sqrt(size[above].sum() / (y.size * np.sum(np.hanning(y.size) ** 2)))
+    asked = tmp_path / "requirement.yaml"
+    asked.write_text(
+        "requirements: [{name: high, metric: ape, axis: y, lowest: 50 Hz,"
+        f" limit: {0.7e9 * truth:.6g} nrad}}]"
+    )
+    [few] = mv.pointing_budget(slow, asked, steady=start == "steady").judged
+    [all_of_them] = mv.pointing_budget(slow, asked, steady=start == "steady", harmonics=100).judged
+    assert few.verdict == "not judged"
+    assert few.most > truth
+    assert any("unexplained peaks" in why for why in few.why)
+    assert all_of_them.verdict == "fail"
+
+
 def test_a_wheel_moves_the_whole_system() -> None:
     """Force that turns with the wheel, at its place on the hub, with drive and array on it: the whole matrices."""
     full = whole.FullCraft(bandwidth=0.2)

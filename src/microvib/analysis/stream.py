@@ -163,8 +163,10 @@ def _rest_of_blocks(tables: list[LineTable]) -> ResidualPeaks:
         np.concatenate([one.frequency for one in left]),
         np.concatenate([one.amplitude for one in left]),
     )
+    each = [one.sums_at(rest.frequency) for one in left]
     return replace(
         rest,
+        together=np.max(each, axis=0),
         slow=max(one.slow for one in left),
         resolution=max(one.resolution for one in left),
     )

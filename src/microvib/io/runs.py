@@ -108,9 +108,12 @@ def summary(
     """
     rest = table.rest  # the highest peaks that no line accounts for
     left = rest and {
-        "frequency_hz": rest.frequency.tolist(), "amplitude_n_m": rest.amplitude.tolist(), "slow_n_m": rest.slow,
+        "frequency_hz": rest.frequency.tolist(),
+        "amplitude_n_m": rest.amplitude.tolist(),
+        "sum_n_m": rest.in_sum.tolist(),
+        "slow_n_m": rest.slow,
         "resolution_hz": rest.resolution,
-    }  # fmt: skip
+    }
     return {
         "title": scenario.title,
         "source": scenario.source,
@@ -215,7 +218,8 @@ def _rest(left: dict[str, Any]) -> ResidualPeaks:
     """What ``summary.json`` says of the peaks that no line accounts for."""
     frequency, amplitude = (np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))
     slow, resolution = left.get("slow_n_m", 0.0), left.get("resolution_hz", 0.0)
-    return ResidualPeaks(frequency, amplitude, slow=slow, resolution=resolution)
+    together = np.array(left.get("sum_n_m", left["amplitude_n_m"]))
+    return ResidualPeaks(frequency, amplitude, None, slow, resolution, together)
 
 
 def _motion(path: Path, scenario: Scenario, how: Numerics) -> Motion:

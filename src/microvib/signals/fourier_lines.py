@@ -66,14 +66,13 @@ def lines_of_series(
         sharp,
         *bins,
     )
-    rest = np.ones(series.size, dtype=bool)
+    unlisted = np.ones(series.size, dtype=bool)
     # An array mode is no line of a steady state: the order nearest to it is still left.
-    rest[[0, *(_order(line, base, series.size) for line in lines if not line.is_mode)]] = False
-    left = np.flatnonzero(rest)
+    unlisted[[0, *(_order(line, base, series.size) for line in lines if not line.is_mode)]] = False
+    left = np.flatnonzero(unlisted)
     rows = figures.rows(Uncertainty(sharp, sharp, sharp, sharp))
-    return LineTable(
-        rows, 1.0, 0.0, samples, sample_rate, rest=ResidualPeaks.of(left * base, sizes[left])
-    )
+    rest = ResidualPeaks.of_exact_lines(left * base, sizes[left])
+    return LineTable(rows, 1.0, 0.0, samples, sample_rate, rest=rest)
 
 
 def _order(line: ExpectedLine, base: float, size: int) -> int:

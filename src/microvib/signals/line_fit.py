@@ -106,17 +106,24 @@ def estimate_lines(
     )
 
 
+_HANN_BINS = 2.0
+"""Sum of the bins of a tone over its amplitude, in a spectrum with a Hann window."""
+
+
 def _residual_peaks(rest: HannSpectrum) -> ResidualPeaks:
     """What stands between the lowest frequency that is told from the mean and the highest that is
     looked at.
     """
     first = int(SEPARATION) + 1
     bins = np.arange(first, min(int(PASSBAND * rest.samples), rest.values.size))
-    peaks = ResidualPeaks.of(bins / rest.duration, _SCALLOP * rest.magnitude[bins])
+    frequency, amplitude = bins / rest.duration, _SCALLOP * rest.magnitude[bins]
+    peaks = ResidualPeaks.of(frequency, amplitude)
+    floor = rest.floors(peaks.frequency)
     slow = _SCALLOP * float(np.max(rest.magnitude[1:first], initial=0.0))
     return replace(
         peaks,
-        floor=rest.floors(peaks.frequency),
+        floor=floor,
+        together=peaks.sums(frequency, amplitude, DETECTION_RATIO * floor) / _HANN_BINS,
         slow=slow,
         resolution=SEPARATION / rest.duration,
     )

@@ -160,17 +160,68 @@ class ResidualPeaks:
     from its mean and from each other; 0 of exact lines, which have none."""
     resolution: float = 0.0
     """Distance [Hz] from which two lines are told apart; 0 of exact lines."""
+    together: np.ndarray | None = None
+    """Amplitudes [N m] of all that stands out in the same part of the spectrum, added; None where
+    that is not known.
+    """
 
     @classmethod
     def of(cls, frequency: np.ndarray, amplitude: np.ndarray) -> ResidualPeaks:
         """The highest of peaks, or of bins, at each ``frequency`` (n,) above 0."""
+        return cls(*cls._highest(frequency, amplitude)[:2])
+
+    @classmethod
+    def of_exact_lines(cls, frequency: np.ndarray, amplitude: np.ndarray) -> ResidualPeaks:
+        """The highest of lines at each ``frequency`` (n,) above 0, and what all of them add up to."""
+        highest, size, together = cls._highest(frequency, amplitude)
+        return cls(highest, size, together=together)
+
+    @staticmethod
+    def _highest(
+        frequency: np.ndarray, amplitude: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Frequency and amplitude of the highest in each twelfth of an octave, and the sum of all."""
         band = _twelfth_octave(frequency)
         order = np.argsort(band, kind="stable")
         parts = np.split(order, 1 + np.flatnonzero(np.diff(band[order])))
-        first = np.array(
-            [part[np.argmax(amplitude[part])] for part in parts if part.size], dtype=int
+        parts = [part for part in parts if part.size]
+        first = np.array([part[np.argmax(amplitude[part])] for part in parts], dtype=int)
+        together = np.array([float(np.sum(amplitude[part])) for part in parts])
+        return frequency[first], amplitude[first], together
+
+    @property
+    def in_sum(self) -> np.ndarray:
+        """What all that is left in each part may add up to at most [N m], (m,)."""
+        highest = self.factor * self.amplitude
+        if self.together is None:
+            return np.asarray(highest)
+        return np.maximum(highest, self.together)
+
+    def sums(self, frequency: np.ndarray, amplitude: np.ndarray, least: np.ndarray) -> np.ndarray:
+        """Sums of those of some amplitudes (n,) at each ``frequency`` (n,) that are above the
+        ``least`` (m,) of their part, (m,).
+        """
+        ours = _twelfth_octave(self.frequency)
+        place = np.clip(np.searchsorted(ours, _twelfth_octave(frequency)), 0, ours.size - 1)
+        counted = np.where(amplitude > least[place], amplitude, 0.0)
+        return np.bincount(place, counted, minlength=ours.size)
+
+    def sums_at(self, frequency: np.ndarray) -> np.ndarray:
+        """``in_sum`` in the parts of the spectrum of each ``frequency`` (n,) [Hz]; 0 where nothing
+        is left.
+        """
+        known = dict(
+            zip(_twelfth_octave(self.frequency).tolist(), self.in_sum.tolist(), strict=True)
         )
-        return cls(frequency[first], amplitude[first])
+        return np.array([known.get(part, 0.0) for part in _twelfth_octave(frequency).tolist()])
+
+    def places(self, count: int = 4) -> np.ndarray:
+        """Frequencies [Hz] at which what is left may stand, (m, count + 1): that of the peak, and
+        others spread over its part of the spectrum.
+        """
+        low = 2.0 ** (_twelfth_octave(self.frequency) / 12.0)
+        spread = low[:, None] * np.geomspace(1.0, 1.0 + TWELFTH_OCTAVE, count)
+        return np.hstack([self.frequency[:, None], spread])
 
     @property
     def factor(self) -> float:

@@ -48,7 +48,14 @@ from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
-from microvib.signals.line_table import BELOW_FLOOR, DETECTION_RATIO, NOISE_DRIVEN, Line, LineTable
+from microvib.signals.line_table import (
+    BELOW_FLOOR,
+    DETECTION_RATIO,
+    NOISE_DRIVEN,
+    Line,
+    LineTable,
+    ResidualPeaks,
+)
 from microvib.solve.steady.period import common_period
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.recorded import unaccounted
@@ -522,14 +529,14 @@ def _gaps(
     if table.rest is None:
         yield open_gap("lines that are not in the table were not sought")
     elif table.rest.frequency.size:
-        at, peaks = table.rest.frequency, table.rest.factor * table.rest.amplitude
+        at = table.rest.frequency
         known = at >= receiver_of(scenario).lowest
         yield Unobserved(
             "unexplained peaks of T_d",
             0.0,
             math.inf,
             at[known],
-            (_los_over_torque(scenario, at) * peaks[:, None])[known],
+            (_largest_los_over_torque(scenario, table.rest) * table.rest.in_sum[:, None])[known],
             between=True,
         )
     yield from _low_frequency_gaps(scenario, table)
@@ -589,6 +596,19 @@ def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobse
     why = f"what is below {lowest:.3g} Hz, for which the record is too short (a longer record.duration)"
     k = int(np.argmax(np.hypot(*np.where(known[:, None], most, 0.0).T)))
     yield Unobserved(why, 0.0, lowest, f[[k]], most[[k]])
+
+
+def _largest_los_over_torque(scenario: Scenario, rest: ResidualPeaks) -> np.ndarray:
+    """The largest line of sight (m, 2) over T_d in each part of the spectrum in which something is
+    left [rad/(N m)]: at its ends, in it, and at modes of the craft in it.
+    """
+    places = rest.places()
+    modes = np.array([mode.frequency for mode in coupled_modes(scenario)])
+    nearest = modes[np.argmin(np.abs(modes - rest.frequency[:, None]), axis=1)][:, None]
+    low, high = places.min(axis=1, keepdims=True), places.max(axis=1, keepdims=True)
+    places = np.hstack([places, np.clip(nearest, low, high)])
+    found = _los_over_torque(scenario, places.ravel())
+    return np.asarray(found.reshape(*places.shape, 2).max(axis=1))
 
 
 def _los_over_torque(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
