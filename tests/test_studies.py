@@ -16,12 +16,10 @@ from microvib.reports.comparison import comparison_outcome
 from microvib.reports.document import Form, Table
 from microvib.reports.identification import (
     draw_before_and_after,
-    fit_folder,
     fit_json,
-    fit_report,
-    fit_text,
+    fit_outcome,
 )
-from microvib.reports.outcome import study_contents
+from microvib.reports.outcome import study_contents, terminal_text
 from microvib.reports.rendering import write_study
 from microvib.studies.compare import Side, SideLine, _match_unlisted_names, compare
 from microvib.studies.evidence import evidence_of, select_evidence
@@ -125,19 +123,26 @@ def test_identification_finds_the_truth(fit):
     assert not any(d.off for d in fit.deviations)
 
 
+def first_text(fit):
+    """What stands first in a report, and before all estimates on a terminal."""
+    return fit_outcome(fit).parts[0].items[0].text
+
+
 def test_all_figures_are_shown_and_nothing_is_green_that_nothing_checks(fit):
-    assert fit_report(fit).facts[0].status == "pass"
+    assert fit_outcome(fit).facts[0].status == "pass"
     ((evidence, _),) = fit.before
     shown = evidence.observations
     assert any("plus_" in o.line for o in shown)
     assert any(o.is_angle for o in shown)
-    assert all(f"{o.line} {o.form}" in fit_text(fit) for o in shown)
-    (figures,) = (s for s in fit_report(fit).sections if s.title == "Before and after")
+    assert all(f"{o.line} {o.form}" in terminal_text(fit_outcome(fit)) for o in shown)
+    (figures,) = (
+        s for s in study_contents(fit_outcome(fit))[1].sections if s.title == "Before and after"
+    )
     table = next(block for block in figures.blocks if isinstance(block, Table))
     rows = {row.cells[0]: row.cells for row in table.rows}
     assert set(rows) == {f"{o.line} {o.form}" for o in shown}
     angle = next(o for o in shown if o.is_angle)
-    unit, test, _, after, *off = rows[f"{angle.line} {angle.form}"][1:]
+    unit, test, _, after, *off = rows[f"{angle.line} {angle.form}"][1:7]
     assert (unit, off) == ("deg", ["", ""])
     assert float(test.replace("−", "-")) == pytest.approx(math.degrees(angle.value), rel=1e-3)
     assert abs(float(after.replace("−", "-")) - float(test.replace("−", "-"))) < 30.0
@@ -146,8 +151,8 @@ def test_all_figures_are_shown_and_nothing_is_green_that_nothing_checks(fit):
     assert [label.get_text() for ax in drawing.axes for label in ax.get_xticklabels()] == amplitudes
     unchecked = replace(fit.goodness, chi_square=0.0, figures=2, parameters=2)
     bare = replace(fit, goodness=unchecked)
-    assert fit_report(bare).facts[0].value == "not checked"
-    assert fit_report(bare).facts[0].status == ""
+    assert fit_outcome(bare).facts[0].value == "not checked"
+    assert fit_outcome(bare).facts[0].status == ""
 
 
 def test_what_identifies_nothing_says_so_first(fit):
@@ -156,18 +161,22 @@ def test_what_identifies_nothing_says_so_first(fit):
     none = replace(
         fit, estimates=tuple(replace(e, identifiable=False, verdict=reason) for e in fit.estimates)
     )
-    assert fit_text(none).startswith(
+    assert first_text(none).startswith(
         "Nothing is identified: the evidence is insensitive to it. That the figures are as the model's"
     )
     assert not none.usable
     one = replace(fit, estimates=(none.estimates[0], *fit.estimates[1:]))
     assert one.usable
-    assert fit_text(one).startswith("The model explains these data")
+    assert first_text(one).startswith("The model explains these data")
 
 
 def test_parameters_of_one_ending_are_told_apart(fit):
     """``motor.friction.viscous`` is not ``friction.viscous``."""
-    blocks = [block for section in fit_report(fit).sections for block in section.blocks]
+    blocks = [
+        block
+        for section in study_contents(fit_outcome(fit))[1].sections
+        for block in section.blocks
+    ]
     heads = {
         column.title for block in blocks if isinstance(block, Table) for column in block.columns
     }
@@ -178,8 +187,12 @@ def test_parameters_of_one_ending_are_told_apart(fit):
 def test_what_an_identification_writes(fit, tmp_path):
     assert np.diag(fit.correlation) == pytest.approx(1.0)
     assert fit.scenario.source_of("reducer.stiffness").startswith("identified from")
-    files = write_study(tmp_path / "fit", fit_folder(fit), Form(), overwrite=False)
-    assert sorted(files) == ["fit.json", "report.html", "scenario.yaml"]
+    files = write_study(tmp_path / "fit", study_contents(fit_outcome(fit)), Form(), overwrite=False)
+    assert sorted(files) == [
+        "alternatives.csv", "amplitudes.png", "correlation.csv", "dependences.csv", "fit.json",
+        "left_1.png", "parameters.csv", "report.html", "scenario.yaml", "selection.csv",
+        "sensitivities.csv",
+    ]  # fmt: skip
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
     assert set(written["parameters"]["reducer.stiffness"]) >= {"estimate", "standard_error", "unit"}
     assert written["goodness"]["explained"] is True
@@ -197,12 +210,14 @@ def test_what_an_identification_writes(fit, tmp_path):
     assert np.quantile(floor, 0.1) == pytest.approx(
         noise, rel=0.2
     )  # elsewhere there are lines that are not listed
-    assert "there is an unexplained peak; the highest above the floor is" in fit_text(fit)
+    assert "there is an unexplained peak; the highest above the floor is" in terminal_text(
+        fit_outcome(fit)
+    )
     assert "What is left" in (tmp_path / "fit" / "report.html").read_text()
     again = mv.load_scenario(tmp_path / "fit" / "scenario.yaml")
     assert again.reducer.stiffness == fit.scenario.reducer.stiffness
     assert fit_json(fit)["status"].startswith("calibrated")
-    assert fit_text(fit).startswith("The model explains these data")
+    assert first_text(fit).startswith("The model explains these data")
 
 
 @pytest.mark.long
@@ -233,11 +248,12 @@ def test_a_model_that_does_not_explain_the_data_identifies_nothing(recording, st
     assert not any(e.identifiable for e in fit.estimates)
     assert all(math.isnan(e.standard_error) and math.isnan(e.interval[0]) for e in fit.estimates)
     assert not fit.usable
-    text = fit_text(fit)
-    assert text.startswith("The model does not explain these data: chi-square")
+    text = terminal_text(fit_outcome(fit))
+    assert first_text(fit).startswith("The model does not explain these data: chi-square")
     worst = max(fit.deviations, key=lambda d: abs(d.sigma))
-    assert f"{worst.line} {worst.form}" in text.split("parameter ")[0]
-    write_study(tmp_path / "fit", fit_folder(fit), Form(), overwrite=False)
+    _, outliers, _, _ = text[text.index(first_text(fit)) :].split("\n\n")[:4]
+    assert f"{worst.line} {worst.form}" in outliers
+    write_study(tmp_path / "fit", study_contents(fit_outcome(fit)), Form(), overwrite=False)
     written = json.loads((tmp_path / "fit" / "fit.json").read_text())
     assert written["usable"] is False
     assert written["parameters"]["reducer.stiffness"]["standard_error"] is None
@@ -588,11 +604,13 @@ def test_what_is_shared_has_one_value_and_the_rest_one_for_each_recording(start,
     assert [one.array.inertia for one in fit.scenarios] == [8.18, 15.69]
     assert "from 15.69" in fit.scenarios[1].source_of("motor.friction.viscous")
     assert {"scenario.yaml", "scenario-2.yaml"} <= set(
-        write_study(tmp_path / "two", fit_folder(fit), Form(), overwrite=False)
+        write_study(tmp_path / "two", study_contents(fit_outcome(fit)), Form(), overwrite=False)
     )
     told = fit_json(fit)["parameters"]
     assert [told[key]["shared"] for key in truth] == [True, False, False]
-    assert "One value in all 2 recordings: reducer.stiffness; one in each: motor" in fit_text(fit)
+    assert "One value in all 2 recordings: reducer.stiffness; one in each: motor" in terminal_text(
+        fit_outcome(fit)
+    )
     # one friction for both does not explain them
     alike = identify(start, evidence, keys, share=keys, **FEW)
     assert not any(e.recording for e in alike.estimates)
@@ -618,9 +636,11 @@ def test_a_mode_that_does_not_seem_to_decay_is_a_row_as_others_are(fit):
     ((one, before),), ((_, after),) = fit.before, fit.after
     told = [replace(o, value=0.0) if o.form == "decay" else o for o in one.observations]
     still = replace(one, observations=tuple(told))
-    shown = fit_text(replace(fit, before=((still, before),), after=((still, after),)))
+    shown = terminal_text(
+        fit_outcome(replace(fit, before=((still, before),), after=((still, after),)))
+    )
     (row,) = [line for line in shown.splitlines() if line.startswith("array_mode_1 decay")]
-    assert len(row.split()) == 5
+    assert len(row.split()) == 7  # two words of its name, unit, three figures and sigma
 
 
 def test_candidates_are_switched_on_and_off(start):

@@ -7,7 +7,8 @@ import pytest
 
 import microvib as mv
 from microvib.errors import MicrovibError, OptionError
-from microvib.reports.identification import fit_json, fit_text
+from microvib.reports.identification import fit_json, fit_outcome
+from microvib.reports.outcome import terminal_text
 from microvib.studies.identify import ErrorModel, IntegerKey, identify, parse_key
 from microvib.studies.identify.keys import DAC_BITS, FitKey
 from microvib.studies.identify.selection import Selector
@@ -85,8 +86,9 @@ def test_bits_are_identified_beside_a_stiffness(short, rounded):
     assert math.isnan(bits.standard_error)
     assert fit.scenario[DAC_BITS] == 9
     assert fit.scenario.sources[DAC_BITS] == "identified from made: 9"
-    (row,) = [line for line in fit_text(fit).splitlines() if line.startswith(DAC_BITS)]
-    assert row.split()[1:] == ["9", "-", "9", "to", "9", "identifiable"]
+    text = terminal_text(fit_outcome(fit))
+    (row,) = [line for line in text.splitlines() if line.startswith(DAC_BITS)]
+    assert row.split()[1:] == ["9", "-", "9", "9", "identifiable"]
     assert fit_json(fit)["parameters"][DAC_BITS]["confidence_95"] == [9, 9]
 
 

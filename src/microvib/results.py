@@ -80,7 +80,7 @@ class Measure:
 _DEGREE = math.radians(1.0)
 ARRAY_ANGLE = Measure("deg", _DEGREE, ".6g", file_size=_DEGREE)
 COUNT = Measure(form=".15g")
-DIFFERENCE = Measure("%", 0.01, "+.2f")
+DIFFERENCE = Measure("%", 0.01, "+z.2f")
 DECIBEL = Measure("dB", form="+.1f")
 FREQUENCY = Measure("Hz")
 LINE_FREQUENCY = Measure("Hz", form="#.6g")

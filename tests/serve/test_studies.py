@@ -127,9 +127,9 @@ def test_a_parameter_is_identified_from_the_page(client, loaded):
     job = wait(client, id)
     assert job["state"] == "done", job
     found = client.get(f"/api/jobs/{id}/result").json()
-    (parameter,) = found["parameters"]
-    assert parameter["start"] == 0.02
-    assert parameter["value"] == pytest.approx(0.01442, rel=0.05)
+    (parameter,) = next(x["rows"] for x in found["parts"][0]["tables"] if x["name"] == "parameters")
+    assert float(parameter["start"]) == 0.02
+    assert float(parameter["estimate"]) == pytest.approx(0.01442, rel=0.05)
     assert found["scenario_changes"]["motor.friction.viscous"].endswith("N*m*s/rad")
 
 

@@ -228,7 +228,7 @@ def identify(
     """
     from microvib.io.scenario_file import parse_value
     from microvib.io.sources import open_source
-    from microvib.reports.identification import fit_folder, fit_text
+    from microvib.reports.identification import fit_outcome
     from microvib.studies.evidence import evidence_of, select_evidence
     from microvib.studies.identify import effects_of, parse_key, with_effects
     from microvib.studies.identify import identify as run_identification
@@ -265,7 +265,7 @@ def identify(
             model_error=each, common_error=common,
             settle_error=settle_error, progress=_best_so_far(progress),
         )  # fmt: skip
-    target.deliver(fit_text(fit), fit_folder, fit)
+    target.present(fit_outcome(fit, loaded))
     if fit.interrupted:
         sys.exit(INTERRUPTED)
 

@@ -203,6 +203,8 @@ STUDY_FILES = (
     "statistics.csv", "worst.csv", "failed.csv", "effects.csv", "envelopes.png", "exceedance.png", "histograms.png",
     "budget.csv", "sources.csv", "budget.json", "budget.png", "angles.csv", "angles.json", "angles.png",
     "summary.csv", "orbit.csv", "orbit_lines.csv", "orbit_windows.csv", "orbit.json", "orbit.png", "seeds.csv",
+    "parameters.csv", "selection.csv", "alternatives.csv", "dependences.csv", "correlation.csv", "sensitivities.csv",
+    "amplitudes.png", *(f"left_{k}.png" for k in range(1, 7)),
     "spectra.png", "spectrum.png", "density.png", "waterfall.png",
     "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
     "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",

@@ -1,37 +1,41 @@
-"""Identification from command to folder: text, tables and report."""
+"""An identification for those who read it: goodness, parameters, lines before and after."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
 from microvib.io.scenario_file import dump_scenario
-from microvib.io.tables import package_versions, to_json
+from microvib.io.tables import package_versions
+from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
-from microvib.reports.blocks import figure_block, study_report
-from microvib.reports.document import Contents, Document, Fact, Mark, Section, Table, Text, table
-from microvib.reports.numbers import (
-    brief_number,
-    format_number,
-    percent,
-    plain_number,
-    signed,
-    with_error,
-)
+from microvib.reports.document import Fact, Text
+from microvib.reports.numbers import format_number, with_error
+from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
 from microvib.reports.typography import file_name
+from microvib.results import COUNT, DIFFERENCE, Column, Measure, Table
 from microvib.signals.line_table import ResidualPeaks
 from microvib.studies.evidence import Evidence, predicted
-from microvib.studies.identify import Deviation, Estimate, Fit
-from microvib.studies.identify.goodness import unwrap_to_measured
-from microvib.text_tables import text_table
+from microvib.studies.identify import Estimate, Fit
+from microvib.studies.identify.goodness import OUTLIER_SIGMAS, unwrap_to_measured
+from microvib.studies.identify.selection import Candidate
 from microvib.units import pretty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+_ESTIMATE = Measure(form=".6g")
+_INTERVAL = Measure(form=".5g")
+_STANDARD_ERROR = Measure(form=".2g")
+_SIGNED = Measure(form="+z.2f")
+_SIGMA = Measure(form="+z.1f")
+_TEXT = Measure()
+"""Of figures that are texts in the unit of their row."""
 
 CALIBRATED = "Calibrated, not predicted: the parameters were fitted to these figures."
 _HOW_TO_READ = (
@@ -70,46 +74,229 @@ tone loses between bins.
 """
 
 
-def fit_text(fit: Fit) -> str:
-    """Goodness of fit, what is off, estimates with verdicts, and the lines before and after, as
-    text.
+@dataclass(frozen=True)
+class EstimateRow:
+    """One identified parameter, in its own unit."""
+
+    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    start: Annotated[float, Column("start", "before", _ESTIMATE)]
+    estimate: Annotated[float, Column("estimate", "estimate", _ESTIMATE)]
+    standard_error: Annotated[
+        float, Column("standard_error", "standard error", _STANDARD_ERROR, absent="-")
+    ]
+    interval_low: Annotated[float, Column("low_95", "95 % from", _INTERVAL, absent="withheld")]
+    interval_high: Annotated[float, Column("high_95", "to", _INTERVAL, absent="withheld")]
+    unit: Annotated[str, Column("unit", "unit")]
+    low: Annotated[float, Column("range_low", "range from", _INTERVAL, report_only=True)]
+    high: Annotated[float, Column("range_high", "to", _INTERVAL, report_only=True)]
+    identifiable: Annotated[str, Column("identifiable", verdict=True, marks={"no": "fail"})]
+    verdict: Annotated[str, Column("verdict", "verdict")]
+
+
+@dataclass(frozen=True)
+class FigureRow:
+    """A fitted figure of a test, in the unit that readers see."""
+
+    name: Annotated[str, Column("figure", "figure")]
+    unit: Annotated[str, Column("unit", "unit")]
+    test: Annotated[str, Column("test", "test", _TEXT)]
+    before: Annotated[str, Column("before", "before", _TEXT)]
+    after: Annotated[str, Column("after", "after", _TEXT)]
+    before_difference: Annotated[float, Column("before_difference", "before off", DIFFERENCE)]
+    after_difference: Annotated[float, Column("after_difference", "after off", DIFFERENCE)]
+    sigma: Annotated[float, Column("sigma", "sigma", _SIGMA)]
+
+
+def fit_outcome(fit: Fit, start: Scenario | None = None) -> Outcome:
+    """An identification for those who read it: goodness first, parameters with what they are worth,
+    lines before and after.
+
+    Parameters
+    ----------
+    fit : Fit
+        What was found.
+    start : Scenario, optional
+        What it started from, for the values before.
+
+    Returns
+    -------
+    Outcome
+        With ``fit.json``, and ``scenario.yaml``: one for each recording where values are its own.
     """
-    lines = [fit.sentence, *_warnings(fit), *_outliers_text(fit), ""]
-    estimates = []
-    for e in fit.parameters:
-        error = brief_number(e.standard_error, 2) or (
-            "withheld" if math.isnan(e.interval[0]) else "-"
-        )
-        estimates.append((e.key, f"{e.estimate:.6g}", error, _interval(e), e.unit, e.verdict))
-    head = ("parameter", "estimate", "std error", "95 % interval", "unit", "verdict")
-    lines.append(text_table(head, estimates, left=1, last_left=True))
-    lines += [f"as good: {values_text(other)}" for other in fit.alternatives]
-    lines += [one.sentence for one in fit.selection]
-    figures = [
-        (
-            f.name,
-            *(f"{x:.6g}" for x in f.values),
-            _relative_difference(f.before, f),
-            _relative_difference(f.after, f),
-        )
-        for f in _figures(fit)
-    ]
-    lines += [
-        "",
-        text_table(("observed", "test", "before", "after", "before %", "after %"), figures, left=1),
-    ]
-    lines.append("")
-    for one in fit.leanings[:3]:
-        moves = (
-            f"{e.key} {shift:+.2g} %" for e, shift in zip(fit.estimates, one.shifts, strict=True)
-        )
-        lines.append(f"1 % more of {one.key}: {', '.join(moves)}")
-    lines += [*_residual_peaks_text(fit), *_prepared(fit)]
-    lines.append(
-        f"{fit.observations} observations, {fit.simulations} simulations, seed {fit.seed}."
-        f" {CALIBRATED}"
+    tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
+    figures_of_tests = [_figure_row(f) for f in _figures(fit)]
+    amplitudes = Picture(
+        "amplitudes",
+        lambda: draw_before_and_after(fit),
+        "Amplitudes of the test, before and after",
+        "Amplitudes of the lines in the test, before and after the fit.",
     )
-    return "\n".join(lines)
+    every_figure = Table.of("", FigureRow, figures_of_tests)
+    return Outcome(
+        "Identification report",
+        f"Identification: {fit.scenario.title or 'drive'}",
+        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
+        _verdict(fit),
+        (_goodness_fact(fit), *map(_estimate_fact, fit.parameters[:3])),
+        (
+            Part(
+                "",
+                (
+                    Text(" ".join([fit.sentence, *_warnings(fit)])),
+                    _outliers(figures_of_tests),
+                    _estimates(fit, start),
+                    _alternatives(fit),
+                    Table.of("selection", Candidate, fit.selection, caption=_SELECTION),
+                    Text(CALIBRATED, note=True),
+                    amplitudes,
+                ),
+            ),
+            Part(
+                "Before and after",
+                (every_figure, *map(Text, _prepared(fit))),
+                new_page=True,
+            ),
+            Part("What is left", tuple(_residuals(fit))),
+            Part("What the estimates depend on", _dependences(fit)),
+            Part(
+                "Correlation of the estimates",
+                (_matrix("correlation", "parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
+                report_only=True,
+            ),
+            Part(
+                "Sensitivities",
+                (Text(_SENSITIVITY), _matrix("sensitivities", "figure", fit, fit.sensitivities.items())),
+                report_only=True,
+            ),
+        ),
+        fit.scenario,
+        data={"fit": fit_json(fit)},
+        other_files={
+            "scenario.yaml": dump_scenario(fit.scenario),
+            **{
+                f"scenario-{k}.yaml": dump_scenario(one)
+                for k, one in enumerate(fit.scenarios[1:], 2)
+            },
+        },
+    )  # fmt: skip
+
+
+def _keys(fit: Fit) -> list[str]:
+    return [e.key for e in fit.estimates]
+
+
+def _verdict(fit: Fit) -> Verdict:
+    if not fit.usable:
+        return "fail"
+    if fit.goodness.freedom <= 0:
+        return "not judged"
+    return "pass"
+
+
+def _goodness_fact(fit: Fit) -> Fact:
+    if _verdict(fit) == "not judged":
+        return Fact("not checked", "as many parameters as figures: any model might fit")
+    label = (
+        f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
+    )
+    return Fact(f"{fit.goodness.ratio:.3g}", label, "pass" if fit.usable else "fail")
+
+
+def _estimate_fact(e: Estimate) -> Fact:
+    value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
+    label = f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}"
+    return Fact(value, label, "" if e.identifiable else "fail")
+
+
+def _estimates(fit: Fit, start: Scenario | None) -> Table:
+    before = (
+        {}
+        if start is None
+        else {key: value for key, value, _ in start.entries() if value is not None}
+    )
+    rows = [
+        EstimateRow(
+            e.key,
+            float(before.get(e.key, math.nan)),
+            e.estimate,
+            e.standard_error,
+            *e.interval,
+            pretty(e.unit),
+            e.low,
+            e.high,
+            "yes" if e.identifiable else "no",
+            e.verdict,
+        )
+        for e in fit.parameters
+    ]
+    return Table.of("parameters", EstimateRow, rows, caption=_HOW_TO_READ)
+
+
+def _figure_row(f: _Figure) -> FigureRow:
+    unit, digits, scale = _shown_in(f)
+    test, before, after = (format_number(value, digits, scale) for value in f.values)
+    differences = f.difference(f.before), f.difference(f.after)
+    return FigureRow(f.name, unit, test, before, after, *differences, f.sigma)
+
+
+def _outliers(rows: Sequence[FigureRow]) -> Table:
+    """Figures that are further off than their uncertainty explains, farthest first."""
+    off = sorted(
+        (row for row in rows if not abs(row.sigma) <= OUTLIER_SIGMAS),
+        key=lambda row: -abs(row.sigma),
+    )
+    shown = off[:_MAX_OUTLIERS]
+    return Table.of(
+        "",
+        FigureRow,
+        shown,
+        caption=f"Values that deviate by more than their uncertainty: {len(off)} of {len(rows)}.",
+    ).only(("figure", "unit", "test", "after", "sigma"))
+
+
+def _alternatives(fit: Fit) -> Table:
+    """Other values of all parameters, a row each."""
+    columns = (Column("number", "as good", COUNT), *_key_columns(fit, _ESTIMATE))
+    rows = tuple((k, *other.values()) for k, other in enumerate(fit.alternatives, 1))
+    caption = "Other values, a row each, that explain the data as well."
+    return Table("alternatives", columns, rows, caption=caption)
+
+
+def _key_columns(fit: Fit, measure: Measure) -> tuple[Column, ...]:
+    return tuple(Column(key, key, measure) for key in _keys(fit))
+
+
+def _matrix(name: str, of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
+    """A table with a column for each estimate; phases are left to ``fit.json``."""
+    columns = (Column(of, of.replace("_", " ")), *_key_columns(fit, _SIGNED))
+    kept = tuple(
+        (label, *map(float, row))
+        for label, row in rows
+        if "phase" not in label and " turn" not in label
+    )
+    return Table(name, columns, kept)
+
+
+def _dependences(fit: Fit) -> tuple[Item, ...]:
+    """How estimates move with parameters that were not fitted; nothing where that is not known."""
+    rows = [(one.key, one.shifts) for one in fit.leanings[:_MAX_DEPENDENCES]]
+    if not rows:
+        return ()
+    return (Text(_DEPENDENCE_NOTE), _matrix("dependences", "not_fitted", fit, rows))
+
+
+def _residuals(fit: Fit) -> Iterator[Item]:
+    """What neither the fitted model nor any line accounts for, with the floor."""
+    shown = _residuals_with_floor(fit)
+    if shown:
+        yield Text(" ".join(_residual_peaks_text(fit)))
+    for k, (one, rest, floor) in enumerate(shown[:_MAX_PICTURES], 1):
+        caption = (
+            f"{one.name}: amplitudes of the test, what the fitted model leaves of them, the highest"
+            " peaks beside all lines, and the floor, the median of bins about each."
+        )
+        draw = partial(draw_residuals, fit, one, rest, floor)
+        yield Picture(f"left_{k}", draw, f"What is left of {one.name}", caption)
 
 
 def values_text(values: Mapping[str, float]) -> str:
@@ -191,37 +378,6 @@ def _prepared(fit: Fit) -> list[str]:
     return clocks + [f"{e.name}: {'; '.join(e.notes)}." for e, _ in fit.after if e.notes]
 
 
-def _outliers_text(fit: Fit) -> list[str]:
-    off = _outliers(fit)
-    shown = [
-        (_name(fit, d), f"{d.measured:.6g}", f"{d.fitted:.6g}", f"{d.sigma:+.1f}")
-        for d in off[:_MAX_OUTLIERS]
-    ]
-    rows = [text_table(("off", "test", "fitted", "sigma"), shown, left=1)]
-    if len(off) > _MAX_OUTLIERS:
-        rows += [f"and {len(off) - _MAX_OUTLIERS} more"]
-    else:
-        rows += []
-    if off:
-        return rows
-    return []
-
-
-def _outliers(fit: Fit) -> list[Deviation]:
-    return sorted((d for d in fit.deviations if d.off), key=lambda d: -abs(d.sigma))
-
-
-def _name(fit: Fit, d: Deviation) -> str:
-    return f"{d.line} {d.form}" + (f" [{d.test}]" if len(fit.after) > 1 else "")
-
-
-def _interval(e: Estimate) -> str:
-    low, high = e.interval
-    if math.isfinite(low):
-        return f"{low:.5g} to {high:.5g}"
-    return "withheld"
-
-
 class _Figure(NamedTuple):
     """A fitted figure: what it is called, in which form, and what test and model give for it,
     before and after the fit.
@@ -232,6 +388,15 @@ class _Figure(NamedTuple):
     test: float
     before: float
     after: float
+    sigma: float
+    """Difference of the fitted model's over its standard deviation."""
+
+    def difference(self, value: float) -> float:
+        """Relative difference from the test's figure; nan for angles, and where that is 0, as the
+        decay of what seems to last."""
+        if self.test and not self.is_angle:
+            return value / self.test - 1.0
+        return math.nan
 
     @property
     def values(self) -> tuple[float, float, float]:
@@ -242,22 +407,16 @@ class _Figure(NamedTuple):
 def _figures(fit: Fit) -> list[_Figure]:
     """All fitted figures of the tests, with their values before and after."""
     several = len(fit.before) > 1
+    sigmas = {(d.test, d.line, d.form): d.sigma for d in fit.deviations}
     return [
         _Figure(
             f"{o.line} {o.form}" + (f" [{file_name(evidence.name)}]" if several else ""), o.is_angle,
             o.value, unwrap_to_measured(o, predicted(before, o)), unwrap_to_measured(o, predicted(after, o)),
+            sigmas[evidence.name, o.line, o.form],
         )
         for (evidence, before), (_, after) in zip(fit.before, fit.after, strict=True)
         for o in evidence.observations
     ]  # fmt: skip
-
-
-def _relative_difference(value: float, figure: _Figure) -> str:
-    """Relative difference from the test's figure in per cent; empty for angles, and where that is
-    0, as the decay of what seems to last."""
-    if figure.test and not figure.is_angle:
-        return percent(value / figure.test - 1.0)
-    return ""
 
 
 def fit_json(fit: Fit) -> dict[str, Any]:
@@ -302,156 +461,6 @@ def fit_json(fit: Fit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def fit_folder(fit: Fit) -> Contents:
-    """``fit.json``, ``scenario.yaml`` (one for each recording where values are its own) and the
-    report.
-    """
-    files = {"fit.json": to_json(fit_json(fit)), "scenario.yaml": dump_scenario(fit.scenario)}
-    files |= {
-        f"scenario-{k}.yaml": dump_scenario(one) for k, one in enumerate(fit.scenarios[1:], 2)
-    }
-    return files, fit_report(fit)
-
-
-def fit_report(fit: Fit) -> Document:
-    """The report of an identification: goodness first, parameters with what they are worth, lines
-    before and after.
-    """
-    tests = ", ".join(f"{e.name} ({len(e.observations)} observations)" for e, _ in fit.after)
-    keys = [e.key for e in fit.estimates]
-    prepared = [Text(text, note=True) for text in _prepared(fit)]
-    explained = (
-        f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
-    )
-    good = Fact(f"{fit.goodness.ratio:.3g}", explained, "pass" if fit.usable else "fail")
-    if fit.usable and fit.goodness.freedom <= 0:
-        good = Fact("not checked", "as many parameters as figures: any model might fit")
-    return study_report(
-        "Identification report",
-        f"Identification: {fit.scenario.title or 'drive'}",
-        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
-        facts=[good, *map(_estimated, fit.parameters[:3])],
-        first_page=(
-            Text(" ".join([fit.sentence, *_warnings(fit)])), *_outliers_table(fit), _estimates(fit), *_alternatives(fit),
-            *_selected(fit),
-            Text(f"{CALIBRATED} {_HOW_TO_READ}", note=True),
-            figure_block(draw_before_and_after(fit), "Amplitudes of the test, before and after",
-                  "Amplitudes of the lines in the test, before and after the fit."),
-        ),
-        sections=(
-            Section("Before and after", (Text(CALIBRATED), _before_and_after(fit), *prepared), new_page=True),
-            *_residual_pictures(fit),
-            *_dependence_table(fit),
-            Section("Correlation of the estimates", (_matrix("parameter", fit, zip(keys, fit.correlation, strict=True)),)),
-            Section("Sensitivities", (Text(_SENSITIVITY), _matrix("figure", fit, fit.sensitivities.items()))),
-        ),
-        scenario=fit.scenario,
-    )  # fmt: skip
-
-
-def _dependence_table(fit: Fit) -> list[Section]:
-    """How estimates move with parameters that were not fitted; nothing where that is not known."""
-    rows = [(one.key, one.shifts) for one in fit.leanings[:_MAX_DEPENDENCES]]
-    if rows:
-        return [
-            Section(
-                "What the estimates depend on",
-                (Text(_DEPENDENCE_NOTE), _matrix("not fitted", fit, rows)),
-            )
-        ]
-    return []
-
-
-def _estimated(e: Estimate) -> Fact:
-    value = f"{with_error(e.estimate, e.standard_error)} {pretty(e.unit)}".rstrip()
-    label = f"{e.key}: {'identifiable' if e.identifiable else 'NOT identifiable'}"
-    return Fact(value, label, "" if e.identifiable else "fail")
-
-
-def _outliers_table(fit: Fit) -> tuple[Table, ...]:
-    header = ["figure", "test [1]", "fitted [1]", "off [σ]"]
-    off = ((_name(fit, d), d) for d in _outliers(fit)[:_MAX_OUTLIERS])
-    rows = [
-        [name, format_number(d.measured), format_number(d.fitted), signed(d.sigma, 1)]
-        for name, d in off
-    ]
-    if rows:
-        return (
-            table(header, rows, "Values that deviate by more than their uncertainty; SI units."),
-        )
-    return ()
-
-
-def _estimates(fit: Fit) -> Table:
-    header = [
-        "`parameter`",
-        "estimate ± standard error [1]",
-        "95 % interval [1]",
-        "unit",
-        "range [1]",
-        "verdict",
-    ]
-    rows = [
-        [
-            e.key,
-            with_error(e.estimate, e.standard_error),
-            _interval(e),
-            pretty(e.unit),
-            f"{plain_number(e.low)} to {plain_number(e.high)}",
-            e.verdict,
-        ]
-        for e in fit.parameters
-    ]
-    marks: dict[int, Mark] = {k: "fail" for k, e in enumerate(fit.parameters) if not e.identifiable}
-    return table(header, rows, "", marks)
-
-
-def _alternatives(fit: Fit) -> tuple[Table, ...]:
-    """Other values of all parameters, a row each."""
-    rows = [
-        [str(k), *(format_number(v) for v in other.values())]
-        for k, other in enumerate(fit.alternatives, 1)
-    ]
-    header = ["", *(f"{e.key} [1]" for e in fit.estimates)]
-    if rows:
-        return (table(header, rows, "Other values, a row each, that explain the data as well."),)
-    return ()
-
-
-def _selected(fit: Fit) -> tuple[Table, ...]:
-    """What the evidence asks for, of the candidates."""
-    header = [
-        "`effect`",
-        "evidence",
-        "chi-square lower by [1]",
-        "parameters [1]",
-        "asked for above [1]",
-    ]
-    rows = [
-        [one.effect, one.answer, f"{one.gain:.3g}", str(one.parameters),
-         f"{one.limit:.3g}"]
-        for one in fit.selection
-    ]  # fmt: skip
-    if rows:
-        return (table(header, rows, _SELECTION),)
-    return ()
-
-
-def _residual_pictures(fit: Fit) -> tuple[Section, ...]:
-    """Pictures of what neither the fitted model nor any line accounts for, with the floor."""
-    shown = _residuals_with_floor(fit)[:_MAX_PICTURES]
-    drawings = (
-        figure_block(draw_residuals(fit, one, rest, floor), f"What is left of {one.name}",
-              f"{one.name}: amplitudes of the test, what the fitted model leaves of them, the"
-              " highest peaks beside all lines, and"
-              " the floor, the median of bins about each.")
-        for one, rest, floor in shown
-    )  # fmt: skip
-    if shown:
-        return (Section("What is left", (Text(" ".join(_residual_peaks_text(fit))), *drawings)),)
-    return ()
-
-
 def draw_residuals(fit: Fit, evidence: Evidence, rest: ResidualPeaks, floor: np.ndarray) -> Drawing:
     """Floor and highest peaks beside the lines of a recording, its lines, and what the fitted model
     leaves of each.
@@ -465,25 +474,6 @@ def draw_residuals(fit: Fit, evidence: Evidence, rest: ResidualPeaks, floor: np.
         {"lines of the test": [o.value for o, _ in pairs], "left by the model": [abs(v - o.value) for o, v in pairs]},
     )  # fmt: skip
     return drawing
-
-
-def _before_and_after(fit: Fit) -> Table:
-    header = ["figure", "unit", "test [1]", "before [1]", "after [1]", "before against test [%]",
-              "after against test [%]"]  # fmt: skip
-    rows = []
-    for f in _figures(fit):
-        unit, digits, scale = _shown_in(f)
-        shown = [format_number(value, digits, scale) for value in f.values]
-        rows.append(
-            [
-                f.name,
-                unit,
-                *shown,
-                _relative_difference(f.before, f),
-                _relative_difference(f.after, f),
-            ]
-        )
-    return table(header, rows)
 
 
 def _shown_in(figure: _Figure) -> tuple[str, int, float]:
@@ -514,15 +504,3 @@ def draw_before_and_after(fit: Fit) -> Drawing:
         }
         figures.draw_pairs(ax, [f.name.removesuffix(" amplitude") for f in row], groups)
     return drawing
-
-
-def _matrix(of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[float]]]) -> Table:
-    header = [of, *(f"{e.key} [1]" for e in fit.estimates)]
-    return table(
-        header,
-        (
-            [name, *(signed(x) for x in row)]
-            for name, row in rows
-            if "phase" not in name and " turn" not in name
-        ),
-    )

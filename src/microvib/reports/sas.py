@@ -12,7 +12,7 @@ from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Outcome, Part, Picture
 from microvib.reports.parameters import parameter_table
 from microvib.reports.sas_drawing import draw_simulator
-from microvib.results import FREQUENCY, Column, Measure, Table
+from microvib.results import DIFFERENCE, FREQUENCY, Column, Measure, Table
 from microvib.structures.simulator_design import SimulatorDesign
 from microvib.studies.sas import Setting, Sizing, Tolerance, tolerance
 from microvib.studies.sizing import SizingResult
@@ -23,7 +23,6 @@ FORCE = Measure("N")
 MASS = Measure("kg")
 SPRING_RATE = Measure("N/m")
 STRESS = Measure("MPa", 1e6)
-ERROR = Measure("%", 0.01, "+.2f")
 TOLERANCE = Measure("%", 0.01, ".2f")
 
 
@@ -47,8 +46,8 @@ class SettingOfState:
     allowable: Annotated[float, Column("allowable_pa", measure=STRESS)]
     elements_frequency: Annotated[float, Column("elements_frequency_hz", "FE f", FREQUENCY)]
     elements_inertia: Annotated[float, Column("elements_inertia_kg_m2", "FE J", INERTIA)]
-    frequency_error: Annotated[float, Column("frequency_error", "f error", ERROR)]
-    inertia_error: Annotated[float, Column("inertia_error", "J error", ERROR)]
+    frequency_error: Annotated[float, Column("frequency_error", "f error", DIFFERENCE)]
+    inertia_error: Annotated[float, Column("inertia_error", "J error", DIFFERENCE)]
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from microvib.errors import OptionError, did_you_mean
 from microvib.model.scenario import Scenario
+from microvib.results import COUNT, Column, Measure
 from microvib.studies.evidence import Evidence
 from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.images import (
@@ -114,18 +116,20 @@ EFFECTS = {
 }
 """The effects that may be candidates."""
 
+_CHI_SQUARE = Measure(form=".3g")
+
 
 @dataclass(frozen=True)
 class Candidate:
     """How much the evidence asks for one effect."""
 
-    effect: str
+    effect: Annotated[str, Column("effect", "effect", is_key=True)]
     selected: bool
-    gain: float
+    gain: Annotated[float, Column("chi_square_lower_by", "chi-square lower by", _CHI_SQUARE)]
     """By how much chi-square is lower with it: beside all others that were selected."""
-    parameters: int
+    parameters: Annotated[int, Column("parameters", "parameters", COUNT)]
     """Fitted for it."""
-    limit: float
+    limit: Annotated[float, Column("asked_above", "asked for above", _CHI_SQUARE)]
     """What its gain must exceed."""
     explained: bool = True
     """Whether the model with all that was selected explains the evidence; where not, an effect that
@@ -133,7 +137,7 @@ class Candidate:
     """
 
     @property
-    def answer(self) -> str:
+    def answer(self) -> Annotated[str, Column("evidence", "evidence")]:
         """What the evidence says."""
         if self.explained:
             unasked = "does not ask for it"

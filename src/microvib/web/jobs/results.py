@@ -24,7 +24,7 @@ from microvib.reports.analysis import analysis_outcome
 from microvib.reports.angles import angles_outcome
 from microvib.reports.comparison import comparison_outcome
 from microvib.reports.craft import craft_words, draw_craft
-from microvib.reports.identification import fit_text
+from microvib.reports.identification import fit_outcome
 from microvib.reports.modes import mode_kinds
 from microvib.reports.moving import (
     array_modes,
@@ -46,7 +46,6 @@ from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.angles import AngleSweep
 from microvib.studies.compare import Row, Side
-from microvib.studies.evidence import predicted
 from microvib.studies.identify import Fit
 from microvib.studies.rates import RatePlan
 from microvib.studies.sensitivity import Ranking
@@ -212,35 +211,16 @@ def comparison_result(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
 
 
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
-    """Estimates with what they are worth, figures before and after, and the changes to take over."""
-    start = {key: value for key, value, _ in scenario.entries()}
+    """What is said of an identification, and the changes to take over."""
     quantities = {key: quantity for key, _, quantity in fit.scenario.entries()}
-    parameters = [
-        {
-            "key": e.key, "value": e.estimate, "unit": e.unit, "standard_error": e.standard_error, "start": start[e.key],
-            "low": e.low, "high": e.high, "identifiable": e.identifiable, "note": e.verdict,
-        }
-        for e in fit.parameters
-    ]  # fmt: skip
-    rows = [
-        {
-            "test": evidence.name, "line": o.line, "form": o.form, "measured": o.value, "fitted": predicted(found, o),
-            "error": predicted(found, o) / o.value - 1.0 if not o.is_angle and o.value else math.nan,
-        }
-        for evidence, found in fit.after for o in evidence.observations
-    ]  # fmt: skip
     fitted = {e.key: quantities[e.key] for e in fit.estimates}
     changes = {
         e.key: q.format(e.estimate) for e in fit.estimates if (q := fitted[e.key]) is not None
     }
     changes |= {e.key: f"{e.estimate:.0f}" for e in fit.whole}
-    return {
-        "parameters": parameters,
-        "rows": rows,
+    return page_answer(fit_outcome(fit, scenario)) | {
         "scenario_changes": changes,
-        "text": fit_text(fit),
         "usable": fit.usable,
-        "goodness": fit.sentence,
     }
 
 

@@ -1,11 +1,11 @@
 // Identification: which parameters, within which ranges; what came out, and taking it over into the form.
 
 import { post } from "./api.js";
-import { announce, h, number, percent, unitText } from "./dom.js";
+import { announce, h } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
-import { table } from "./tables.js";
+import { partContent } from "./tables.js";
 
 const KEPT = "fit.asked";
 const FIRST = ["reducer.stiffness", "motor.friction.viscous", "array.rigid_inertia"];
@@ -97,44 +97,14 @@ async function identify(evidence) {
   await task.start("Identification", () => post("/api/identifications", body));
 }
 
-function shown({ parameters, rows, scenario_changes: changes, text, usable, goodness }) {
-  const value = (x, row) => `${number(x, 4)} ${unitText(row.unit)}`;
-  const found = table(
-    [
-      { key: "key", title: "parameter" },
-      { key: "value", title: "identified", show: value },
-      { key: "standard_error", title: "± (1σ)", show: (x) => number(x, 2) },
-      { key: "start", title: "before", show: value },
-      { key: "low", title: "from", show: (x) => number(x, 3) },
-      { key: "high", title: "to", show: (x) => number(x, 3) },
-      { key: "note", title: "what it is worth" },
-    ],
-    parameters,
-    { caption: "Identified parameters" },
-  );
-  const figures = table(
-    [
-      { key: "line", title: "line" },
-      { key: "form", title: "figure" },
-      { key: "measured", title: "measured", show: (x) => number(x, 5) },
-      { key: "fitted", title: "fitted", show: (x) => number(x, 5) },
-      { key: "error", title: "off", show: percent },
-    ],
-    rows,
-    { caption: "Measured and fitted figures" },
-  );
+function shown({ summary, parts: [first, ...others], scenario_changes: changes, usable }) {
   const take = h("button", { type: "button", class: "primary", disabled: !usable, onclick: () => over(changes) }, "Take over into the form");
+  const content = ({ texts, tables }) => texts.length > 0 || tables.length > 0;
   return [
-    h("p", { class: usable ? "soft" : "error" }, goodness),
-    found,
-    h(
-      "p",
-      { class: "soft" },
-      "A calibration is not a prediction: parameters that were fitted to these lines say nothing new about them.",
-    ),
+    h("p", { class: "soft" }, summary),
+    ...partContent(first),
     take,
-    h("details", {}, h("summary", {}, "Each figure"), figures),
-    h("details", {}, h("summary", {}, "As text"), h("pre", {}, text)),
+    ...others.filter(content).map((part) => h("details", {}, h("summary", {}, part.title), ...partContent(part))),
   ];
 }
 
