@@ -121,6 +121,20 @@ def test_rows_stand_out_by_their_verdict_and_angles_have_one_unit(state_1):
     }  # fmt: skip
 
 
+def test_rows_of_a_group_stand_under_its_word_in_a_report() -> None:
+    columns = (Column("name", "requirement", groups=True), Column("line", "line"))
+    table = Table("", columns, (("P-1", "drive_1"), ("P-1", "drive_2"), ("P-2", "drive_1")))
+    shown = report_table(table)
+    assert [column.title for column in shown.columns] == ["line"]
+    assert [(row.mark, row.cells) for row in shown.rows] == [
+        ("group", ("P-1",)),
+        ("", ("drive_1",)),
+        ("", ("drive_2",)),
+        ("group", ("P-2",)),
+        ("", ("drive_1",)),
+    ]
+
+
 def test_report_and_page_show_the_same_cells(outcome):
     _, report = study_contents(outcome)
     [_, lines, *_] = [report.first_page, *(s.blocks for s in report.sections)]

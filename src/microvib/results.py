@@ -111,6 +111,8 @@ class Column:
     """Whether a terminal, which is narrow, leaves it out."""
     is_key: bool = False
     """Whether its words are keys of a scenario, which reports set as code."""
+    groups: bool = False
+    """Whether reports set rows of one word in it together under this word."""
     verdict: bool = False
     """Whether it says of each row *pass*, *fail* or *not judged*, by which rows stand out."""
     marks: Mapping[str, Mark] | None = None

@@ -245,7 +245,7 @@ def _facts(budget: Budget) -> Iterator[Fact]:
 def _contributors(budget: Budget) -> Table:
     """Lines that contribute most to each requirement; a terminal shows those of the first."""
     columns = (
-        Column("name", "requirement"),
+        Column("name", "requirement", groups=True),
         Column("requirement"),
         Column("source", "source"),
         Column("line", "line"),

@@ -190,14 +190,20 @@ def text_files(outcome: Outcome) -> dict[str, str]:
 
 
 def report_table(table: Table) -> document.Table:
-    """A table of results as a report's, the verdict of each row at its end."""
+    """A table of results as a report's: groups under their words, the verdict of each row at its
+    end.
+    """
     order = sorted(range(len(table.shown)), key=lambda k: table.shown[k].verdict)
-    rows = tuple(
-        document.Row(tuple(cells[k] for k in order), mark)
-        for cells, mark in zip(table.texts(), table.marks(), strict=True)
-    )
-    columns = tuple(_report_column(table.shown[k]) for k in order)
-    return document.Table(columns, rows, table.caption)
+    columns = [k for k in order if not table.shown[k].groups]
+    group = next((k for k in order if table.shown[k].groups), None)
+    rows, before = [], ""
+    for cells, mark in zip(table.texts(), table.marks(), strict=True):
+        if group is not None and cells[group] != before:
+            before = cells[group]
+            rows.append(document.Row((before,), "group"))
+        rows.append(document.Row(tuple(cells[k] for k in columns), mark))
+    heads = tuple(_report_column(table.shown[k]) for k in columns)
+    return document.Table(heads, tuple(rows), table.caption)
 
 
 def _report_column(column: Column) -> document.Column:

@@ -421,7 +421,7 @@ def _effects(s: Summary) -> Iterator[Item]:
     if not s.tornados:
         return
     columns = (
-        Column("line", "line"),
+        Column("line", "line", groups=True),
         Column("key", "parameter", is_key=True),
         Column("low_n_m", "low end", TORQUE),
         Column("high_n_m", "high end", TORQUE),
@@ -447,7 +447,7 @@ def _sobol(s: Summary) -> Iterator[Item]:
         return
     index = Measure(form=".2f")
     columns = (
-        Column("line", "line"),
+        Column("line", "line", groups=True),
         Column("key", "parameter", is_key=True),
         Column("first", "first order", index),
         Column("total", "total", index),
@@ -629,7 +629,7 @@ _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
 def _worst_of_lines(s: Summary) -> Table:
     """The worst cases of each line; what is varied in them is in the file."""
     columns = (
-        Column("line", "line"),
+        Column("line", "line", groups=True),
         Column("rank", "rank", COUNT),
         Column("case", "case", COUNT),
         Column("amplitude_n_m", "amplitude", TORQUE),
