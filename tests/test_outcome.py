@@ -13,6 +13,7 @@ import pytest
 from microvib.reports.document import Text
 from microvib.reports.outcome import (
     Outcome,
+    Pairs,
     Part,
     page_answer,
     report_table,
@@ -20,7 +21,7 @@ from microvib.reports.outcome import (
     terminal_text,
     text_files,
 )
-from microvib.results import POINTING_ANGLE, RATE, TORQUE, Column, Table
+from microvib.results import POINTING_ANGLE, RATE, TORQUE, TORQUE_UNCERTAINTY, Column, Table
 
 
 @dataclass(frozen=True)
@@ -149,3 +150,77 @@ def test_report_and_page_show_the_same_cells(outcome):
     ]
     assert shown.caption == given["caption"] == "A caption."
     assert "Nothing" not in [section.title for section in report.sections]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A line with what it is, a key, an uncertainty, and a verdict of two words."""
+
+    line: Annotated[str, Column("line", "line")]
+    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    origin: Annotated[str, Column("origin", "what it is", report_only=True)]
+    uncertainty: Annotated[float, Column("u_n_m", "±", TORQUE_UNCERTAINTY)]
+    verdict: Annotated[str, Column("verdict", "verdict", verdict=True, marks={"differs": "off"})]
+
+    @property
+    def twice(self) -> Annotated[float, Column("twice_n_m", "2 ±", TORQUE_UNCERTAINTY)]:
+        """A column that is computed."""
+        return 2.0 * self.uncertainty
+
+
+COMPARED = Table.of(
+    "compared",
+    Compared,
+    [
+        Compared("drive_1", "motor.current", "microstep", 2e-5, "differs"),
+        Compared("drive_2", "motor.current", "microstep", 4e-7, "agrees"),
+    ],
+)
+
+
+def test_columns_of_properties_stand_last_and_small_uncertainties_are_only_less():
+    assert COMPARED.texts() == [
+        ["drive_1", "motor.current", "microstep", "0.020", "differs", "0.040"],
+        ["drive_2", "motor.current", "microstep", "< 0.001", "agrees", "< 0.001"],
+    ]
+    assert COMPARED.file_rows()[1] == [
+        "drive_2",
+        "motor.current",
+        "microstep",
+        4e-7,
+        "agrees",
+        8e-7,
+    ]
+    assert COMPARED.marks() == ["off", ""]
+    few = COMPARED.only(("line", "verdict"))
+    assert (few.name, few.texts()) == ("", [["drive_1", "differs"], ["drive_2", "agrees"]])
+    assert few.marks() == ["off", ""]
+
+
+def test_what_is_for_a_report_alone_is_in_no_other_form(state_1):
+    found = Outcome(
+        "Study",
+        "A study",
+        "Said.",
+        "",
+        (),
+        (
+            Part("", (Pairs((("A", "a.csv"), ("B", "b.csv"))), COMPARED)),
+            Part("Matrix", (Text("Sensitivities."),), report_only=True),
+        ),
+        other_files={"simulator.yaml": "title: x\n"},
+    )
+    said = terminal_text(found)
+    assert said.startswith("Said.\n\nA: a.csv\nB: b.csv\n\nline")
+    assert "microstep" not in said
+    assert "Sensitivities" not in said
+    answer = page_answer(found)
+    assert [part["title"] for part in answer["parts"]] == [""]
+    assert answer["parts"][0]["texts"] == ["A: a.csv", "B: b.csv"]
+    files, report = study_contents(found)
+    assert sorted(files) == ["compared.csv", "simulator.yaml"]
+    assert report.sections[0].title == "Matrix"
+    names, lines = report.first_page
+    assert [row.cells for row in names.rows] == [("A", "a.csv"), ("B", "b.csv")]
+    assert [column.kind for column in lines.columns][:3] == ["text", "code", "text"]
+    assert lines.rows[0].cells[2] == "microstep"
