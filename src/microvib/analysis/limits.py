@@ -13,6 +13,7 @@ from microvib.analysis.lines import clock_warnings
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
     CLOCK_UNCERTAINTY,
+    GROWTH_FACTOR,
     ONE_DRAW,
     SEEDS_NEEDED,
     Margin,
@@ -324,6 +325,7 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
     yield from _residual_peak_gaps(table, limit)
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
+    yield from _growing_line_gaps(table, limit)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit.low, limit.high, limit.torque)
@@ -490,6 +492,14 @@ def _unresolved_ringing_gaps(
                 " record is too short to show; record.duration >="
                 f" {rounded_up(SEPARATION / mode.frequency)} s, or a longer record.settle"
             )
+
+
+def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
+    """Lines outside the band that grow: nothing bounds their multiples, which grow with them."""
+    for x in table:
+        outside = not limit.holds(*_frequency_with_bound(x))
+        if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude_n_m > limit.torque:
+            yield f"what {x.line} makes while it grows within the record (a longer record.settle)"
 
 
 def _certainly_within(one: Margin, limit: Limit) -> Margin:

@@ -42,6 +42,8 @@ RINGING_FACTOR = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction
 couples them.
 """
+GROWTH_FACTOR = 3.0
+"""Factor on the amplitude of a line that grows within its record for what it may end with."""
 _BOUND_FIT_FACTOR = 3.0
 """Factor on the amplitude of a line whose fit ended at a limit."""
 _MIN_TRANSIENT_RATIO = 1.5

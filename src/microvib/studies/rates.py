@@ -14,7 +14,12 @@ import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.lines import Steady, steady_lines
-from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, amplitude_bound, frequency_error_bound
+from microvib.analysis.margins import (
+    ABOVE_PASSBAND_FACTOR,
+    GROWTH_FACTOR,
+    amplitude_bound,
+    frequency_error_bound,
+)
 from microvib.analysis.start import mode_has_decayed, not_moving_reason, rounded_up
 from microvib.analysis.unseen import (
     OutOfBandLines,
@@ -546,6 +551,10 @@ def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Ite
     """Lines of a run in time that are not ``seen`` and may last."""
     f_d = scenario.driving_frequency or math.nan
     for x in table:
+        if x.status == "growing":  # nothing bounds its multiples, wherever they are
+            what = f"what {x.line} makes while it grows"
+            most = GROWTH_FACTOR * x.amplitude_n_m
+            yield RateLine(what, "other", x.place_hz / f_d, x.place_hz, most, away=math.inf)
         if x in seen:
             continue
         most = _mode_amplitude_bound(x, table.duration) if x.is_mode else amplitude_bound(x)

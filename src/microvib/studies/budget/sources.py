@@ -514,6 +514,9 @@ def _gaps(
                 f,
                 f,
             )
+    for line in table:
+        if line.status == "growing" and line.amplitude_n_m > _MIN_GROWING_RATIO * table.largest:
+            yield open_gap(f"{line.line} grows within the record (a longer record.settle)")
     if not steady and (held := not_moving_reason(scenario)):
         yield open_gap(held)
     for key, band in noise_bands(scenario).items():
@@ -543,6 +546,9 @@ def _gaps(
     yield from _above_passband_gaps(scenario, table, PASSBAND * record.sample_rate)
 
 
+_MIN_GROWING_RATIO = 0.01
+"""Part of the largest line above which one that grows leaves everything open: nothing bounds its
+multiples."""
 _SIGNIFICANT_RATIO = 0.01
 """Part of the largest of some lines above the passband from which a record is to show them."""
 

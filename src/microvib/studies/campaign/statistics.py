@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.limits import Limit
-from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, frequency_error_bound
+from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
 from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import NOT_SEPARABLE
@@ -261,6 +261,7 @@ def line_verdicts(
     )
     fold = np.where(np.abs(fold) > 1e-9, fold, 1e-9)
     start = np.maximum(amplitude, amplitude * fold / -np.expm1(-fold))
+    start = np.where(status == "growing", GROWTH_FACTOR * amplitude, start)
     sure = np.isin(status, ("ok", BELOW_FLOOR, NOISE_DRIVEN))
     hidden = np.char.startswith(status.astype(str), NOT_SEPARABLE)
     small = hidden & (ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude") <= limit)
