@@ -203,9 +203,27 @@ def _shared_bins_reason(
         return ""
     if SHARED_BINS_FACTOR * line.amplitude_n_m + doubt <= most:
         return ""
+    if beside := _ringing_beside(line, table):
+        return (
+            f"not resolved from {beside.line} at {beside.place_hz:.5g} Hz, which is no line of the"
+            " clock; a longer record.duration or record.settle"
+        )
     if line.of_clock and line.amplitude_n_m - doubt > SHARED_BINS_FACTOR * most:
         return ""
     return _unresolved_from(line, table, table.rest.resolution, scenario)
+
+
+def _ringing_beside(line: Line, table: LineTable) -> Line | None:
+    """A tone that the clock does not make, not much smaller than a ``line`` and closer to it than
+    the record resolves: what both have in the bins that they share may be the tone's alone.
+    """
+    if table.rest is None:
+        return None
+    for x in table:
+        close = x is not line and abs(x.place_hz - line.place_hz) < table.rest.resolution
+        if close and x.seen and not x.of_clock and x.amplitude_n_m > 0.1 * line.amplitude_n_m:
+            return x
+    return None
 
 
 def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: Scenario) -> str:
