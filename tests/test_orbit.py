@@ -200,3 +200,21 @@ def test_an_array_that_does_not_turn_this_way_is_refused() -> None:
         analyse_orbit(near_a_mode(**{"tracking.rate": Si(0.0)}))
     with pytest.raises(mv.MicrovibError, match="spacecraft: missing"):
         analyse_orbit(mv.load_scenario("state-1"))
+
+
+def test_friction_over_the_angle_turns_with_the_array():
+    example = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+    factor = [
+        {"order": 1, "amplitude": 0.5, "phase": "180 deg"},
+        {"order": 7, "amplitude": 0.1, "phase": "20 deg"},
+    ]
+    first = mv.load_scenario(str(example)).with_({"friction.position": {"harmonics": factor}})
+    harmonics = first.friction.position.harmonics
+    there = first.at_angle("100 deg")
+    turn = math.radians(100.0) - first.spacecraft.array_angle
+    for before, after in zip(harmonics, there.friction.position.harmonics, strict=True):
+        expected = before.phase + before.order * turn
+        assert math.remainder(after.phase - expected, math.tau) == pytest.approx(0.0, abs=1e-12)
+    back = there.at_angle(Si(first.spacecraft.array_angle))
+    for before, after in zip(harmonics, back.friction.position.harmonics, strict=True):
+        assert math.remainder(after.phase - before.phase, math.tau) == pytest.approx(0.0, abs=1e-12)

@@ -114,6 +114,12 @@ class Friction(Part):
             return self.breakaway_torque
         return self.breakaway_torque * self.position.largest_factor
 
+    def turned(self, angle: float) -> Friction:
+        """The same for a motion that begins at another angle of the shaft [rad]."""
+        if self.position is None or not self.position.harmonics:
+            return self
+        return self.model_copy(update={"position": self.position.turned(angle)})
+
     @property
     def with_new_seed(self) -> Friction:
         """The same of another unit: its noise and its roughness are other draws."""

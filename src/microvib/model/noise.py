@@ -216,6 +216,14 @@ class FrictionPosition(Part):
             return 0.0
         return _ROUGHNESS_SIGMAS * self.roughness.deviation
 
+    def turned(self, angle: float) -> FrictionPosition:
+        """The same harmonics, counted from another angle of the shaft [rad]."""
+        harmonics = tuple(
+            h.model_copy(update={"phase": math.remainder(h.phase + h.order * angle, math.tau)})
+            for h in self.harmonics
+        )
+        return self.model_copy(update={"harmonics": harmonics})
+
     @property
     def largest_factor(self) -> float:
         """What friction is multiplied by at most, at any angle."""

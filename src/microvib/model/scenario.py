@@ -329,7 +329,8 @@ class Scenario(Part):
         """Turn the array to an angle, on a craft.
 
         A second wing without ``array_angle`` turns with it; a driven one with its own does by its
-        rate, from where it is.
+        rate, from where it is. Friction over the angle turns with the first array's shaft; its
+        ``roughness``, a random field, is drawn alike at every angle.
 
         Parameters
         ----------
@@ -344,6 +345,7 @@ class Scenario(Part):
         craft = self.spacecraft
         assert craft is not None
         angle = quantity("angle", angle, "rad", example="deg")
+        turn = float(angle) - craft.array_angle
         update: dict[str, Any] = {"array_angle": angle}
         wing, other = craft.second_wing, self.driven_wing
         if (
@@ -353,9 +355,14 @@ class Scenario(Part):
             and self.rate
             and other.rate
         ):
-            there = wing.array_angle + (angle - craft.array_angle) * other.rate / self.rate
+            there = wing.array_angle + turn * other.rate / self.rate
             update["second_wing"] = wing.model_copy(update={"array_angle": there})
-        return self.model_copy(update={"spacecraft": craft.model_copy(update=update)})
+        return self.model_copy(
+            update={
+                "spacecraft": craft.model_copy(update=update),
+                "friction": self.friction.turned(turn),
+            }
+        )
 
     @property
     def has_memory(self) -> bool:
