@@ -478,7 +478,7 @@ def test_a_line_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:
 def test_a_line_of_no_clock_at_the_end_of_a_band_may_be_on_either_side_of_it() -> None:
     """Its frequency is that of a fit: within four standard uncertainties of the end nothing is decided, rms, level or curve."""
     lines = [(10.0, 0.1, 0.0), (50.0, 2.0, 0.0)]
-    one = source("a", *lines, frequency_doubt=np.array([1e-3, 4 * 0.1]))
+    one = source("a", *lines, frequency_error=np.array([1e-3, 4 * 0.1]))
     for keys in ({}, {"statistic": "level"}, {"statistic": "bound"}):
         each = [
             assess(requirement(highest=f"{f} Hz", **keys), [one], "rss")
@@ -777,7 +777,7 @@ def test_small_lines_are_known_in_a_budget_as_they_are_in_the_verdict_of_a_run()
     assert few
     for name in few:
         k = one.names.index(name)
-        assert one.doubts[1, k].min() >= 0.04 * 0.25 * largest / sizes[name]
+        assert one.relative_errors[1, k].min() >= 0.04 * 0.25 * largest / sizes[name]
         f, size = float(one.frequency[k]), float(np.linalg.norm(one.los[k]))
         off = 0.01 * largest / sizes[name]  # of it
         band = {"lowest": Si(f * (1.0 - 2e-4)), "highest": Si(f * (1.0 + 2e-4)), "statistic": "rms"}
@@ -919,7 +919,7 @@ def test_two_drives_on_one_craft() -> None:
 
 
 def test_a_limit_within_the_doubt_is_not_judged() -> None:
-    one = source("a", (5.0, 1.0, 0.0), doubt=0.03)
+    one = source("a", (5.0, 1.0, 0.0), relative_error=0.03)
     exact = URAD / math.sqrt(2.0)
     for factor, verdict in (
         (1.02, "not judged"),
@@ -1217,7 +1217,7 @@ def test_a_percentile_counts_lines_that_only_some_cases_have(off: np.ndarray | N
 
     The drive may say by how much its own lines' frequencies are off, as that of a run does.
     """
-    drive = source("a", (5.0, 1.0, 0.0), frequency_doubt=off)
+    drive = source("a", (5.0, 1.0, 0.0), frequency_error=off)
     one = with_campaign(replace(drive, names=("drive_1",)), _Cases())
     assert one.cases_lack == ""
     assert sorted(set(one.cases_frequency[:, -1].tolist()))[0] == pytest.approx(2.03)
@@ -1381,9 +1381,17 @@ def test_a_wheel_is_judged_at_the_speed_that_is_worst_in_any_phase() -> None:
     alone, split = (np.array([[[a, 0.0]], [[b, 0.0]]]) * URAD for a, b in ((1.0, 0.0), (0.7, 0.7)))
     each = []
     for f, sizes in ((4.0, alone), (6.0, split)):
-        los, doubt = bound_over_phases(sizes)
+        los, relative_error = bound_over_phases(sizes)
         each.append(
-            Contribution("w", "given", ("order 1",), np.array([f]), los, doubt=doubt, phased=False)
+            Contribution(
+                "w",
+                "given",
+                ("order 1",),
+                np.array([f]),
+                los,
+                relative_error=relative_error,
+                phased=False,
+            )
         )
     wheel = replace(each[0], alternatives=tuple(each))
     one = assess(requirement(axis="x", limit=Si(0.8 * URAD)), [wheel], "rss")

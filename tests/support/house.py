@@ -26,6 +26,9 @@ BANNED = {
     "costliest": "largest contributor",
     "drawn anew": "with a new seed",
     "surely": "single axis",
+    "doubt": "error bound, tolerance or warning",
+    "doubts": "error bounds or warnings",
+    "doubtful": "questionable or uncertain",
 }
 """Words that a native engineer of the field would not guess, and plain ones; the list grows."""
 

@@ -134,14 +134,14 @@ class Limit:
             return f"from {self.low:g} Hz"
         return ""
 
-    def holds(self, frequency: float, doubt: float = 0.0) -> bool:
+    def holds(self, frequency: float, tolerance: float = 0.0) -> bool:
         """Tell whether the limit holds at a frequency; the ends of the band belong to it.
 
         Parameters
         ----------
         frequency : float
             Frequency [Hz].
-        doubt : float
+        tolerance : float
             To what it is known [Hz].
 
         Returns
@@ -149,7 +149,7 @@ class Limit:
         bool
             Whether the frequency may lie in the band.
         """
-        return within_band(frequency, self.low, self.high, doubt)
+        return within_band(frequency, self.low, self.high, tolerance)
 
 
 @dataclass(frozen=True)

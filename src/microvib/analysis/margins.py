@@ -139,24 +139,24 @@ def _judge_record(
     What a line may be at most decides that it passes, whatever its status; only a line that neither
     decays nor is hidden can fail.
     """
-    amplitude, doubt = line.amplitude_n_m, amplitude_error_bound(line, table)
+    amplitude, error_bound = line.amplitude_n_m, amplitude_error_bound(line, table)
     if line.status == NOISE_DRIVEN:
         why = f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
         return _Judged(amplitude, "not judged", why)
     if line.status == BELOW_FLOOR:
-        found = amplitude + doubt if math.isfinite(amplitude) else 0.0
+        found = amplitude + error_bound if math.isfinite(amplitude) else 0.0
         largest = max(found, line.hidden_n_m)
         return _passes(largest, largest, most, "below the noise floor; increase record.duration")
     if line.status in ("decaying", "growing"):
         start = line.starting(table.duration)
-        largest = max(start, amplitude) + doubt
+        largest = max(start, amplitude) + error_bound
         why = settling_advice(line, largest / most, scenario)
         if line.status == "growing":
             return _Judged(start, "not judged", why)
         return _passes(start, largest, most, why)
     if line.status != "ok":
         return _passes(amplitude, _BOUND_FIT_FACTOR * amplitude, most, line.status)
-    if why := _shared_bins_reason(line, most, doubt, table, scenario):
+    if why := _shared_bins_reason(line, most, error_bound, table, scenario):
         return _Judged(amplitude, "not judged", why)
     return _judge_beside_ringing(line, most, table, ringing, scenario)
 
@@ -194,21 +194,21 @@ def _judge_beside_ringing(
 
 
 def _shared_bins_reason(
-    line: Line, most: float, doubt: float, table: LineTable, scenario: Scenario | None
+    line: Line, most: float, error_bound: float, table: LineTable, scenario: Scenario | None
 ) -> str:
     """Why a line is not judged that the record is too short to tell from another, listed or not;
     empty where its limit is far from what is found, or it has its bins for itself.
     """
     if scenario is None or table.rest is None:
         return ""
-    if SHARED_BINS_FACTOR * line.amplitude_n_m + doubt <= most:
+    if SHARED_BINS_FACTOR * line.amplitude_n_m + error_bound <= most:
         return ""
     if beside := _ringing_beside(line, table):
         return (
             f"not resolved from {beside.line} at {beside.place_hz:.5g} Hz, which is no line of the"
             " clock; a longer record.duration or record.settle"
         )
-    if line.of_clock and line.amplitude_n_m - doubt > SHARED_BINS_FACTOR * most:
+    if line.of_clock and line.amplitude_n_m - error_bound > SHARED_BINS_FACTOR * most:
         return ""
     return _unresolved_from(line, table, table.rest.resolution, scenario)
 
@@ -231,11 +231,11 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
     a line of the clock, or a mode that may still ring and is not seen; empty without one.
     """
     if line.of_clock:
-        nominal, doubt = line.expected_hz, 0.0
+        nominal, frequency_error = line.expected_hz, 0.0
     else:
         nominal = line.place_hz / (table.clock_ratio or 1.0)
-        doubt = float(frequency_error_bound(line.place_hz, line.frequency_uncertainty_hz))
-    apart = distance_to_clock_line(scenario, nominal, doubt)
+        frequency_error = float(frequency_error_bound(line.place_hz, line.frequency_uncertainty_hz))
+    apart = distance_to_clock_line(scenario, nominal, frequency_error)
     if apart < resolution:
         longer = rounded_up(SEPARATION / apart)
         return f"not resolved from a line of the clock; record.duration >= {longer} s"
@@ -263,7 +263,7 @@ def amplitude_error_bound(line: Line, table: LineTable) -> float:
     if seeds:
         drawn = seeds.deviation_n_m
     else:
-        drawn = line.noise_doubt_n_m
+        drawn = line.noise_scatter_n_m
     known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty_n_m, drawn))
     size = max(line.amplitude_n_m, MIN_ERROR_REFERENCE_RATIO * table.largest)
     return 2.0 * math.hypot(*known) + max(MIN_RELATIVE_ERROR, table.own_error) * size
@@ -295,8 +295,8 @@ def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> 
 
 def _judge_seed_quantile(line: Line, seeds: SeedLine, most: float, own_error: float) -> _Judged:
     """The verdict where many draws of the noise were run, by their 95 % quantile."""
-    doubt = max(MIN_RELATIVE_ERROR, own_error)
-    largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + doubt)
+    relative_error = max(MIN_RELATIVE_ERROR, own_error)
+    largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + relative_error)
     if seeds.mean_n_m > _MIN_TRANSIENT_RATIO * line.noise_mean_n_m:
         return _Judged(
             seeds.p95_n_m,
@@ -306,19 +306,19 @@ def _judge_seed_quantile(line: Line, seeds: SeedLine, most: float, own_error: fl
         )
     if largest <= most:
         return _Judged(seeds.p95_n_m, "pass")
-    if seeds.p95_low_n_m * (1.0 - doubt) > most:
+    if seeds.p95_low_n_m * (1.0 - relative_error) > most:
         return _Judged(seeds.p95_n_m, "fail")
     high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
     if math.isnan(seeds.p95_high_n_m):
         high, needed = "an unknown amplitude", f"{SEEDS_NEEDED} seeds or more"
     why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
-    if seeds.p95_high_n_m * (1.0 + doubt) <= most:
+    if seeds.p95_high_n_m * (1.0 + relative_error) <= most:
         why = "below the noise floor in some draws; increase record.duration"
     elif most < seeds.p95_low_n_m or seeds.p95_high_n_m <= most:
         why = (
             f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high} over the"
             " draws, and the integration may"
-            f" be off by {100.0 * doubt:.2g} %; a larger solver.refinement"
+            f" be off by {100.0 * relative_error:.2g} %; a larger solver.refinement"
         )
     return _Judged(seeds.p95_n_m, "not judged", why)
 

@@ -138,8 +138,8 @@ def expected_lines(
     return (*modes, *clock)
 
 
-def distance_to_clock_line(scenario: Scenario, frequency: float, doubt: float = 0.0) -> float:
-    """Distance [Hz] from a ``frequency`` [Hz], known to ``doubt`` [Hz], to the nearest line that
+def distance_to_clock_line(scenario: Scenario, frequency: float, tolerance: float = 0.0) -> float:
+    """Distance [Hz] from a ``frequency`` [Hz], known to within ``tolerance`` [Hz], to the nearest line that
     the step clock can make, of any order, but one at that frequency; infinite without a clock.
     """
     f_d = scenario.driving_frequency
@@ -157,7 +157,7 @@ def distance_to_clock_line(scenario: Scenario, frequency: float, doubt: float = 
     for comb in combs:
         off = abs(frequency - round(frequency / comb) * comb)
         distances += [off, comb - off]
-    same = max(doubt, _SAME_LINE * frequency)
+    same = max(tolerance, _SAME_LINE * frequency)
     return min((d for d in distances if d > same), default=math.inf)
 
 

@@ -468,7 +468,7 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
     """
     T = 10.0 ** np.arange(-4.0, 2.0, _STEP)
     tried = (T[:, None] * 10.0 ** (_STEP * _STEP_PLACES)).ravel()
-    tones = combine_lines(budget.contributions, budget.rule, doubtful=False)
+    tones = combine_lines(budget.contributions, budget.rule, with_errors=False)
     for k, metric in enumerate(_DRAWN):
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
         limits = [
@@ -515,7 +515,7 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
 def draw_cumulative(budget: Budget) -> Figure:
     """Cumulative rms of lines and densities about both axes, both ways."""
     drawing, axes = sheets.sheet(2.4, 1, 2)
-    tones = combine_lines(budget.contributions, budget.rule, doubtful=False)
+    tones = combine_lines(budget.contributions, budget.rule, with_errors=False)
     for k, (ax, axis) in enumerate(zip(axes[0], "xy", strict=True)):
         f, squares = tones.frequency, 0.5 * tones.value[:, k] ** 2
         for one in budget.contributions:

@@ -119,7 +119,7 @@ class Line(LineKindProperties):
         return 0.0
 
     @property
-    def noise_doubt_n_m(self) -> float:
+    def noise_scatter_n_m(self) -> float:
         """Standard deviation of the amplitude over draws: of an envelope that noise alone makes;
         where the line has another cause, of the noise's part in phase, which is larger."""
         return self.noise_deviation_n_m * (

@@ -325,7 +325,7 @@ def with_noise_scatter(
                 part = 1.0
             wander = part * math.sqrt(sigma[line.line] / table.duration)
             scatter = {"frequency": wander / (math.tau * math.sqrt(2.0)), "decay": wander}
-            more = {"amplitude": line.noise_doubt_n_m, **scatter}.get(o.form, 0.0)
+            more = {"amplitude": line.noise_scatter_n_m, **scatter}.get(o.form, 0.0)
         told.append(replace(o, uncertainty=TWO_DRAW_SCATTER * math.hypot(o.uncertainty, more)))
     return (*told, *_levels(x, sample_rate, table, scenario))
 

@@ -140,8 +140,8 @@ def above_limit(r: LineStatistics) -> str:
         if r.unknown:
             return "not judged"
         return "below"
-    e, doubt = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
-    return f"{r.above} of {r.judged}{doubt}: {100 * e.value:.3g} % ({percents(e)})"
+    e, not_judged = r.exceedance, f", {r.unknown} not judged" if r.unknown else ""
+    return f"{r.above} of {r.judged}{not_judged}: {100 * e.value:.3g} % ({percents(e)})"
 
 
 def percents(e: Estimate) -> str:
@@ -236,16 +236,18 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
     if s.several:
         fails = sum(bool(row.above) for row in s.by_level)
         open_ones = sum(bool(row.unknown) for row in s.by_level)
-        doubt = f"; cases that could not be judged at {open_ones}" if open_ones else ""
-        label = f"with cases above {allowed}{doubt}"
+        not_judged = f"; cases that could not be judged at {open_ones}" if open_ones else ""
+        label = f"with cases above {allowed}{not_judged}"
         yield Fact(f"{fails} of {len(s.by_level)} levels", label, status)
     chance = s.any_level if s.several else s.by_level[0]
     if chance is not None and chance.exceedance is not None:
         total = chance.count if isinstance(chance, AnyLevel) else chance.judged
         where = " at one level or more" if s.several else ""
-        doubt = f", {chance.unknown} not judged" if chance.unknown else ""
+        not_judged = f", {chance.unknown} not judged" if chance.unknown else ""
         e = chance.exceedance
-        label = f"of {total} draws above {allowed}{where}{doubt} (95 % interval {percents(e)} %)"
+        label = (
+            f"of {total} draws above {allowed}{where}{not_judged} (95 % interval {percents(e)} %)"
+        )
         yield Fact(SHARE.figure(e.value), label, status)
     elif not s.several:
         yield Fact(above_limit(s.by_level[0]), allowed, status)

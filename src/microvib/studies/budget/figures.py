@@ -326,8 +326,8 @@ def _largest_group_distribution(
     low, high = np.abs(moved(lower, tones.least)), np.abs(moved(upper, tones.most))
     crest = high.max(axis=0, initial=0.0)
     group = _largest_group(in_step(tones.frequency, tones.clock[:, axis], crest), crest)
-    doubt = np.maximum(high - np.abs(given), np.abs(given) - low)[:, group]
-    beside = high[:, ~group].sum(axis=1) + doubt.sum(axis=1)
+    relative_error = np.maximum(high - np.abs(given), np.abs(given) - low)[:, group]
+    beside = high[:, ~group].sum(axis=1) + relative_error.sum(axis=1)
     beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
     beside = beside + changes(upper, tones.most) + changes(hidden.frequency, hidden.most)
     spread = distribution(

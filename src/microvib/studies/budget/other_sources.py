@@ -157,7 +157,7 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
         )
     if not np.all(f > 0.0):
         raise MicrovibError(f"{path}: frequency_hz: frequencies greater than 0 Hz are expected")
-    tones, doubt = sizes * np.exp(1j * np.nan_to_num(phases)), np.zeros((2, f.size, 2))
+    tones, relative_error = sizes * np.exp(1j * np.nan_to_num(phases)), np.zeros((2, f.size, 2))
     lost = np.isnan(sizes).any(axis=1)
     if chosen == LOAD_COLUMNS:
         loads, place = tones, _load_point_motion(source, scenario)
@@ -172,9 +172,9 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
             together = np.repeat(phased, at.size // f.size)[:, None]
             return np.where(together, parts.sum(axis=0), most), np.where(together, 0.0, unsure)
 
-        tones, doubt = moved(scenario, f)
+        tones, relative_error = moved(scenario, f)
         stands = held_drive_variants(scenario)
-        doubt = doubt + response_uncertainty(
+        relative_error = relative_error + response_uncertainty(
             [lambda at, on=on: np.abs(moved(on, at)[0]) for on in stands],  # type: ignore[misc]
             f,
             np.asarray(frequency_error_bound(f)),
@@ -193,7 +193,7 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
         )
     how = f"lines of {path.name}{_missing_loads_note(rows, chosen)}"
     return Contribution(
-        source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, doubt=np.nan_to_num(doubt),
+        source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),
         phased=bool(np.all(phased)), rings=rings,
     )  # fmt: skip
 

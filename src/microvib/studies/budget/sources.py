@@ -62,11 +62,11 @@ from microvib.studies.budget.recorded import unaccounted
 from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
-"""Relative doubt of lines that went the short way, for a drive that is not quite the scenario's;
+"""Relative error of lines that went the short way, for a drive that is not quite the scenario's;
 assumed. What detent torque, friction and current loop change as the hub yields comes on top, from
 runs of the scenario (``study.with_method_error``)."""
 HELD_DRIVE_UNCERTAINTY = 0.03
-"""Relative doubt of lines of a craft on which another drive holds its wing, for its friction;
+"""Relative error of lines of a craft on which another drive holds its wing, for its friction;
 assumed. What its detent torque changes comes on top, by the angles at which it may stand
 (``held_drive_variants``) or by its steps (``with_detent_mixing``)."""
 _FREE_BODY_REASON = f"below {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz, where without spacecraft.attitude_control lines mean nothing"
@@ -167,11 +167,11 @@ class Contribution:
     density: tuple[np.ndarray, np.ndarray] | None = None
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
     gaps: tuple[Unobserved, ...] = ()
-    doubt: float | np.ndarray = 0.0
-    """Relative doubt of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
+    relative_error: float | np.ndarray = 0.0
+    """Relative error of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
     less and more do.
     """
-    frequency_doubt: np.ndarray | None = None
+    frequency_error: np.ndarray | None = None
     """By how much its frequencies may be off [Hz], (k,), where that is more than clocks are."""
     crests: tuple[float, float, float] | None = None
     """Of one of several the most that lines of any reach about x, about y and about both as
@@ -200,16 +200,16 @@ class Contribution:
     """What finds the worst between the alternatives, too."""
 
     @property
-    def doubts(self) -> np.ndarray:
+    def relative_errors(self) -> np.ndarray:
         """By which part each line may be smaller and larger about both axes, (2, k, 2)."""
-        return np.broadcast_to(self.doubt, (2, len(self.frequency), 2))
+        return np.broadcast_to(self.relative_error, (2, len(self.frequency), 2))
 
     @property
     def off(self) -> np.ndarray:
         """By how much its frequencies may be off [Hz], (k,)."""
-        if self.frequency_doubt is None:
+        if self.frequency_error is None:
             return np.asarray(frequency_error_bound(self.frequency))
-        return self.frequency_doubt
+        return self.frequency_error
 
     @property
     def clocks(self) -> list[str]:
@@ -243,7 +243,7 @@ def contribution_of_run(
     broken = [name for drive in result.drives.values() for name in drive.table.broken]
     unknown = failed_invariants_reason(broken, scenario)
     reasons = map(open_gap, filter(None, (unknown, _between_clock_lines(result))))
-    doubt = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
+    relative_error = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
         scenario, own, found.frequency, other_steps
     )
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
@@ -264,8 +264,8 @@ def contribution_of_run(
         rings=rings,
         density=line_of_sight_noise_spectrum(scenario),
         gaps=(*reasons, *_gaps(scenario, result.table, found, result.state is not None)),
-        doubt=np.maximum(doubt, 1.0) if unknown else doubt,
-        frequency_doubt=frequency_error_bound(
+        relative_error=np.maximum(relative_error, 1.0) if unknown else relative_error,
+        frequency_error=frequency_error_bound(
             found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty_hz for x in own])
         ),
         scenario=scenario,
@@ -293,7 +293,7 @@ def _between_clock_lines(result: RunResult) -> str:
 
 
 def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]) -> np.ndarray:
-    """Relative doubt of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and
+    """Relative error of lines of a run, (2, k, 2): of its integration, of what rings meanwhile, and
     of a floor that hides them.
     """
     T, held = table.duration, HELD_DRIVE_UNCERTAINTY if require_craft(scenario).second else 0.0
@@ -318,7 +318,7 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
 def _resonance_uncertainty(
     scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, steps: bool
 ) -> np.ndarray:
-    """Relative doubt of lines of the clock, (2, k, 2), by the response at frequencies that they may
+    """Relative error of lines of the clock, (2, k, 2), by the response at frequencies that they may
     have; of a second drive that does not step, also by where it may stand."""
     if steps:
         each = [scenario]
@@ -329,7 +329,7 @@ def _resonance_uncertainty(
 
 
 def _drive_uncertainty(each: Sequence[Scenario], frequency: np.ndarray) -> np.ndarray:
-    """Relative doubt of lines that a torque on the rotor makes, (2, k, 2), in the first of several
+    """Relative error of lines that a torque on the rotor makes, (2, k, 2), in the first of several
     scenarios.
     """
     return response_uncertainty(
@@ -412,7 +412,7 @@ def response_uncertainty(
     Returns
     -------
     ndarray
-        Relative doubt, (2, k, 2): less and more.
+        Relative error, (2, k, 2): less and more.
     """
     f = np.asarray(frequency, dtype=float)
     if not f.size:
@@ -438,7 +438,7 @@ def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -
     The hub's motion by a line turns the second rotor, whose detent torque is then a spring that
     changes with its steps: it makes torques at the line's frequency less and plus that of the
     detent. By the linearised drives they are bounded to first order, and by a factor for those of
-    higher order. What falls on a line is its doubt, the rest is a gap.
+    higher order. What falls on a line adds to its error, the rest is a gap.
 
     Parameters
     ----------
@@ -485,14 +485,16 @@ def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -
     near = np.abs(products[:, None] - f) <= FREQUENCY_TOLERANCE * np.maximum(f, products[:, None])
     added = np.array([size[column].sum(axis=0) for column in near.T]).reshape(-1, 2)
     own = np.abs(one.los)
-    doubt = np.divide(added, own, out=np.zeros_like(own), where=own > 0.0)
-    less, more = one.doubts
+    relative_error = np.divide(added, own, out=np.zeros_like(own), where=own > 0.0)
+    less, more = one.relative_errors
     left = ~near.any(axis=1) & (products > MIN_FREQUENCY_WITHOUT_CONTROL)
     gap = Unobserved(
         "what the other drive's detent torque mixes", 0.0, math.inf, products[left], size[left]
     )
     return replace(
-        one, doubt=np.array([np.minimum(less + doubt, 1.0), more + doubt]), gaps=(*one.gaps, gap)
+        one,
+        relative_error=np.array([np.minimum(less + relative_error, 1.0), more + relative_error]),
+        gaps=(*one.gaps, gap),
     )
 
 
@@ -717,7 +719,7 @@ def contribution_of_recording(
         for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names))
     ]
     spread = np.array([_relative_uncertainty(row) for row in found])
-    doubt = (
+    relative_error = (
         BLOCKED_LOAD_UNCERTAINTY
         + 2.0 * float(np.max(spread[kept], initial=0.0))
         + noise[kept] / np.abs(los[kept])
@@ -733,7 +735,7 @@ def contribution_of_recording(
         # instant.
         f"{name}, recorded",
         gaps=tuple(gaps),
-        doubt=np.broadcast_to(doubt, beside.shape) + beside,
+        relative_error=np.broadcast_to(relative_error, beside.shape) + beside,
         scenario=scenario,
         recorded=(np.abs(loads[kept]), floors[kept]),
     )

@@ -249,7 +249,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         required,
         rule,
         tuple(found),
-        combine_lines(found, rule, doubtful=False),
+        combine_lines(found, rule, with_errors=False),
         _assessments(required, found, rule, without),
         tuple(_windows(first.scenario, found, rule)),
         compared if short_way else (),
@@ -476,7 +476,7 @@ def with_method_error(recorded: Contribution, compared: Sequence[Difference]) ->
     missed = {d.line: d.los_error * d.los[1] / max(d.los[0], 1e-300) for d in compared}
     most = max(missed.values(), default=0.0)
     each = np.array([missed.get(name, most) for name in recorded.names])
-    return replace(recorded, doubt=recorded.doubt + np.tile(each[:, None], 2))
+    return replace(recorded, relative_error=recorded.relative_error + np.tile(each[:, None], 2))
 
 
 _MAX_LOAD_RATIO = 4.0
@@ -539,11 +539,11 @@ def with_load_check(recorded: Contribution, own: BlockedLines) -> Contribution:
     else:
         cause = "check units, rate and array"
     why = f"its lines in {told} times those of the scenario's own run ({cause})"
-    doubt = recorded.doubts + np.array([1.0, 0.0])[:, None, None]
+    relative_error = recorded.relative_errors + np.array([1.0, 0.0])[:, None, None]
     return replace(
         recorded,
         gaps=(*recorded.gaps, open_gap(why)),
-        doubt=np.minimum(doubt, [[[1.0]], [[math.inf]]]),
+        relative_error=np.minimum(relative_error, [[[1.0]], [[math.inf]]]),
     )
 
 
@@ -587,9 +587,9 @@ def both_wings(
 
     lines = added(lambda one: one.los)
     assert lines.los is not None
-    less = amplitude(added(lambda one: one.doubts[0] * np.abs(one.los)))
-    more = amplitude(added(lambda one: one.doubts[1] * np.abs(one.los)))
-    doubt = np.array([less, more])
+    less = amplitude(added(lambda one: one.relative_errors[0] * np.abs(one.los)))
+    more = amplitude(added(lambda one: one.relative_errors[1] * np.abs(one.los)))
+    relative_error = np.array([less, more])
     rings = amplitude(added(lambda one: np.abs(one.los) * ~one.settled[:, None]))
     loose = amplitude(added(lambda one: np.abs(one.los) * of_other_clock(one)))
     size = amplitude(lines)
@@ -601,12 +601,14 @@ def both_wings(
         los=np.nan_to_num(lines.los),
         unlocked=np.any(loose > 0.0, axis=1),
         rings=np.any(rings > 0.0, axis=1),
-        frequency_doubt=np.array(
+        frequency_error=np.array(
             [_frequency_doubt_at(float(f), (first, second)) for f in lines.frequency]
         ),
         density=replace(lines, scenario=scenario).density,
         gaps=(*first.gaps, *second.gaps),
-        doubt=np.divide(doubt, size, out=np.zeros_like(doubt), where=size > 0.0),
+        relative_error=np.divide(
+            relative_error, size, out=np.zeros_like(relative_error), where=size > 0.0
+        ),
         scenario=scenario,
     )
 
@@ -614,9 +616,9 @@ def both_wings(
 def _frequency_doubt_at(frequency: float, contributions: Sequence[Contribution]) -> float:
     """By how much lines of a frequency [Hz] may be off it, in any of some sources."""
     off = [
-        float(doubt)
+        float(relative_error)
         for one in contributions
-        for line, doubt in zip(one.frequency, one.off, strict=True)
+        for line, relative_error in zip(one.frequency, one.off, strict=True)
         if abs(line - frequency) <= FREQUENCY_TOLERANCE * frequency
     ]
     return max(off, default=float(frequency_error_bound(frequency)))
@@ -739,7 +741,9 @@ def _windows(
                 for axis in ("x", "y", "radial")
             ]
             tones = combine_lines(
-                [worst_alternative(asked[-1], one) for one in contributions], rule, doubtful=False
+                [worst_alternative(asked[-1], one) for one in contributions],
+                rule,
+                with_errors=False,
             )
             lines = [evaluate_metric(r, tones.frequency, tones.value) for r in asked]
             noise = [evaluate_metric(r, np.zeros(0), np.zeros((0, 2)), densities) for r in asked]

@@ -106,7 +106,7 @@ class _SourceLine(NamedTuple):
     los: np.ndarray
     clock: str | int
     """Of a line without one a number of its own."""
-    doubts: np.ndarray
+    relative_errors: np.ndarray
     """Of both angles, less and more, (2, 2)."""
     settled: bool
     """Whether it belongs to the settled motion."""
@@ -116,14 +116,14 @@ class _SourceLine(NamedTuple):
 
 
 def combine_lines(
-    contributions: Iterable[Contribution], rule: Rule, *, doubtful: bool = True
+    contributions: Iterable[Contribution], rule: Rule, *, with_errors: bool = True
 ) -> CombinedLines:
-    """Lines of all sources by frequency; without ``doubtful`` amplitudes count as they are given."""
-    parts = sorted(_source_lines(contributions, rule, doubtful), key=lambda part: part.frequency)
+    """Lines of all sources by frequency; without ``with_errors`` amplitudes count as they are given."""
+    parts = sorted(_source_lines(contributions, rule, with_errors), key=lambda part: part.frequency)
     groups = _lines_of_one_frequency(parts)
     found = [_group_amplitudes(group, rule) for group in groups]
     least, value, most = np.moveaxis(np.array([one.sizes for one in found]).reshape(-1, 3, 2), 1, 0)
-    if doubtful:
+    if with_errors:
         least = _least_of_coinciding(groups, least, most)
     tones = np.array([one.largest for one in found], dtype=complex).reshape(-1, 2)
     return CombinedLines(
@@ -138,18 +138,18 @@ def combine_lines(
 
 
 def _source_lines(
-    contributions: Iterable[Contribution], rule: Rule, doubtful: bool
+    contributions: Iterable[Contribution], rule: Rule, with_errors: bool
 ) -> Iterator[_SourceLine]:
     """Lines of all sources one by one, those without a clock each with one of its own."""
     own = count()
     for source, one in enumerate(contributions):
-        doubts = one.doubts if doubtful else 0.0 * one.doubts
+        relative_errors = one.relative_errors if with_errors else 0.0 * one.relative_errors
         for k, frequency in enumerate(one.frequency):
             yield _SourceLine(
                 float(frequency),
                 one.los[k],
                 _clock_of(one, k, rule) or next(own),
-                doubts[:, k],
+                relative_errors[:, k],
                 bool(one.settled[k]),
                 float(one.off[k]),
                 source,
@@ -254,7 +254,7 @@ class _Sum(NamedTuple):
 def _group_amplitudes(group: Sequence[_SourceLine], rule: Rule) -> _Sum:
     """The sum of lines of one frequency; what rings counts in the largest only."""
     clocks: dict[tuple[str | int, float], np.ndarray] = {}
-    doubt, ringing = np.zeros((2, 2)), np.zeros(2)
+    relative_error, ringing = np.zeros((2, 2)), np.zeros(2)
     for part in group:
         los, size = part.los, np.abs(part.los)
         # Those of one clock that are not quite of one frequency drift against each other.
@@ -262,13 +262,13 @@ def _group_amplitudes(group: Sequence[_SourceLine], rule: Rule) -> _Sum:
         clocks[part.clock, f] = clocks.get((part.clock, f), 0.0) + (
             los if part.settled else 0.0 * los
         )
-        doubt, ringing = (
-            doubt + part.doubts * size,
+        relative_error, ringing = (
+            relative_error + part.relative_errors * size,
             ringing + (0.0 * size if part.settled else size),
         )
     given = np.abs(list(clocks.values()))
     total = given.sum(axis=0)
-    least = np.maximum(2.0 * given.max(axis=0) - total - doubt[0], 0.0)
+    least = np.maximum(2.0 * given.max(axis=0) - total - relative_error[0], 0.0)
     if rule == "bound":
         value = total
     else:
@@ -277,7 +277,7 @@ def _group_amplitudes(group: Sequence[_SourceLine], rule: Rule) -> _Sum:
     of = [list(clocks)[k] for k in largest]
     _, frequency = list(clocks)[int(np.argmax(given.max(axis=1)))]
     return _Sum(
-        np.array([least, value, total + doubt[1] + ringing]),
+        np.array([least, value, total + relative_error[1] + ringing]),
         frequency,
         np.array(list(clocks.values()))[largest, [0, 1]],
         [clock if f == frequency else None for clock, f in of],
@@ -706,8 +706,8 @@ def _case_values(
         drawn,
         rings=np.append(~drawn.settled, np.zeros(more, dtype=bool)),
         unlocked=np.append(loose, np.ones(more, dtype=bool)),
-        doubt=0.0,
-        frequency_doubt=None,  # of the nominal lines alone, and a case counts as it was found
+        relative_error=0.0,
+        frequency_error=None,  # of the nominal lines alone, and a case counts as it was found
     )
     at = (
         [drawn.frequency] * len(drawn.cases)
@@ -716,7 +716,7 @@ def _case_values(
     )
     for f, case in zip(at, drawn.cases, strict=True):
         one = replace(own, frequency=f, los=case * phases)
-        tones = combine_lines([*chosen[:k], one, *chosen[k + 1 :]], rule, doubtful=False)
+        tones = combine_lines([*chosen[:k], one, *chosen[k + 1 :]], rule, with_errors=False)
         found.append(evaluate_metric(r, tones.frequency, tones.value, densities))
     return np.array(found)
 

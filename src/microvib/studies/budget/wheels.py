@@ -129,13 +129,14 @@ class WheelOnCraft:
     def at(self, speeds: np.ndarray) -> tuple[Contribution, ...]:
         """Its lines at each of the speeds (n,) [rad/s]."""
         f = self.frequencies(speeds)
-        los, doubt = bound_over_phases(self._sizes(f.T).transpose(0, 2, 1, 3))
+        los, relative_error = bound_over_phases(self._sizes(f.T).transpose(0, 2, 1, 3))
         names = tuple(f"order {order:g}" for order in self.orders)
         return tuple(
             Contribution(
                 self.name, f"wheel at {_rpm(speed):.5g} rpm", names, f[k], np.nan_to_num(los[k]),
-                gaps=low_frequency_gap(bool(np.isnan(los[k]).any())), doubt=np.nan_to_num(doubt[:, k]), phased=False,
-                frequency_doubt=np.zeros(self.orders.size),
+                gaps=low_frequency_gap(bool(np.isnan(los[k]).any())),
+                relative_error=np.nan_to_num(relative_error[:, k]), phased=False,
+                frequency_error=np.zeros(self.orders.size),
             )
             for k, speed in enumerate(speeds)
         )  # fmt: skip
@@ -149,7 +150,9 @@ class WheelOnCraft:
             (one,) = self.at(np.array([low]))
             off = np.asarray(frequency_error_bound(one.frequency))
             return replace(
-                one, doubt=one.doubt + self._beside(one.frequency, off), frequency_doubt=off
+                one,
+                relative_error=one.relative_error + self._beside(one.frequency, off),
+                frequency_error=off,
             )
         # what tables and pictures show: a grid, and where an order meets a mode
         modes = [
@@ -164,7 +167,7 @@ class WheelOnCraft:
         return replace(largest, how=how, alternatives=each, sweep=self)
 
     def _beside(self, frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
-        """Relative doubt of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
+        """Relative error of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
         drive that holds may stand.
         """
         each = [replace(self, scenario=one) for one in held_drive_variants(self.scenario)]
@@ -227,7 +230,7 @@ class WheelOnCraft:
         return found
 
     def worst(self, r: Requirement, figure: Callable[[Contribution], float]) -> Contribution:
-        """The speed that is worst for a requirement, with the doubt of what lies between the speeds
+        """The speed that is worst for a requirement, with the error of what lies between the speeds
         that were tried.
 
         ``figure`` is what the requirement asks of lines, or for a curve their largest part of it.
@@ -255,10 +258,10 @@ class WheelOnCraft:
             ratio = found[0].upper / own
         else:
             ratio = 1.0 + TOLERANCE
-        less, more = best.doubts + self._beside(best.frequency, np.zeros(self.orders.size))
+        less, more = best.relative_errors + self._beside(best.frequency, np.zeros(self.orders.size))
         if r.curve is None and r.statistic != "rms":
             best = replace(best, crests=self._crests(r, 1.0 + more.max(axis=0, initial=0.0)))
-        return replace(best, doubt=np.array([less, (1.0 + more) * max(ratio, 1.0) - 1.0]))
+        return replace(best, relative_error=np.array([less, (1.0 + more) * max(ratio, 1.0) - 1.0]))
 
     def _speed_of(self, one: Contribution) -> float:
         """[rad/s]."""
