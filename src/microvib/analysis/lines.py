@@ -281,7 +281,7 @@ def _refit_clock(
     """The lines at a clock far from the expected one, where the record shows that; else those of
     the ``table``.
     """
-    if not any(line.of_clock for line in expected) or not _clock_is_doubtful(table):
+    if not any(line.of_clock for line in expected) or not _clock_is_questionable(table):
         return table
     spectrum, highest = HannSpectrum.of(x - x.mean(), sample_rate), PASSBAND * sample_rate
     ratio = search_wide_clock_ratio(expected, table.clock_ratio, highest, spectrum)
@@ -306,7 +306,7 @@ def _with_own_expectation(line: Line, ratio: float) -> Line:
     return line
 
 
-def _clock_is_doubtful(table: LineTable) -> bool:
+def _clock_is_questionable(table: LineTable) -> bool:
     """Whether another clock might explain more: where unlisted lines are not small beside the
     clock's, or its first line is.
     """

@@ -602,7 +602,7 @@ def both_wings(
         unlocked=np.any(loose > 0.0, axis=1),
         rings=np.any(rings > 0.0, axis=1),
         frequency_error=np.array(
-            [_frequency_doubt_at(float(f), (first, second)) for f in lines.frequency]
+            [_frequency_error_at(float(f), (first, second)) for f in lines.frequency]
         ),
         density=replace(lines, scenario=scenario).density,
         gaps=(*first.gaps, *second.gaps),
@@ -613,15 +613,15 @@ def both_wings(
     )
 
 
-def _frequency_doubt_at(frequency: float, contributions: Sequence[Contribution]) -> float:
+def _frequency_error_at(frequency: float, contributions: Sequence[Contribution]) -> float:
     """By how much lines of a frequency [Hz] may be off it, in any of some sources."""
-    off = [
-        float(relative_error)
+    errors = [
+        float(off)
         for one in contributions
-        for line, relative_error in zip(one.frequency, one.off, strict=True)
+        for line, off in zip(one.frequency, one.off, strict=True)
         if abs(line - frequency) <= FREQUENCY_TOLERANCE * frequency
     ]
-    return max(off, default=float(frequency_error_bound(frequency)))
+    return max(errors, default=float(frequency_error_bound(frequency)))
 
 
 def ensemble_of(scenario: Scenario, folder: Path) -> Results:
