@@ -34,7 +34,7 @@ from microvib.analysis.start import (
 from microvib.analysis.steadiness import may_be_larger
 from microvib.analysis.unseen import out_of_band_lines
 from microvib.errors import OptionError, expect
-from microvib.model.line_names import SECOND_DRIVE, of_second_wing
+from microvib.model.line_names import CONTROL_MODE, SECOND_DRIVE, LineName, of_second_wing
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.fourier_lines import TRANSIENT
@@ -486,7 +486,9 @@ def _unresolved_ringing_gaps(
     if limit.torque > ABOVE_PASSBAND_FACTOR * table.largest:
         return
     for mode in unseen_ringing_modes(table, scenario, _STRONG_RINGING_EFOLDINGS):
-        if mode.frequency < table.rest.resolution:
+        # Attitude control hardly moves the shaft against its friction.
+        by_control = LineName.parse(mode.name).family == CONTROL_MODE
+        if mode.frequency < table.rest.resolution and not by_control:
             yield (
                 f"lines that friction makes of {mode.name}, which may still ring and which the"
                 " record is too short to show; record.duration >="
