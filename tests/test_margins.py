@@ -337,6 +337,24 @@ def test_a_line_of_a_recording_that_may_be_in_the_band_is_judged(table):
     assert judge(near, limit_of(0.005, 0.5, 29.9)).margins == ()
 
 
+def test_a_record_shorter_than_a_full_step_passes_nothing(state_1):
+    """Between two slips of a slow drive nothing stands out."""
+    slow = state_1.with_({"tracking.rate": "0.001 deg/s", "tracking.clock_ratio": 1.0})
+    full_step = 18.0
+    for duration, verdict in ((0.9 * full_step, "not judged"), (1.1 * full_step, "pass")):
+        samples = int(duration * 4096.0)
+        peaks = ResidualPeaks(np.array([5.0]), np.array([0.002]))
+        quiet = LineTable((), 1.0, 0.0, samples, 4096.0, rest=peaks)
+        assert judge(quiet, limit_of(0.010, 60.0, 70.0), slow).verdict == verdict
+
+
+def test_a_drive_whose_array_does_not_turn_fails_nothing(state_1):
+    held = state_1.with_(SLOW_START | {"record.settle": "5 s"})
+    table = mv.find_lines(mv.simulate(held, channels=("T_d",)))
+    judged = judge(table, limit_of(1e-6 * max(table.largest, 1e-3)), held)
+    assert judged.verdict == "not judged"
+
+
 SLOW_START = {"reducer.stiffness": "20 N*m/rad", "record.duration": "4 s"}
 """The array of state 1 on a soft gear: friction holds it until this is wound up."""
 
@@ -397,7 +415,7 @@ def test_after_a_reversal_a_drive_is_first_wound_off(state_1):
 def test_the_sentence_of_a_judgement():
     assert (
         str(Judgement(limit_of(0.010, 1.0, 5.0), (), ()))
-        == "Limit 10 mN m from 1 to 5 Hz: no line from 1 to 5 Hz to judge."
+        == "Limit 10 mN m from 1 to 5 Hz: pass; there is no line from 1 to 5 Hz."
     )
     open_ = Judgement(limit_of(0.010), (), (), ("a", "b", "c", "d", "e"))
     assert str(open_) == "Limit 10 mN m: not judged. Not judged: a; b; c; and 2 more."

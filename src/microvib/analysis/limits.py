@@ -203,7 +203,7 @@ class Judgement:
             band = ""
         head = f"Limit {1e3 * self.limit.torque:.4g} mN m{band}: "
         if not self.margins and not self.gaps:
-            return f"{head}no line{band} to judge."
+            return f"{head}pass; there is no line{band}."
         if self.above:
             verdict = f"FAIL, {self.above} of {len(self.margins)} lines above"
         else:
@@ -303,8 +303,10 @@ def judge(
     ]
     why = failed_invariants_reason(table.broken, scenario) or _unknown_error_reason(table)
     if why:
-        margins = [replace(m, verdict="not judged", why=f"{m.line.line} ({why})") for m in margins]
         gaps = [why, *gaps]
+    for reason in (why, *_not_tracking_reasons(table, scenario)):
+        if reason:
+            margins = [_undecided(m, reason) for m in margins]
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     if scenario is None or scenario.driven_wing is None:
         return judged
@@ -326,6 +328,7 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
+    yield from _shorter_than_full_step_gaps(table, limit, scenario)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit.low, limit.high, limit.torque)
@@ -335,6 +338,11 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
             " constant rate)"
         )
     yield from _above_passband(table, limit, scenario)
+
+
+def _undecided(margin: Margin, why: str) -> Margin:
+    """The margin of a line that neither passes nor fails."""
+    return replace(margin, verdict="not judged", why=f"{margin.line.line} ({why})")
 
 
 def _unknown_error_reason(table: LineTable) -> str:
@@ -494,6 +502,25 @@ def _unresolved_ringing_gaps(
                 " record is too short to show; record.duration >="
                 f" {rounded_up(SEPARATION / mode.frequency)} s, or a longer record.settle"
             )
+
+
+def _shorter_than_full_step_gaps(
+    table: LineTable, limit: Limit, scenario: Scenario | None
+) -> Iterator[str]:
+    """A record that is shorter than a full step, in which the drive may slip but once: it may hold a
+    stretch in which nothing slips.
+    """
+    if scenario is None or not scenario.driving_frequency:
+        return
+    if limit.torque > ABOVE_PASSBAND_FACTOR * table.largest > 0.0:
+        return
+    steps = scenario.driver.beats * scenario.driver.microsteps / scenario.motor.full_steps
+    full_step = steps / scenario.driving_frequency
+    if table.duration < full_step and not any(x.status == TRANSIENT for x in table):
+        yield (
+            "lines of a motion that repeats with each full step, which is longer than the record"
+            f" (record.duration >= {rounded_up(full_step)} s)"
+        )
 
 
 def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:

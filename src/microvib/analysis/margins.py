@@ -180,7 +180,7 @@ def _judge_beside_ringing(
         x.amplitude_n_m if x.status == NOISE_DRIVEN else x.starting(table.duration) for x in ringing
     )
     clear = abs(amplitude - most) - amplitude_error_bound(line, table)
-    stirred = RINGING_FACTOR * min(rings, amplitude)
+    stirred = _ringing_factor(scenario) * min(rings, amplitude)
     if clear >= stirred:
         return _Judged(amplitude, "fail" if amplitude > most else "pass")
     if clear <= 0.0:
@@ -191,6 +191,13 @@ def _judge_beside_ringing(
         remedy = settling_advice(slowest, stirred / clear, scenario)
     why = f"too close to the limit to judge until the transient has decayed; {remedy}"
     return _Judged(amplitude, "not judged", why)
+
+
+def _ringing_factor(scenario: Scenario | None) -> float:
+    """Part of what rings by which a line may change: with backlash, by all of it."""
+    if scenario is not None and scenario.reducer.backlash:
+        return 1.0
+    return RINGING_FACTOR
 
 
 def _shared_bins_reason(
