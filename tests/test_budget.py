@@ -1287,6 +1287,19 @@ def test_lines_above_a_low_passband_keep_it_from_passing() -> None:
     assert any("not even two driving lines" in why for why in found.why)
 
 
+def test_a_record_shorter_than_a_full_step_judges_no_requirement(tmp_path) -> None:
+    """Between two slips of a slow drive nothing stands out."""
+    craft = mv.load_scenario(str(EXAMPLES / "spacecraft.yaml"))
+    slow = craft.with_(
+        {"tracking.rate": "0.001 deg/s", "record.duration": "2 s", "record.sample_rate": "512 Hz"}
+    )
+    asked = tmp_path / "requirement.yaml"
+    asked.write_text("requirements: [{name: wide, metric: ape, axis: y, limit: 1 rad}]")
+    [judged] = mv.pointing_budget(slow, asked).judged
+    assert judged.verdict == "not judged"
+    assert any("repeats with each full step" in why for why in judged.why)
+
+
 SLOW_FULL_STEPS = {
     "driver.microsteps": 1,
     "tracking.rate": "0.018 deg/s",

@@ -26,6 +26,7 @@ from microvib.analysis.margins import (
     unseen_ringing_modes,
 )
 from microvib.analysis.start import (
+    full_step_is_longer,
     mode_has_decayed,
     not_moving_reason,
     rounded_up,
@@ -45,6 +46,9 @@ from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, with
 
 _SETTLED_RATIO = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
+_FAR_ABOVE_RECORD = 10.0
+"""Times the largest line of a record above which a limit is passed although the record leaves open
+what comes and goes."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
@@ -295,8 +299,9 @@ def judge(
     each = (margin(x, limit.torque, table, ringing, scenario) for x in known)
     margins = sorted((_certainly_within(one, limit) for one in each), key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
+    not_tracking = _not_tracking_reasons(table, scenario)
     gaps = [
-        *_not_tracking_reasons(table, scenario),
+        *not_tracking,
         *(m.why for m in margins if m.verdict == "not judged"),
         *_hidden_line_gaps(unknown, limit, scenario),
         *_record_gaps(table, limit, scenario),
@@ -304,9 +309,8 @@ def judge(
     why = failed_invariants_reason(table.broken, scenario) or _unknown_error_reason(table)
     if why:
         gaps = [why, *gaps]
-    for reason in (why, *_not_tracking_reasons(table, scenario)):
-        if reason:
-            margins = [_undecided(m, reason) for m in margins]
+    for reason in filter(None, (why, *not_tracking)):
+        margins = [_undecided(m, reason) for m in margins]
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     if scenario is None or scenario.driven_wing is None:
         return judged
@@ -491,7 +495,7 @@ def _unresolved_ringing_gaps(
         return
     if max(scenario.friction.largest_torque, scenario.motor.friction.largest_torque) == 0.0:
         return
-    if limit.torque > ABOVE_PASSBAND_FACTOR * table.largest:
+    if limit.torque > _FAR_ABOVE_RECORD * table.largest:
         return
     for mode in unseen_ringing_modes(table, scenario, _STRONG_RINGING_EFOLDINGS):
         # Attitude control hardly moves the shaft against its friction.
@@ -512,15 +516,11 @@ def _shorter_than_full_step_gaps(
     """
     if scenario is None or not scenario.driving_frequency:
         return
-    if limit.torque > ABOVE_PASSBAND_FACTOR * table.largest > 0.0:
+    if limit.torque > _FAR_ABOVE_RECORD * table.largest > 0.0:
         return
-    steps = scenario.driver.beats * scenario.driver.microsteps / scenario.motor.full_steps
-    full_step = steps / scenario.driving_frequency
-    if table.duration < full_step and not any(x.status == TRANSIENT for x in table):
-        yield (
-            "lines of a motion that repeats with each full step, which is longer than the record"
-            f" (record.duration >= {rounded_up(full_step)} s)"
-        )
+    in_time = not any(x.status == TRANSIENT for x in table)
+    if in_time and (why := full_step_is_longer(scenario, table.duration)):
+        yield f"lines of {why}"
 
 
 def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:

@@ -131,3 +131,20 @@ def _commanded_travel(scenario: Scenario, end: float) -> tuple[float, float, boo
     else:
         first = 0
     return abs(float(np.sum(steps[first:]))), float(v[-1]), first == 0
+
+
+def full_step_is_longer(scenario: Scenario, duration: float) -> str:
+    """What a record of ``duration`` [s] is too short for, and how long it must be: a motion that
+    slips but once in a full step; empty where the record holds one.
+    """
+    if not scenario.driving_frequency:
+        return ""
+    driver = scenario.driver
+    microsteps = driver.beats * driver.microsteps / scenario.motor.full_steps
+    full_step = microsteps / scenario.driving_frequency
+    if duration >= full_step:
+        return ""
+    return (
+        "a motion that repeats with each full step, which is longer than the record"
+        f" (record.duration >= {rounded_up(full_step)} s)"
+    )

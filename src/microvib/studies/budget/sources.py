@@ -25,6 +25,7 @@ from microvib.analysis.margins import (
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import (
+    full_step_is_longer,
     mode_has_decayed,
     not_moving_reason,
     rounded_up,
@@ -521,6 +522,8 @@ def _gaps(
             yield open_gap(f"{line.line} grows within the record (a longer record.settle)")
     if not steady and (held := not_moving_reason(scenario)):
         yield open_gap(held)
+    if not steady and (short := full_step_is_longer(scenario, table.duration)):
+        yield open_gap(short)
     for key, band in noise_bands(scenario).items():
         yield open_gap(
             f"{key} is propagated through the linearised drive without stiction; a run is a single"
