@@ -95,6 +95,31 @@ def test_a_late_answer_does_not_take_the_place_of_a_newer_one(
     )
 
 
+def test_what_is_dropped_is_asked_about_no_more(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A question under way when its computation is dropped would be answered with a refusal."""
+    page = craft_page(visit, tmp_path)
+    held: list[Any] = []
+
+    def hold_the_first(route: Any) -> None:
+        if held:
+            route.continue_()
+        else:
+            held.append(route)
+
+    page.route("**/api/jobs/*/result", hold_the_first)
+    with page.expect_request("**/api/jobs/*/result"):
+        shapes(page, "Array, interface clamped")
+    with page.expect_response(lambda answer: answer.request.method == "DELETE"):
+        shapes(page, "Craft, hinges locked").wait_for()
+    held[0].continue_()
+    page.wait_for_timeout(300)
+    api.expect(page.locator("#modes h2", has_text="Modes of")).to_have_text(
+        "Modes of the craft, hinges locked"
+    )
+
+
 @pytest.mark.parametrize("name", catalog_names())
 def test_every_scenario_of_the_catalog_has_modes_that_move(
     visit: Callable[..., Any], name: str

@@ -20,6 +20,13 @@ const NOT_LET_IN = 401;
 const server = { name: null, past: new Set(), silent: false, shut: false };
 const listeners = new Set();
 
+// A computation that was dropped is asked about no more: what is under way ends before the server hears of it, for an answer
+// that came later would be a refusal.
+const DROPPED = "This computation was dropped.";
+const GONE = 410;
+const QUESTION = /^\/api\/(?:jobs|runs|analyses)\/([^/?]+)\//;
+const wanted = new Map();
+
 /** Listeners hear "silent", "answers", "restarted", and "shut" and "open": whether this browser is let in. */
 export const onServer = (listener) => listeners.add(listener);
 const tell = (what) => listeners.forEach((listener) => listener(what));
@@ -43,18 +50,28 @@ async function request(path, options = {}) {
 }
 
 async function fetched(path, { limited, signal, ...options }) {
-  const waiting = limited ? patience() : { signal, heard: () => {} };
+  const waiting = limited ? patience() : { heard: () => {} };
+  const dropped = whileWanted(QUESTION.exec(path)?.[1]);
   try {
     const headers = { ...options.headers, "X-Microvib-Key": key() };
-    const answer = await fetch(path, { ...options, headers, signal: waiting.signal });
+    const ends = AbortSignal.any([signal, waiting.signal, dropped].filter(Boolean));
+    const answer = await fetch(path, { ...options, headers, signal: ends });
     return { answer, text: await whole(answer, waiting.heard) };
   } catch (error) {
     if (signal?.aborted) throw error; // nobody wants it any more
+    if (dropped?.aborted) throw new Refused(DROPPED, null, GONE);
     hearNothing();
     throw new Silent(NO_ANSWER);
   } finally {
     waiting.end?.();
   }
+}
+
+/** A signal that ends questions about the computation of this id when it is dropped. */
+function whileWanted(id) {
+  if (id === undefined) return null;
+  if (!wanted.has(id)) wanted.set(id, new AbortController());
+  return wanted.get(id).signal;
 }
 
 /** A signal that ends what has not been heard of for some time; a long answer over a slow line is heard of all the while. */
@@ -144,4 +161,14 @@ export const upload = (path, query, body, options = {}) => {
   return request(`${path}?${new URLSearchParams(query)}`, { ...options, method: "POST", headers, body });
 };
 
-export const drop = (id) => request(`/api/jobs/${id}`, { method: "DELETE" });
+/** Cancel a computation that goes on, forget one that has ended. */
+export async function drop(id) {
+  whileWanted(id);
+  wanted.get(id).abort();
+  try {
+    return await request(`/api/jobs/${id}`, { method: "DELETE" });
+  } catch (error) {
+    if (error instanceof Silent) wanted.delete(id); // it may not have been heard
+    throw error;
+  }
+}
