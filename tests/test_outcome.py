@@ -85,7 +85,7 @@ class Judged:
     name: Annotated[str, Column("name", "requirement")]
     value: Annotated[float, Column("value_rad", "value", POINTING_ANGLE)]
     limit: Annotated[float, Column("limit_rad", "limit", POINTING_ANGLE)]
-    verdict: Annotated[str, Column("verdict", "verdict", verdict=True)]
+    verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
 
 
 def test_rows_stand_out_by_their_verdict_and_angles_have_one_unit(state_1):
@@ -123,7 +123,7 @@ def test_rows_stand_out_by_their_verdict_and_angles_have_one_unit(state_1):
 
 
 def test_rows_of_a_group_stand_under_its_word_in_a_report() -> None:
-    columns = (Column("name", "requirement", groups=True), Column("line", "line"))
+    columns = (Column("name", "requirement", role="group"), Column("line", "line"))
     table = Table("", columns, (("P-1", "drive_1"), ("P-1", "drive_2"), ("P-2", "drive_1")))
     shown = report_table(table)
     assert [column.title for column in shown.columns] == ["line"]
@@ -157,10 +157,10 @@ class Compared:
     """A line with what it is, a key, an uncertainty, and a verdict of two words."""
 
     line: Annotated[str, Column("line", "line")]
-    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    key: Annotated[str, Column("key", "parameter", role="key")]
     origin: Annotated[str, Column("origin", "what it is", report_only=True)]
     uncertainty: Annotated[float, Column("u_n_m", "±", TORQUE_UNCERTAINTY)]
-    verdict: Annotated[str, Column("verdict", "verdict", verdict=True, marks={"differs": "off"})]
+    verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
 
     @property
     def twice(self) -> Annotated[float, Column("twice_n_m", "2 ±", TORQUE_UNCERTAINTY)]:
@@ -191,10 +191,10 @@ def test_columns_of_properties_stand_last_and_small_uncertainties_are_only_less(
         "agrees",
         8e-7,
     ]
-    assert COMPARED.marks() == ["off", ""]
+    assert COMPARED.marks() == ["off", "pass"]
     few = COMPARED.only(("line", "verdict"))
     assert (few.name, few.texts()) == ("", [["drive_1", "differs"], ["drive_2", "agrees"]])
-    assert few.marks() == ["off", ""]
+    assert few.marks() == ["off", "pass"]
 
 
 def test_what_is_for_a_report_alone_is_in_no_other_form(state_1):

@@ -23,7 +23,7 @@ A result's dataclass annotates the fields, and properties, that its table has, i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Any, Literal, get_type_hints
@@ -32,7 +32,21 @@ Mark = Literal["", "strong", "group", "pass", "fail", "off"]
 """How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly)
 ``off`` mean.
 """
-PASS_FAIL: dict[str, Mark] = {"pass": "pass", "fail": "fail", "not judged": "off"}
+MARKS: dict[str, Mark] = {
+    "pass": "pass",
+    "holds": "pass",
+    "agrees": "pass",
+    "fail": "fail",
+    "does NOT hold": "fail",
+    "no": "fail",
+    "not judged": "off",
+    "differs": "off",
+}
+"""How rows stand out, by the word of their verdict; others do not."""
+Role = Literal["", "key", "group", "verdict"]
+"""What the words of a column are besides: keys of a scenario, which reports set as code; headings
+under which reports set the rows that have them; verdicts, by which rows stand out.
+"""
 
 
 @dataclass(frozen=True)
@@ -109,14 +123,7 @@ class Column:
     """How readers see its words."""
     report_only: bool = False
     """Whether a terminal, which is narrow, leaves it out."""
-    is_key: bool = False
-    """Whether its words are keys of a scenario, which reports set as code."""
-    groups: bool = False
-    """Whether reports set rows of one word in it together under this word."""
-    verdict: bool = False
-    """Whether it says of each row *pass*, *fail* or *not judged*, by which rows stand out."""
-    marks: Mapping[str, Mark] | None = None
-    """How rows stand out by other words of a verdict."""
+    role: Role = ""
 
     @property
     def title(self) -> str:
@@ -127,7 +134,7 @@ class Column:
 
     def text(self, value: Any) -> str:
         """A value as readers see it; a word among figures, such as *worst*, stands as it is."""
-        if self.verdict and value == "fail":
+        if self.role == "verdict" and value == "fail":
             return "FAIL"
         if self.measure is None or isinstance(value, str):
             return self.words(str(value))
@@ -251,11 +258,11 @@ class Table:
 
     def marks(self) -> list[Mark]:
         """How each row that readers see stands out, by the word of its verdict."""
-        at = next((k for k, column in enumerate(self.columns) if column.verdict), None)
-        if at is None:
+        roles = [column.role for column in self.columns]
+        if "verdict" not in roles:
             return [""] * len(self.rows_shown)
-        by_word = self.columns[at].marks or PASS_FAIL
-        return [by_word.get(row[at], "") for row in self.rows_shown]
+        at = roles.index("verdict")
+        return [MARKS.get(row[at], "") for row in self.rows_shown]
 
     def file_rows(self) -> list[list[Any]]:
         """Values as they stand in files."""

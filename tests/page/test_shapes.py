@@ -95,9 +95,7 @@ def test_a_late_answer_does_not_take_the_place_of_a_newer_one(
     )
 
 
-def test_what_is_dropped_is_asked_about_no_more(
-    visit: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_what_is_dropped_is_asked_about_no_more(visit: Callable[..., Any], tmp_path: Path) -> None:
     """A question under way when its computation is dropped would be answered with a refusal."""
     page = craft_page(visit, tmp_path)
     held: list[Any] = []

@@ -65,7 +65,7 @@ class RequirementRow:
     margin: Annotated[float, Column("margin_db", "margin", DECIBEL)]
     angle: Annotated[float, Column("array_angle_deg", "array angle", ARRAY_ANGLE)]
     why: Annotated[str, Column("why")]
-    verdict: Annotated[str, Column("verdict", "verdict", verdict=True)]
+    verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
     requirement: Annotated[str, Column("requirement", "requirement")]
 
 
@@ -245,7 +245,7 @@ def _facts(budget: Budget) -> Iterator[Fact]:
 def _contributors(budget: Budget) -> Table:
     """Lines that contribute most to each requirement; a terminal shows those of the first."""
     columns = (
-        Column("name", "requirement", groups=True),
+        Column("name", "requirement", role="group"),
         Column("requirement"),
         Column("source", "source"),
         Column("line", "line"),

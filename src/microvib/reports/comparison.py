@@ -65,7 +65,7 @@ class ComparedLine:
     bin_error: Annotated[float, Column("bin_relative_error", "B against A", DIFFERENCE)]
     verdict: Annotated[
         str,
-        Column("verdict", "verdict", verdict=True, marks={AGREES: "pass", DIFFERS: "off"}),
+        Column("verdict", "verdict", role="verdict"),
     ]
 
 

@@ -78,7 +78,7 @@ tone loses between bins.
 class EstimateRow:
     """One identified parameter, in its own unit."""
 
-    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    key: Annotated[str, Column("key", "parameter", role="key")]
     start: Annotated[float, Column("start", "before", _ESTIMATE)]
     estimate: Annotated[float, Column("estimate", "estimate", _ESTIMATE)]
     standard_error: Annotated[
@@ -89,7 +89,7 @@ class EstimateRow:
     unit: Annotated[str, Column("unit", "unit")]
     low: Annotated[float, Column("range_low", "range from", _INTERVAL, report_only=True)]
     high: Annotated[float, Column("range_high", "to", _INTERVAL, report_only=True)]
-    identifiable: Annotated[str, Column("identifiable", verdict=True, marks={"no": "fail"})]
+    identifiable: Annotated[str, Column("identifiable", role="verdict")]
     verdict: Annotated[str, Column("verdict", "verdict")]
 
 

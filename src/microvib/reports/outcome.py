@@ -193,9 +193,9 @@ def report_table(table: Table) -> document.Table:
     """A table of results as a report's: groups under their words, the verdict of each row at its
     end.
     """
-    order = sorted(range(len(table.shown)), key=lambda k: table.shown[k].verdict)
-    columns = [k for k in order if not table.shown[k].groups]
-    group = next((k for k in order if table.shown[k].groups), None)
+    order = sorted(range(len(table.shown)), key=lambda k: table.shown[k].role == "verdict")
+    columns = [k for k in order if table.shown[k].role != "group"]
+    group = next((k for k in order if table.shown[k].role == "group"), None)
     rows, before = [], ""
     for cells, mark in zip(table.texts(), table.marks(), strict=True):
         if group is not None and cells[group] != before:
@@ -208,7 +208,7 @@ def report_table(table: Table) -> document.Table:
 
 def _report_column(column: Column) -> document.Column:
     if column.measure is None:
-        return document.Column(column.heading, kind="code" if column.is_key else "text")
+        return document.Column(column.heading, kind="code" if column.role == "key" else "text")
     return document.Column(column.heading, column.measure.unit, "number")
 
 

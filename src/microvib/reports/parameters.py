@@ -131,7 +131,7 @@ def status_sentence(scenario: Scenario) -> str:
 def parameter_table(part: Part) -> results.Table:
     """Key, value and meaning of every parameter of a part."""
     columns = (
-        results.Column("key", "parameter", is_key=True),
+        results.Column("key", "parameter", role="key"),
         results.Column("value", "value", results.Measure()),
         results.Column("meaning", "meaning"),
     )

@@ -22,7 +22,7 @@ class EffectOnLine:
     """What one value of a scenario does to one line."""
 
     line: Annotated[str, Column("line")]
-    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    key: Annotated[str, Column("key", "parameter", role="key")]
     sensitivity: Annotated[float, Column("sensitivity", "d ln/d ln", SENSITIVITY, absent="none")]
     slope_below: Annotated[float, Column("slope_below", measure=SENSITIVITY)]
     slope_above: Annotated[float, Column("slope_above", measure=SENSITIVITY)]
@@ -38,7 +38,7 @@ class EffectOnLine:
 class FailedRun:
     """A value with which the scenario could not be simulated."""
 
-    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    key: Annotated[str, Column("key", "parameter", role="key")]
     value: Annotated[str, Column("value", "value")]
     reason: Annotated[str, Column("reason", "reason")]
 
@@ -47,7 +47,7 @@ class FailedRun:
 class NotRanked:
     """A value that is assumed or has a range, and did not take part."""
 
-    key: Annotated[str, Column("key", "parameter", is_key=True)]
+    key: Annotated[str, Column("key", "parameter", role="key")]
     reason: Annotated[str, Column("reason", "reason")]
 
 

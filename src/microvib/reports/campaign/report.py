@@ -423,8 +423,8 @@ def _effects(s: Summary) -> Iterator[Item]:
     if not s.tornados:
         return
     columns = (
-        Column("line", "line", groups=True),
-        Column("key", "parameter", is_key=True),
+        Column("line", "line", role="group"),
+        Column("key", "parameter", role="key"),
         Column("low_n_m", "low end", TORQUE),
         Column("high_n_m", "high end", TORQUE),
         Column("explained", "plane explains", Measure("%", 0.01, ".0f")),
@@ -449,8 +449,8 @@ def _sobol(s: Summary) -> Iterator[Item]:
         return
     index = Measure(form=".2f")
     columns = (
-        Column("line", "line", groups=True),
-        Column("key", "parameter", is_key=True),
+        Column("line", "line", role="group"),
+        Column("key", "parameter", role="key"),
         Column("first", "first order", index),
         Column("total", "total", index),
     )
@@ -565,7 +565,7 @@ def _varied(campaign: Campaign) -> Table:
         for k, item in enumerate(design.combinations)
         if item
     ]
-    columns = (Column("key", "parameter", is_key=True), Column("how", "how"))
+    columns = (Column("key", "parameter", role="key"), Column("how", "how"))
     return Table("", columns, tuple(rows))
 
 
@@ -631,7 +631,7 @@ _NUMBER = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)(?:\s+(\D\S*(?: \S+)*))?$")
 def _worst_of_lines(s: Summary) -> Table:
     """The worst cases of each line; what is varied in them is in the file."""
     columns = (
-        Column("line", "line", groups=True),
+        Column("line", "line", role="group"),
         Column("rank", "rank", COUNT),
         Column("case", "case", COUNT),
         Column("amplitude_n_m", "amplitude", TORQUE),

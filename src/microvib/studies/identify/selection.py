@@ -123,7 +123,7 @@ _CHI_SQUARE = Measure(form=".3g")
 class Candidate:
     """How much the evidence asks for one effect."""
 
-    effect: Annotated[str, Column("effect", "effect", is_key=True)]
+    effect: Annotated[str, Column("effect", "effect", role="key")]
     selected: bool
     gain: Annotated[float, Column("chi_square_lower_by", "chi-square lower by", _CHI_SQUARE)]
     """By how much chi-square is lower with it: beside all others that were selected."""
