@@ -187,11 +187,12 @@ def bare(text: str) -> str:
 
 def same(narrow: str, wide: str) -> bool:
     """Whether each word of one text is in the other; columns of a folded table stand one below the other."""
-    return all(
-        bare(word) in bare(other)
-        for text, other in ((narrow, wide), (wide, narrow))
-        for word in text.split()
-    )
+
+    def holds(text: str, words: str) -> bool:
+        whole = bare(text)
+        return all(bare(word) in whole for word in set(words.split()))
+
+    return holds(wide, narrow) and holds(narrow, wide)
 
 
 def checked(commands: dict[str, list[str]], copied: Path, tmp_path: Path) -> None:
