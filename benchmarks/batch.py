@@ -127,7 +127,7 @@ def _lines(scenario: mv.Scenario, torque: np.ndarray) -> np.ndarray:
     table = lines_at_known_clock(
         torque, scenario.record.sample_rate, expected_lines(scenario, Si(TOP))
     )
-    return np.array([line.amplitude_n_m for line in table])
+    return np.array([line.amplitude for line in table])
 
 
 def _converge(state: mv.Scenario) -> None:

@@ -264,7 +264,7 @@ def allowed_rates(seeds: Sequence[int]) -> None:
             steady += 1
             late = turning.with_si({"record.settle": _settling(state), "record.duration": 16.0})
             inside = [
-                x.amplitude_n_m
+                x.amplitude
                 for x in mv.find_lines(mv.simulate(late, channels=("T_d",)))
                 if _in(x, band)
             ]
@@ -281,7 +281,7 @@ def allowed_rates(seeds: Sequence[int]) -> None:
 
 def _in(line: Line, band: tuple[float, float]) -> bool:
     """Whether a line of a run has an amplitude and lies within a ``band`` [Hz]."""
-    return band[0] <= line.frequency_hz <= band[1] and line.amplitude_n_m > 0.0
+    return band[0] <= line.frequency <= band[1] and line.amplitude > 0.0
 
 
 def chart_point(k: int) -> mv.Scenario:

@@ -12,8 +12,8 @@ drives = {
 names = ("electrical_1", "electrical_2", "full_step_1", "drive_1")
 print("0-to-peak, mN m".ljust(16) + "".join(f"{name:>14s}" for name in names))
 for title, drive in drives.items():
-    lines = {line.line: line for line in mv.find_lines(drive, start="steady")}
-    print(title.ljust(16) + "".join(f"{1e3 * lines[name].amplitude_n_m:14.4f}" for name in names))
+    lines = {line.name: line for line in mv.find_lines(drive, start="steady")}
+    print(title.ljust(16) + "".join(f"{1e3 * lines[name].amplitude:14.4f}" for name in names))
     if title == "with errors":
         told = lines
 print("\n".join(f"{name}: {told[name].origin}" for name in names[:2]))

@@ -4,4 +4,4 @@ import microvib as mv
 table = mv.find_lines("state-1", start="steady")
 
 print(repr(table))
-print("\nThe largest:", max(table, key=lambda line: line.bin_amplitude_n_m).origin)
+print("\nThe largest:", max(table, key=lambda line: line.bin_amplitude).origin)

@@ -7,6 +7,6 @@ for microsteps in (8, 16, 32, 64):
     table = mv.find_lines(scenario.with_({"driver.microsteps": microsteps}), start="steady")
     line = table["drive_1"]
     print(
-        f"{microsteps:10d} {line.frequency_hz:12.3f} {1e3 * line.amplitude_n_m:14.3f}"
-        f" {1e3 * table['full_step_1'].amplitude_n_m:18.3f}"
+        f"{microsteps:10d} {line.frequency:12.3f} {1e3 * line.amplitude:14.3f}"
+        f" {1e3 * table['full_step_1'].amplitude:18.3f}"
     )

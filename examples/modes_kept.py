@@ -16,7 +16,7 @@ def lines_with(count: int) -> tuple[float, float, dict[str, float]]:
     """Residual inertia [kg m^2], highest frequency kept [Hz] and amplitudes [N m] with ``count`` modes of ``reference-array``."""
     scenario = mv.load_scenario("state-1", {"array.fem": "reference-array", "array.modes": count})
     table = mv.find_lines(mv.simulate(scenario))
-    amplitudes = {name: table[name].amplitude_n_m for name in LINES}
+    amplitudes = {name: table[name].amplitude for name in LINES}
     return scenario.array.J_h, scenario.array.modes[-1].frequency, amplitudes
 
 

@@ -11,7 +11,5 @@ recording = mv.Recording({"Mz": motion["T_d"] + noise}, motion.sample_rate, {"Mz
 named, unnamed = mv.find_lines(recording, scenario=scenario), mv.find_lines(recording)
 print(f"clock {named.clock_ratio:.6f} ± {named.clock_ratio_uncertainty:.6f} of the scenario's")
 line = named["drive_1"]
-print(
-    f"drive_1 {1e3 * line.amplitude_n_m:.2f} ± {1e3 * line.amplitude_uncertainty_n_m:.2f} mN m at {line.frequency_hz:.4f} Hz"
-)
-print(f"{len(unnamed)} lines stand out without a drive; the first at {unnamed.lines[0].frequency_hz:.4f} Hz")
+print(f"drive_1 {1e3 * line.amplitude:.2f} ± {1e3 * line.amplitude_uncertainty:.2f} mN m at {line.frequency:.4f} Hz")
+print(f"{len(unnamed)} lines stand out without a drive; the first at {unnamed.lines[0].frequency:.4f} Hz")

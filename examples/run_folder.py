@@ -7,4 +7,4 @@ print(", ".join(files))
 
 kept = mv.read_run("kept")
 print(kept.motion)
-print(f"drive_1 {1e3 * kept.table['drive_1'].amplitude_n_m:.3f} mN m, of microvib {kept.versions['microvib']}")
+print(f"drive_1 {1e3 * kept.table['drive_1'].amplitude:.3f} mN m, of microvib {kept.versions['microvib']}")

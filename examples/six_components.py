@@ -8,9 +8,7 @@ motion = mv.simulate(scenario.with_({"array.modes.0.interface_participation": pa
 
 for component in ("Fx", "Fy", "Mx", "Mz"):
     table = mv.find_lines(motion, component)
-    largest = max((line for line in table if line.status == "ok"), key=lambda line: line.amplitude_n_m)
-    print(
-        f"{component}: {largest.line} is largest, {largest.amplitude_n_m:.3g} {table.unit} at {largest.frequency_hz:.4g} Hz"
-    )
+    largest = max((line for line in table if line.status == "ok"), key=lambda line: line.amplitude)
+    print(f"{component}: {largest.name} is largest, {largest.amplitude:.3g} {table.unit} at {largest.frequency:.4g} Hz")
 figure = mv.plot(mv.spectrum(motion, "Fy", window="hann"))
 figure.savefig("six_components.png")

@@ -22,7 +22,7 @@ def run_states() -> dict[int, tuple[mv.Motion, dict[str, float]]]:
     for state in range(1, 6):
         motion = mv.simulate(f"state-{state}")
         table = mv.find_lines(motion)
-        result[state] = motion, {name: table[name].amplitude_n_m for name in LINES}
+        result[state] = motion, {name: table[name].amplitude for name in LINES}
     return result
 
 

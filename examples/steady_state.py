@@ -11,6 +11,6 @@ settled = mv.find_lines(mv.simulate(scenario, channels="T_d"))
 took = time.perf_counter() - between
 
 for name in ("drive_1", "drive_2", "full_step_1"):
-    solved, waited = steady[name].amplitude_n_m, settled[name].amplitude_n_m
+    solved, waited = steady[name].amplitude, settled[name].amplitude
     print(f"{name:12s} {1e3 * solved:8.4f} and {1e3 * waited:8.4f} mN m, {100 * (waited / solved - 1):+.3f} %")
 print("The steady state took", "less" if between - begun < took else "more", "time than the run.")

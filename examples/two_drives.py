@@ -7,6 +7,6 @@ motions = {
     "reducer twice as stiff": mv.simulate(scenario.with_si({"reducer.stiffness": 2.0 * scenario["reducer.stiffness"]})),
 }
 for name, motion in motions.items():
-    print(f"{name:24s} drive_1 {1e3 * mv.find_lines(motion)['drive_1'].amplitude_n_m:.2f} mN m")
+    print(f"{name:24s} drive_1 {1e3 * mv.find_lines(motion)['drive_1'].amplitude:.2f} mN m")
 figure = mv.plot(motions)
 figure.savefig("two_drives.png")

@@ -168,10 +168,8 @@ def test_lines_that_agree_do_not_hide_that_a_finer_run_is_another_motion(off, mo
     assert estimate.rms == pytest.approx(2.0)
     assert estimate.sensitive
     for factor in (0.3, 2.0):
-        line = max(table, key=lambda x: np.nan_to_num(x.amplitude_n_m))
-        limit = limit_of(
-            factor * line.amplitude_n_m, line.frequency_hz - 0.01, line.frequency_hz + 0.01
-        )
+        line = max(table, key=lambda x: np.nan_to_num(x.amplitude))
+        limit = limit_of(factor * line.amplitude, line.frequency - 0.01, line.frequency + 0.01)
         assert (
             judge(with_integration_error(table, estimate), limit).of(line).verdict == "not judged"
         )
@@ -185,7 +183,7 @@ def test_a_drive_whose_motion_has_several_forms_is_sensitive():
     assert estimate.sensitive
     assert estimate.rms > 0.3
     line = table["drive_1"]
-    limit = limit_of(0.7 * line.amplitude_n_m, line.frequency_hz - 0.1, line.frequency_hz + 0.1)
+    limit = limit_of(0.7 * line.amplitude, line.frequency - 0.1, line.frequency + 0.1)
     assert judge(with_integration_error(table, estimate), limit).of(line).verdict == "not judged"
 
 
@@ -199,9 +197,9 @@ def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
         add_error_estimate(motion.solver, estimate),
     )
     assert known.own_error == estimate.relative_error == solver["error_estimate"]["line"]
-    line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
-    near = limit_of(line.amplitude_n_m * (1.0 + 0.5 * estimate.line))
-    alone = near.torque, line.frequency_hz - 0.01, line.frequency_hz + 0.01
+    line = min(table, key=lambda x: x.amplitude_uncertainty / x.amplitude)
+    near = limit_of(line.amplitude * (1.0 + 0.5 * estimate.line))
+    alone = near.torque, line.frequency - 0.01, line.frequency + 0.01
     assert judge(table, limit_of(*alone)).of(line).verdict == "pass"
     assert judge(known, limit_of(*alone)).of(line).verdict == "not judged"
 
@@ -258,9 +256,9 @@ def test_lines_of_every_origin_are_judged_by_how_far_they_are_off(door, off):
         "lines alone": lambda: mv.run_scenario(steady, lines_only=True).table,
     }[door]()
     table = replace(table, lines=tuple(x for x in table if x.status == "ok"))  # nothing rings
-    line = min(table, key=lambda x: x.amplitude_uncertainty_n_m / x.amplitude_n_m)
-    band = line.frequency_hz - 0.01, line.frequency_hz + 0.01
-    limit = limit_of(line.amplitude_n_m * (1.0 + 0.5 * estimate.line), *band)
+    line = min(table, key=lambda x: x.amplitude_uncertainty / x.amplitude)
+    band = line.frequency - 0.01, line.frequency + 0.01
+    limit = limit_of(line.amplitude * (1.0 + 0.5 * estimate.line), *band)
     unaware = replace(table, find_error=None, own_error=0.0)
     assert mv.judge(unaware, limit, scenario).of(line).verdict == "pass"
     judged = mv.judge(table, limit, scenario)
@@ -269,7 +267,7 @@ def test_lines_of_every_origin_are_judged_by_how_far_they_are_off(door, off):
         assert "error of its integration is not known" in judged.gaps[0]
         assert "mv.run" in judged.gaps[0]
     else:
-        far = limit_of(2.0 * line.amplitude_n_m, *band)
+        far = limit_of(2.0 * line.amplitude, *band)
         assert mv.judge(table, far, scenario).of(line).verdict == "pass"
 
 

@@ -48,7 +48,7 @@ def test_a_gear_loaded_on_one_flank_moves_as_one_without_backlash(state_1):
     """Friction of state 1 holds the flank: only the angle lags, by half the backlash."""
     short = state_1.with_si({"record.settle": 60.0, "record.duration": 4.0})
     tight, loose = simulate_torques([short, short.with_si({"reducer.backlash": 1e-4})])
-    lines = [mv.find_lines(torque)["drive_1"].amplitude_n_m for torque in (tight, loose)]
+    lines = [mv.find_lines(torque)["drive_1"].amplitude for torque in (tight, loose)]
     assert lines[1] == pytest.approx(lines[0], rel=1e-5)
 
 

@@ -97,9 +97,7 @@ def test_lines_are_those_of_simulate(state_1, motion_1):
     ours, theirs = (
         lines_at_known_clock(x, torque.sample_rate, expected) for x in (torque.T_d, motion_1["T_d"])
     )
-    amplitudes = np.array(
-        [[a.amplitude_n_m, b.amplitude_n_m] for a, b in zip(ours, theirs, strict=True)]
-    )
+    amplitudes = np.array([[a.amplitude, b.amplitude] for a, b in zip(ours, theirs, strict=True)])
     top = np.nanmax(amplitudes)
     assert np.nanmax(np.abs(amplitudes[:, 0] - amplitudes[:, 1])) < 1e-4 * top
 

@@ -139,12 +139,12 @@ def test_what_goes_in_comes_out(tmp_path, measured, suffix):
     truth = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
     assert table.clock_ratio * 0.994 == pytest.approx(0.9965 / (1 + 10e-6), abs=3e-7)
     for name in ("drive_1", "drive_2", "drive_3"):
-        f = truth[name].frequency_hz
+        f = truth[name].frequency
         s, w = 2j * np.pi * f, 2 * np.pi * 700.0
         through = abs(w**2 / (s**2 + 0.04 * w * s + w**2)) * 0.998
-        spread = table[name].amplitude_uncertainty_n_m
-        assert table[name].amplitude_n_m == pytest.approx(
-            truth[name].amplitude_n_m * through, abs=4 * spread, rel=5e-4
+        spread = table[name].amplitude_uncertainty
+        assert table[name].amplitude == pytest.approx(
+            truth[name].amplitude * through, abs=4 * spread, rel=5e-4
         )
 
 
@@ -242,6 +242,6 @@ def test_a_line_that_is_in_the_background_is_named():
     x = hum + 4e-3 * np.cos(2 * np.pi * 100.0 * t) + noise[0]
     table = with_background(estimate_lines(x, 4096.0, lines), hum + noise[1])
     assert table["drive_1"].status == "in the background"
-    assert table["drive_1"].background_n_m == pytest.approx(1e-3, rel=0.01)
-    assert table["drive_1"].amplitude_uncertainty_n_m == pytest.approx(1e-3 / np.sqrt(2), rel=0.02)
+    assert table["drive_1"].background == pytest.approx(1e-3, rel=0.01)
+    assert table["drive_1"].amplitude_uncertainty == pytest.approx(1e-3 / np.sqrt(2), rel=0.02)
     assert table["drive_2"].status == "ok"

@@ -711,8 +711,7 @@ def test_a_mode_whose_decay_does_not_show_decides_nothing() -> None:
     )
     result = mv.run_scenario(scenario)
     steady = (
-        replace(x, status="ok", decay_per_s=0.0) if x.line == "array_mode_2" else x
-        for x in result.table
+        replace(x, status="ok", decay=0.0) if x.name == "array_mode_2" else x for x in result.table
     )
     one, _ = contribution_of_run(
         "drive", scenario, replace(result, table=replace(result.table, lines=tuple(steady)))
@@ -767,7 +766,7 @@ def test_small_lines_are_known_in_a_budget_as_they_are_in_the_verdict_of_a_run()
     """The error of integration does not fall with a line: 4 % of a quarter of the largest is 100 % of one of a hundredth."""
     scenario = scenario_of(whole.FullCraft(bandwidth=0.2), **{"record.start": "steady"})
     result = mv.run_scenario(scenario)
-    sizes = {x.line: x.amplitude_n_m for x in result.table if x.status == "ok"}
+    sizes = {x.name: x.amplitude for x in result.table if x.status == "ok"}
     largest = max(sizes.values())
     doubted = replace(result, table=replace(result.table, own_error=0.04))
     one, _ = contribution_of_run("drive", scenario, doubted)

@@ -334,7 +334,7 @@ assert get_projection_class("3d").name == "3d"
 
 def test_the_five_lines_of_a_notebook(motion_1):
     table = mv.find_lines(motion_1)
-    assert table["drive_1"].bin_frequency_hz == 53.0
+    assert table["drive_1"].bin_frequency == 53.0
     assert mv.spectrum(motion_1).resolution == 0.0625
     assert len(mv.plot(motion_1, table).axes) == 4
     assert motion_1.dataset["T_d"].attrs["units"] == "N*m"

@@ -135,8 +135,8 @@ def test_a_clock_far_off_is_found_by_its_whole_comb_and_told(ratio):
     recording = Recording({"Mz": torque + noise}, 4096.0, {"Mz": "N*m"}, "far off")
     found = analyse(Prepared(recording), scenario=scenario)
     assert found.clock_ratio == pytest.approx(ratio, rel=1e-5)
-    assert found.table["drive_1"].frequency_hz == pytest.approx(drive.driving_frequency, rel=1e-5)
-    assert found.table["drive_1"].expected_hz == pytest.approx(scenario.driving_frequency)
+    assert found.table["drive_1"].frequency == pytest.approx(drive.driving_frequency, rel=1e-5)
+    assert found.table["drive_1"].expected == pytest.approx(scenario.driving_frequency)
     side = "above" if ratio > scenario.tracking.clock_ratio else "below"
     warnings = evidence_of(recording, scenario).warnings
     assert warnings[0] in found.recording.notes
@@ -148,7 +148,7 @@ def test_a_comb_of_another_machine_larger_than_the_drives_is_told_and_not_taken_
     wheel = [(37.3 * k, 0.05 / k) for k in range(1, 5)]
     scenario = state_1.with_({"tracking.clock_ratio": 53.0 / (state_1.driving_frequency / 0.994)})
     found = analyse(Prepared(heard(*own, *wheel)), scenario=scenario)
-    assert found.table["drive_1"].frequency_hz == pytest.approx(53.0, rel=1e-4)
+    assert found.table["drive_1"].frequency == pytest.approx(53.0, rel=1e-4)
     (note,) = (note for note in found.recording.notes if "multiples" in note)
     assert "other_4, multiples of 37.3 Hz, are larger than all lines of the step clock" in note
     assert not any(
@@ -260,7 +260,7 @@ def test_lines_under_the_floor_of_a_table_are_no_evidence(state_1, tmp_path):
     told = {
         o.line for o in evidence_of(open_source(str(tmp_path / "lines.csv")), state_1).observations
     }
-    assert {"drive_1", "drive_2"} <= told <= {x.line for x in found.table if x.seen}
+    assert {"drive_1", "drive_2"} <= told <= {x.name for x in found.table if x.seen}
     assert len(told) < 10 < len(found.table)
 
 

@@ -265,9 +265,7 @@ def test_lines_of_angles_are_those_of_the_angles_themselves() -> None:
     found = hub_lines(result.motion, result.table)
     k = found.names.index("drive_1")
     assert found.los is not None
-    assert np.abs(found.loads[k, 4]) == pytest.approx(
-        result.table["drive_1"].amplitude_n_m, rel=1e-6
-    )
+    assert np.abs(found.loads[k, 4]) == pytest.approx(result.table["drive_1"].amplitude, rel=1e-6)
     x, f = result.motion["los_x"], float(found.frequency[k])
     t = np.arange(x.size) / scenario.record.sample_rate
     window = np.hanning(x.size) * np.exp(-2j * np.pi * f * t)

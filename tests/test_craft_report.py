@@ -232,7 +232,7 @@ def test_lines_of_the_hub_have_as_many_members_as_those_of_the_torque(tmp_path) 
         result = mv.run_scenario(scenario, harmonics=harmonics)
         assert (
             orders(result.hub.names)
-            == orders(x.line for x in result.table)
+            == orders(x.name for x in result.table)
             == set(range(1, harmonics + 1))
         )
         mv.write_run(result, tmp_path / str(harmonics))

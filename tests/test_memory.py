@@ -332,8 +332,8 @@ def test_a_steady_state_goes_on_with_what_the_elements_remember(presliding):
     state = steady_state(presliding)
     record = mv.find_lines(state.motion(channels=("T_d",)))
     for name in ("drive_1", "drive_2"):
-        assert record[name].amplitude_n_m == pytest.approx(
-            mv.find_lines(state)[name].amplitude_n_m, rel=0.01
+        assert record[name].amplitude == pytest.approx(
+            mv.find_lines(state)[name].amplitude, rel=0.01
         )
 
 

@@ -78,8 +78,8 @@ def test_lines_of_a_force_at_the_interface(state_1):
     force, torque = mv.find_lines(motion, "Fy"), mv.find_lines(motion)
     assert (force.unit, torque.unit) == ("N", "N*m")
     assert " N " in str(force).splitlines()[0]
-    k = int(np.argmin(abs(np.fft.rfftfreq(twist.size, 1 / 4096) - force["drive_1"].frequency_hz)))
-    assert force["drive_1"].bin_amplitude_n_m == pytest.approx(
+    k = int(np.argmin(abs(np.fft.rfftfreq(twist.size, 1 / 4096) - force["drive_1"].frequency)))
+    assert force["drive_1"].bin_amplitude == pytest.approx(
         2 / twist.size * abs(np.fft.rfft(motion["Fy"]))[k], rel=1e-6
     )
     assert force["drive_1"].status == "ok"
@@ -103,7 +103,7 @@ def test_lines_of_a_force_in_the_steady_state(state_1):
     twist = -(state["T_l"] - array.inertia * state["alpha_l"])
     assert state["Fy"] == pytest.approx(twist * 3.0 / H, abs=1e-9 * abs(twist).max())
     assert (force.unit, torque.unit) == ("N", "N*m")
-    assert force["drive_1"].amplitude_n_m > 0.0
+    assert force["drive_1"].amplitude > 0.0
     with pytest.raises(mv.MicrovibError, match="'Tz' is not in this motion"):
         mv.find_lines(state, "Tz")
 
@@ -192,11 +192,9 @@ def test_lines_of_a_stream_are_those_of_the_motion(state_1, monkeypatch):
     monkeypatch.setattr(long_runs, "BLOCK_SAMPLES", 1 << 15)
     blocks, _, solver = long_runs.lines_of_stream(scenario, 8)
     assert solver["line_blocks"] == 3
-    assert blocks["drive_1"].amplitude_n_m == pytest.approx(
-        whole["drive_1"].amplitude_n_m, rel=1e-3
-    )
-    assert blocks["drive_1"].bin_amplitude_n_m == pytest.approx(
-        whole["drive_1"].bin_amplitude_n_m, rel=1e-9
+    assert blocks["drive_1"].amplitude == pytest.approx(whole["drive_1"].amplitude, rel=1e-3)
+    assert blocks["drive_1"].bin_amplitude == pytest.approx(
+        whole["drive_1"].bin_amplitude, rel=1e-9
     )
     assert invariants.energy < 1e-4
 
@@ -217,7 +215,7 @@ def test_subharmonics_of_stick_and_slip_are_listed_though_not_expected(state_1):
         {**friction, **record, "reducer.damping": 0.5, "motor.detent_torque": 0.0}
     )
     table = mv.find_lines(mv.simulate(scenario))
-    unexpected = {line.origin: line.amplitude_n_m for line in table if line.kind == "other"}
+    unexpected = {line.origin: line.amplitude for line in table if line.kind == "other"}
     # this drive repeats itself only every five microsteps
     assert unexpected["6/5 of the driving frequency"] == pytest.approx(0.0554, rel=0.02)
     assert unexpected["3/5 of the driving frequency"] == pytest.approx(0.0429, rel=0.02)
@@ -257,9 +255,9 @@ def test_a_record_may_start_in_the_steady_state(state_1):
     steady = mv.simulate(state_1.with_({"record.start": "steady"}), channels=("T_d",))
     assert steady.solver["steady"] == "used"
     table = mv.find_lines(steady)
-    assert table["array_mode_1"].amplitude_n_m < 1e-5  # 4.6e-3 from rest
-    assert table["drive_1"].amplitude_n_m == pytest.approx(
-        mv.find_lines(state_1, start="steady")["drive_1"].amplitude_n_m, rel=1e-4
+    assert table["array_mode_1"].amplitude < 1e-5  # 4.6e-3 from rest
+    assert table["drive_1"].amplitude == pytest.approx(
+        mv.find_lines(state_1, start="steady")["drive_1"].amplitude, rel=1e-4
     )
 
 

@@ -61,21 +61,21 @@ def test_levels_are_those_of_another_draw_of_the_same_density_and_not_of_another
 def test_a_mode_that_noise_drives_has_the_scatter_of_one_draw(recorded):
     x, start, table = recorded
     drawn = replace(
-        table["array_mode_1"], status=NOISE_DRIVEN, noise_deviation_n_m=2e-3, noise_p95_n_m=5e-3
+        table["array_mode_1"], status=NOISE_DRIVEN, noise_deviation=2e-3, noise_p95=5e-3
     )
-    rows = tuple(drawn if line.line == drawn.line else line for line in table)
+    rows = tuple(drawn if line.name == drawn.name else line for line in table)
     table = replace(table, lines=rows)
     told = {
         o.form: o
         for o in with_noise_scatter(observations(table), x, RATE, table, start)
-        if o.line == drawn.line
+        if o.line == drawn.name
     }
     assert "decay" not in told
-    both = math.hypot(drawn.amplitude_uncertainty_n_m, 2e-3)
+    both = math.hypot(drawn.amplitude_uncertainty, 2e-3)
     assert told["amplitude"].uncertainty == pytest.approx(math.sqrt(2.0) * both)
     mode = coupled_modes(start)[0]
     sigma = math.tau * mode.frequency * mode.damping
-    own = math.hypot(drawn.frequency_uncertainty_hz, math.sqrt(sigma / 16.0) / math.tau)
+    own = math.hypot(drawn.frequency_uncertainty, math.sqrt(sigma / 16.0) / math.tau)
     assert told["frequency"].uncertainty == pytest.approx(math.sqrt(2.0) * own)
 
 
@@ -119,7 +119,7 @@ def test_noise_is_seen_whatever_lines_have_no_frequency_of_their_own(state_1, ra
             + sensor
         )
         table = lines_of_samples(x, RATE, start, measured=True)
-        assert any(math.isnan(line.frequency_hz) for line in table)
+        assert any(math.isnan(line.frequency) for line in table)
         told.append(max_torque_noise_density(x, RATE, table, start))
     assert told[0] < 1e-11 < 1e-8 < told[1]
 

@@ -74,21 +74,21 @@ def test_parts_ask_for_units_as_files_do(state_1):
 def test_a_table_shows_what_is_notable(table):
     rows = repr(table).splitlines()
     assert rows[0] == f"{len(table)} lines of T_d of {STATE_1}, 16 s at 4096 Hz"
-    assert [row.split()[0] for row in rows[2:-1]] == [line.line for line in table.notable()]
+    assert [row.split()[0] for row in rows[2:-1]] == [line.name for line in table.notable()]
     assert rows[-1] == f"and {len(table) - len(table.notable())} small ones (print shows them)"
     assert len(str(table).splitlines()) == len(table) + 1
     shown = ElementTree.fromstring(f"<div>{table._repr_html_()}</div>")
     cells = [[cell.text for cell in row] for row in shown.iter("tr")]
-    assert [row[0] for row in cells] == ["line", *(line.line for line in table.notable())]
+    assert [row[0] for row in cells] == ["line", *(line.name for line in table.notable())]
     assert float(dict(zip(cells[0], cells[1], strict=True))["N m"]) == pytest.approx(
-        table.notable()[0].amplitude_n_m, 1e-3
+        table.notable()[0].amplitude, 1e-3
     )
 
 
 def test_a_table_becomes_a_frame_and_a_dataset(table):
     frame, data = table.to_dataframe(), table.to_xarray()
-    assert list(frame.index) == [line.line for line in table] == list(data["line"].values)
-    assert frame.loc["drive_1", "amplitude_n_m"] == table["drive_1"].amplitude_n_m
+    assert list(frame.index) == [line.name for line in table] == list(data["line"].values)
+    assert frame.loc["drive_1", "amplitude_n_m"] == table["drive_1"].amplitude
     assert data["amplitude_n_m"].attrs["units"] == "N*m"
     assert data["phase_uncertainty_rad"].attrs["units"] == "rad"
     assert data["decay_per_s"].attrs["units"] == "1/s"
@@ -102,7 +102,7 @@ def test_amplitudes_of_another_channel_carry_its_unit(motion_1):
 
 
 def test_a_line_that_a_table_does_not_have(table):
-    assert table._ipython_key_completions_() == [line.line for line in table]
+    assert table._ipython_key_completions_() == [line.name for line in table]
     with pytest.raises(
         LineError,
         match=r"^no line 'drive1' in this table; did you mean drive_1\? there are array_mode_1, ",
@@ -123,16 +123,16 @@ SHORT = {"record.settle": "1 s", "record.duration": "3 s"}
 
 
 def test_lines_of_all_that_has_some(state_1, motion_1, table):
-    assert mv.find_lines(state_1, start="steady")["drive_1"].amplitude_n_m == pytest.approx(
-        mv.find_lines(mv.steady_state(state_1))["drive_1"].amplitude_n_m
+    assert mv.find_lines(state_1, start="steady")["drive_1"].amplitude == pytest.approx(
+        mv.find_lines(mv.steady_state(state_1))["drive_1"].amplitude
     )
     motion, (torque,) = mv.simulate(state_1.with_(SHORT)), mv.simulate_many([state_1.with_(SHORT)])
-    assert mv.find_lines(torque)["drive_1"].amplitude_n_m == pytest.approx(
-        mv.find_lines(motion)["drive_1"].amplitude_n_m, rel=1e-3
+    assert mv.find_lines(torque)["drive_1"].amplitude == pytest.approx(
+        mv.find_lines(motion)["drive_1"].amplitude, rel=1e-3
     )
     recording = mv.Recording({"Mz": motion_1["T_d"]}, motion_1.sample_rate, {"Mz": "N*m"}, "mine")
     named, unnamed = mv.find_lines(recording, scenario=state_1), mv.find_lines(recording)
-    assert named["drive_1"].amplitude_n_m == pytest.approx(table["drive_1"].amplitude_n_m, rel=1e-3)
+    assert named["drive_1"].amplitude == pytest.approx(table["drive_1"].amplitude, rel=1e-3)
     assert named.clock_ratio == pytest.approx(0.994, rel=1e-5)
     assert {line.kind for line in unnamed} == {"other"}
 
@@ -146,7 +146,7 @@ def test_lines_and_spectra_of_a_force(state_1):
         == mv.psd(motion, "Fy").unit
         == "N"
     )
-    assert mv.find_lines(motion, "Fx")["drive_1"].amplitude_n_m > 0.0
+    assert mv.find_lines(motion, "Fx")["drive_1"].amplitude > 0.0
     recording = mv.Recording({"Fy": motion["Fy"]}, motion.sample_rate, {"Fy": "N"}, "mine")
     assert mv.find_lines(recording, "Fy", scenario=motion.scenario).unit == "N"
 
@@ -236,11 +236,11 @@ def recorded(x, rate=4096.0, unit="N*m", **channels):
     "form", [list, pd.Series, np.float32, lambda x: pd.Series(x, np.arange(x.size) / 4096.0 + 5.0)]
 )
 def test_samples_of_ones_own_come_in_many_forms(motion_1, form):
-    x, expected = motion_1["T_d"], mv.find_lines(motion_1)["drive_1"].amplitude_n_m
+    x, expected = motion_1["T_d"], mv.find_lines(motion_1)["drive_1"].amplitude
     for one in (recorded(form(x)), recorded(form(1e3 * x), rate="4.096 kHz", unit="mN*m")):
         table = mv.find_lines(one, scenario=motion_1.scenario)
         assert table.unit == "N*m"
-        assert table["drive_1"].amplitude_n_m == pytest.approx(expected, rel=1e-4)
+        assert table["drive_1"].amplitude == pytest.approx(expected, rel=1e-4)
 
 
 def test_numbers_of_numpy_are_numbers(state_1):
@@ -331,7 +331,7 @@ import microvib as mv
 
 scenario: mv.Scenario = mv.load_scenario("state-1").with_({"tracking.rate": "0.05 deg/s"})
 table: mv.LineTable = mv.find_lines(scenario, start="steady")
-largest: float = max(line.amplitude_n_m for line in table)
+largest: float = max(line.amplitude for line in table)
 verdict: str = mv.judge(table, mv.Limit("10 mN*m", "0.5 Hz", mv.Si(150.0)), scenario).verdict
 plan = mv.plan_rates(scenario, mv.rate_grid("0.01 deg/s", "0.1 deg/s"), limit="10 mN*m", band="0.5:5 Hz")
 mv.plot(plan).savefig("plan.png")

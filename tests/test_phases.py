@@ -211,9 +211,9 @@ def test_a_detent_of_the_half_step_has_its_own_order():
     found = {x.name: x.frequency for x in expected_lines(scenario, "300 Hz")}
     assert found["drive_1"] - found["drive_1_minus_1"] == pytest.approx(2 * found["full_step_1"])
     strong = {
-        x.line
+        x.name
         for x in mv.find_lines(scenario.with_si({"motor.detent_torque": 0.02}), start="steady")
-        if x.amplitude_n_m > 1e-5
+        if x.amplitude > 1e-5
     }
     assert "full_step_2" in strong
     assert "full_step_1" not in strong
@@ -228,10 +228,10 @@ def test_the_steady_state_is_what_a_run_settles_to(changes):
     scenario = baseline().with_si(
         changes | {"tracking.rate": math.radians(0.1), "record.settle": 40.0}
     )
-    steady = {x.line: x.amplitude_n_m for x in mv.find_lines(scenario, start="steady")}
-    run = {x.line: x for x in mv.find_lines(mv.simulate(scenario))}
+    steady = {x.name: x.amplitude for x in mv.find_lines(scenario, start="steady")}
+    run = {x.name: x for x in mv.find_lines(mv.simulate(scenario))}
     for name in ("drive_1", "drive_2", "full_step_1"):
-        assert steady[name] == pytest.approx(run[name].amplitude_n_m, rel=0.01), name
+        assert steady[name] == pytest.approx(run[name].amplitude, rel=0.01), name
 
 
 @pytest.mark.parametrize("rate", [0.06, 0.4])

@@ -261,9 +261,9 @@ def test_the_linear_lines_are_those_of_a_drive_without_stick_and_detent(state_1,
     for line in linear_lines(scenario):
         # currents do not follow quite at once: back-EMF damps by 2 %
         assert abs(line.amplitude) == pytest.approx(
-            table[f"drive_{line.order}"].amplitude_n_m, rel=0.03
+            table[f"drive_{line.order}"].amplitude, rel=0.03
         )
-        assert line.frequency == pytest.approx(table[f"drive_{line.order}"].frequency_hz)
+        assert line.frequency == pytest.approx(table[f"drive_{line.order}"].frequency)
     assert linear_lines(scenario.with_si({"tracking.rate": 0.0})) == ()
 
 

@@ -39,14 +39,14 @@ def test_lines_of_a_reference_stand_beside_a_run(scenario, table) -> None:
     assert list(rows) == ["array_mode_1", "drive_1", "drive_2", "drive_3"]
     one = rows["drive_1"]
     assert (one.measured_hz, one.measured_n_m, one.model_n_m) == (53.0, 0.04344, 0.03661)
-    assert one.run_n_m == table["drive_1"].bin_amplitude_n_m
+    assert one.run_n_m == table["drive_1"].bin_amplitude
     assert one.run_error == pytest.approx(one.run_n_m / 0.04344 - 1.0)
 
 
 def test_a_reference_of_the_users_own_is_compared_by_fitted_lines(scenario, table) -> None:
     own = scenario.with_({"reference": OWN})
     (row,) = compare_with_reference(own, table)
-    assert row.run_n_m == table["drive_1"].amplitude_n_m
+    assert row.run_n_m == table["drive_1"].amplitude
     assert row.measured_n_m == pytest.approx(0.04)
     assert math.isnan(row.model_n_m)
     assert mv.load_scenario("state-2").reference is None
@@ -113,7 +113,7 @@ def test_what_is_no_reference_is_one_sentence(name: str, why: str) -> None:
 def test_a_reference_without_a_models_lines_has_no_column_of_it(tmp_path, scenario) -> None:
     path = tmp_path / "own.yaml"
     path.write_text(dump_scenario(scenario.with_({"reference": OWN})))
-    assert open_source(f"{path}:measured").table["drive_1"].amplitude_n_m == pytest.approx(0.04)
+    assert open_source(f"{path}:measured").table["drive_1"].amplitude == pytest.approx(0.04)
     with pytest.raises(MicrovibError, match="no model's amplitudes"):
         open_source(f"{path}:model")
 

@@ -94,16 +94,14 @@ def column(found: Table, title: str, unit: str | None = None) -> list[str]:
 def test_the_spectrum_names_the_line_that_decides_the_verdict_first(motion_1):
     """A line that is small beside its neighbours, above its limit, or the one nearest to the limit where none is above."""
     table = mv.find_lines(motion_1)
-    known = (x for x in table if x.seen and x.kind == "full step" and x.amplitude_n_m > 1e-4)
-    small = min(known, key=lambda x: x.amplitude_n_m)
+    known = (x for x in table if x.seen and x.kind == "full step" and x.amplitude > 1e-4)
+    small = min(known, key=lambda x: x.amplitude)
     for factor in (0.2, 5.0):
-        limit = limit_of(
-            factor * small.amplitude_n_m, small.frequency_hz - 0.1, small.frequency_hz + 0.1
-        )
+        limit = limit_of(factor * small.amplitude, small.frequency - 0.1, small.frequency + 0.1)
         judged = judge(table, limit, motion_1.scenario)
         drawing = draw_first_page(motion_1, table, 200.0, judged)
         texts = [
-            text for text in drawing.axes[0].texts if text.get_text().startswith(f"{small.line}\n")
+            text for text in drawing.axes[0].texts if text.get_text().startswith(f"{small.name}\n")
         ]
         assert len(texts) == 1
         assert texts[0].get_fontweight() == "bold"
@@ -112,17 +110,17 @@ def test_the_spectrum_names_the_line_that_decides_the_verdict_first(motion_1):
 def test_margins_are_limit_over_amplitude(lines_1, motion_1):
     judged = judge(lines_1, LIMIT, motion_1.scenario)
     margin = judged.of(lines_1["drive_1"])
-    assert margin.factor == pytest.approx(0.010 / lines_1["drive_1"].amplitude_n_m)
+    assert margin.factor == pytest.approx(0.010 / lines_1["drive_1"].amplitude)
     assert margin.decibel == pytest.approx(20 * math.log10(margin.factor))
     assert margin.verdict != "pass"
     assert [m.factor for m in judged.margins] == sorted(m.factor for m in judged.margins)
-    assert {m.line.line for m in judged.margins if m.fails} == {
-        x.line for x in lines_1 if x.status == "ok" and x.amplitude_n_m > 0.0102
+    assert {m.line.name for m in judged.margins if m.fails} == {
+        x.name for x in lines_1 if x.status == "ok" and x.amplitude > 0.0102
     }
 
 
 def test_a_line_below_the_limit_passes_and_one_above_fails(lines_1, motion_1):
-    amplitude = max(x.amplitude_n_m for x in lines_1)
+    amplitude = max(x.amplitude for x in lines_1)
     assert judge(lines_1, limit_of(amplitude * 1.05), motion_1.scenario).verdict == "pass"
     assert judge(lines_1, limit_of(amplitude), motion_1.scenario).verdict == "not judged"
     assert judge(lines_1, limit_of(amplitude * 0.95), motion_1.scenario).above == 1
@@ -130,8 +128,8 @@ def test_a_line_below_the_limit_passes_and_one_above_fails(lines_1, motion_1):
 
 def test_only_lines_in_the_band_are_judged(lines_1, motion_1):
     judged = judge(lines_1, limit_of(0.010, 0.5, 5.0))
-    assert {m.line.line for m in judged.margins} == {
-        x.line for x in lines_1 if 0.5 <= x.frequency_hz <= 5.0
+    assert {m.line.name for m in judged.margins} == {
+        x.name for x in lines_1 if 0.5 <= x.frequency <= 5.0
     }
     assert judged.of(lines_1["drive_1"]) is None
     assert "from 0.5 to 5 Hz" in str(judged)
@@ -139,7 +137,7 @@ def test_only_lines_in_the_band_are_judged(lines_1, motion_1):
 
 
 def test_a_line_of_no_amplitude_has_no_figures(lines_1, motion_1, undrawn):
-    table_ = replace(lines_1, lines=(replace(lines_1["drive_1"], amplitude_n_m=0.0),))
+    table_ = replace(lines_1, lines=(replace(lines_1["drive_1"], amplitude=0.0),))
     judged = judge(table_, LIMIT, motion_1.scenario)
     assert str(judged) == "Limit 10 mN m: pass."
     assert judged_cells(table_.lines[0], judged) == ["", "", "pass"]
@@ -148,17 +146,17 @@ def test_a_line_of_no_amplitude_has_no_figures(lines_1, motion_1, undrawn):
 
 
 def test_what_was_not_found_may_be_as_large_as_its_floor_hides(lines_1):
-    hidden = replace(lines_1["drive_1"], status=BELOW_FLOOR, amplitude_n_m=1e-6, floor_n_m=0.005)
+    hidden = replace(lines_1["drive_1"], status=BELOW_FLOOR, amplitude=1e-6, floor=0.005)
     assert judge(replace(lines_1, lines=(hidden,)), LIMIT).margins[0].verdict != "pass"
 
 
 def test_a_line_without_amplitude_is_named_not_passed(lines_1, motion_1, undrawn):
     unknown = replace(
-        lines_1["drive_2"], amplitude_n_m=math.nan, frequency_hz=math.nan, status="not resolved: x"
+        lines_1["drive_2"], amplitude=math.nan, frequency=math.nan, status="not resolved: x"
     )
     table_ = replace(lines_1, lines=(lines_1["full_step_1"], unknown))
     judged = judge(table_, LIMIT)
-    assert [x.line for x in judged.unknown] == ["drive_2"]
+    assert [x.name for x in judged.unknown] == ["drive_2"]
     notes = [
         b.text for b in run_report(motion_1, table_, limit=LIMIT).first_page if isinstance(b, Text)
     ]
@@ -179,8 +177,8 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
     for row in main.rows:
         name, _, amplitude, decibel, factor, verdict = row.cells
         steady = lines_1[name].status == "ok"  # what decays is judged by its start
-        exact = 0.010 / (lines_1[name].amplitude_n_m if steady else lines_1[name].starting(16.0))
-        assert float(amplitude) == pytest.approx(1e3 * lines_1[name].amplitude_n_m, rel=1e-3)
+        exact = 0.010 / (lines_1[name].amplitude if steady else lines_1[name].starting(16.0))
+        assert float(amplitude) == pytest.approx(1e3 * lines_1[name].amplitude, rel=1e-3)
         assert float(decibel) == pytest.approx(20 * math.log10(exact), abs=0.051)
         assert float(factor) == pytest.approx(exact, rel=6e-3)
         seen.add(verdict)
@@ -206,12 +204,12 @@ def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
 def test_a_small_line_above_a_small_limit_is_listed(motion_1, lines_1, undrawn):
     small = max(
         (x for x in lines_1 if x.status == "ok" and x not in lines_1.notable()),
-        key=lambda x: x.amplitude_n_m,
+        key=lambda x: x.amplitude,
     )
-    strict = run_report(motion_1, lines_1, limit=limit_of(0.1 * small.amplitude_n_m))
+    strict = run_report(motion_1, lines_1, limit=limit_of(0.1 * small.amplitude))
     (listed,) = tables(section(strict, "All lines").blocks)
-    assert small.line in column(listed, "line")
-    assert listed.rows[column(listed, "line").index(small.line)].cells[-1] == "FAIL"
+    assert small.name in column(listed, "line")
+    assert listed.rows[column(listed, "line").index(small.name)].cells[-1] == "FAIL"
 
 
 def test_every_parameter_has_a_status(document, motion_1):
@@ -293,8 +291,8 @@ def test_phasors_of_the_budget_add_up(document, lines_1):
     assert abs(sum(phasors[:4]) - phasors[4]) < 0.02 * abs(
         phasors[4]
     )  # phases are printed to a degree
-    assert abs(phasors[4]) == pytest.approx(1e3 * lines_1["drive_1"].amplitude_n_m, rel=1e-3)
-    assert np.angle(phasors[4]) == pytest.approx(lines_1["drive_1"].phase_rad, abs=0.01)
+    assert abs(phasors[4]) == pytest.approx(1e3 * lines_1["drive_1"].amplitude, rel=1e-3)
+    assert np.angle(phasors[4]) == pytest.approx(lines_1["drive_1"].phase, abs=0.01)
 
 
 def test_invariants_have_a_verdict_in_words(motion_1, lines_1, document, undrawn):
@@ -445,8 +443,8 @@ def test_a_folder_reads_back_as_it_was_written(folder):
     assert run.motion["T_d"].size == run.table.samples == 6 * 4096
     assert np.abs(run.motion["T_d"] - run.motion["T_d_force"]).max() < 1e-14
     assert run.table["drive_1"].kind == "drive"
-    assert run.table["drive_1"].amplitude_n_m == pytest.approx(
-        mv.find_lines(run.motion)["drive_1"].amplitude_n_m, rel=1e-8
+    assert run.table["drive_1"].amplitude == pytest.approx(
+        mv.find_lines(run.motion)["drive_1"].amplitude, rel=1e-8
     )
 
 

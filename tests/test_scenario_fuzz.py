@@ -122,7 +122,7 @@ def run(scenario: mv.Scenario) -> mv.Motion:
     )
     motion = mv.simulate(short)
     assert all(np.isfinite(values).all() for values in motion.channels.values())
-    assert all(np.isfinite(line.expected_hz) for line in mv.find_lines(motion))
+    assert all(np.isfinite(line.expected) for line in mv.find_lines(motion))
     return motion
 
 

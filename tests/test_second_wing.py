@@ -314,7 +314,7 @@ def test_wings_that_turn_with_the_sun_double_and_against_each_other_cancel() -> 
     assert abs(opposite[1]) < 1e-6 * abs(sun[1])
     ground = mv.find_lines(symmetric(4.0, None).with_({"spacecraft": None}), start="steady")[
         "drive_1"
-    ].amplitude_n_m
+    ].amplitude
     assert abs(opposite[0]) == pytest.approx(ground, rel=2e-3)
     assert abs(sun[0]) != pytest.approx(ground, rel=0.02)
 
@@ -618,12 +618,12 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
     )
     result = mv.run_scenario(wings.with_({"record.start": "steady"}))
     assert result.second is not None
-    own, other = (table["drive_1"].amplitude_n_m for table in (result.table, result.second.table))
+    own, other = (table["drive_1"].amplitude for table in (result.table, result.second.table))
     assert other > 1.05 * own
     between = mv.Limit(Si(0.5 * (own + other)))
     judged = mv.judge(result.table, between, result.scenario, result.second.table)
     assert judged.verdict == "fail"
-    assert judged.margins[0].line.line == "wing_2 drive_1"
+    assert judged.margins[0].line.name == "wing_2 drive_1"
     assert "FAIL" in run_text(result, between)
     alone = mv.judge(result.table, between, result.scenario)
     assert alone.verdict == "not judged"
@@ -633,7 +633,7 @@ def test_a_limit_is_passed_only_if_both_drives_are_within() -> None:
 def test_a_report_judges_the_second_drive_by_the_lines_of_its_run(tmp_path: Path) -> None:
     result = mv.run_scenario(quick(), harmonics=3)
     assert result.second is not None
-    limit = mv.Limit(Si(0.01 * result.table["drive_1"].amplitude_n_m))
+    limit = mv.Limit(Si(0.01 * result.table["drive_1"].amplitude))
     judged = mv.judge(result.table, limit, result.scenario, result.second.table)
     assert judged.verdict == "fail"
     mv.write_run(result, tmp_path / "run", limit=limit)
@@ -656,7 +656,7 @@ def test_a_campaign_of_the_torque_alone_is_judged_by_both_drives(
     )
     (tmp_path / "craft.yaml").write_text(mv.dump_scenario(blind))
     limits = [
-        mv.find_lines(one, start="steady")["drive_1"].amplitude_n_m
+        mv.find_lines(one, start="steady")["drive_1"].amplitude
         for one in (blind, blind.driven_wing)
         if one is not None
     ]

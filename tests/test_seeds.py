@@ -48,14 +48,14 @@ def test_the_closed_form_is_what_draws_read_within_their_scatter(noisy, drawn):
     assert (
         seeds.draws >= 59
     )  # in one the mode is small, and not told from a third of the full step, 1.3 bins away
-    error = seeds.deviation_n_m / math.sqrt(seeds.draws)
+    error = seeds.deviation / math.sqrt(seeds.draws)
     stuck = simulate_torques([noisy])[0].stuck_output  # swallows its part of the noise
-    assert (1.0 - stuck) * alone.mean - 3.0 * error < seeds.mean_n_m < alone.mean + 3.0 * error
-    assert seeds.deviation_n_m == pytest.approx(
+    assert (1.0 - stuck) * alone.mean - 3.0 * error < seeds.mean < alone.mean + 3.0 * error
+    assert seeds.deviation == pytest.approx(
         alone.deviation, rel=0.3
     )  # of 60 draws it is known to 9 %
     assert drawn["array_mode_1"].status == NOISE_DRIVEN
-    assert drawn["array_mode_1"].noise_mean_n_m == alone.mean
+    assert drawn["array_mode_1"].noise_mean == alone.mean
 
 
 def test_the_response_is_the_energy_of_the_mode(noisy):
@@ -93,18 +93,18 @@ def test_a_mode_that_noise_does_not_reach_decays(changes):
 
 def test_a_line_of_the_clock_is_not_driven_by_noise(noisy, drawn):
     assert {drawn[name].status for name in ("drive_1", "full_step_1")} == {"ok"}
-    assert math.isnan(drawn["drive_1"].noise_mean_n_m)
+    assert math.isnan(drawn["drive_1"].noise_mean)
 
 
 def test_verdicts_rest_on_the_quantile_where_seeds_were_run(noisy, drawn):
     mode, seeds = drawn["array_mode_1"], drawn.over_seeds("array_mode_1")
     one = mv.LineTable(drawn.lines, drawn.clock_ratio, None, drawn.samples, drawn.sample_rate)
-    for torque in (0.1 * mode.amplitude_n_m, 100.0 * mode.amplitude_n_m):
+    for torque in (0.1 * mode.amplitude, 100.0 * mode.amplitude):
         assert judge(one, limit_of(torque), noisy).of(mode).verdict == "not judged"
     verdicts = {
-        1.05 * seeds.p95_high_n_m: "pass",
-        0.5 * (seeds.p95_low_n_m + seeds.p95_high_n_m): "not judged",
-        0.95 * seeds.p95_low_n_m: "fail",
+        1.05 * seeds.p95_high: "pass",
+        0.5 * (seeds.p95_low + seeds.p95_high): "not judged",
+        0.95 * seeds.p95_low: "fail",
     }
     for torque, expected in verdicts.items():
         assert judge(drawn, limit_of(torque), noisy).of(mode).verdict == expected
@@ -133,10 +133,8 @@ def test_what_is_left_of_the_start_is_not_passed_as_noise(noisy):
     scenario = noisy.with_si({"record.settle": 1.0, "friction.torque_noise.density": 2e-5})
     table = mv.run_scenario(scenario, lines_only=True, seeds=59).table
     mode, seeds = table["array_mode_1"], table.over_seeds("array_mode_1")
-    assert seeds.mean_n_m > 1.5 * mode.noise_mean_n_m
-    assert (
-        judge(table, limit_of(1.05 * seeds.p95_high_n_m), scenario).of(mode).verdict == "not judged"
-    )
+    assert seeds.mean > 1.5 * mode.noise_mean
+    assert judge(table, limit_of(1.05 * seeds.p95_high), scenario).of(mode).verdict == "not judged"
 
 
 @pytest.mark.parametrize(("n", "bounded"), [(58, False), (59, True), (200, True)])
@@ -207,7 +205,7 @@ def test_all_lines_that_were_looked_for_are_followed_over_the_seeds() -> None:
         "friction.torque_noise.density": "2e-6 N^2*m^2/Hz",
     }
     table = mv.run_scenario(mv.load_scenario("state-1", short), harmonics=10, seeds=2).table
-    assert table["drive_10"].amplitude_n_m > 0.0
+    assert table["drive_10"].amplitude > 0.0
     assert table.over_seeds("drive_10") is not None
 
 
@@ -227,7 +225,7 @@ def test_few_draws_do_not_pass_a_line_of_the_clock_that_noise_scatters(few) -> N
     """With 200 draws the 95 % quantile of the first driving line lies between 15.8 and 17.4 mN m."""
     scenario, table = few
     line, seeds = table["drive_1"], table.over_seeds("drive_1")
-    assert math.isnan(seeds.p95_high_n_m)
+    assert math.isnan(seeds.p95_high)
     for limit in (0.015, 0.0156, 0.0164, 0.02):
         found = judge(table, limit_of(limit, 52.0, 54.0), scenario).of(line)
         assert found.verdict == "not judged"
@@ -251,16 +249,16 @@ def test_a_bound_from_few_draws_holds_as_often_as_it_says(few, draws: int) -> No
     _, table = few
     line = replace(
         table["drive_1"],
-        amplitude_n_m=1e-6,
-        amplitude_uncertainty_n_m=0.0,
-        floor_n_m=0.0,
+        amplitude=1e-6,
+        amplitude_uncertainty=0.0,
+        floor=0.0,
         status="ok",
     )
     rng, passed, trials = np.random.default_rng(draws), 0, 400
     for _ in range(trials):
         values = np.sort(rng.rayleigh(0.01, draws))
         seeds = SeedLine(
-            line.line, 53.0, draws, float(values.mean()), float(values.std(ddof=1)), float(np.quantile(values, 0.95)),
+            line.name, 53.0, draws, float(values.mean()), float(values.std(ddof=1)), float(np.quantile(values, 0.95)),
             0.0, math.nan, 0.0,
         )  # fmt: skip
         one = replace(table, lines=(line,), seeds=(seeds,), own_error=0.0)
@@ -273,7 +271,7 @@ def test_what_the_integration_leaves_open_is_told_where_more_draws_would_not_hel
     drawn, noisy
 ) -> None:
     mode, seeds = drawn["array_mode_1"], drawn.over_seeds("array_mode_1")
-    limit = limit_of(0.95 * seeds.p95_low_n_m)
+    limit = limit_of(0.95 * seeds.p95_low)
     assert judge(replace(drawn, own_error=0.0), limit, noisy).of(mode).verdict == "fail"
     unsure = judge(replace(drawn, own_error=0.2), limit, noisy).of(mode)
     assert unsure.verdict == "not judged"

@@ -53,7 +53,7 @@ def test_effects_are_those_of_changed_scenarios(scenario):
 
     def amplitude(stiffness: float) -> float:
         changed = scenario.with_si({"reducer.stiffness": stiffness})
-        return mv.find_lines(mv.simulate(changed))["drive_1"].amplitude_n_m
+        return mv.find_lines(mv.simulate(changed))["drive_1"].amplitude
 
     assert effect.amplitudes == pytest.approx((amplitude(3290.0), amplitude(6110.0)), rel=1e-3)
     slope = math.log(amplitude(1.02 * 5053) / amplitude(0.98 * 5053)) / math.log(1.02 / 0.98)

@@ -69,15 +69,15 @@ def bands(frequency: float, resolution: float) -> list[tuple[float, float]]:
 def test_a_short_record_does_not_contradict_a_long_one(drive, duration):
     known = mv.find_lines(recorded(drive, 30.0), harmonics=40)
     short = recorded(drive, duration)
-    lines = [x for x in known if x.seen and x.place_hz < TOP]
-    lines = sorted(lines, key=lambda x: -x.amplitude_n_m)[:24:2]
+    lines = [x for x in known if x.seen and x.place < TOP]
+    lines = sorted(lines, key=lambda x: -x.amplitude)[:24:2]
     judged = 0
     for harmonics in (1, 8):
         table = mv.find_lines(short, harmonics=harmonics)
         for x in lines:
             for part in (0.72, 0.95, 1.05, 30.0):
-                for low, high in bands(x.place_hz, 1.0 / duration):
-                    limit = limit_of(part * x.amplitude_n_m, low, min(high, TOP))
+                for low, high in bands(x.place, 1.0 / duration):
+                    limit = limit_of(part * x.amplitude, low, min(high, TOP))
                     found = judge(table, limit, drive).verdict
                     assert {found, judge(known, limit, drive).verdict} != {"pass", "fail"}, limit
                     judged += found != "not judged"
@@ -106,8 +106,8 @@ def test_lines_that_are_exact_leave_nothing_open_beside_them(state_1):
     exact = mv.find_lines(state_1, start="steady")
     assert exact.rest.resolution == 0.0
     line = exact["drive_1"]
-    band = (line.place_hz + 0.01, line.place_hz + 0.02)
-    assert judge(exact, limit_of(0.01 * line.amplitude_n_m, *band), state_1).verdict == "pass"
+    band = (line.place + 0.01, line.place + 0.02)
+    assert judge(exact, limit_of(0.01 * line.amplitude, *band), state_1).verdict == "pass"
 
 
 def test_a_peak_without_a_line_counts_with_what_it_may_hide(motion_1):
@@ -122,7 +122,7 @@ def test_a_peak_without_a_line_counts_with_what_it_may_hide(motion_1):
 def test_an_unlisted_line_beside_the_band_does_not_fail():
     table = of_tone(8.3, 1.0)
     line = table["other_1"]
-    doubtful = limit_of(0.001, 8.3 + 2.0 * max(line.frequency_uncertainty_hz, 1e-3), 9.0)
+    doubtful = limit_of(0.001, 8.3 + 2.0 * max(line.frequency_uncertainty, 1e-3), 9.0)
     assert judge(table, doubtful).verdict == "not judged"
     assert judge(table, limit_of(0.001, 8.2, 9.0)).verdict == "fail"
 
@@ -165,7 +165,7 @@ def test_no_line_is_larger_than_what_is_recorded(fall):
         for frequency in (7.3946, 15.0348, 20.6584, 30.1926):
             x = of_falling_tone(frequency, FALLS[fall](t, most))
             for line in estimate_lines(x, 128.0, ()):
-                assert not line.amplitude_n_m > 3.0, (most, frequency)
+                assert not line.amplitude > 3.0, (most, frequency)
 
 
 def test_lines_that_cancel_are_told_and_not_failed(monkeypatch):
@@ -182,8 +182,8 @@ def test_lines_that_cancel_are_told_and_not_failed(monkeypatch):
     for table in cancelled:
         assert table.largest < 3.0
         line = next(x for x in table if x.status == CANCELLED)
-        band = line.place_hz - 0.1, line.place_hz + 0.1
-        bound = 10.0 * line.bin_amplitude_n_m
-        told = f"{line.line} ({CANCELLED})"
+        band = line.place - 0.1, line.place + 0.1
+        bound = 10.0 * line.bin_amplitude
+        told = f"{line.name} ({CANCELLED})"
         assert told in judge(table, limit_of(0.5 * bound, *band)).gaps
         assert told not in judge(table, limit_of(1.01 * bound, *band)).gaps

@@ -52,8 +52,8 @@ def test_names_of_the_catalog_and_of_its_reference_lines():
     test, model = (open_source(f"state-1:{column}") for column in ("measured", "model"))
     assert isinstance(test, ReferenceLines)
     assert (test.column, model.column) == ("measured", "model")
-    assert test.table["drive_1"].bin_amplitude_n_m == 0.04344  # Table 6
-    assert model.table["drive_1"].bin_amplitude_n_m == 0.03661
+    assert test.table["drive_1"].bin_amplitude == 0.04344  # Table 6
+    assert model.table["drive_1"].bin_amplitude == 0.03661
 
 
 @pytest.mark.parametrize(
@@ -70,20 +70,20 @@ def test_names_of_the_release_before_are_read(former, name):
 
 def test_a_table_of_lines_says_what_it_says_and_no_more(files):
     table = open_source(str(files / "lines.csv"))
-    assert (table["drive_1"].frequency_hz, table["drive_1"].amplitude_n_m) == (53.1, 0.04)
+    assert (table["drive_1"].frequency, table["drive_1"].amplitude) == (53.1, 0.04)
     assert [line.status for line in table] == ["ok", "below the floor"]
     assert np.isnan(
         [
-            table["drive_2"].frequency_hz,
-            table["drive_1"].phase_rad,
-            table["drive_1"].bin_amplitude_n_m,
+            table["drive_2"].frequency,
+            table["drive_1"].phase,
+            table["drive_1"].bin_amplitude,
         ]
     ).all()
 
 
 def test_a_table_from_a_spreadsheet_is_the_same(files):
     (files / "saved.csv").write_text(LINES.replace(",", ";").replace(".", ","))
-    assert open_source(str(files / "saved.csv"))["drive_1"].amplitude_n_m == 0.04
+    assert open_source(str(files / "saved.csv"))["drive_1"].amplitude == 0.04
 
 
 def test_a_folder_is_read_as_far_as_it_is_there(files):

@@ -102,7 +102,7 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
     t = np.arange(torque.size) / FS
     running = mv.find_lines(recorded(torque + _noise(torque)), scenario=scenario)[
         "drive_1"
-    ].amplitude_n_m
+    ].amplitude
     table = mv.find_lines(recorded(UNSTEADY[name](t, torque)), scenario=scenario)
     for part in (0.3, 0.5, 0.7, 0.9):
         assert judge(table, limit_of(part * running, 40.0, 60.0), scenario).verdict != "pass"
@@ -111,7 +111,7 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
 def test_a_steady_recording_stays_judged(torque: np.ndarray, scenario: mv.Scenario) -> None:
     recording = recorded(torque + _noise(torque))
     table = mv.find_lines(recording, scenario=scenario)
-    size = table["drive_1"].amplitude_n_m
+    size = table["drive_1"].amplitude
     assert judge(table, limit_of(1.05 * size, 40.0, 60.0), scenario).verdict == "pass"
     assert judge(table, limit_of(0.95 * size, 40.0, 60.0), scenario).verdict == "fail"
     assert not any(
@@ -137,7 +137,7 @@ def test_a_recording_of_the_bench_stays_judged() -> None:
     scenario = mv.load_scenario("state-1")
     recording = measure(scenario, load_bench("force-table"))
     table = mv.find_lines(recording, "Mz", scenario=scenario)
-    size = table["drive_1"].amplitude_n_m
+    size = table["drive_1"].amplitude
     assert judge(table, limit_of(1.1 * size, 5.0, 1000.0), scenario).verdict == "pass"
     assert not any(
         "steady" in note for note in recording_warnings(recording, "Mz", scenario, table)
@@ -152,7 +152,7 @@ def test_the_reason_says_when_and_where_and_trimming_helps(
     (why,) = may_be_larger(table, 45.0, 58.0, 0.5 * np.std(torque))
     assert "between 11 and 16 s" in why
     assert "start and stop in the preparation file" in why
-    size = mv.find_lines(recorded(torque), scenario=scenario)["drive_1"].amplitude_n_m
+    size = mv.find_lines(recorded(torque), scenario=scenario)["drive_1"].amplitude
     kept = mv.find_lines(Preparation(start="11.5 s").apply(whole), scenario=scenario)
     assert judge(kept, limit_of(1.1 * size, 52.0, 54.0), scenario).verdict == "pass"
 
@@ -183,7 +183,7 @@ def test_lines_floor_and_excess_are_no_less_than_the_samples(name: str) -> None:
         (one.amplitude for one in excesses(x, FS, seen, table) if one.low < 53.0 < one.high),
         default=0.0,
     )
-    ends = (one.starting(table.duration) * np.exp(-one.decay_per_s * t[[0, -1]]) for one in seen)
+    ends = (one.starting(table.duration) * np.exp(-one.decay * t[[0, -1]]) for one in seen)
     counted = max((max(x) for x in ends), default=0.0)
     # Of a fifth of a second the shortest piece that a third of an octave at 53 Hz resolves, half a second, shows three quarters.
     loudest = 0.1 * {

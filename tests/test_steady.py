@@ -46,19 +46,19 @@ def test_lines_are_those_of_the_settled_run_in_time(name):
     for line in in_time:
         if (
             line.kind in ("array mode", "other")
-            or not line.amplitude_n_m > 1e-3 * in_time["drive_1"].amplitude_n_m
+            or not line.amplitude > 1e-3 * in_time["drive_1"].amplitude
         ):
             continue
-        other = steady[line.line]
+        other = steady[line.name]
         compared += 1
-        assert other.frequency_hz == pytest.approx(line.frequency_hz, rel=1e-6)
-        assert other.amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), line.line
-        assert math.remainder(other.phase_rad - line.phase_rad, 2 * math.pi) == pytest.approx(
+        assert other.frequency == pytest.approx(line.frequency, rel=1e-6)
+        assert other.amplitude == pytest.approx(line.amplitude, rel=0.01), line.name
+        assert math.remainder(other.phase - line.phase, 2 * math.pi) == pytest.approx(
             0.0, abs=0.02
-        ), line.line
-        assert other.bin_amplitude_n_m == pytest.approx(
-            line.bin_amplitude_n_m, rel=0.02, abs=2e-5
-        ), line.line
+        ), line.name
+        assert other.bin_amplitude == pytest.approx(line.bin_amplitude, rel=0.02, abs=2e-5), (
+            line.name
+        )
     assert compared > 20
     assert steady["array_mode_1"].status == TRANSIENT
 
@@ -88,14 +88,12 @@ def test_every_part_of_the_drive_is_in_the_steady_state(state_1, changes):
         mv.find_lines(steady_state(scenario)),
         mv.find_lines(mv.simulate(scenario, channels=("T_d",))),
     )
-    top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0)
+    top = max(line.amplitude for line in steady if line.amplitude > 0)
     compared = 0
     for line in in_time:
-        if line.kind not in ("array mode", "other") and line.amplitude_n_m > 0.01 * top:
+        if line.kind not in ("array mode", "other") and line.amplitude > 0.01 * top:
             compared += 1
-            assert steady[line.line].amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=0.01), (
-                line.line
-            )
+            assert steady[line.name].amplitude == pytest.approx(line.amplitude, rel=0.01), line.name
     assert compared >= 4
 
 
@@ -107,10 +105,10 @@ def test_the_state_repeats_after_a_period_and_after_a_record(state_1, steady_1):
     assert 0.9 < steady_1.multiplier < 1.0  # the array mode
     record = mv.find_lines(steady_1.motion(channels=("T_d",)))
     assert (
-        record["array_mode_1"].amplitude_n_m < 1e-5
+        record["array_mode_1"].amplitude < 1e-5
     )  # it does not ring: 4.6e-3 after a start from rest
-    assert record["drive_1"].amplitude_n_m == pytest.approx(
-        mv.find_lines(steady_1)["drive_1"].amplitude_n_m, rel=1e-3
+    assert record["drive_1"].amplitude == pytest.approx(
+        mv.find_lines(steady_1)["drive_1"].amplitude, rel=1e-3
     )
 
 
@@ -145,10 +143,10 @@ def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch)
         other = steady_state(state_1)
         assert other.microsteps == steady_1.microsteps
         found = [
-            (line.line, line.amplitude_n_m) for line in mv.find_lines(other) if line.kind == "drive"
+            (line.name, line.amplitude) for line in mv.find_lines(other) if line.kind == "drive"
         ]
         assert [amplitude for _, amplitude in found] == pytest.approx(
-            [mv.find_lines(steady_1)[name].amplitude_n_m for name, _ in found], rel=2e-3, abs=1e-6
+            [mv.find_lines(steady_1)[name].amplitude for name, _ in found], rel=2e-3, abs=1e-6
         )
 
 
@@ -190,7 +188,7 @@ def test_where_nothing_repeats_it_falls_back_to_time_integration(state_1, change
     assert result.fallback
     assert result.lines.text() == mv.find_lines(simulate_torques([scenario])[0]).text()
     found, simulated = (
-        [x.amplitude_n_m for x in table]
+        [x.amplitude for x in table]
         for table in (result.lines, mv.find_lines(mv.simulate(scenario)))
     )
     assert found == pytest.approx(simulated, rel=1e-3, abs=1e-7, nan_ok=True)
@@ -270,11 +268,11 @@ def test_a_mode_that_friction_keeps_ringing_is_no_steady_state(state_1):
     with pytest.raises(NotPeriodic, match="no periodic steady state from rest"):
         steady_state(scenario)
     late = mv.find_lines(simulate_torques([scenario.with_si({"record.settle": 300.0})])[0])
-    rings = max((x for x in late if x.frequency_hz < 3.3), key=lambda x: x.amplitude_n_m)
-    assert rings.amplitude_n_m == pytest.approx(0.385, rel=0.03)
-    assert rings.frequency_hz == pytest.approx(2.87, abs=0.02)
-    found = max(mv.find_lines(scenario, start="steady"), key=lambda x: x.amplitude_n_m)
-    assert found.amplitude_n_m == pytest.approx(rings.amplitude_n_m, rel=0.03)
+    rings = max((x for x in late if x.frequency < 3.3), key=lambda x: x.amplitude)
+    assert rings.amplitude == pytest.approx(0.385, rel=0.03)
+    assert rings.frequency == pytest.approx(2.87, abs=0.02)
+    found = max(mv.find_lines(scenario, start="steady"), key=lambda x: x.amplitude)
+    assert found.amplitude == pytest.approx(rings.amplitude, rel=0.03)
 
 
 @pytest.mark.parametrize("name", ["state-1", "state-2", "state-3", "state-4", "state-5"])
@@ -344,15 +342,15 @@ def test_a_slow_mode_beside_a_friction_with_memory_is_not_waited_for(state_1):
     }
     [run] = simulate_torques([scenario.with_si(settled)])
     assert np.std(state.T_d) == pytest.approx(np.std(run.T_d), rel=1e-3)
-    wanted = {line.line: line.amplitude_n_m for line in mv.find_lines(run)}
+    wanted = {line.name: line.amplitude for line in mv.find_lines(run)}
     driving = [
         line
         for line in mv.find_lines(state)
-        if line.line in ("drive_1", "drive_2", "full_step_1", "drive_1_minus_1")
+        if line.name in ("drive_1", "drive_2", "full_step_1", "drive_1_minus_1")
     ]
     assert len(driving) == 4
     for line in driving:
-        assert line.amplitude_n_m == pytest.approx(wanted[line.line], rel=2e-3)
+        assert line.amplitude == pytest.approx(wanted[line.name], rel=2e-3)
 
 
 def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_rates():
@@ -484,14 +482,14 @@ def test_lines_of_a_series_are_those_of_its_samples():
         lines_of_series(series, base, 16, expected, n, rate),
         estimate_lines(x, rate, expected),
     )
-    assert [line.line for line in exact] == ["slow", "drive_1", "drive_2", "other_1"]
+    assert [line.name for line in exact] == ["slow", "drive_1", "drive_2", "other_1"]
     assert exact["other_1"].origin == "17/16 of the driving frequency"
     for line in exact:
-        other = estimated[line.line]
-        assert other.amplitude_n_m == pytest.approx(line.amplitude_n_m, rel=1e-3)
-        assert other.phase_rad == pytest.approx(line.phase_rad, abs=1e-3)
-        assert other.bin_frequency_hz == line.bin_frequency_hz
-        assert other.bin_amplitude_n_m == pytest.approx(line.bin_amplitude_n_m, rel=1e-4)
+        other = estimated[line.name]
+        assert other.amplitude == pytest.approx(line.amplitude, rel=1e-3)
+        assert other.phase == pytest.approx(line.phase, abs=1e-3)
+        assert other.bin_frequency == line.bin_frequency
+        assert other.bin_amplitude == pytest.approx(line.bin_amplitude, rel=1e-4)
 
 
 def test_an_order_beside_an_array_mode_is_left_where_no_line_names_it():
@@ -503,5 +501,5 @@ def test_an_order_beside_an_array_mode_is_left_where_no_line_names_it():
         ExpectedLine("array_mode_1", "array mode", 11.003, 10.9, 11.1, "made"),
     ]
     table = lines_of_series(series, 1.0, 16, expected, 1024, 64.0)
-    assert [line.line for line in table] == ["drive_1", "array_mode_1"]
+    assert [line.name for line in table] == ["drive_1", "array_mode_1"]
     assert table.rest.within(10.9, 11.1) == (11.0, pytest.approx(0.002))

@@ -494,10 +494,8 @@ def test_a_recording_names_no_lines_of_a_drive_that_nobody_named(recording):
         in found.recording.notes
     )
     named = analyse(open_source(str(recording)), scenario=baseline())
-    largest = max(named.table, key=lambda line: line.amplitude_n_m if line.status == "ok" else 0.0)
-    assert max(line.amplitude_n_m for line in found.table) == pytest.approx(
-        largest.amplitude_n_m, rel=0.01
-    )
+    largest = max(named.table, key=lambda line: line.amplitude if line.status == "ok" else 0.0)
+    assert max(line.amplitude for line in found.table) == pytest.approx(largest.amplitude, rel=0.01)
     _, _, rows = compared(recording, recording)
     assert rows
     assert all(row.line.startswith("other_") and row.error == 0.0 for row in rows)

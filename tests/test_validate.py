@@ -216,7 +216,7 @@ def test_another_published_test_is_a_file(own_test):
     line = by_item["drive_1 line, amplitude [N m]"]
     assert line.status == "predicted"  # its parameters were identified from other lines
     assert line.test == pytest.approx(0.045)
-    assert line.ours == found.states[1].table["drive_1"].amplitude_n_m
+    assert line.ours == found.states[1].table["drive_1"].amplitude
     assert line.holds
     assert by_item["drive_1 over drive_2, state 1 [1]"].holds
     assert by_item["largest disturbance torque in the record [N m]"].holds is False

@@ -95,10 +95,13 @@ _DEGREE = math.radians(1.0)
 ARRAY_ANGLE = Measure("deg", _DEGREE, ".6g", file_size=_DEGREE)
 COUNT = Measure(form=".15g")
 DIFFERENCE = Measure("%", 0.01, "+z.2f")
+DECAY = Measure("1/s")
 DECIBEL = Measure("dB", form="+.1f")
 FREQUENCY = Measure("Hz")
 LINE_FREQUENCY = Measure("Hz", form="#.6g")
+LINE_FREQUENCY_UNCERTAINTY = Measure("mHz", 1e-3, "#.2g", least=0.001)
 ORDER = Measure(form=".6g")
+PHASE = Measure("rad")
 POINTING_ANGLE = Measure("rad", units=(("mrad", 1e-3), ("µrad", 1e-6), ("nrad", 1e-9)))
 RATE = Measure("deg/s", _DEGREE, ".5g", file_size=_DEGREE)
 SHARE = Measure("%", 0.01, ".3g")
@@ -250,8 +253,9 @@ class Table:
         ]
 
     def only(self, keys: Sequence[str]) -> Table:
-        """The rows for readers under the columns with some ``keys``, for readers alone."""
-        kept = [k for k, column in enumerate(self.columns) if column.key in keys]
+        """The rows for readers under the columns with some ``keys``, in their order, for readers alone."""
+        by_key = {column.key: k for k, column in enumerate(self.columns)}
+        kept = [by_key[key] for key in keys if key in by_key]
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows_shown)
         columns = tuple(self.columns[k] for k in kept)
         return replace(self, name="", columns=columns, rows=rows, for_readers=None)
@@ -273,6 +277,13 @@ class Table:
 
 
 MICROSTEPS = Column("microsteps", "microsteps", COUNT)
+
+
+def file_record(record: Any) -> dict[str, Any]:
+    """A record of a dataclass with columns as it stands in files, by their keys."""
+    kind: type = type(record)
+    declared = columns_of(kind)
+    return {column.key: column.in_file(getattr(record, of)) for of, column in declared.items()}
 
 
 @cache

@@ -134,9 +134,7 @@ def test_a_case_agrees_with_the_run_of_its_scenario(tmp_path):
     table = mv.find_lines(mv.simulate(campaign.design.scenario(1)))
     for name in ("drive_1", "drive_2"):
         k = chunk.lines.index(name)
-        assert chunk.figures["amplitude"][1, k] == pytest.approx(
-            table[name].amplitude_n_m, rel=2e-3
-        )
+        assert chunk.figures["amplitude"][1, k] == pytest.approx(table[name].amplitude, rel=2e-3)
 
 
 def test_a_campaign_judges_what_a_run_judges(tmp_path):
@@ -156,7 +154,7 @@ def test_a_campaign_judges_what_a_run_judges(tmp_path):
         expected = judge(table, limit_of(0.04, 1.5, 400.0), scenario)
         assert computing.VERDICTS[results.verdicts[case]] == expected.verdict
         assert bool(results.gaps[case]) == bool(expected.gaps)
-        finite = [x.amplitude_n_m for x in table if np.isfinite(x.amplitude_n_m)]
+        finite = [x.amplitude for x in table if np.isfinite(x.amplitude)]
         assert largest_line(results, EVERYTHING)[case] == pytest.approx(max(finite), rel=5e-3)
         seen.add(expected.verdict)
     assert "not judged" in seen
@@ -168,10 +166,7 @@ def test_steady_cases(tmp_path):
     compute_missing(campaign, Fragile())
     chunk = campaign.read(0)
     lines = mv.find_lines(campaign.design.scenario(0), start="steady")
-    assert (
-        chunk.figures["amplitude"][0, chunk.lines.index("drive_1")]
-        == lines["drive_1"].amplitude_n_m
-    )
+    assert chunk.figures["amplitude"][0, chunk.lines.index("drive_1")] == lines["drive_1"].amplitude
 
 
 def test_cases_without_a_steady_state_are_counted_with_their_reasons(tmp_path):

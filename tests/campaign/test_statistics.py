@@ -196,9 +196,7 @@ def test_points_with_draws_of_their_own_scatter_as_seeds_do(tmp_path):
         "array_mode_1"
     )
     assert row.count == row.level.draws == seeds.draws == 4
-    assert (row.mean, row.deviation) == pytest.approx(
-        (seeds.mean_n_m, seeds.deviation_n_m), rel=1e-3
-    )
+    assert (row.mean, row.deviation) == pytest.approx((seeds.mean, seeds.deviation), rel=1e-3)
     alike = study(set=record | noise, vary={"motor.current": ["0.6 A"]}, sampling=sampling)
     assert design(alike).scenario(0).friction.torque_noise.seed == 7
     assert "Every point has its own draw" in _sampling(

@@ -87,7 +87,7 @@ def test_two_tabs_at_once(visit: Callable[..., Any]) -> None:
     drawn(second, 1)
     for page, name in ((first, "state-1"), (second, "state-5")):
         changed = mv.load_scenario(name, dict(SHORT))
-        expected = mv.find_lines(mv.simulate(changed))["drive_1"].amplitude_n_m
+        expected = mv.find_lines(mv.simulate(changed))["drive_1"].amplitude
         assert amplitude(page, "drive_1") == f"{1e3 * expected:#.5g}"
         assert page.locator(".chip").count() == 1
 
@@ -113,10 +113,10 @@ def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any
     page = visit(QUICK)
     run(page)
     motion = mv.simulate(mv.load_scenario("state-1", dict(SHORT)))
-    half = float(f"{0.5 * mv.find_lines(motion)['drive_1'].amplitude_n_m:.4g}")
+    half = float(f"{0.5 * mv.find_lines(motion)['drive_1'].amplitude:.4g}")
     judged = judge(mv.find_lines(motion), Limit(Si(half)), motion.scenario)
     worst = next(m for m in judged.margins if m.verdict != "not judged")
-    drive_1 = next(m for m in judged.margins if m.line.line == "drive_1")
+    drive_1 = next(m for m in judged.margins if m.line.name == "drive_1")
     assert drive_1.fails
     minus = "\N{MINUS SIGN}"
     api.expect(limit(page, f"{half!r} N*m")).to_contain_text("FAIL")

@@ -52,8 +52,8 @@ def test_the_drive_train_balances(client, finished, motion):
     assert found["i_rms"] == pytest.approx(0.6 / np.sqrt(2), rel=0.01)  # sine of 0.6 A
     torques = {row["torque"]: row for row in result(client, finished)["budget"]}
     drive_1 = mv.find_lines(motion)["drive_1"]
-    assert torques["T_d"]["drive_1_amplitude"] == pytest.approx(drive_1.amplitude_n_m, rel=1e-3)
-    assert torques["T_d"]["drive_1_phase"] == pytest.approx(drive_1.phase_rad, abs=1e-2)
+    assert torques["T_d"]["drive_1_amplitude"] == pytest.approx(drive_1.amplitude, rel=1e-3)
+    assert torques["T_d"]["drive_1_phase"] == pytest.approx(drive_1.phase, abs=1e-2)
     assert found["stuck_output"] == motion["stuck_output"].mean()
 
 
@@ -128,7 +128,7 @@ def test_a_verdict_is_that_of_the_report(client, finished, motion):
         found = client.get(f"/api/runs/{finished}/verdict", params=query).json()
         assert found["text"] == str(judged)
         assert found["verdict"] == judged.verdict
-        assert [m["line"] for m in found["margins"]] == [m.line.line for m in judged.margins]
+        assert [m["line"] for m in found["margins"]] == [m.line.name for m in judged.margins]
     page = client.get(f"/api/runs/{finished}/files/report.html", params={"limit": "30 mN*m"}).text
     assert "limit 30" in page
     assert "limit 30" not in client.get(f"/api/runs/{finished}/files/report.html").text

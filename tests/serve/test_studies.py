@@ -80,7 +80,7 @@ def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, record
     assert found["parts"][0]["texts"][0] == "Source: my bench.uff, channel Mz"
     assert found["clock_ratio"] == expected.clock_ratio
     assert [x["amplitude_n_m"] for x in found["lines"] if x["line"] == "drive_1"] == [
-        expected.table["drive_1"].amplitude_n_m
+        expected.table["drive_1"].amplitude
     ]
     assert max(found["spectrum"]["amplitude"]) == expected.spectrum.amplitude.max()
     part = {"from": 50, "to": 60}

@@ -93,8 +93,8 @@ def coverage(
                 claims += 1
                 hits.append(
                     (
-                        abs(line.amplitude_n_m - mean) <= 2 * line.amplitude_uncertainty_n_m,
-                        abs(line.frequency_hz - f) <= 2 * line.frequency_uncertainty_hz,
+                        abs(line.amplitude - mean) <= 2 * line.amplitude_uncertainty,
+                        abs(line.frequency - f) <= 2 * line.frequency_uncertainty,
                     )
                 )
     good = np.array(hits).reshape(-1, 2).mean(axis=0) if hits else np.array([np.nan, np.nan])

@@ -9,13 +9,13 @@ def worst_change(table: LineTable, exact: LineTable) -> tuple[float, str]:
     largest, and its name.
     """
     listed = {
-        x.line: x for x in table if x.kind not in ("array mode", "other") and x.status == "ok"
+        x.name: x for x in table if x.kind not in ("array mode", "other") and x.status == "ok"
     }
-    pairs = [(listed[x.line], x) for x in exact if x.line in listed and x.status == "ok"]
-    top = max((x.amplitude_n_m for _, x in pairs), default=0.0)
+    pairs = [(listed[x.name], x) for x in exact if x.name in listed and x.status == "ok"]
+    top = max((x.amplitude for _, x in pairs), default=0.0)
     changes = [
-        (abs(x.amplitude_n_m / y.amplitude_n_m - 1.0), y.line)
+        (abs(x.amplitude / y.amplitude - 1.0), y.name)
         for x, y in pairs
-        if y.amplitude_n_m >= MIN_LINE_RATIO * top
+        if y.amplitude >= MIN_LINE_RATIO * top
     ]
     return max(changes, default=(0.0, ""))

@@ -29,17 +29,17 @@ def worst_deviation(state: SteadyState, motion: mv.Motion) -> tuple[float, str]:
     and its line.
     """
     steady, in_time = mv.find_lines(state), mv.find_lines(motion)
-    top = max(line.amplitude_n_m for line in steady if line.amplitude_n_m > 0.0)
+    top = max(line.amplitude for line in steady if line.amplitude > 0.0)
     worst, name = 0.0, ""
     for line in in_time:
-        if line.kind in ("array mode", "other") or not line.amplitude_n_m > 0.0:
+        if line.kind in ("array mode", "other") or not line.amplitude > 0.0:
             continue
-        other = steady[line.line].amplitude_n_m
-        if max(other, line.amplitude_n_m) < LEAST * top:
+        other = steady[line.name].amplitude
+        if max(other, line.amplitude) < LEAST * top:
             continue
-        deviation = abs(other / line.amplitude_n_m - 1.0)
+        deviation = abs(other / line.amplitude - 1.0)
         if deviation > worst:
-            worst, name = deviation, line.line
+            worst, name = deviation, line.name
     return worst, name
 
 

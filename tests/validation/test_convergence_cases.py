@@ -64,7 +64,7 @@ def test_default_settings_are_converged(name):
 @pytest.mark.parametrize("name", SETS)
 def test_drive_lines_fall_into_the_bins_of_the_test(name):
     _, table = bins(name, 0.994)
-    assert [table[f"drive_{k}"].bin_frequency_hz for k in (1, 2, 3)] == [53.0, 106.0, 159.0625]
+    assert [table[f"drive_{k}"].bin_frequency for k in (1, 2, 3)] == [53.0, 106.0, 159.0625]
 
 
 @pytest.mark.parametrize("name", SETS)

@@ -196,7 +196,7 @@ def _compared(
             return found
         second = _difference(twice, rerun_refined(scenario, beginning, 4, duration), counted, rate)
     except SimulationError:  # a finer run that stops where this one went on
-        return Accuracy(1.0, 1.0, counted[0].line if counted else "", True, own, False)
+        return Accuracy(1.0, 1.0, counted[0].name if counted else "", True, own, False)
     if first.rms > _DIVERGED_RMS or second.rms > _MAX_CONVERGENCE_RATIO * first.rms:
         worst = max(first, second, key=lambda one: one.line)
         return replace(
@@ -243,9 +243,9 @@ def read_error_estimate(solver: Mapping[str, Any]) -> Accuracy | None:
 
 def _significant_lines(table: LineTable) -> list[Line]:
     """Lines that stand out and persist."""
-    seen = [x for x in table if x.status == "ok" and x.amplitude_n_m > 0.0]
-    top = max((x.amplitude_n_m for x in seen), default=0.0)
-    return [x for x in seen if x.amplitude_n_m >= MIN_LINE_RATIO * top]
+    seen = [x for x in table if x.status == "ok" and x.amplitude > 0.0]
+    top = max((x.amplitude for x in seen), default=0.0)
+    return [x for x in seen if x.amplitude >= MIN_LINE_RATIO * top]
 
 
 class _Difference(NamedTuple):
@@ -270,7 +270,7 @@ def _difference(
         _amplitudes(finer, counted, sample_rate),
         strict=True,
     )
-    changes = ((abs(a - b) / x.amplitude_n_m, x.line) for x, a, b in both)
+    changes = ((abs(a - b) / x.amplitude, x.name) for x, a, b in both)
     line, name = max(changes, key=lambda change: change[0], default=(0.0, ""))
     return _Difference(rms, line, name)
 
@@ -284,4 +284,4 @@ def _amplitudes(x: np.ndarray, counted: list[Line], sample_rate: float) -> list[
         4 * x.size
     )  # so that a line is at most an eighth of a bin off, a hundredth of its amplitude
     spectrum = np.abs(np.fft.rfft((x - x.mean()) * window * (2.0 / window.sum()), size))
-    return [float(spectrum[round(line.frequency_hz / sample_rate * size)]) for line in counted]
+    return [float(spectrum[round(line.frequency / sample_rate * size)]) for line in counted]

@@ -82,7 +82,7 @@ def _single_drive_lines(source: Motion | SteadyState, table: LineTable, los_only
     drifts = free & (frequency < MIN_FREQUENCY_WITHOUT_CONTROL)
     keep = np.any(np.isfinite(tones) & (tones != 0.0), axis=1) & ~drifts
     names = tuple(line.name for line, kept in zip(expected, keep, strict=True) if kept)
-    rings = [line for line in table if line.line in names and may_ring(line, table, scenario)]
+    rings = [line for line in table if line.name in names and may_ring(line, table, scenario)]
     tones = tones[keep]
     return HubLines(
         scenario,
@@ -93,8 +93,8 @@ def _single_drive_lines(source: Motion | SteadyState, table: LineTable, los_only
         shafts[keep],
         tuple(line.name for line, told in zip(expected, known, strict=True) if not told),
         tones[:, 6:12] if two else None,
-        tuple(line.line for line in table if line.status == NOISE_DRIVEN),
-        tuple(line.line for line in rings),
+        tuple(line.name for line in table if line.status == NOISE_DRIVEN),
+        tuple(line.name for line in rings),
     )
 
 
@@ -102,9 +102,9 @@ def _expected_and_found(scenario: Scenario, table: LineTable) -> tuple[ExpectedL
     """Lines that are expected, and those that were found in T_d and were not."""
     expected = expected_in(scenario, scenario.record.sample_rate, table.harmonics)
     found = (
-        ExpectedLine(x.line, "other", x.frequency_hz, x.frequency_hz, x.frequency_hz, x.origin)
+        ExpectedLine(x.name, "other", x.frequency, x.frequency, x.frequency, x.origin)
         for x in table
-        if x.kind == "other" and np.isfinite(x.frequency_hz)
+        if x.kind == "other" and np.isfinite(x.frequency)
     )
     return (*expected, *found)
 
@@ -247,7 +247,7 @@ def _estimate_tones(
     tones, frequency, decay = tones_in_channels(
         [source[name] for name in (*shafts, *channels)], source.sample_rate, expected, table
     )
-    if any(x.is_mode and not x.seen and np.isfinite(x.amplitude_n_m) for x in table):
+    if any(x.is_mode and not x.seen and np.isfinite(x.amplitude) for x in table):
         return tones[:, :2], _estimate_by_channel(source, expected, channels, rows)
     each = np.ones((1, len(channels)))
     return tones[:, :2], (tones[:, 2:], frequency[:, None] * each, decay[:, None] * each)
@@ -261,8 +261,8 @@ def _estimate_by_channel(
 ) -> ChannelTones:
     """Channel by channel."""
     columns = [channel_lines(source, name, expected, table) for name in channels]
-    frequency = np.array([[line.frequency_hz for line in column] for column in columns]).T
-    decay = np.array([[line.decay_per_s for line in column] for column in columns]).T
+    frequency = np.array([[line.frequency for line in column] for column in columns]).T
+    decay = np.array([[line.decay for line in column] for column in columns]).T
     return np.array([complex_amplitudes(column) for column in columns]).T, frequency, decay
 
 
@@ -290,7 +290,7 @@ def _free_decay_tones(
 
 def complex_amplitudes(lines: list[Line]) -> np.ndarray:
     """Complex amplitudes."""
-    return np.array([line.amplitude_n_m * np.exp(1j * line.phase_rad) for line in lines])
+    return np.array([line.amplitude * np.exp(1j * line.phase) for line in lines])
 
 
 def channel_lines(

@@ -195,7 +195,7 @@ class Judgement:
 
     def of(self, line: Line) -> Margin | None:
         """Margin of one line; None where it was not judged."""
-        return next((m for m in self.margins if m.line.line == line.line), None)
+        return next((m for m in self.margins if m.line.name == line.name), None)
 
     def __repr__(self) -> str:
         return f"{self}\n  {counted(len(self.margins), 'line')} judged, {len(self.unknown)} without an amplitude"
@@ -232,7 +232,7 @@ class Judgement:
             what = "smallest margin"
         else:
             what = "smallest margin judged"
-        return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.line})"
+        return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.name})"
 
 
 def judge(
@@ -295,10 +295,10 @@ def judge(
     table = with_known_error(table)
     within = [x for x in table if limit.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
-    known = [x for x in within if math.isfinite(x.amplitude_n_m)]
+    known = [x for x in within if math.isfinite(x.amplitude)]
     each = (margin(x, limit.torque, table, ringing, scenario) for x in known)
     margins = sorted((_certainly_within(one, limit) for one in each), key=lambda m: m.factor)
-    unknown = tuple(x for x in within if not math.isfinite(x.amplitude_n_m))
+    unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     not_tracking = _not_tracking_reasons(table, scenario)
     gaps = [
         *not_tracking,
@@ -323,7 +323,7 @@ def _hidden_line_gaps(
     """Lines without an amplitude that may be above the limit."""
     for line in unknown:
         if not (mode_has_decayed(line, scenario) or _is_negligible(line, limit)):
-            yield f"{line.line} ({line.status})"
+            yield f"{line.name} ({line.status})"
 
 
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
@@ -346,7 +346,7 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
 
 def _undecided(margin: Margin, why: str) -> Margin:
     """The margin of a line that neither passes nor fails."""
-    return replace(margin, verdict="not judged", why=f"{margin.line.line} ({why})")
+    return replace(margin, verdict="not judged", why=f"{margin.line.name} ({why})")
 
 
 def _unknown_error_reason(table: LineTable) -> str:
@@ -361,7 +361,7 @@ def _unknown_error_reason(table: LineTable) -> str:
 
 def _frequency_with_bound(line: Line) -> tuple[float, float]:
     """Frequency of a line, found or expected, and to what it is known [Hz]."""
-    return line.place_hz, float(frequency_error_bound(line.place_hz, line.frequency_uncertainty_hz))
+    return line.place, float(frequency_error_bound(line.place, line.frequency_uncertainty))
 
 
 def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
@@ -373,7 +373,7 @@ def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenari
     second = judge(table, first.limit, scenario)
 
     def called(line: Line) -> Line:
-        return replace(line, line=of_second_wing(line.line))
+        return replace(line, name=of_second_wing(line.name))
 
     theirs = (replace(m, line=called(m.line)) for m in second.margins)
     margins = sorted([*first.margins, *theirs], key=lambda m: m.factor)
@@ -386,13 +386,13 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
     """Sentences: an array that does not turn yet, and tones that decay from above a hundredth of
     the largest steady line.
     """
-    largest = max((x.amplitude_n_m for x in table if x.status == "ok"), default=math.inf)
+    largest = max((x.amplitude for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
     told = [f"{why[0].upper()}{why[1:]}." for why in _not_tracking_reasons(table, scenario)]
     told += [_noise_line_note(x, table) for x in table if x.status == NOISE_DRIVEN and x.is_mode]
     return told + [
-        f"{x.line} decays, {1e3 * start:.4g} mN m at the start of the record and"
-        f" {1e3 * x.amplitude_n_m:.4g} mN m on average:"
+        f"{x.name} decays, {1e3 * start:.4g} mN m at the start of the record and"
+        f" {1e3 * x.amplitude:.4g} mN m on average:"
         f" {settling_advice(x, start / (_SETTLED_RATIO * largest), scenario)} to fall to a"
         " hundredth of the largest steady"
         f" line{steady_start_advice(scenario)}."
@@ -416,24 +416,24 @@ def _not_tracking_reasons(table: LineTable, scenario: Scenario | None) -> list[s
 
 def _noise_line_note(line: Line, table: LineTable) -> str:
     """What is known of a line of which the record is one draw."""
-    seeds = table.over_seeds(line.line)
+    seeds = table.over_seeds(line.name)
     if seeds is not None:
         told = (
-            f"{line.line}: {NOISE_DRIVEN}; over {seeds.draws} seeds {1e3 * seeds.mean_n_m:.4g} ±"
-            f" {1e3 * seeds.deviation_n_m:.2g} mN m"
+            f"{line.name}: {NOISE_DRIVEN}; over {seeds.draws} seeds {1e3 * seeds.mean:.4g} ±"
+            f" {1e3 * seeds.deviation:.2g} mN m"
         )
-        if math.isnan(seeds.p95_high_n_m):
+        if math.isnan(seeds.p95_high):
             return f"{told}; too few draws to bound the 95 % quantile: at least {SEEDS_NEEDED} are needed."
-        return f"{told}, 95 % of them below {1e3 * seeds.p95_n_m:.4g} mN m."
-    if math.isfinite(line.noise_mean_n_m):
+        return f"{told}, 95 % of them below {1e3 * seeds.p95:.4g} mN m."
+    if math.isfinite(line.noise_mean):
         alone = (
-            f" the linearised drive gives {1e3 * line.noise_mean_n_m:.3g} ±"
-            f" {1e3 * line.noise_deviation_n_m:.2g} mN m by noise alone,"
-            f" 95 % of the draws below {1e3 * line.noise_p95_n_m:.3g} mN m;"
+            f" the linearised drive gives {1e3 * line.noise_mean:.3g} ±"
+            f" {1e3 * line.noise_deviation:.2g} mN m by noise alone,"
+            f" 95 % of the draws below {1e3 * line.noise_p95:.3g} mN m;"
         )
     else:
         alone = ""
-    return f"{line.line}: {ONE_DRAW};{alone} --seeds N runs others."
+    return f"{line.name}: {ONE_DRAW};{alone} --seeds N runs others."
 
 
 def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
@@ -469,7 +469,7 @@ def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None)
     """
     if table.rest is None:
         return
-    beside = [(max(limit.low - x.place_hz, x.place_hz - limit.high), x) for x in table]
+    beside = [(max(limit.low - x.place, x.place - limit.high), x) for x in table]
     near = [
         (apart, x)
         for apart, x in beside
@@ -480,7 +480,7 @@ def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None)
     if near:
         apart, line = min(near, key=lambda one: one[0])
         yield (
-            f"what {line.line} at {line.place_hz:.5g} Hz may hide in the band"
+            f"what {line.name} at {line.place:.5g} Hz may hide in the band"
             f" (record.duration >= {rounded_up(SEPARATION / apart)} s)"
         )
 
@@ -527,8 +527,8 @@ def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
     """Lines outside the band that grow: nothing bounds their multiples, which grow with them."""
     for x in table:
         outside = not limit.holds(*_frequency_with_bound(x))
-        if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude_n_m > limit.torque:
-            yield f"what {x.line} makes while it grows within the record (a longer record.settle)"
+        if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.torque:
+            yield f"what {x.name} makes while it grows within the record (a longer record.settle)"
 
 
 def _certainly_within(one: Margin, limit: Limit) -> Margin:
@@ -536,12 +536,12 @@ def _certainly_within(one: Margin, limit: Limit) -> Margin:
     may be in it, not judged.
     """
     line = one.line
-    clock = CLOCK_UNCERTAINTY * line.place_hz
-    if one.verdict != "fail" or line.kind != "other" or limit.holds(line.place_hz, clock):
+    clock = CLOCK_UNCERTAINTY * line.place
+    if one.verdict != "fail" or line.kind != "other" or limit.holds(line.place, clock):
         return one
-    apart = max(limit.low - line.place_hz, line.place_hz - limit.high)
+    apart = max(limit.low - line.place, line.place - limit.high)
     why = (
-        f"{line.line} (at {line.place_hz:.5g} Hz, which may be in the band;"
+        f"{line.name} (at {line.place:.5g} Hz, which may be in the band;"
         f" record.duration >= {rounded_up(SEPARATION / apart)} s)"
     )
     return replace(one, verdict="not judged", why=why)

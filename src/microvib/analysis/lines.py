@@ -170,7 +170,7 @@ def find_lines(
     -------
     LineTable
         Lines by name: frequencies [Hz], amplitudes, 0-to-peak, in the unit of the channel
-        (``table.unit``, also where their names end in ``n_m``), phases [rad].
+        (``table.unit``, also where columns of its files end in ``n_m``), phases [rad].
 
     Raises
     ------
@@ -185,7 +185,7 @@ def find_lines(
     --------
     >>> import microvib as mv
     >>> table = mv.find_lines("state-1", start="steady")
-    >>> print(f"{table['drive_1'].frequency_hz:.4f} Hz")
+    >>> print(f"{table['drive_1'].frequency:.4f} Hz")
     53.0133 Hz
     """
     expect_channel(channel)
@@ -302,7 +302,7 @@ def _refit_clock(
 def _with_own_expectation(line: Line, ratio: float) -> Line:
     """A line found at a clock of this ``ratio``, with the frequency that the scenario expects."""
     if line.of_clock:
-        return replace(line, expected_hz=line.expected_hz / ratio)
+        return replace(line, expected=line.expected / ratio)
     return line
 
 
@@ -310,8 +310,8 @@ def _clock_is_questionable(table: LineTable) -> bool:
     """Whether another clock might explain more: where unlisted lines are not small beside the
     clock's, or its first line is.
     """
-    clock = {line.line: line.amplitude_n_m for line in table if line.of_clock and line.seen}
-    others = max((line.amplitude_n_m for line in table if line.kind == "other"), default=0.0)
+    clock = {line.name: line.amplitude for line in table if line.of_clock and line.seen}
+    others = max((line.amplitude for line in table if line.kind == "other"), default=0.0)
     small = SIGNIFICANT_RATIO * max(clock.values(), default=0.0)
     return others > small or clock.get(driving_line(1), 0.0) <= small
 
@@ -336,21 +336,21 @@ def with_transient_uncertainty(table: LineTable) -> LineTable:
     time, as its size squared.
     """
     clock = [x for x in table if x.of_clock and x.seen]
-    rings = max((x.amplitude_n_m for x in table if x.is_mode and x.seen), default=0.0)
+    rings = max((x.amplitude for x in table if x.is_mode and x.seen), default=0.0)
     if not clock or not rings or table.clock_ratio_uncertainty is None:
         return table
-    largest = max(clock, key=lambda x: x.amplitude_n_m)
+    largest = max(clock, key=lambda x: x.amplitude)
     late = (
-        TRANSIENT_PHASE_DRIFT * min(rings / largest.amplitude_n_m, 1.0) ** 2 / largest.frequency_hz
+        TRANSIENT_PHASE_DRIFT * min(rings / largest.amplitude, 1.0) ** 2 / largest.frequency
     )  # [s] over the record
     slower = late / table.duration
 
     def wider(x: Line) -> Line:
         if x not in clock:
             return x
-        frequency = math.hypot(x.frequency_uncertainty_hz, slower * x.frequency_hz)
-        phase = math.hypot(x.phase_uncertainty_rad, math.pi * late * x.frequency_hz)
-        return replace(x, frequency_uncertainty_hz=frequency, phase_uncertainty_rad=phase)
+        frequency = math.hypot(x.frequency_uncertainty, slower * x.frequency)
+        phase = math.hypot(x.phase_uncertainty, math.pi * late * x.frequency)
+        return replace(x, frequency_uncertainty=frequency, phase_uncertainty=phase)
 
     ratio = math.hypot(table.clock_ratio_uncertainty, slower)
     return replace(table, lines=tuple(map(wider, table)), clock_ratio_uncertainty=ratio)
@@ -368,10 +368,10 @@ def relabel_lasting_lines(table: LineTable, scenario: Scenario) -> LineTable:
             continue
         number += 1
         name = str(LineName(UNLISTED, number))
-        origin = f"steady, at the frequency of {x.line}, whose ringing has died away: a sideband, or kept going by friction"
-        rows.append(replace(x, line=name, kind="other", origin=origin, expected_hz=x.frequency_hz))
+        origin = f"steady, at the frequency of {x.name}, whose ringing has died away: a sideband, or kept going by friction"
+        rows.append(replace(x, name=name, kind="other", origin=origin, expected=x.frequency))
         nothing: dict[str, Any] = dict.fromkeys(
-            ("frequency_hz", "amplitude_n_m", "phase_rad", "decay_per_s"), math.nan
+            ("frequency", "amplitude", "phase", "decay"), math.nan
         )
         rows[k] = replace(x, **nothing, status=f"{NOT_SEPARABLE} {name}")
     return replace(table, lines=tuple(rows))
@@ -403,7 +403,7 @@ def with_noise_statistics(
         in_closed_form = {x.line: x for x in noise_driven_lines(scenario, table.duration)}
     rows = []
     for line in table:
-        noise = in_closed_form.get(line.line)
+        noise = in_closed_form.get(line.name)
         if noise is not None:
             rows.append(_with_noise_in_closed_form(line, noise))
         elif line.seen and _is_made_by_noise(line, scenario, table.duration, disturbance):
@@ -417,27 +417,27 @@ def _with_noise_in_closed_form(line: Line, noise: NoiseDrivenLine) -> Line:
     """A line with the statistics of what noise gives it, driven by it where that is not
     negligible.
     """
-    negligible = _NEGLIGIBLE_NOISE_RATIO * line.amplitude_n_m
+    negligible = _NEGLIGIBLE_NOISE_RATIO * line.amplitude
     if line.status == BELOW_FLOOR:
-        negligible = line.floor_n_m
+        negligible = line.floor
     is_driven = (line.seen or line.status == BELOW_FLOOR) and noise.quantile > negligible
     return replace(
         line,
-        noise_mean_n_m=noise.mean,
-        noise_deviation_n_m=noise.deviation,
-        noise_p95_n_m=noise.quantile,
+        noise_mean=noise.mean,
+        noise_deviation=noise.deviation,
+        noise_p95=noise.quantile,
         status=NOISE_DRIVEN if is_driven else line.status,
     )
 
 
 def _is_made_by_noise(line: Line, scenario: Scenario, duration: float, disturbance: bool) -> bool:
     """Whether noise may be all that is seen of a line without statistics in closed form."""
-    if line.of_clock or not line.frequency_hz > 0.0:
+    if line.of_clock or not line.frequency > 0.0:
         return False
     if not disturbance:
-        return bool(noise_density(scenario, np.array([line.frequency_hz]))[0] > 0.0)
-    in_bin = noise_bin_amplitude(scenario, line.frequency_hz, duration)
-    return line.amplitude_n_m < _MAX_NOISE_RATIO * in_bin
+        return bool(noise_density(scenario, np.array([line.frequency]))[0] > 0.0)
+    in_bin = noise_bin_amplitude(scenario, line.frequency, duration)
+    return line.amplitude < _MAX_NOISE_RATIO * in_bin
 
 
 def lines_by_name(
@@ -496,13 +496,13 @@ _MIN_COMB_LINES = 3
 
 def _largest_harmonic_series(others: Sequence[Line], duration: float) -> Iterator[Line]:
     """Those of the lines that are multiples of the lowest of them which has most, but the mains'."""
-    each = [x for x in others if not near_mains(x.frequency_hz, duration)]
+    each = [x for x in others if not near_mains(x.frequency, duration)]
     combs: list[list[Line]] = [
-        [x for x in each if abs(x.frequency_hz - round(x.frequency_hz / first.frequency_hz) * first.frequency_hz) * duration < 0.5]
+        [x for x in each if abs(x.frequency - round(x.frequency / first.frequency) * first.frequency) * duration < 0.5]
         for first in each
     ]  # fmt: skip
     combs.sort(key=len)
-    yield from sorted(combs[-1] if combs else [], key=lambda x: x.frequency_hz)
+    yield from sorted(combs[-1] if combs else [], key=lambda x: x.frequency)
 
 
 def rate_warnings(clock_ratio: float | None) -> Iterator[str]:
@@ -533,18 +533,18 @@ def _no_motion_warnings(table: LineTable, clock: Sequence[Line]) -> Iterator[str
     seen = [x for x in clock if x.seen]
     if table.clock_ratio is None and any(x.status == BELOW_FLOOR for x in clock):
         yield f"no line of the step clock is detected within {100 * CLOCK_TOLERANCE:g} % of the scenario's rate"
-    elif seen and all(near_mains(x.frequency_hz, table.duration) for x in seen):
+    elif seen and all(near_mains(x.frequency, table.duration) for x in seen):
         yield "all detected lines of the step clock coincide with mains harmonics (50 or 60 Hz): the drive may not have been moving"
 
 
 def _other_machinery_warnings(table: LineTable, clock: Sequence[Line]) -> Iterator[str]:
     """Where lines larger than all of the ``clock`` are multiples of one frequency."""
-    largest = max((x.amplitude_n_m for x in clock if x.seen), default=math.inf)
-    larger = [x for x in table if x.kind == "other" and x.amplitude_n_m > largest]
+    largest = max((x.amplitude for x in clock if x.seen), default=math.inf)
+    larger = [x for x in table if x.kind == "other" and x.amplitude > largest]
     comb = list(_largest_harmonic_series(larger, table.duration))
     if len(comb) >= _MIN_COMB_LINES:
         yield (
-            f"{', '.join(x.line for x in comb)}, multiples of {comb[0].frequency_hz:.5g} Hz, are"
+            f"{', '.join(x.name for x in comb)}, multiples of {comb[0].frequency:.5g} Hz, are"
             " larger than all lines of the step"
             " clock: the drive may have run at another rate, or other machinery may have been"
             " running nearby"
@@ -553,8 +553,8 @@ def _other_machinery_warnings(table: LineTable, clock: Sequence[Line]) -> Iterat
 
 def _multiple_of_rate_warnings(clock: Sequence[Line]) -> Iterator[str]:
     """Where of the driving lines those alone are seen that a multiple of the rate has."""
-    drive = {LineName.parse(x.line).order: x for x in clock if x.kind == "drive"}
-    seen = {k: x.line for k, x in drive.items() if x.seen}
+    drive = {LineName.parse(x.name).order: x for x in clock if x.kind == "drive"}
+    seen = {k: x.name for k, x in drive.items() if x.seen}
     common = math.gcd(*seen)
     if common > 1 and all(x.status == BELOW_FLOOR for k, x in drive.items() if k % common):
         yield (
@@ -569,7 +569,7 @@ def clock_and_mains_warnings(table: LineTable) -> Iterator[str]:
     """
     warnings = tuple(clock_warnings(table))
     clock = (x for x in table if x.of_clock and x.seen)
-    hum = [x.line for x in clock if near_mains(x.frequency_hz, table.duration)]
+    hum = [x.name for x in clock if near_mains(x.frequency, table.duration)]
     if hum and not warnings:
         yield f"possible mains pick-up (50 or 60 Hz): {', '.join(hum[:6])}{' ...' if len(hum) > 6 else ''}"
     yield from warnings

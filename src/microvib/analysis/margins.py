@@ -98,19 +98,19 @@ def margin(
     """The verdict on one line against a limit [N m]: pass or fail where it is known well enough,
     whatever the record was.
     """
-    seeds = table.over_seeds(line.line)
+    seeds = table.over_seeds(line.name)
     if seeds is not None and _draws_decide(line, seeds):
         judged = _judge_seed_quantile(line, seeds, most, table.own_error)
     else:
         judged = _judge_record(line, most, table, ringing, scenario)
-        if judged.verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high_n_m):
+        if judged.verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high):
             verdict, why = _judge_by_tolerance_bound(line, seeds, most)
             judged = judged._replace(verdict=verdict, why=why)
     if judged.verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
         why = "may be a decaying array mode, which the record is too short to resolve; increase record.settle"
         judged = judged._replace(verdict="not judged", why=why)
     factor = most / judged.amplitude if judged.amplitude > 0.0 else math.inf
-    why = f"{line.line} ({judged.why})" if judged.verdict == "not judged" else ""
+    why = f"{line.name} ({judged.why})" if judged.verdict == "not judged" else ""
     return Margin(line, judged.amplitude, factor, judged.verdict, why)
 
 
@@ -128,7 +128,7 @@ def _draws_decide(line: Line, seeds: SeedLine) -> bool:
     """
     if line.status == NOISE_DRIVEN:
         return True
-    return line.status in ("ok", BELOW_FLOOR) and math.isfinite(seeds.p95_high_n_m)
+    return line.status in ("ok", BELOW_FLOOR) and math.isfinite(seeds.p95_high)
 
 
 def _judge_record(
@@ -139,13 +139,13 @@ def _judge_record(
     What a line may be at most decides that it passes, whatever its status; only a line that neither
     decays nor is hidden can fail.
     """
-    amplitude, error_bound = line.amplitude_n_m, amplitude_error_bound(line, table)
+    amplitude, error_bound = line.amplitude, amplitude_error_bound(line, table)
     if line.status == NOISE_DRIVEN:
         why = f"{ONE_DRAW}; --seeds N judges by its 95 % quantile"
         return _Judged(amplitude, "not judged", why)
     if line.status == BELOW_FLOOR:
         found = amplitude + error_bound if math.isfinite(amplitude) else 0.0
-        largest = max(found, line.hidden_n_m)
+        largest = max(found, line.hidden)
         return _passes(largest, largest, most, "below the noise floor; increase record.duration")
     if line.status in ("decaying", "growing"):
         start = line.starting(table.duration)
@@ -174,10 +174,10 @@ def _judge_beside_ringing(
     Until that has died away friction may change this line by a part of it: the limit must be
     farther off than that, too.
     """
-    amplitude = line.amplitude_n_m
+    amplitude = line.amplitude
     falling = [x for x in ringing if x.status != NOISE_DRIVEN]
     rings = sum(
-        x.amplitude_n_m if x.status == NOISE_DRIVEN else x.starting(table.duration) for x in ringing
+        x.amplitude if x.status == NOISE_DRIVEN else x.starting(table.duration) for x in ringing
     )
     clear = abs(amplitude - most) - amplitude_error_bound(line, table)
     stirred = _ringing_factor(scenario) * min(rings, amplitude)
@@ -187,7 +187,7 @@ def _judge_beside_ringing(
         return _Judged(amplitude, "not judged", "within its uncertainty of the limit")
     remedy = "--seeds N"
     if falling:
-        slowest = min(falling, key=lambda x: x.decay_per_s)
+        slowest = min(falling, key=lambda x: x.decay)
         remedy = settling_advice(slowest, stirred / clear, scenario)
     why = f"too close to the limit to judge until the transient has decayed; {remedy}"
     return _Judged(amplitude, "not judged", why)
@@ -208,14 +208,14 @@ def _shared_bins_reason(
     """
     if scenario is None or table.rest is None:
         return ""
-    if SHARED_BINS_FACTOR * line.amplitude_n_m + error_bound <= most:
+    if SHARED_BINS_FACTOR * line.amplitude + error_bound <= most:
         return ""
     if beside := _ringing_beside(line, table):
         return (
-            f"not resolved from {beside.line} at {beside.place_hz:.5g} Hz, which is no line of the"
+            f"not resolved from {beside.name} at {beside.place:.5g} Hz, which is no line of the"
             " clock; a longer record.duration or record.settle"
         )
-    if line.of_clock and line.amplitude_n_m - error_bound > SHARED_BINS_FACTOR * most:
+    if line.of_clock and line.amplitude - error_bound > SHARED_BINS_FACTOR * most:
         return ""
     return _unresolved_from(line, table, table.rest.resolution, scenario)
 
@@ -227,8 +227,8 @@ def _ringing_beside(line: Line, table: LineTable) -> Line | None:
     if table.rest is None:
         return None
     for x in table:
-        close = x is not line and abs(x.place_hz - line.place_hz) < table.rest.resolution
-        if close and x.seen and not x.of_clock and x.amplitude_n_m > 0.1 * line.amplitude_n_m:
+        close = x is not line and abs(x.place - line.place) < table.rest.resolution
+        if close and x.seen and not x.of_clock and x.amplitude > 0.1 * line.amplitude:
             return x
     return None
 
@@ -238,16 +238,16 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
     a line of the clock, or a mode that may still ring and is not seen; empty without one.
     """
     if line.of_clock:
-        nominal, frequency_error = line.expected_hz, 0.0
+        nominal, frequency_error = line.expected, 0.0
     else:
-        nominal = line.place_hz / (table.clock_ratio or 1.0)
-        frequency_error = float(frequency_error_bound(line.place_hz, line.frequency_uncertainty_hz))
+        nominal = line.place / (table.clock_ratio or 1.0)
+        frequency_error = float(frequency_error_bound(line.place, line.frequency_uncertainty))
     apart = distance_to_clock_line(scenario, nominal, frequency_error)
     if apart < resolution:
         longer = rounded_up(SEPARATION / apart)
         return f"not resolved from a line of the clock; record.duration >= {longer} s"
     for mode in unseen_ringing_modes(table, scenario):
-        if abs(mode.frequency - line.place_hz) < resolution:
+        if abs(mode.frequency - line.place) < resolution:
             return f"not resolved from {mode.name}, which may still ring; increase record.settle"
     return ""
 
@@ -266,13 +266,13 @@ def amplitude_error_bound(line: Line, table: LineTable) -> float:
     """By how much an amplitude may be off [N m]: twice its spread over records and draws, and the
     integration's error.
     """
-    seeds = table.over_seeds(line.line)
+    seeds = table.over_seeds(line.name)
     if seeds:
-        drawn = seeds.deviation_n_m
+        drawn = seeds.deviation
     else:
-        drawn = line.noise_scatter_n_m
-    known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty_n_m, drawn))
-    size = max(line.amplitude_n_m, MIN_ERROR_REFERENCE_RATIO * table.largest)
+        drawn = line.noise_scatter
+    known = (x if math.isfinite(x) else 0.0 for x in (line.amplitude_uncertainty, drawn))
+    size = max(line.amplitude, MIN_ERROR_REFERENCE_RATIO * table.largest)
     return 2.0 * math.hypot(*known) + max(MIN_RELATIVE_ERROR, table.own_error) * size
 
 
@@ -284,17 +284,17 @@ def largest_amplitude(line: Line, table: LineTable) -> float:
         return math.inf
     if line.status == CANCELLED:
         return amplitude_bound(line)
-    if not math.isfinite(line.amplitude_n_m):
-        return line.hidden_n_m
-    size = max(line.amplitude_n_m, line.starting(table.duration))
-    return max(size + amplitude_error_bound(line, table), line.hidden_n_m)
+    if not math.isfinite(line.amplitude):
+        return line.hidden
+    size = max(line.amplitude, line.starting(table.duration))
+    return max(size + amplitude_error_bound(line, table), line.hidden)
 
 
 def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> str:
     """What to do about a tone that is ``too_large`` by this factor until it has decayed."""
     if line.status == "growing":
         return "it grows within the record"
-    longer = math.log(max(too_large, 1.0)) / line.decay_per_s
+    longer = math.log(max(too_large, 1.0)) / line.decay
     if scenario is None:
         return f"not settled for another {rounded_up(longer)} s"
     return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
@@ -303,31 +303,31 @@ def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> 
 def _judge_seed_quantile(line: Line, seeds: SeedLine, most: float, own_error: float) -> _Judged:
     """The verdict where many draws of the noise were run, by their 95 % quantile."""
     relative_error = max(MIN_RELATIVE_ERROR, own_error)
-    largest = max(seeds.p95_high_n_m, seeds.hidden_n_m) * (1.0 + relative_error)
-    if seeds.mean_n_m > _MIN_TRANSIENT_RATIO * line.noise_mean_n_m:
+    largest = max(seeds.p95_high, seeds.hidden) * (1.0 + relative_error)
+    if seeds.mean > _MIN_TRANSIENT_RATIO * line.noise_mean:
         return _Judged(
-            seeds.p95_n_m,
+            seeds.p95,
             "not judged",
             "larger than the noise accounts for, possibly the start-up transient; increase"
             " record.settle",
         )
     if largest <= most:
-        return _Judged(seeds.p95_n_m, "pass")
-    if seeds.p95_low_n_m * (1.0 - relative_error) > most:
-        return _Judged(seeds.p95_n_m, "fail")
-    high, needed = f"{1e3 * seeds.p95_high_n_m:.4g} mN m", f"more seeds than {seeds.draws}"
-    if math.isnan(seeds.p95_high_n_m):
+        return _Judged(seeds.p95, "pass")
+    if seeds.p95_low * (1.0 - relative_error) > most:
+        return _Judged(seeds.p95, "fail")
+    high, needed = f"{1e3 * seeds.p95_high:.4g} mN m", f"more seeds than {seeds.draws}"
+    if math.isnan(seeds.p95_high):
         high, needed = "an unknown amplitude", f"{SEEDS_NEEDED} seeds or more"
-    why = f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high}; {needed}"
-    if seeds.p95_high_n_m * (1.0 + relative_error) <= most:
+    why = f"its 95 % quantile lies between {1e3 * seeds.p95_low:.4g} mN m and {high}; {needed}"
+    if seeds.p95_high * (1.0 + relative_error) <= most:
         why = "below the noise floor in some draws; increase record.duration"
-    elif most < seeds.p95_low_n_m or seeds.p95_high_n_m <= most:
+    elif most < seeds.p95_low or seeds.p95_high <= most:
         why = (
-            f"its 95 % quantile lies between {1e3 * seeds.p95_low_n_m:.4g} mN m and {high} over the"
+            f"its 95 % quantile lies between {1e3 * seeds.p95_low:.4g} mN m and {high} over the"
             " draws, and the integration may"
             f" be off by {100.0 * relative_error:.2g} %; a larger solver.refinement"
         )
-    return _Judged(seeds.p95_n_m, "not judged", why)
+    return _Judged(seeds.p95, "not judged", why)
 
 
 def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple[Verdict, str]:
@@ -346,8 +346,8 @@ def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple
             f"found in {n} noise draw, too few to bound it; use at least {SEEDS_NEEDED} seeds",
         )
     reach = float(nct.ppf(0.95, n - 1, _RAYLEIGH * math.sqrt(n))) / math.sqrt(n)
-    largest = seeds.mean_n_m + reach * seeds.deviation_n_m
-    if max(largest, seeds.hidden_n_m) <= most:
+    largest = seeds.mean + reach * seeds.deviation
+    if max(largest, seeds.hidden) <= most:
         return "pass", ""
     why = (
         f"{n} draws of the noise bound its 95 % quantile to no better than {1e3 * largest:.4g} mN"
@@ -359,9 +359,9 @@ def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple
 def amplitude_bound(line: Line) -> float:
     """What a line without a figure of its own may have at most [N m]: what its floor hides, or
     BEYOND times the bin that it shares with others, for there they may cancel in part."""
-    if line.hidden_n_m > 0.0:
-        return line.hidden_n_m
-    return ABOVE_PASSBAND_FACTOR * line.bin_amplitude_n_m
+    if line.hidden > 0.0:
+        return line.hidden
+    return ABOVE_PASSBAND_FACTOR * line.bin_amplitude
 
 
 def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
@@ -378,7 +378,7 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
     modes = [
         m
         for m in coupled_modes(scenario)
-        if m.name == line.line or abs(m.frequency - line.frequency_hz) < near
+        if m.name == line.name or abs(m.frequency - line.frequency) < near
     ]
     return any(_may_still_ring(m, scenario) for m in modes)
 
@@ -389,7 +389,7 @@ def unseen_ringing_modes(
     """Modes that may still ring after the start, which have not yet decayed by so many
     ``efoldings``, and of which the record shows nothing.
     """
-    seen = {x.line for x in table if x.seen}
+    seen = {x.name for x in table if x.seen}
     return [
         mode
         for mode in coupled_modes(scenario)

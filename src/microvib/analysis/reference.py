@@ -45,13 +45,13 @@ def compare_with_reference(scenario: Scenario, table: LineTable) -> list[Referen
     reference = scenario.reference
     if reference is None:
         return []
-    known = {line.line: line for line in table}
+    known = {line.name: line for line in table}
     rows = []
     for one in reference.lines:
         line = known.get(one.line)
-        if line is None or not line.amplitude_n_m > 0.0:
+        if line is None or not line.amplitude > 0.0:
             continue
-        if abs(line.place_hz / one.frequency - 1.0) > SAME_LINE:
+        if abs(line.place / one.frequency - 1.0) > SAME_LINE:
             continue
         run_hz, run_n_m = _by_estimator(line, reference)
         rows.append(
@@ -104,8 +104,8 @@ def estimator_text(reference: Reference) -> str:
 
 def _by_estimator(line: Line, reference: Reference) -> tuple[float, float]:
     if reference.estimator == "nearest bin":
-        return line.bin_frequency_hz, line.bin_amplitude_n_m
-    return line.frequency_hz, line.amplitude_n_m
+        return line.bin_frequency, line.bin_amplitude
+    return line.frequency, line.amplitude
 
 
 def _known(value: float | None) -> float:

@@ -56,7 +56,7 @@ def with_seeds(
     ``check_seeds`` allows is drawn; raises what ``simulate`` raises.
     """
     rest = scenario.with_({"record.start": "rest"})
-    names = [line.line for line in table if line.kind != "other"]
+    names = [line.name for line in table if line.kind != "other"]
     found: dict[str, list[Line]] = {name: [] for name in names}
     broken = dict.fromkeys(table.broken)
     for k in range(number):
@@ -65,8 +65,8 @@ def with_seeds(
             raise torque
         broken |= dict.fromkeys(torque.broken)
         for line in lines_by_name(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):
-            if line.line in found and math.isfinite(line.amplitude_n_m):
-                found[line.line].append(line)
+            if line.name in found and math.isfinite(line.amplitude):
+                found[line.name].append(line)
         if progress:
             progress(k + 1)
     over = tuple(_seed_statistics(rows) for rows in found.values() if len(rows) > 0.9 * number)
@@ -74,18 +74,18 @@ def with_seeds(
 
 
 def _seed_statistics(rows: list[Line]) -> SeedLine:
-    amplitude = np.sort([x.amplitude_n_m for x in rows])
+    amplitude = np.sort([x.amplitude for x in rows])
     low, high = quantile_bounds(amplitude)
     return SeedLine(
-        line=rows[0].line,
-        frequency_hz=float(np.median([x.frequency_hz for x in rows])),
+        name=rows[0].name,
+        frequency=float(np.median([x.frequency for x in rows])),
         draws=len(rows),
-        mean_n_m=float(amplitude.mean()),
-        deviation_n_m=float(amplitude.std(ddof=1)),
-        p95_n_m=float(np.quantile(amplitude, QUANTILE)),
-        p95_low_n_m=low,
-        p95_high_n_m=high,
-        hidden_n_m=max((x.hidden_n_m for x in rows), default=0.0),
+        mean=float(amplitude.mean()),
+        deviation=float(amplitude.std(ddof=1)),
+        p95=float(np.quantile(amplitude, QUANTILE)),
+        p95_low=low,
+        p95_high=high,
+        hidden=max((x.hidden for x in rows), default=0.0),
     )
 
 

@@ -43,7 +43,7 @@ def mode_has_decayed(line: Line, scenario: Scenario | None) -> bool:
     """
     if scenario is None or not line.is_mode:
         return False
-    mode = next((m for m in coupled_modes(scenario) if m.name == line.line), None)
+    mode = next((m for m in coupled_modes(scenario) if m.name == line.name), None)
     return mode is not None and mode.decay * time_to_settle(scenario) > SETTLED_EFOLDINGS
 
 

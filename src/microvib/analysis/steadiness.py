@@ -58,8 +58,8 @@ def blurred(table: LineTable, line: Line) -> bool:
     """Whether the amplitude of a line of the clock is uncertain because of what its band holds
     beyond the lines.
     """
-    near = (one.amplitude for one in table.excess if one.low <= line.place_hz <= one.high)
-    return line.of_clock and max(near, default=0.0) > BLURRED * line.amplitude_n_m
+    near = (one.amplitude for one in table.excess if one.low <= line.place <= one.high)
+    return line.of_clock and max(near, default=0.0) > BLURRED * line.amplitude
 
 
 def steadiness_notes(table: LineTable) -> Iterator[str]:
@@ -76,8 +76,8 @@ def _hides_clock_line(table: LineTable, one: Excess, least: float) -> bool:
     """Whether a band leaves open how large one of the clock's lines in it is that is, or may be,
     larger than ``least``.
     """
-    inside = [x for x in table if x.of_clock and one.low <= x.place_hz <= one.high]
-    if any(x.seen and x.amplitude_n_m > least and blurred(table, x) for x in inside):
+    inside = [x for x in table if x.of_clock and one.low <= x.place <= one.high]
+    if any(x.seen and x.amplitude > least and blurred(table, x) for x in inside):
         return True
     return one.amplitude > least and not all(x.seen for x in inside)
 
@@ -86,14 +86,14 @@ def _largest(table: LineTable, one: Excess) -> float:
     """What a line in the band may reach: the largest that is known, and all that is beyond them on
     top.
     """
-    sizes = (x.amplitude_n_m for x in table if x.seen and one.low <= x.place_hz <= one.high)
+    sizes = (x.amplitude for x in table if x.seen and one.low <= x.place <= one.high)
     return math.hypot(max(sizes, default=0.0), one.amplitude)
 
 
 def _doubled(line: Line) -> Line:
     rings = line.is_mode and line.status == "decaying"
     if rings:
-        return replace(line, amplitude_n_m=RINGS * line.amplitude_n_m)
+        return replace(line, amplitude=RINGS * line.amplitude)
     return line
 
 
@@ -102,12 +102,11 @@ def _counts(line: Line, seen: Sequence[Line], table: LineTable) -> bool:
     that no modulation of a larger one does."""
     if line.kind != "other":
         return True
-    if near_mains(line.frequency_hz, table.duration):
+    if near_mains(line.frequency, table.duration):
         return True
     if line.origin and line.origin != NO_ORDER:
         return True
     return not any(
-        x.amplitude_n_m > line.amplitude_n_m
-        and 1.0 / _BESIDE < x.frequency_hz / line.frequency_hz < _BESIDE
+        x.amplitude > line.amplitude and 1.0 / _BESIDE < x.frequency / line.frequency < _BESIDE
         for x in seen
     )

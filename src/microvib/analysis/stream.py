@@ -44,7 +44,7 @@ def lines_of_stream(
         tables.append(lines_of_samples(block, rate, scenario, harmonics))
         if start == 0:
             begun = block.copy()
-            numbers = [round(x.place_hz * samples / rate) for x in tables[0]]
+            numbers = [round(x.place * samples / rate) for x in tables[0]]
         sums = sums + _bin_sums(block, start, numbers, samples)
         start += block.size
     amplitudes = np.where(
@@ -116,7 +116,7 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
     for first, (bin_hz, bin_amplitude) in zip(tables[0], bins, strict=True):
         in_blocks = [_matching_line(table, first) for table in tables]
         mean = _mean_line([line for line in in_blocks if line is not None])
-        lines.append(replace(mean, bin_frequency_hz=bin_hz, bin_amplitude_n_m=bin_amplitude))
+        lines.append(replace(mean, bin_frequency=bin_hz, bin_amplitude=bin_amplitude))
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     return replace(
@@ -133,11 +133,11 @@ def _mean_line(blocks: list[Line]) -> Line:
     """One line's mean over the blocks."""
     # A mode that has died away says nothing of its frequency: blocks count by the square of what
     # they show.
-    weights = np.array([x.amplitude_n_m**2 if x.seen else 0.0 for x in blocks])
+    weights = np.array([x.amplitude**2 if x.seen else 0.0 for x in blocks])
     if not np.any(weights > 0.0):
         weights = np.ones(len(blocks))
 
-    hidden = [x for x in blocks if not math.isfinite(x.amplitude_n_m)]
+    hidden = [x for x in blocks if not math.isfinite(x.amplitude)]
     telling = hidden[0] if hidden else blocks[int(np.argmax(weights))]
 
     def values(name: str) -> list[float]:
@@ -145,12 +145,12 @@ def _mean_line(blocks: list[Line]) -> Line:
 
     return replace(
         blocks[0],
-        frequency_hz=float(np.average(values("frequency_hz"), weights=weights)),
-        decay_per_s=float(np.average(values("decay_per_s"), weights=weights)),
-        amplitude_n_m=float(np.average(values("amplitude_n_m"))),
-        floor_n_m=float(np.average(values("floor_n_m"))),
-        frequency_uncertainty_hz=_uncertainty_of_mean(values("frequency_uncertainty_hz")),
-        amplitude_uncertainty_n_m=_uncertainty_of_mean(values("amplitude_uncertainty_n_m")),
+        frequency=float(np.average(values("frequency"), weights=weights)),
+        decay=float(np.average(values("decay"), weights=weights)),
+        amplitude=float(np.average(values("amplitude"))),
+        floor=float(np.average(values("floor"))),
+        frequency_uncertainty=_uncertainty_of_mean(values("frequency_uncertainty")),
+        amplitude_uncertainty=_uncertainty_of_mean(values("amplitude_uncertainty")),
         status=telling.status,
     )
 
@@ -177,11 +177,11 @@ def _matching_line(table: LineTable, line: Line) -> Line | None:
     means nothing there.
     """
     if line.kind != "other":
-        return table[line.line]
+        return table[line.name]
     near = (
         x
         for x in table
-        if x.kind == "other" and abs(x.frequency_hz - line.frequency_hz) * table.duration < 1.0
+        if x.kind == "other" and abs(x.frequency - line.frequency) * table.duration < 1.0
     )
     return next(near, None)
 
@@ -190,7 +190,7 @@ def _unmatched_peaks(table: LineTable, first: LineTable) -> ResidualPeaks:
     """Unexpected lines of a block that the first one does not have."""
     lines = [x for x in table if x.kind == "other" and _matching_line(first, x) is None]
     return ResidualPeaks(
-        np.array([x.frequency_hz for x in lines]), np.array([x.amplitude_n_m for x in lines])
+        np.array([x.frequency for x in lines]), np.array([x.amplitude for x in lines])
     )
 
 

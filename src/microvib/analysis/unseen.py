@@ -315,11 +315,7 @@ def _extrapolated_bounds(
     Such torques have jumps at most, whose lines fall as their frequency rises.
     """
     edge = PASSBAND * table.sample_rate
-    known = [
-        (x.place_hz, max(x.amplitude_n_m, x.hidden_n_m))
-        for x in table
-        if math.isfinite(x.amplitude_n_m)
-    ]
+    known = [(x.place, max(x.amplitude, x.hidden)) for x in table if math.isfinite(x.amplitude)]
     if table.rest is not None:
         known += zip(table.rest.frequency.tolist(), table.rest.amplitude.tolist(), strict=True)
     octaves = np.array([row for row in known if 0.25 * edge <= row[0] <= edge]).reshape(-1, 2)

@@ -9,7 +9,7 @@ import math
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from microvib.io.tables import package_versions, rows_csv
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.results import Column, Table, columns_of
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks, SeedLine
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
@@ -72,23 +73,25 @@ def _variable(f: Any, channel: Channel, values: Any) -> None:
 
 def lines_csv(table: LineTable) -> str:
     """CSV text of a table of lines, one row each; what could not be estimated is left empty."""
-    figures = (
-        "expected_hz",
-        "frequency_hz",
-        "amplitude_n_m",
-        "phase_rad",
-        "bin_frequency_hz",
-        "bin_amplitude_n_m",
+    columns = columns_of(Line)
+    first = (
+        "name",
+        "expected",
+        "frequency",
+        "amplitude",
+        "phase",
+        "bin_frequency",
+        "bin_amplitude",
     )
-    first = ("line", *figures)
-    names = [*first, *(f.name for f in fields(Line) if f.name not in first)]
-    return rows_csv(names, ([getattr(line, name) for name in names] for line in table))
+    names = [*first, *(name for name in columns if name not in first)]
+    header = [columns[name].key for name in names]
+    return rows_csv(header, ([getattr(line, name) for name in names] for line in table))
 
 
 def seeds_csv(table: LineTable) -> str:
     """CSV text of the lines over many draws of the noise."""
-    names = [f.name for f in fields(SeedLine)]
-    return rows_csv(names, ([getattr(line, name) for name in names] for line in table.seeds))
+    seeds = Table.of("seeds", SeedLine, table.seeds)
+    return rows_csv([column.key for column in seeds.columns], seeds.file_rows())
 
 
 def scenario_hash(scenario: Scenario) -> str:
@@ -261,12 +264,13 @@ def _seeds(path: Path) -> tuple[SeedLine, ...]:
 
 def _rows(path: Path, of: type) -> list[dict[str, Any]]:
     """Rows of a CSV table as keywords of a dataclass, of texts and numbers."""
-    texts = {field.name for field in fields(of) if field.type == "str"}
+    declared = {column.key: (name, column) for name, column in columns_of(of).items()}
+
+    def value(column: Column, text: str) -> Any:
+        return unescape_formula(text) if column.measure is None else float(text or math.nan)
+
     with path.open(encoding="utf-8", newline="") as stream:
         return [
-            {
-                key: unescape_formula(text) if key in texts else float(text or math.nan)
-                for key, text in row.items()
-            }
+            {name: value(column, row[key]) for key, (name, column) in declared.items()}
             for row in csv.DictReader(stream)
         ]

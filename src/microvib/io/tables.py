@@ -12,7 +12,7 @@ import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
@@ -23,6 +23,7 @@ from microvib.errors import MicrovibError, did_you_mean, quoted_value
 from microvib.io.csv_cells import csv_text, unescape_formula
 from microvib.io.files import as_read_errors, check_file
 from microvib.model.reference import Reference
+from microvib.results import columns_of
 from microvib.signals.line_table import Line, LineTable
 
 _COMMA, _POINT = (re.compile(rf"\s*[+-]?\d*{mark}\d+([eE][+-]?\d+)?\s*") for mark in (",", r"\."))
@@ -246,16 +247,7 @@ def read_table(name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-_FIGURES = (
-    "frequency_hz",
-    "amplitude_n_m",
-    "amplitude_uncertainty_n_m",
-    "bin_frequency_hz",
-    "bin_amplitude_n_m",
-)
-_UNKNOWN: dict[str, Any] = {
-    field.name: "" if field.type == "str" else math.nan for field in fields(Line)
-}
+_FIGURES = ("frequency", "amplitude", "amplitude_uncertainty", "bin_frequency", "bin_amplitude")
 
 
 def is_line_table(path: Path) -> bool:
@@ -275,7 +267,7 @@ def read_lines(path: Path) -> LineTable:
     MicrovibError names a column that is not known, and the row where one is not a number, or not
     finite.
     """
-    rows = dict_rows(path, [field.name for field in fields(Line)], what="lines")
+    rows = dict_rows(path, [column.key for column in columns_of(Line).values()], what="lines")
     return _table(
         [
             (row.get("line") or "", _figures(f"{path}, row {k}", row))
@@ -287,9 +279,9 @@ def read_lines(path: Path) -> LineTable:
 def reference_table(reference: Reference, column: str) -> LineTable:
     """Reference lines as a table: their frequencies and amplitudes by the reference's estimator."""
     if reference.estimator == "nearest bin":
-        names = ("bin_frequency_hz", "bin_amplitude_n_m")
+        names = ("bin_frequency", "bin_amplitude")
     else:
-        names = ("frequency_hz", "amplitude_n_m")
+        names = ("frequency", "amplitude")
     rows = []
     for line in reference.lines:
         if column == "measured":
@@ -302,16 +294,14 @@ def reference_table(reference: Reference, column: str) -> LineTable:
 
 
 def _table(rows: list[tuple[str, dict[str, Any]]]) -> LineTable:
-    lines = tuple(Line(**{**_UNKNOWN, "line": name, **figures}) for name, figures in rows)
+    lines = tuple(Line(name, **figures) for name, figures in rows)
     return LineTable(lines, None, None, 0, math.nan)
 
 
 def _figures(where: str, row: Mapping[str, str | None]) -> dict[str, Any]:
     found: dict[str, Any] = {"status": (row.get("status") or "").strip()}
-    for column in _FIGURES:
-        text = (row.get(column) or "").strip()
-        if text:
-            found[column] = parse_finite(f"{where}: {column}", text)
-        else:
-            found[column] = math.nan
+    for name in _FIGURES:
+        key = columns_of(Line)[name].key
+        if text := (row.get(key) or "").strip():
+            found[name] = parse_finite(f"{where}: {key}", text)
     return found

@@ -15,7 +15,6 @@ from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.typography import file_name
 from microvib.results import (
     FREQUENCY,
-    LINE_FREQUENCY,
     TORQUE,
     TORQUE_UNCERTAINTY,
     Column,
@@ -29,27 +28,19 @@ from microvib.units import pretty
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FREQUENCY_UNCERTAINTY = Measure("mHz", 1e-3, "#.2g", least=0.001)
 _MAX_NAMED = 8
 """Lines that a spectrum is wide enough for."""
-
-
-@dataclass(frozen=True)
-class FoundLine:
-    """What is shown of a line."""
-
-    line: Annotated[str, Column("line", "line")]
-    frequency_hz: Annotated[float, Column("frequency_hz", "frequency", LINE_FREQUENCY)]
-    frequency_uncertainty_hz: Annotated[
-        float, Column("frequency_uncertainty_hz", "±", _FREQUENCY_UNCERTAINTY)
-    ]
-    amplitude_n_m: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
-    amplitude_uncertainty_n_m: Annotated[
-        float, Column("amplitude_uncertainty_n_m", "±", TORQUE_UNCERTAINTY)
-    ]
-    floor_n_m: Annotated[float, Column("floor_n_m", "floor", TORQUE_UNCERTAINTY)]
-    origin: Annotated[str, Column("origin", "what it is", report_only=True)]
-    status: Annotated[str, Column("status", "status")]
+_LINE_COLUMNS = (
+    "line",
+    "frequency_hz",
+    "frequency_uncertainty_hz",
+    "amplitude_n_m",
+    "amplitude_uncertainty_n_m",
+    "floor_n_m",
+    "origin",
+    "status",
+)
+"""Keys of what is shown of a line."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +103,8 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
 def _lines(a: Analysis) -> tuple[Table, ...]:
     if a.table is None:
         return ()
-    found = Table.of("", FoundLine, a.table.notable(), caption=_LINES_CAPTION)
-    return (_in_unit(found, a.unit),)
+    found = Table.of("", Line, a.table.notable(), caption=_LINES_CAPTION)
+    return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
 
 
 _LINES_CAPTION = (
@@ -167,8 +158,8 @@ def _files(a: Analysis) -> dict[str, str]:
 def _facts(a: Analysis) -> Iterator[Fact]:
     amplitude = _measure(TORQUE, a.unit)
     for line in _largest(a)[:2]:
-        where = f"{line.line} at {FREQUENCY.figure(line.frequency_hz)}"
-        yield Fact(amplitude.figure(line.amplitude_n_m), where)
+        where = f"{line.name} at {FREQUENCY.figure(line.frequency)}"
+        yield Fact(amplitude.figure(line.amplitude), where)
     yield Fact(amplitude.figure(_rms(a)), "RMS about the mean")
     if a.clock_ratio is not None:
         yield Fact(f"{a.clock_ratio:.6f}", "step clock over nominal")
@@ -179,5 +170,5 @@ def _rms(a: Analysis) -> float:
 
 
 def _largest(a: Analysis) -> list[Line]:
-    seen = [line for line in a.table or () if line.seen and math.isfinite(line.amplitude_n_m)]
-    return sorted(seen, key=lambda line: -line.amplitude_n_m)[:_MAX_NAMED]
+    seen = [line for line in a.table or () if line.seen and math.isfinite(line.amplitude)]
+    return sorted(seen, key=lambda line: -line.amplitude)[:_MAX_NAMED]

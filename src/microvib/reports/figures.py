@@ -56,7 +56,7 @@ def draw_overview(motion: Motion, table: LineTable) -> Figure:
 
 def spectrum_upper_end(lines: Iterable[Line]) -> float:
     """Upper end [Hz] of a spectrum that shows all the lines, at least 200 Hz."""
-    return max([200.0, *(1.08 * x.frequency_hz for x in lines)])
+    return max([200.0, *(1.08 * x.frequency for x in lines)])
 
 
 def draw_first_page(
@@ -141,8 +141,8 @@ def _governing_lines(judged: Judgement) -> tuple[str, ...]:
     """Names of the lines that decide a verdict, the worst first: those above the limit, or the one
     nearest to it.
     """
-    above = tuple(m.line.line for m in judged.margins if m.fails)
-    return above or (() if judged.worst is None else (judged.worst.line.line,))
+    above = tuple(m.line.name for m in judged.margins if m.fails)
+    return above or (() if judged.worst is None else (judged.worst.line.name,))
 
 
 def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
@@ -180,10 +180,10 @@ def draw_amplitudes(
     ax.semilogy(
         s.frequency[keep], 1e3 * np.maximum(s.amplitude[keep], 1e-12), color=BLUE, linewidth=0.8
     )
-    shown = [x for x in table or () if np.isfinite(x.amplitude_n_m) and x.frequency_hz <= highest]
-    heights = [1e3 * x.amplitude_n_m for x in shown] or [1e3 * float(s.amplitude[keep].max())]
+    shown = [x for x in table or () if np.isfinite(x.amplitude) and x.frequency <= highest]
+    heights = [1e3 * x.amplitude for x in shown] or [1e3 * float(s.amplitude[keep].max())]
     top = max([a for a in heights if a > 0] or [1.0])
-    deciding = [1e3 * x.amplitude_n_m for x in shown if x.line in first and x.amplitude_n_m > 0.0]
+    deciding = [1e3 * x.amplitude for x in shown if x.name in first and x.amplitude > 0.0]
     ax.set_ylim(min([top * 1e-4, *(0.5 * a for a in deciding)]), top * 12)
     ax.set_xlim(0, highest)
     _name_lines(ax, shown, first)
@@ -202,21 +202,21 @@ def _name_lines(ax: Axes, shown: Sequence[Line], first: Sequence[str] = ()) -> N
     """Mark lines at their estimated amplitude [mN m], and name those that stand clear of each
     other: lines that come ``first`` in bold, then modes, then the strongest."""
     bottom = ax.get_ylim()[0]
-    visible = [x for x in shown if 1e3 * x.amplitude_n_m > bottom and x.status != BELOW_FLOOR]
+    visible = [x for x in shown if 1e3 * x.amplitude > bottom and x.status != BELOW_FLOOR]
     _dots(ax, visible, markersize=4, zorder=5)
-    top = max((x.amplitude_n_m for x in visible), default=0.0)
+    top = max((x.amplitude for x in visible), default=0.0)
     rank = {name: k for k, name in enumerate(first)}
-    visible.sort(key=lambda x: (rank.get(x.line, len(rank)), not x.is_mode, -x.amplitude_n_m))
+    visible.sort(key=lambda x: (rank.get(x.name, len(rank)), not x.is_mode, -x.amplitude))
     name_points(ax, [
-        (x.frequency_hz, 1e3 * x.amplitude_n_m, f"{x.line}\n{x.frequency_hz:.4g} Hz", x.line in rank)
-        for x in visible if x.line in rank or x.amplitude_n_m >= 1e-3 * top
+        (x.frequency, 1e3 * x.amplitude, f"{x.name}\n{x.frequency:.4g} Hz", x.name in rank)
+        for x in visible if x.name in rank or x.amplitude >= 1e-3 * top
     ])  # fmt: skip
 
 
 def _dots(ax: Axes, lines: Sequence[Line], marker: str = "o", **style: Any) -> None:
     ax.plot(
-        [x.frequency_hz for x in lines],
-        [1e3 * x.amplitude_n_m for x in lines],
+        [x.frequency for x in lines],
+        [1e3 * x.amplitude for x in lines],
         marker,
         color=RED,
         **style,
@@ -227,8 +227,8 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
     """Spectrum about the array's first modes; clamped and coupled frequency of the strongest
     marked.
     """
-    modes = [line for line in table if line.is_mode and np.isfinite(line.amplitude_n_m)]
-    top = 4.0 * min((line.expected_hz for line in modes), default=1.0)
+    modes = [line for line in table if line.is_mode and np.isfinite(line.amplitude)]
+    top = 4.0 * min((line.expected for line in modes), default=1.0)
     s = spectrum(motion, window="rectangular")
     keep = (s.frequency <= top) & (s.frequency > 0)
     ax.plot(
@@ -239,10 +239,10 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
         marker=".",
         markersize=3,
     )
-    marked = sorted((x for x in modes if x.expected_hz <= top), key=lambda x: -x.amplitude_n_m)[:2]
+    marked = sorted((x for x in modes if x.expected <= top), key=lambda x: -x.amplitude)[:2]
     for line in marked:
         _mark_mode(ax, motion, line)
-    _name_points(ax, [x for x in table if x.frequency_hz <= top and x.status != BELOW_FLOOR])
+    _name_points(ax, [x for x in table if x.frequency <= top and x.status != BELOW_FLOOR])
     if modes:
         title = f"Array mode ({_made_by(s)})"
     else:
@@ -258,9 +258,9 @@ def draw_array_zoom(ax: Axes, motion: Motion, table: LineTable) -> None:
 def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
     """Where a mode is with the shaft held, and where through the drive."""
     clamped = next(
-        (m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.line), None
+        (m.fixed_frequency for m in coupled_modes(motion.scenario) if m.name == line.name), None
     )
-    styles = ((clamped, "clamped", GREY, ":"), (line.expected_hz, "through the drive", RED, "--"))
+    styles = ((clamped, "clamped", GREY, ":"), (line.expected, "through the drive", RED, "--"))
     for f, what, colour, dashes in styles:
         if f is not None:
             ax.axvline(
@@ -268,18 +268,18 @@ def _mark_mode(ax: Axes, motion: Motion, line: Line) -> None:
                 color=colour,
                 linestyle=dashes,
                 linewidth=1.2,
-                label=f"{line.line}, {what} {f:.4g} Hz",
+                label=f"{line.name}, {what} {f:.4g} Hz",
             )
 
 
 def _name_points(ax: Axes, shown: Sequence[Line]) -> None:
     """Points at the estimated amplitudes; those of at least a fiftieth of the largest are named."""
     _dots(ax, shown, markersize=5)
-    top = max((x.amplitude_n_m for x in shown), default=0.0)
+    top = max((x.amplitude for x in shown), default=0.0)
     for x in shown:
-        if x.amplitude_n_m >= 0.02 * top > 0.0:
-            at = (x.frequency_hz, x.amplitude_n_m * 1e3)
-            ax.annotate(x.line, at, xytext=(6, 2), textcoords="offset points", fontsize=8)
+        if x.amplitude >= 0.02 * top > 0.0:
+            at = (x.frequency, x.amplitude * 1e3)
+            ax.annotate(x.name, at, xytext=(6, 2), textcoords="offset points", fontsize=8)
 
 
 def draw_torques(output: Axes, rotor: Axes, motion: Motion) -> None:

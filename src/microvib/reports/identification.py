@@ -352,7 +352,7 @@ def _residual_peaks_text(fit: Fit) -> list[str]:
 def _frequencies(fit: Fit, evidence: Evidence) -> list[float]:
     """Frequencies of a test's amplitudes, those of the fitted model's lines."""
     (after,) = (found for one, found in fit.after if one is evidence)
-    at = {line.line: line.frequency_hz for line in after.table}
+    at = {line.name: line.frequency for line in after.table}
     return [at.get(o.line, math.nan) for o in evidence.observations if o.form == "amplitude"]
 
 

@@ -154,10 +154,10 @@ def modes_near_clock_lines(table: LineTable) -> LineTable:
     """Of a table the modes that are so near a line of the clock that another channel can tell them
     only if it knows them.
     """
-    clock = [x.expected_hz for x in table if x.of_clock]
+    clock = [x.expected for x in table if x.of_clock]
     modes = (x for x in table if x.is_mode)
     near = (
-        x for x in modes if any(abs(x.expected_hz - f) * table.duration < SEPARATION for f in clock)
+        x for x in modes if any(abs(x.expected - f) * table.duration < SEPARATION for f in clock)
     )
     return replace(table, lines=tuple(near))
 
@@ -175,7 +175,7 @@ def tones_in_channels(
     in ``beside``, lines of another channel of the same motion; those that it does not show are nan.
     """
     spectra = [HannSpectrum.of(x - x.mean(), sample_rate) for x in xs]
-    rings = {x.line: x for x in beside if x.is_mode and x.seen}
+    rings = {x.name: x for x in beside if x.is_mode and x.seen}
     wanted, _ = _resolvable_lines(expected, spectra[0].duration, rings)
     clock = steady_tones([line for line in wanted if not line.is_mode])
     tones = clock.and_those(
@@ -220,7 +220,7 @@ def _fit_all_lines(
     """
     x = np.asarray(x, dtype=float)
     spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
-    named = {line.line: line for line in rings}
+    named = {line.name: line for line in rings}
     wanted, refused = _resolvable_lines(expected, spectrum.duration, named)
     clock = [line for line in wanted if not line.is_mode]
     known = known_decaying_tones(
@@ -383,18 +383,16 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
     """
     rows = []
     for line in table:
-        if not np.isfinite(line.amplitude_n_m):
+        if not np.isfinite(line.amplitude):
             rows.append(line)
             continue
-        there = tone_amplitude(background, table.sample_rate, line.frequency_hz)
-        spread = float(np.hypot(line.amplitude_uncertainty_n_m, there / np.sqrt(2.0)))
-        if line.amplitude_n_m < 2.0 * there:
+        there = tone_amplitude(background, table.sample_rate, line.frequency)
+        spread = float(np.hypot(line.amplitude_uncertainty, there / np.sqrt(2.0)))
+        if line.amplitude < 2.0 * there:
             status = "in the background"
         else:
             status = line.status
-        rows.append(
-            replace(line, background_n_m=there, amplitude_uncertainty_n_m=spread, status=status)
-        )
+        rows.append(replace(line, background=there, amplitude_uncertainty=spread, status=status))
     return replace(table, lines=tuple(rows))
 
 

@@ -7,12 +7,25 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
+from warnings import warn
 
 import numpy as np
 
 from microvib.errors import LineError, did_you_mean, quoted_value
 from microvib.model.expected import ExpectedLine, LineKindProperties
+from microvib.results import (
+    COUNT,
+    DECAY,
+    FREQUENCY,
+    LINE_FREQUENCY,
+    LINE_FREQUENCY_UNCERTAINTY,
+    PHASE,
+    TORQUE,
+    TORQUE_UNCERTAINTY,
+    Column,
+    columns_of,
+)
 from microvib.text_tables import counted, text_table
 from microvib.units import pretty
 
@@ -54,42 +67,74 @@ def _equal_with_nan(one: Line | LineTable, other: Line | LineTable) -> bool:
     return all(a == b or (a != a and b != b) for a, b in pairs)
 
 
+_FORMER = {"place_hz": "place", "hidden_n_m": "hidden", "noise_scatter_n_m": "noise_scatter"}
+"""Properties of a line by their names of the release before."""
+
+
+def _former_field(record: Line | SeedLine, name: str) -> Any:
+    """The field or property that the release before called ``name``, as its column is called still;
+    FutureWarning. It goes with the release after this one.
+    """
+    kind: type = type(record)
+    former = _FORMER | {column.key: field for field, column in columns_of(kind).items()}
+    if former.get(name, name) == name:
+        raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
+    new = former[name]
+    text = f"{kind.__name__}.{name} is called {new}; the old name goes with the next release"
+    warn(text, FutureWarning, stacklevel=3)
+    return getattr(record, new)
+
+
 @dataclass(frozen=True)
 class Line(LineKindProperties):
-    """One line of a torque; amplitudes in N m, 0-to-peak."""
+    """One line of a channel: amplitudes are 0-to-peak, in the unit of its table; frequencies in Hz,
+    phases in rad.
 
-    line: str
-    kind: str
-    origin: str
-    expected_hz: float
-    frequency_hz: float
-    frequency_uncertainty_hz: float
-    amplitude_n_m: float
+    Figures that are not known are nan. Files call them by the keys of their columns, which end with
+    a unit: ``amplitude_n_m``, whatever the channel.
+    """
+
+    name: Annotated[str, Column("line", "line")]
+    kind: Annotated[str, Column("kind")] = ""
+    origin: Annotated[str, Column("origin", "what it is", report_only=True)] = ""
+    expected: Annotated[float, Column("expected_hz", measure=FREQUENCY)] = math.nan
+    frequency: Annotated[float, Column("frequency_hz", "frequency", LINE_FREQUENCY)] = math.nan
+    frequency_uncertainty: Annotated[
+        float, Column("frequency_uncertainty_hz", "±", LINE_FREQUENCY_UNCERTAINTY)
+    ] = math.nan
+    amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)] = math.nan
     """Amplitude; of a decaying tone its mean over the record."""
-    amplitude_uncertainty_n_m: float
+    amplitude_uncertainty: Annotated[
+        float, Column("amplitude_uncertainty_n_m", "±", TORQUE_UNCERTAINTY)
+    ] = math.nan
     """Standard uncertainty, from the floor about the line."""
-    phase_rad: float
+    phase: Annotated[float, Column("phase_rad", measure=PHASE)] = math.nan
     """Phase of the cosine at the first sample."""
-    phase_uncertainty_rad: float
-    bin_frequency_hz: float
-    bin_amplitude_n_m: float
+    phase_uncertainty: Annotated[float, Column("phase_uncertainty_rad", measure=PHASE)] = math.nan
+    bin_frequency: Annotated[float, Column("bin_frequency_hz", measure=FREQUENCY)] = math.nan
+    bin_amplitude: Annotated[float, Column("bin_amplitude_n_m", measure=TORQUE)] = math.nan
     """Of the nearest bin of a rectangular window, as tests are often read."""
-    floor_n_m: float
+    floor: Annotated[float, Column("floor_n_m", "floor", TORQUE_UNCERTAINTY)] = math.nan
     """Median amplitude of the bins about the line."""
-    decay_per_s: float
+    decay: Annotated[float, Column("decay_per_s", measure=DECAY)] = math.nan
     """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
-    decay_uncertainty_per_s: float
-    status: str
-    background_n_m: float = float("nan")
+    decay_uncertainty: Annotated[float, Column("decay_uncertainty_per_s", measure=DECAY)] = math.nan
+    status: Annotated[str, Column("status", "status")] = ""
+    background: Annotated[float, Column("background_n_m", measure=TORQUE)] = math.nan
     """Amplitude of the background recording at this frequency; nan without one."""
-    noise_mean_n_m: float = float("nan")
+    noise_mean: Annotated[float, Column("noise_mean_n_m", measure=TORQUE)] = math.nan
     """Amplitude that noise alone gives the line, by the linearised drive: its mean over draws; nan
     without noise there.
     """
-    noise_deviation_n_m: float = float("nan")
+    noise_deviation: Annotated[float, Column("noise_deviation_n_m", measure=TORQUE)] = math.nan
     """Its standard deviation."""
-    noise_p95_n_m: float = float("nan")
+    noise_p95: Annotated[float, Column("noise_p95_n_m", measure=TORQUE)] = math.nan
     """What 95 % of the draws stay below."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            return _former_field(self, name)
 
     @property
     def seen(self) -> bool:
@@ -97,11 +142,11 @@ class Line(LineKindProperties):
         return self.status in _DETECTED_STATUSES
 
     @property
-    def place_hz(self) -> float:
+    def place(self) -> float:
         """Where it is: its frequency, or where that was not found the expected one."""
-        if math.isfinite(self.frequency_hz):
-            return self.frequency_hz
-        return self.expected_hz
+        if math.isfinite(self.frequency):
+            return self.frequency
+        return self.expected
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, Line):
@@ -109,29 +154,29 @@ class Line(LineKindProperties):
         return NotImplemented
 
     def __hash__(self) -> int:
-        return hash((self.line, self.kind))
+        return hash((self.name, self.kind))
 
     @property
-    def hidden_n_m(self) -> float:
+    def hidden(self) -> float:
         """What it may have where its floor hides it; 0 where it does not."""
         if self.status == BELOW_FLOOR:
-            return DETECTION_RATIO * self.floor_n_m
+            return DETECTION_RATIO * self.floor
         return 0.0
 
     @property
-    def noise_scatter_n_m(self) -> float:
+    def noise_scatter(self) -> float:
         """Standard deviation of the amplitude over draws: of an envelope that noise alone makes;
         where the line has another cause, of the noise's part in phase, which is larger."""
-        return self.noise_deviation_n_m * (
+        return self.noise_deviation * (
             1.0 if self.status in (NOISE_DRIVEN, BELOW_FLOOR) else _IN_PHASE
         )
 
     def starting(self, duration: float) -> float:
         """Amplitude [N m] at the first sample of a record of ``duration`` [s]."""
-        fold = self.decay_per_s * duration
+        fold = self.decay * duration
         if abs(fold) > 1e-9:
-            return self.amplitude_n_m * fold / -float(np.expm1(-fold))
-        return self.amplitude_n_m
+            return self.amplitude * fold / -float(np.expm1(-fold))
+        return self.amplitude
 
 
 UNFITTED_FACTOR = 3.0
@@ -258,23 +303,28 @@ def _twelfth_octave(frequency: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SeedLine:
-    """A line over many draws of the noise; amplitudes in N m, 0-to-peak."""
+    """A line over many draws of the noise; amplitudes 0-to-peak, in the unit of its table."""
 
-    line: str
-    frequency_hz: float
-    """Median."""
-    draws: int
+    name: Annotated[str, Column("line")]
+    frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
+    """Median [Hz]."""
+    draws: Annotated[int, Column("draws", measure=COUNT)]
     """In how many it has a figure of its own."""
-    mean_n_m: float
-    deviation_n_m: float
-    p95_n_m: float
+    mean: Annotated[float, Column("mean_n_m", measure=TORQUE)]
+    deviation: Annotated[float, Column("deviation_n_m", measure=TORQUE)]
+    p95: Annotated[float, Column("p95_n_m", measure=TORQUE)]
     """What 95 % of the draws stay below, as estimated from these."""
-    p95_low_n_m: float
+    p95_low: Annotated[float, Column("p95_low_n_m", measure=TORQUE)]
     """With 95 % confidence that quantile is not below this."""
-    p95_high_n_m: float
+    p95_high: Annotated[float, Column("p95_high_n_m", measure=TORQUE)]
     """With 95 % confidence it is not above this; nan with fewer draws than 59, which cannot tell."""
-    hidden_n_m: float
+    hidden: Annotated[float, Column("hidden_n_m", measure=TORQUE)]
     """What the line may have where a floor hides it; 0 if none does."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            return _former_field(self, name)
 
 
 @dataclass(frozen=True)
@@ -331,9 +381,7 @@ class LineTable:
     @cached_property
     def largest(self) -> float:
         """Amplitude of the largest line that has one [N m]; 0 without any."""
-        return max(
-            (x.amplitude_n_m for x in self.lines if math.isfinite(x.amplitude_n_m)), default=0.0
-        )
+        return max((x.amplitude for x in self.lines if math.isfinite(x.amplitude)), default=0.0)
 
     def __iter__(self) -> Iterator[Line]:
         return iter(self.lines)
@@ -343,7 +391,7 @@ class LineTable:
 
     def __getitem__(self, name: str) -> Line:
         for line in self.lines:
-            if isinstance(name, str) and line.line == name:
+            if isinstance(name, str) and line.name == name:
                 return line
         names = self._ipython_key_completions_()
         raise LineError(
@@ -389,10 +437,10 @@ class LineTable:
         SeedLine or None
             None where draws were not run, or the line is not known.
         """
-        return next((seed for seed in self.seeds if seed.line == name), None)
+        return next((seed for seed in self.seeds if seed.name == name), None)
 
     def _ipython_key_completions_(self) -> list[str]:
-        return [line.line for line in self.lines]
+        return [line.name for line in self.lines]
 
     def to_xarray(self) -> xr.Dataset:
         """Convert all figures to arrays over the dimension ``line``.
@@ -404,7 +452,10 @@ class LineTable:
         """
         import xarray as xr
 
-        columns = {f.name: np.array([getattr(x, f.name) for x in self.lines]) for f in fields(Line)}
+        columns = {
+            column.key: np.array([getattr(x, name) for x in self.lines])
+            for name, column in columns_of(Line).items()
+        }
         names = columns.pop("line")
         data = {
             name: ("line", values, {"units": u} if (u := self._unit_of(name)) else {})
@@ -450,13 +501,11 @@ class LineTable:
         tuple of Line
             In the order of the table.
         """
-        top = max(
-            (x.amplitude_n_m for x in self.lines if np.isfinite(x.amplitude_n_m)), default=0.0
-        )
+        top = max((x.amplitude for x in self.lines if np.isfinite(x.amplitude)), default=0.0)
 
         def is_notable(x: Line) -> bool:
             least = 0.01 if x.kind == "sideband" else 1e-3
-            return x.status != BELOW_FLOOR and not x.amplitude_n_m < least * top
+            return x.status != BELOW_FLOOR and not x.amplitude < least * top
 
         return tuple(x for x in self.lines if is_notable(x))
 
@@ -484,16 +533,16 @@ class LineTable:
 
     def _over_seeds(self, shown: Sequence[Line]) -> str:
         """Mean, deviation and 95 % quantile over the draws of the noise."""
-        names = {line.line for line in shown}
+        names = {line.name for line in shown}
         rows = []
         for x in self.seeds:
-            if x.line in names:
-                if np.isnan(x.p95_high_n_m):
+            if x.name in names:
+                if np.isnan(x.p95_high):
                     high = "?"
                 else:
-                    high = f"{x.p95_high_n_m:.4e}"
-                figures = (f"{figure:.4e}" for figure in (x.mean_n_m, x.deviation_n_m, x.p95_n_m))
-                rows.append((x.line, str(x.draws), *figures, f"{x.p95_low_n_m:.4e} to {high}"))
+                    high = f"{x.p95_high:.4e}"
+                figures = (f"{figure:.4e}" for figure in (x.mean, x.deviation, x.p95))
+                rows.append((x.name, str(x.draws), *figures, f"{x.p95_low:.4e} to {high}"))
         if not rows:
             return ""
         header = (
@@ -511,13 +560,13 @@ class LineTable:
         unit = pretty(self.unit)
         yield "line", "expected Hz", "Hz", unit, "bin Hz", f"bin {unit}", "status"
         for x in shown:
-            hertz = _figure(x.expected_hz, ".5f"), _figure(x.frequency_hz, ".5f")
+            hertz = _figure(x.expected, ".5f"), _figure(x.frequency, ".5f")
             figures = (
-                _figure(x.amplitude_n_m, ".4e"),
-                f"{x.bin_frequency_hz:.4f}",
-                _figure(x.bin_amplitude_n_m, ".4e"),
+                _figure(x.amplitude, ".4e"),
+                f"{x.bin_frequency:.4f}",
+                _figure(x.bin_amplitude, ".4e"),
             )
-            yield x.line, *hertz, *figures, x.status
+            yield x.name, *hertz, *figures, x.status
 
     def _left_out(self, shown: Sequence[Line], where: str) -> str:
         left = len(self.lines) - len(shown)

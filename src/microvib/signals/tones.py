@@ -93,8 +93,8 @@ def decaying_tones(
 def known_decaying_tones(lines: Sequence[tuple[ExpectedLine, Line]]) -> Tones:
     """Tones that fall as is known of each."""
     tones = steady_tones([line for line, _ in lines])
-    frequency = np.array([found.frequency_hz for _, found in lines], dtype=float)
-    decay = np.array([found.decay_per_s for _, found in lines], dtype=float)
+    frequency = np.array([found.frequency for _, found in lines], dtype=float)
+    decay = np.array([found.decay for _, found in lines], dtype=float)
     return replace(tones, frequency=frequency, decay=decay)
 
 

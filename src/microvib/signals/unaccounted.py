@@ -121,20 +121,16 @@ def excesses(
     others : iterable of Line
         Further lines that do not belong to the floor.
     """
-    counted = [line for line in counted if math.isfinite(line.amplitude_n_m)]
+    counted = [line for line in counted if math.isfinite(line.amplitude)]
     n, duration = x.size, x.size / sample_rate
     edges = _edges(duration, PASSBAND * sample_rate)
     if edges.size < 2:
         return ()
     x = x - x.mean()
     model = _samples_of(counted, n, sample_rate)
-    at = [line.place_hz for line in (*counted, *others)]
+    at = [line.place for line in (*counted, *others)]
     floor = _floors(x - model, sample_rate, edges, at)
-    own = (
-        line.amplitude_uncertainty_n_m / line.amplitude_n_m
-        for line in counted
-        if line.amplitude_n_m > 0.0
-    )
+    own = (line.amplitude_uncertainty / line.amplitude for line in counted if line.amplitude > 0.0)
     line_error = LINE_ERROR + 2.0 * min(max((y for y in own if math.isfinite(y)), default=0.0), 0.1)
     bands = _Bands(edges, floor, line_error)
     worst: dict[int, Excess] = {}
@@ -175,8 +171,8 @@ def _samples_of(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray
     t, found = np.arange(n) / sample_rate, np.zeros(n)
     for line in lines:
         size = line.starting(n / sample_rate)
-        falls = np.exp(-line.decay_per_s * t) if line.decay_per_s else 1.0
-        found += size * falls * np.cos(2.0 * np.pi * line.frequency_hz * t + line.phase_rad)
+        falls = np.exp(-line.decay * t) if line.decay else 1.0
+        found += size * falls * np.cos(2.0 * np.pi * line.frequency * t + line.phase)
     return found
 
 

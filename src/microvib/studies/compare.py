@@ -417,11 +417,11 @@ def _of_run_folder(source: RunFolder) -> Side:
 
 def _decay_with_uncertainty(line: Line) -> tuple[float, float]:
     """Decay of a mode [1/s] and its uncertainty; none of a line that lasts."""
-    if not line.is_mode or not math.isfinite(line.decay_per_s):
+    if not line.is_mode or not math.isfinite(line.decay):
         return 0.0, 0.0
     return (
-        line.decay_per_s,
-        line.decay_uncertainty_per_s if line.decay_uncertainty_per_s > 0.0 else 0.0,
+        line.decay,
+        line.decay_uncertainty if line.decay_uncertainty > 0.0 else 0.0,
     )
 
 
@@ -452,9 +452,9 @@ def _mean(fold: float) -> float:
 
 def _figures(table: LineTable) -> dict[str, SideLine]:
     return {
-        x.line: SideLine(
-            x.frequency_hz, x.amplitude_n_m, x.amplitude_uncertainty_n_m, x.bin_frequency_hz, x.bin_amplitude_n_m,
-            x.seen or not x.status, x.frequency_uncertainty_hz, *_decay_with_uncertainty(x), not blurred(table, x),
+        x.name: SideLine(
+            x.frequency, x.amplitude, x.amplitude_uncertainty, x.bin_frequency, x.bin_amplitude,
+            x.seen or not x.status, x.frequency_uncertainty, *_decay_with_uncertainty(x), not blurred(table, x),
         )
         for x in table
     }  # fmt: skip

@@ -224,7 +224,7 @@ def evidence_of(
             found = tuple(
                 o
                 for o in observations(table)
-                if not near_mains(table[o.line].frequency_hz, r.duration)
+                if not near_mains(table[o.line].frequency, r.duration)
             )
             found = with_noise_scatter(found, r[channel], r.sample_rate, table, scenario)
             parts = subharmonic_amplitudes(
@@ -260,27 +260,25 @@ def observations(table: LineTable) -> tuple[Observation, ...]:
     and of those of the electrical period, frequency and decay of modes; and one turn, since
     relative phases have all that a second would tell."""
     found = []
-    sure = {x.line: x for x in table if x.status == "ok"}
+    sure = {x.name: x for x in table if x.status == "ok"}
     seen = (x for x in table if x.kind != "other" and x.seen)
-    for x in (x for x in seen if not x.amplitude_n_m < 2 * DETECTION_RATIO * x.floor_n_m):
-        found.append(Observation(x.line, "amplitude", x.amplitude_n_m, x.amplitude_uncertainty_n_m))
+    for x in (x for x in seen if not x.amplitude < 2 * DETECTION_RATIO * x.floor):
+        found.append(Observation(x.name, "amplitude", x.amplitude, x.amplitude_uncertainty))
         if x.is_mode:
-            found.append(
-                Observation(x.line, "frequency", x.frequency_hz, x.frequency_uncertainty_hz)
-            )
-            found.append(Observation(x.line, "decay", x.decay_per_s, x.decay_uncertainty_per_s))
-        against = sure.get(phase_reference(x.line))
+            found.append(Observation(x.name, "frequency", x.frequency, x.frequency_uncertainty))
+            found.append(Observation(x.name, "decay", x.decay, x.decay_uncertainty))
+        against = sure.get(phase_reference(x.name))
         if against is not None and against is not x:
-            found.append(Observation(x.line, "phase", *relative_phase(x, against), against.line))
+            found.append(Observation(x.name, "phase", *relative_phase(x, against), against.name))
         first = sure.get("electrical_1")
         if x.kind == "electrical" and first is not None and first is not x:
             value, spread = relative_phase(x, first)
             found.append(
-                Observation(x.line, "branch", value, math.hypot(BRANCH_SIGMA, spread), first.line)
+                Observation(x.name, "branch", value, math.hypot(BRANCH_SIGMA, spread), first.name)
             )
     turn = next((x for x in sure.values() if x.kind == "electrical"), None)
     if turn is not None:
-        found.append(Observation(turn.line, "turn", turn.phase_rad, turn.phase_uncertainty_rad))
+        found.append(Observation(turn.name, "turn", turn.phase, turn.phase_uncertainty))
     return tuple(found)
 
 
@@ -316,16 +314,16 @@ def with_noise_scatter(
     told = []
     for o in found:
         line, more = table[o.line], 0.0
-        if line.line in sigma and math.isfinite(line.noise_p95_n_m):
+        if line.name in sigma and math.isfinite(line.noise_p95):
             if line.status == NOISE_DRIVEN and o.form == "decay":
                 continue
             if line.status != NOISE_DRIVEN:
-                part = min(MAX_MODE_NOISE_RATIO * line.noise_p95_n_m / line.amplitude_n_m, 1.0)
+                part = min(MAX_MODE_NOISE_RATIO * line.noise_p95 / line.amplitude, 1.0)
             else:
                 part = 1.0
-            wander = part * math.sqrt(sigma[line.line] / table.duration)
+            wander = part * math.sqrt(sigma[line.name] / table.duration)
             scatter = {"frequency": wander / (math.tau * math.sqrt(2.0)), "decay": wander}
-            more = {"amplitude": line.noise_scatter_n_m, **scatter}.get(o.form, 0.0)
+            more = {"amplitude": line.noise_scatter, **scatter}.get(o.form, 0.0)
         told.append(replace(o, uncertainty=TWO_DRAW_SCATTER * math.hypot(o.uncertainty, more)))
     return (*told, *_levels(x, sample_rate, table, scenario))
 
@@ -419,7 +417,7 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
             for k in (wanted.bins, wanted.less)
         )
         return math.sqrt(max(level**2 - less**2, 0.0))
-    by_name = {line.line: line for line in lines.table}
+    by_name = {line.name: line for line in lines.table}
     line = by_name.get(wanted.line)
     if line is None:
         return math.nan
@@ -429,13 +427,13 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
             return math.nan
         return relative_phase(line, against)[0]
     figures: dict[str, float] = {
-        "amplitude": line.amplitude_n_m,
-        "nearest_bin": line.bin_amplitude_n_m
+        "amplitude": line.amplitude,
+        "nearest_bin": line.bin_amplitude
         if math.isnan(wanted.bin_hz)
         else lines.bin_amplitude(wanted.bin_hz),
-        "frequency": line.frequency_hz,
-        "decay": line.decay_per_s,
-        "turn": line.phase_rad,
+        "frequency": line.frequency,
+        "decay": line.decay,
+        "turn": line.phase,
     }
     return figures[wanted.form]
 
@@ -476,19 +474,19 @@ def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
     scenario, so that a simulation has them; without uncertainties one per cent is taken."""
     found = []
     ratio = None
-    expected = expected_lines(scenario, Si(math.inf), _members(line.line for line in table))
+    expected = expected_lines(scenario, Si(math.inf), _members(line.name for line in table))
     known = {line.name for line in expected}
-    for line in (x for x in table if x.line in known and (x.seen or not x.status)):
-        form, value = "amplitude", line.amplitude_n_m
+    for line in (x for x in table if x.name in known and (x.seen or not x.status)):
+        form, value = "amplitude", line.amplitude
         if math.isnan(value):
-            form, value = "nearest_bin", line.bin_amplitude_n_m
-        spread = line.amplitude_uncertainty_n_m
+            form, value = "nearest_bin", line.bin_amplitude
+        spread = line.amplitude_uncertainty
         if value > 0.0:
             found.append(
-                Observation(line.line, form, value, spread if spread > 0.0 else 0.01 * value)
+                Observation(line.name, form, value, spread if spread > 0.0 else 0.01 * value)
             )
-        if line.line == driving_line(1) and scenario.driving_frequency and line.frequency_hz > 0.0:
-            ratio = line.frequency_hz / scenario.driving_frequency
+        if line.name == driving_line(1) and scenario.driving_frequency and line.frequency > 0.0:
+            ratio = line.frequency / scenario.driving_frequency
     if not found:
         raise MicrovibError(f"{name}: has no line with amplitude_n_m or bin_amplitude_n_m")
     record, warnings = scenario.record, tuple(rate_warnings(ratio))

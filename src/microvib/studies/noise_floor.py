@@ -42,7 +42,7 @@ def bins_between_lines(
     f = np.arange(spectrum.magnitude.size) / spectrum.duration
     free = np.ones(f.size, dtype=bool)
     for line in table:  # one without a frequency of its own stands where it is expected
-        free &= np.abs(f - line.place_hz) * table.duration > SEPARATION + 1.0
+        free &= np.abs(f - line.place) * table.duration > SEPARATION + 1.0
     spacing = _spacing(table)
     if spacing:
         free &= np.abs(f - spacing * np.rint(f / spacing)) * table.duration > SEPARATION
@@ -131,7 +131,7 @@ def _spacing(table: LineTable) -> float:
     """Distance [Hz] of the lines that the step clock makes: those of the electrical period where
     several are seen, else of full steps; 0 where the rate is not constant."""
     several = sum(line.kind == "electrical" and line.seen for line in table) > 1
-    first = {line.line: line.expected_hz for line in table}
+    first = {line.name: line.expected for line in table}
     steps = first.get(
         electrical_line(1) if several or full_step_line(1) not in first else full_step_line(1), 0.0
     )

@@ -488,9 +488,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
     if broken := failed_invariants_reason(result.lines.broken, changed):
         return RateCase(rate, microsteps, (), broken)
     seen = [
-        x
-        for x in result.lines
-        if not x.is_mode and x.status != BELOW_FLOOR and x.amplitude_n_m > 0.0
+        x for x in result.lines if not x.is_mode and x.status != BELOW_FLOOR and x.amplitude > 0.0
     ]
     shown = PASSBAND * result.lines.sample_rate
     return RateCase(
@@ -507,13 +505,11 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
 
 def _without_rounding(seen: Sequence[Line], driving_frequency: float) -> tuple[RateLine, ...]:
     """The lines that are not smaller than rounding beside the largest."""
-    top = max((x.amplitude_n_m for x in seen), default=0.0)
+    top = max((x.amplitude for x in seen), default=0.0)
     return tuple(
-        RateLine(
-            x.line, x.kind, x.frequency_hz / driving_frequency, x.frequency_hz, x.amplitude_n_m
-        )
+        RateLine(x.name, x.kind, x.frequency / driving_frequency, x.frequency, x.amplitude)
         for x in seen
-        if x.amplitude_n_m >= MIN_LINE_RATIO * top
+        if x.amplitude >= MIN_LINE_RATIO * top
     )
 
 
@@ -552,14 +548,14 @@ def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Ite
     f_d = scenario.driving_frequency or math.nan
     for x in table:
         if x.status == "growing":  # nothing bounds its multiples, wherever they are
-            what = f"what {x.line} makes while it grows"
-            most = GROWTH_FACTOR * x.amplitude_n_m
-            yield RateLine(what, "other", x.place_hz / f_d, x.place_hz, most, away=math.inf)
+            what = f"what {x.name} makes while it grows"
+            most = GROWTH_FACTOR * x.amplitude
+            yield RateLine(what, "other", x.place / f_d, x.place, most, away=math.inf)
         if x in seen:
             continue
         most = _mode_amplitude_bound(x, table.duration) if x.is_mode else amplitude_bound(x)
         if most > 0.0 and not mode_has_decayed(x, scenario):
-            yield RateLine(x.line, x.kind, x.place_hz / f_d, x.place_hz, most)
+            yield RateLine(x.name, x.kind, x.place / f_d, x.place, most)
 
 
 def _mode_amplitude_bound(x: Line, duration: float) -> float:
@@ -569,12 +565,12 @@ def _mode_amplitude_bound(x: Line, duration: float) -> float:
     if x.status == "growing":
         return math.inf
     if x.status == NOISE_DRIVEN:
-        return max(x.amplitude_n_m, _NOISE_QUANTILE_FACTOR * x.noise_p95_n_m)
-    if not math.isfinite(x.amplitude_n_m):
+        return max(x.amplitude, _NOISE_QUANTILE_FACTOR * x.noise_p95)
+    if not math.isfinite(x.amplitude):
         return amplitude_bound(x)
     if x.status == "decaying":
-        return x.starting(duration) * math.exp(-x.decay_per_s * duration)
-    return x.amplitude_n_m
+        return x.starting(duration) * math.exp(-x.decay * duration)
+    return x.amplitude
 
 
 _NOISE_QUANTILE_FACTOR = 2.0

@@ -35,17 +35,17 @@ def relative_phase(line: Line, against: Line) -> tuple[float, float]:
     With the orders j and k of both, and their least common multiple m: (m/j) phi_j - (m/k) phi_k.
     The full step is the order 4 of the electrical period, with three phases 6, with five 10.
     """
-    mine, its = LineName.parse(line.line), LineName.parse(against.line)
+    mine, its = LineName.parse(line.name), LineName.parse(against.name)
     steps = 1
     if mine.family != its.family and FULL_STEP in (mine.family, its.family):
         # one is the electrical period's
-        per_turn = [line.frequency_hz / mine.order, against.frequency_hz / its.order]
+        per_turn = [line.frequency / mine.order, against.frequency / its.order]
         if not math.isfinite(sum(per_turn)):  # one of them is not there
             return math.nan, math.nan
         steps = round(max(per_turn) / min(per_turn))
-    m, n = phase_multiples(line.line, against.line, steps)
-    value = m * line.phase_rad - n * against.phase_rad
-    return value, math.hypot(m * line.phase_uncertainty_rad, n * against.phase_uncertainty_rad)
+    m, n = phase_multiples(line.name, against.name, steps)
+    value = m * line.phase - n * against.phase
+    return value, math.hypot(m * line.phase_uncertainty, n * against.phase_uncertainty)
 
 
 def phase_multiples(line: str, against: str, steps: int) -> tuple[int, int]:

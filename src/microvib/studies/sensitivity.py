@@ -213,7 +213,7 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     if progress is not None:
         progress(0, 4 * len(ranges))
     main = _largest_lines(scenario)
-    names = [line.line for line in main]
+    names = [line.name for line in main]
     scans = [
         _Scan(
             key,
@@ -234,11 +234,11 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     lines = []
     for line in main:
         effects = [
-            _effect(scan, line.amplitude_n_m, [run.get(line.line, math.nan) for run in its])
+            _effect(scan, line.amplitude, [run.get(line.name, math.nan) for run in its])
             for scan, its in zip(scans, found, strict=True)
         ]
-        ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude_n_m)))
-        lines.append(LineEffects(line.line, line.frequency_hz, line.amplitude_n_m, ranked))
+        ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude)))
+        lines.append(LineEffects(line.name, line.frequency, line.amplitude, ranked))
     return Ranking(tuple(lines), tuple(failed), unranked_values(scenario))
 
 
@@ -267,9 +267,9 @@ def _largest_lines(scenario: Scenario) -> list[Line]:
     known = [
         line
         for line in lines_of_samples(base.T_d, base.sample_rate, scenario).notable()
-        if line.kind not in ("sideband", "other") and math.isfinite(line.amplitude_n_m)
+        if line.kind not in ("sideband", "other") and math.isfinite(line.amplitude)
     ]
-    return sorted(known, key=lambda line: -line.amplitude_n_m)[:MAX_LINES]
+    return sorted(known, key=lambda line: -line.amplitude)[:MAX_LINES]
 
 
 def _perturbed_values(value: float) -> tuple[float, float]:
@@ -359,4 +359,4 @@ def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float] 
     if isinstance(torque, SimulationError):
         return str(torque)
     table = lines_of_samples(torque.T_d, torque.sample_rate, changed)
-    return {line.line: line.amplitude_n_m for line in table}
+    return {line.name: line.amplitude for line in table}

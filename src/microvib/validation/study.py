@@ -78,15 +78,15 @@ class SimulatedState:
         """Amplitude of a line by the estimator of the reference lines, of the nearest bin without
         any; MicrovibError where the run has no such line.
         """
-        if line not in {one.line for one in self.table}:
+        if line not in {one.name for one in self.table}:
             raise MicrovibError(
                 f"{line}: is no line of {self.motion.scenario.title or 'a state'}, of which the"
                 " test claims something"
             )
         reference = self.motion.scenario.reference
         if reference is not None and reference.estimator == "fitted":
-            return float(self.table[line].amplitude_n_m)
-        return float(self.table[line].bin_amplitude_n_m)
+            return float(self.table[line].amplitude)
+        return float(self.table[line].bin_amplitude)
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def leading_figures(motion: Motion, lines: LineTable, judged: Judgement | None) 
     if judged is not None:
         found += _verdict(judged)
     else:
-        found += [Fact(torque(x.amplitude_n_m), _line_label(x)) for x in _largest(lines)[:2]]
+        found += [Fact(torque(x.amplitude), _line_label(x)) for x in _largest(lines)[:2]]
     largest, rms = torque(float(np.abs(T_d).max())), torque(float(T_d.std()))
     return (*found, Fact(largest, "largest T_d"), Fact(rms, "RMS about the mean"))
 
@@ -56,7 +56,7 @@ def _line_label(line: Line) -> str:
         "growing": ", growing",
         NOISE_DRIVEN: f", {NOISE_DRIVEN}: one draw",
     }.get(line.status, "")
-    return f"{line.line} at {format_number(line.frequency_hz)} Hz{settled}"
+    return f"{line.name} at {format_number(line.frequency)} Hz{settled}"
 
 
 def _verdict(judged: Judgement) -> list[Fact]:
@@ -74,13 +74,13 @@ def _verdict(judged: Judgement) -> list[Fact]:
     worst = judged.worst
     if worst is None:
         return [whole]
-    smallest = f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.line}"
+    smallest = f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.name}"
     return [whole, Fact(f"{worst.decibel:+.1f} dB", smallest)]
 
 
 def _largest(lines: LineTable) -> list[Line]:
     seen = [x for x in lines.notable() if x.seen]
-    return sorted(seen, key=lambda x: -x.amplitude_n_m)
+    return sorted(seen, key=lambda x: -x.amplitude)
 
 
 def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tuple[Block, ...]:
@@ -95,7 +95,7 @@ def first_page(motion: Motion, lines: LineTable, judged: Judgement | None) -> tu
         notes += []
     notes += transient_warnings(lines, scenario)
     if judged is not None:
-        of_draws = any(lines.over_seeds(margin.line.line) for margin in judged.margins)
+        of_draws = any(lines.over_seeds(margin.line.name) for margin in judged.margins)
         alone = "" if of_draws else " of this one run,"
         if of_draws:
             quantile = (
@@ -181,7 +181,7 @@ def _shown(lines: LineTable, judged: Judgement | None) -> list[Line]:
         of_limit = [m.line for m in judged.margins[:MAX_LINES]]
     else:
         of_limit = []
-    return sorted(of_limit if judged else _largest(lines)[:MAX_LINES], key=lambda x: x.frequency_hz)
+    return sorted(of_limit if judged else _largest(lines)[:MAX_LINES], key=lambda x: x.frequency)
 
 
 def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
@@ -194,9 +194,9 @@ def _main_lines(lines: LineTable, judged: Judgement | None) -> Table:
     ]
     rows = [
         [
-            x.line,
-            format_number(x.frequency_hz, 5),
-            milli(x.amplitude_n_m),
+            x.name,
+            format_number(x.frequency, 5),
+            milli(x.amplitude),
             *(judged_cells(x, judged) if judged else [origin_and_status(x)]),
         ]
         for x in shown

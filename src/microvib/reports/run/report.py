@@ -113,10 +113,10 @@ def run_report(
 
 
 def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
-    worth = {x.line for x in lines.notable()} | {
-        m.line.line for m in (judged.margins if judged else ()) if m.fails
+    worth = {x.name for x in lines.notable()} | {
+        m.line.name for m in (judged.margins if judged else ()) if m.fails
     }
-    shown = tuple(x for x in lines if x.line in worth)
+    shown = tuple(x for x in lines if x.name in worth)
     header = [
         "line", "expected [Hz]", "found [Hz]", "amplitude [mN m]", "phase [rad]", "nearest bin [Hz]", "nearest bin [mN m]",
         "what it is", *(["margin [dB]", "verdict"] if judged else []),
@@ -134,7 +134,7 @@ def _all_lines(lines: LineTable, judged: Judgement | None) -> Section:
 
 def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, ...]:
     """The lines over many draws of the noise."""
-    found = [seed for x in shown if (seed := lines.over_seeds(x.line))]
+    found = [seed for x in shown if (seed := lines.over_seeds(x.name))]
     if not found:
         return ()
     text = (
@@ -154,9 +154,9 @@ def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, 
     ]
     rows = [
         [
-            x.line,
+            x.name,
             str(x.draws),
-            *map(milli, (x.mean_n_m, x.deviation_n_m, x.p95_n_m, x.p95_low_n_m, x.p95_high_n_m)),
+            *map(milli, (x.mean, x.deviation, x.p95, x.p95_low, x.p95_high)),
         ]
         for x in found
     ]
@@ -164,28 +164,28 @@ def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> tuple[Text | Table, 
 
 
 def _line_cells(x: Line) -> list[str]:
-    if math.isfinite(x.phase_rad):
-        phase = f"{x.phase_rad:.3f}"
+    if math.isfinite(x.phase):
+        phase = f"{x.phase:.3f}"
     else:
         phase = ""
     expected, found, bin_hz = (
-        format_number(f, 7) for f in (x.expected_hz, x.frequency_hz, x.bin_frequency_hz)
+        format_number(f, 7) for f in (x.expected, x.frequency, x.bin_frequency)
     )
     return [
-        x.line,
+        x.name,
         expected,
         found,
-        milli(x.amplitude_n_m),
+        milli(x.amplitude),
         phase,
         bin_hz,
-        milli(x.bin_amplitude_n_m),
+        milli(x.bin_amplitude),
         origin_and_status(x),
     ]
 
 
 def _omitted_lines_note(lines: LineTable, shown: tuple[Line, ...]) -> str:
     """A sentence on the lines that are left to the CSV file."""
-    faint = [x.line for x in lines if x.status == BELOW_FLOOR]
+    faint = [x.name for x in lines if x.status == BELOW_FLOOR]
     small = sum(x.status != BELOW_FLOOR for x in lines) - sum(
         x.status != BELOW_FLOOR for x in shown
     )
@@ -276,17 +276,17 @@ def _torque_budget(motion: Motion, lines: LineTable) -> Section:
 
 def _main_lines(lines: LineTable) -> list[Line]:
     """The first driving line and the largest others, by frequency."""
-    found = (x for x in lines.notable() if math.isfinite(x.amplitude_n_m))
-    main = sorted(found, key=lambda x: (x.line != driving_line(1), -x.amplitude_n_m))[:_MAX_LINES]
-    return sorted(main, key=lambda x: x.frequency_hz)
+    found = (x for x in lines.notable() if math.isfinite(x.amplitude))
+    main = sorted(found, key=lambda x: (x.name != driving_line(1), -x.amplitude))[:_MAX_LINES]
+    return sorted(main, key=lambda x: x.frequency)
 
 
 def _budget(motion: Motion, lines: list[Line]) -> Table:
     """Mean, RMS and largest value of each contribution, then its amplitude and phase at each line."""
-    shares = torque_budget(motion, [line.frequency_hz for line in lines])
+    shares = torque_budget(motion, [line.frequency for line in lines])
     felt = [shares[name].felt for name in _ROWS]
     header = ["contribution", "mean [mN m]", "RMS [mN m]", "largest [mN m]"]
-    header += [text for line in lines for text in (f"{line.line} [mN m]", "phase [°]")]
+    header += [text for line in lines for text in (f"{line.name} [mN m]", "phase [°]")]
     least = [_MIN_PHASE_RATIO * max(abs(x.tones[k]) for x in felt) for k in range(len(lines))]
     cells = []
     for text, x in zip(_ROWS.values(), felt, strict=True):

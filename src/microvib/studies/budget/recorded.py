@@ -42,8 +42,8 @@ def unaccounted(
     found: list[tuple[str, Excess]] = []
     for channel, table in rows.items():
         beside = _beside(scenario, recording[channel], recording.sample_rate, table)
-        own = [line for line in table if line.line in counted]
-        mains = [line for line in beside if near_mains(line.frequency_hz, table.duration)]
+        own = [line for line in table if line.name in counted]
+        mains = [line for line in beside if near_mains(line.frequency, table.duration)]
         more = excesses(recording[channel], recording.sample_rate, [*own, *mains], beside)
         found += [(channel, one) for one in more]
     channels = {id(one): channel for channel, one in found}
@@ -59,10 +59,10 @@ def unaccounted(
 def _beside(scenario: Scenario, x: np.ndarray, sample_rate: float, clock: LineTable) -> list[Line]:
     """Unlisted lines of a channel, at the clock whose lines these are."""
     known = [
-        replace(line, frequency=row.frequency_hz, low=row.frequency_hz, high=row.frequency_hz)
+        replace(line, frequency=row.frequency, low=row.frequency, high=row.frequency)
         for line in expected_in(scenario, sample_rate, clock.harmonics)
         for row in clock
-        if row.line == line.name and row.frequency_hz > 0.0
+        if row.name == line.name and row.frequency > 0.0
     ]
     return [line for line in estimate_lines(x, sample_rate, known) if line.kind == "other"]
 

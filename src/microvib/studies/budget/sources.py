@@ -239,7 +239,7 @@ def contribution_of_run(
     assert source is not None
     found = hub_lines(source, result.table)
     assert found.los is not None
-    rows = {line.line: line for line in result.table}
+    rows = {line.name: line for line in result.table}
     own = [rows[name] for name in found.names]
     broken = [name for drive in result.drives.values() for name in drive.table.broken]
     unknown = failed_invariants_reason(broken, scenario)
@@ -251,10 +251,8 @@ def contribution_of_run(
     # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by
     # the mode's damping.
     T, decay = result.table.duration, {m.name: m.decay for m in coupled_modes(scenario)}
-    falls = (
-        x if x.status == "decaying" else replace(x, decay_per_s=decay.get(x.line, 0.0)) for x in own
-    )
-    start = [x.starting(T) / x.amplitude_n_m if x.amplitude_n_m > 0.0 else 1.0 for x in falls]
+    falls = (x if x.status == "decaying" else replace(x, decay=decay.get(x.name, 0.0)) for x in own)
+    start = [x.starting(T) / x.amplitude if x.amplitude > 0.0 else 1.0 for x in falls]
     return Contribution(
         name,
         "steady state of the coupled run" if result.state else "coupled run",
@@ -267,7 +265,7 @@ def contribution_of_run(
         gaps=(*reasons, *_gaps(scenario, result.table, found, result.state is not None)),
         relative_error=np.maximum(relative_error, 1.0) if unknown else relative_error,
         frequency_error=frequency_error_bound(
-            found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty_hz for x in own])
+            found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty for x in own])
         ),
         scenario=scenario,
     ), found  # fmt: skip
@@ -302,10 +300,10 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
         x for x in table if x.status == NOISE_DRIVEN or (x.seen and may_ring(x, table, scenario))
     )
     rings = RINGING_FACTOR * sum(
-        x.amplitude_n_m if x.status == NOISE_DRIVEN else x.starting(T) for x in stirs
+        x.amplitude if x.status == NOISE_DRIVEN else x.starting(T) for x in stirs
     )
-    size = np.maximum([x.amplitude_n_m for x in lines], 1e-300)
-    hidden = np.array([x.hidden_n_m for x in lines])
+    size = np.maximum([x.amplitude for x in lines], 1e-300)
+    hidden = np.array([x.hidden for x in lines])
     own = (
         np.array([amplitude_error_bound(x, table) for x in lines]) / size
     )  # of small lines, too, as the run's own verdict has it
@@ -509,17 +507,17 @@ def _gaps(
     if spacecraft.attitude_control is None and slow:
         yield open_gap(f"{slow[0]}, {_FREE_BODY_REASON}", 0.0, MIN_FREQUENCY_WITHOUT_CONTROL)
     for line in table:
-        if line.line in found.unknown and not steady and not mode_has_decayed(line, scenario):
-            f = line.expected_hz
+        if line.name in found.unknown and not steady and not mode_has_decayed(line, scenario):
+            f = line.expected
             yield open_gap(
-                f"{line.line} ({line.status}; a longer"
+                f"{line.name} ({line.status}; a longer"
                 f" record.duration{steady_start_advice(scenario)})",
                 f,
                 f,
             )
     for line in table:
-        if line.status == "growing" and line.amplitude_n_m > _MIN_GROWING_RATIO * table.largest:
-            yield open_gap(f"{line.line} grows within the record (a longer record.settle)")
+        if line.status == "growing" and line.amplitude > _MIN_GROWING_RATIO * table.largest:
+            yield open_gap(f"{line.name} grows within the record (a longer record.settle)")
     if not steady and (held := not_moving_reason(scenario)):
         yield open_gap(held)
     if not steady and (short := full_step_is_longer(scenario, table.duration)):
@@ -666,8 +664,8 @@ def _recorded_loads(
             continue
         tables[channel] = lines_at_known_clock(recording[channel], recording.sample_rate, lines)
         rows = [tables[channel][line.name] for line in lines]
-        loads[:, k] = [row.amplitude_n_m * np.exp(1j * row.phase_rad) for row in rows]
-        floors[:, k] = [DETECTION_RATIO * row.floor_n_m for row in rows]
+        loads[:, k] = [row.amplitude * np.exp(1j * row.phase) for row in rows]
+        floors[:, k] = [DETECTION_RATIO * row.floor for row in rows]
     return _RecordedLoads(lines, loads, floors, tables)
 
 
@@ -693,7 +691,7 @@ def contribution_of_recording(
     recorded = _recorded_loads(recording, scenario, harmonics, table.clock_ratio or 1.0)
     expected = recorded.lines
     loads, floors = np.nan_to_num(recorded.loads), np.nan_to_num(recorded.floors)
-    of_axis = {line.line: line for line in table}
+    of_axis = {line.name: line for line in table}
     found = [of_axis.get(x.name) for x in expected]
     status = np.array(["not in the table" if row is None else row.status for row in found], str)
     seen = (status == "ok") & np.all(np.isfinite(recorded.loads), axis=1)
@@ -752,12 +750,11 @@ def _line_of_sight_by_load(scenario: Scenario, f: np.ndarray, turn: np.ndarray) 
     return np.abs(np.array([one for one in by_one if one is not None]))
 
 
-def _relative_uncertainty(line: object) -> float:
+def _relative_uncertainty(line: Line | None) -> float:
     """Relative standard uncertainty of a line's amplitude."""
-    amplitude, spread = (
-        getattr(line, "amplitude_n_m", math.nan),
-        getattr(line, "amplitude_uncertainty_n_m", math.nan),
-    )
+    if line is None:
+        return 0.0
+    amplitude, spread = line.amplitude, line.amplitude_uncertainty
     if amplitude > 0.0 and math.isfinite(spread):
         return spread / amplitude
     return 0.0

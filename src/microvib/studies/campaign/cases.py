@@ -30,11 +30,7 @@ from microvib.studies.campaign.study_file import Study
 
 BATCH_SIZE = 32
 """Cases that are simulated together; bounds the memory of a worker."""
-_OF_LINE = {
-    "amplitude": "amplitude_n_m", "frequency": "frequency_hz", "bin_amplitude": "bin_amplitude_n_m", "phase": "phase_rad",
-    "decay": "decay_per_s",
-}  # fmt: skip
-FIGURES = tuple(_OF_LINE)
+FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
 """What is kept of every line."""
 LINE_OF_SIGHT = ("los_x", "los_y")
 """What is kept besides where the craft has a line of sight."""
@@ -425,7 +421,7 @@ def _line_names(results: Sequence[_Result]) -> dict[str, int]:
     """
     names: dict[str, None] = {}
     for result in results:
-        names |= dict.fromkeys(line.line for line in result.lines)
+        names |= dict.fromkeys(line.name for line in result.lines)
     for result in results:
         names |= dict.fromkeys(result.los or ())
     return {name: k for k, name in enumerate(names)}
@@ -436,8 +432,8 @@ def _line_figures(results: Sequence[_Result], column: dict[str, int]) -> dict[st
     figures = {name: np.full((len(results), len(column)), math.nan) for name in FIGURES}
     for name, values in figures.items():
         for i, result in enumerate(results):
-            here = [column[line.line] for line in result.lines]
-            values[i, here] = [getattr(line, _OF_LINE[name]) for line in result.lines]
+            here = [column[line.name] for line in result.lines]
+            values[i, here] = [getattr(line, name) for line in result.lines]
     return figures
 
 
@@ -466,7 +462,7 @@ def _statuses(
     number = {text: k for k, text in enumerate(statuses)}
     status = np.full((len(results), len(column)), -1, dtype=np.int16)
     for i, result in enumerate(results):
-        here = [column[line.line] for line in result.lines]
+        here = [column[line.name] for line in result.lines]
         status[i, here] = [number[text] for text in said[i]]
     return statuses, status
 

@@ -57,7 +57,7 @@ def model_deficiency_hints(
     for one, scenario in tests:
         if noise_may_release_stiction(one, scenario):
             found.append(f"{one.name}: {_of_noise(one.noise)}")
-    lines = {line.line: line.frequency_hz for simulated in after for line in simulated.table}
+    lines = {line.name: line.frequency for simulated in after for line in simulated.table}
     rounded = sorted(
         name
         for name in _far_above_model(deviations)

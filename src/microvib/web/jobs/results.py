@@ -39,6 +39,7 @@ from microvib.reports.rendering import address
 from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
 from microvib.reports.sheets import svg
+from microvib.results import file_record
 from microvib.signals.line_table import LineTable
 from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
@@ -63,16 +64,14 @@ def run_result(
     a craft's hub.
     """
     scenario = motion.scenario
-    first = [
-        x.frequency_hz for x in table if x.line == driving_line(1) and math.isfinite(x.frequency_hz)
-    ]
+    first = [x.frequency for x in table if x.name == driving_line(1) and math.isfinite(x.frequency)]
     shares = torque_budget(motion, first)
     return {
         "title": scenario.title,
         "values": values_of(scenario),
-        "lines": [asdict(line) for line in table],
-        "notable": [line.line for line in table.notable()],
-        "seeds": [asdict(line) for line in table.seeds],
+        "lines": [file_record(line) for line in table],
+        "notable": [line.name for line in table.notable()],
+        "seeds": [file_record(line) for line in table.seeds],
         "facts": _facts(motion, shares["T_d"], summed),
         "budget": [_budget_row(name, share) for name, share in shares.items()],
         "invariants": {whose: one["invariants"] for whose, one in (("", summed), *_second(summed))},
@@ -195,7 +194,7 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
     f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
     g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
     return page_answer(analysis_outcome(a)) | {
-        "lines": [] if a.table is None else [asdict(line) for line in a.table],
+        "lines": [] if a.table is None else [file_record(line) for line in a.table],
         "spectrum": {"f": f.tolist(), "amplitude": amplitude.tolist(), "made": str(a.spectrum)},
         "density": {"f": g.tolist(), "psd": density.tolist(), "made": str(a.density)},
         "clock_ratio": a.clock_ratio,

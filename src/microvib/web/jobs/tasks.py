@@ -121,7 +121,7 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
     motion, table = _kept(Path(folder))
     judged = judge(table, limit, motion.scenario, lines_of_second(motion, table))
     margins = [
-        {"line": m.line.line, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why}
+        {"line": m.line.name, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why}
         for m in judged.margins
     ]
     return {
