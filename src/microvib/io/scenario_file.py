@@ -90,34 +90,37 @@ def scenario_of(
         data = with_files(data, files, name)
     if not changes or not isinstance(data, dict):
         return validate_part(Scenario, data, origin=name)
+    sources: dict[str, str] = {}
     if "sources" in data:
-        before = validate_part(Scenario, data, origin=name)
-    else:
-        before = None
-    other = any(key in (f"array.{origin}" for origin in ARRAY_ORIGINS) for key in changes)
-    if other:
-        data["array"] = {}  # another array, not a changed one
-    for key, value in changes.items():
-        set_key(data, key, to_plain_data(value))  # a copy, for later keys may change what is inside
+        sources = dict(validate_part(Scenario, data, origin=name).sources)
+    another_array = any(f"array.{origin}" in changes for origin in ARRAY_ORIGINS)
+    data = _with_changes(data, changes, another_array)
     data = with_files(data, files.in_working_folder(), name)
-    if other and "title" not in changes:  # no longer what the file's title says
+    if another_array and "title" not in changes:  # no longer what the file's title says
         data["title"] = f"Drive of {name}, array: {data['sources']['array']}"
-    after = validate_part(
-        Scenario,
-        {**data, "sources": data.get("sources") if "sources" in changes else {}},
-        origin=name,
-    )
     if "sources" in changes:
-        return after
-    told = {} if before is None else before.sources
-    kept = {key: text for key, text in told.items() if not (other and key.split(".")[0] == "array")}
-    if other:
-        own = {"array": data["sources"]["array"]}
-    else:
-        own = {}
+        return validate_part(Scenario, data, origin=name)
+    changed = validate_part(Scenario, {**data, "sources": {}}, origin=name)
+    if another_array:
+        sources = {key: text for key, text in sources.items() if key.split(".")[0] != "array"}
     # A value that was changed no longer comes from the file's source.
-    set_here = [key for key in changes if key.split(".")[0] not in TEXT_KEYS]
-    return after.with_sources(kept | dict.fromkeys(set_here, USER_SOURCE) | own)
+    sources |= {key: USER_SOURCE for key in changes if key.split(".")[0] not in TEXT_KEYS}
+    if another_array:
+        sources["array"] = data["sources"]["array"]
+    return changed.with_sources(sources)
+
+
+def _with_changes(
+    data: dict[str, Any], changes: dict[str, Any], another_array: bool
+) -> dict[str, Any]:
+    """Scenario data with the changes in place, which are copied: later keys may change what is
+    inside of earlier ones.
+    """
+    if another_array:
+        data["array"] = {}  # in place of the file's, of which nothing is left
+    for key, value in changes.items():
+        set_key(data, key, to_plain_data(value))
+    return data
 
 
 def load_bench(source: str | Path) -> Bench:

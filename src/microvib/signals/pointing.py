@@ -182,6 +182,18 @@ def mean_square_of_density(
     Nothing is assumed outside them. The weight is integrated as finely as it varies. Raises
     MicrovibError.
     """
+    f, S = _checked_density(frequency, density)
+    if metric in ("stability", "pde") and apart is not None and f[-1] * apart > 1.000001 * _FAST:
+        return _with_unrelated_instants(metric, f, S, window, apart)
+    first_averaged = int(np.searchsorted(f, _FAST / window))
+    averaged = _MEAN.get(metric, 0.0) * float(np.trapezoid(S[first_averaged:], f[first_averaged:]))
+    f, S = f[: first_averaged + 1], S[: first_averaged + 1]
+    if f.size < 2:
+        return averaged
+    return averaged + _weighted_integral(metric, f, S, window, apart)
+
+
+def _checked_density(frequency: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     f, S = np.asarray(frequency, dtype=float), np.asarray(density, dtype=float)
     if f.ndim != 1 or f.shape != S.shape or f.size < 2 or np.any(np.diff(f) <= 0.0) or f[0] < 0.0:
         raise MicrovibError(
@@ -192,29 +204,37 @@ def mean_square_of_density(
         raise MicrovibError(
             "density: a value is negative or not finite; rad^2/Hz of 0 or more are expected"
         )
-    if metric in ("stability", "pde") and apart is not None and f[-1] * apart > 1.000001 * _FAST:
-        # Instants far apart: beyond so many periods they have nothing to do with each other.
-        here = max(min(_FAST / apart, f[-1]), f[0])
-        middle = np.interp(here, f, S)
-        first, last = f < here, f > here
-        far = 0.0
-        if last.any():
-            above: Metric = "mpe"
-            if metric == "stability":
-                above = "ape"
-            far = mean_square_of_density(
-                above, np.r_[here, f[last]], np.r_[middle, S[last]], window
-            )
-        if not first.any():
-            return 2.0 * far
-        f, S = np.r_[f[first], here], np.r_[S[first], middle]
-        return 2.0 * far + mean_square_of_density(metric, f, S, window, apart)
+    return f, S
+
+
+def _with_unrelated_instants(
+    metric: Metric, f: np.ndarray, S: np.ndarray, window: float, apart: float
+) -> float:
+    """Mean square where the two instants are more than ``_FAST`` periods of the highest frequency
+    apart: above, each counts by itself, for its phase at one tells nothing of that at the other.
+    """
+    limit = max(min(_FAST / apart, f[-1]), f[0])
+    at_limit = np.interp(limit, f, S)
+    below, above = f < limit, f > limit
+    unrelated = 0.0
+    if above.any():
+        single: Metric = "ape" if metric == "stability" else "mpe"
+        unrelated = 2.0 * mean_square_of_density(
+            single, np.r_[limit, f[above]], np.r_[at_limit, S[above]], window
+        )
+    if not below.any():
+        return unrelated
+    related = mean_square_of_density(
+        metric, np.r_[f[below], limit], np.r_[S[below], at_limit], window, apart
+    )
+    return unrelated + related
+
+
+def _weighted_integral(
+    metric: Metric, f: np.ndarray, S: np.ndarray, window: float, apart: float | None
+) -> float:
+    """Integral of density times weight, by Gauss' rule on pieces far shorter than its ripple."""
     longest = max(window, apart or 0.0)
-    fast = int(np.searchsorted(f, _FAST / window))
-    beyond = _MEAN.get(metric, 0.0) * float(np.trapezoid(S[fast:], f[fast:]))
-    f, S = f[: fast + 1], S[: fast + 1]
-    if f.size < 2:
-        return beyond
     pieces = np.maximum(np.ceil(np.diff(f) * longest * _PER_PERIOD), 1.0)
     if pieces.sum() > _MOST_PIECES:
         raise MicrovibError(
@@ -223,15 +243,14 @@ def mean_square_of_density(
             f" {_MOST_PIECES:.0e} are allowed; cut the density above, or shorten the window"
         )
     count = pieces.astype(int)
+    first_piece = np.cumsum(count) - count
     interval = np.repeat(np.arange(count.size), count)
     nodes, shares = np.polynomial.legendre.leggauss(3)
-    total = beyond
+    total = 0.0
     for part in np.array_split(np.arange(interval.size), max(interval.size // 200_000, 1)):
         k = interval[part]
-        done = (part - (np.cumsum(count) - count)[k]) / count[
-            k
-        ]  # part of the interval before the piece
-        u = done[:, None] + 0.5 * (1.0 + nodes) / count[k, None]
+        before = (part - first_piece[k]) / count[k]  # share of the interval before the piece
+        u = before[:, None] + 0.5 * (1.0 + nodes) / count[k, None]
         at = f[k, None] + u * np.diff(f)[k, None]
         value = S[k, None] + u * np.diff(S)[k, None]
         width = (np.diff(f) / count)[k]

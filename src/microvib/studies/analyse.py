@@ -119,54 +119,69 @@ def _source(
     """
     match source:
         case Scenario():
-            motion, axis = (
-                simulate(source, channels=("T_d",), progress=progress),
-                "M" + source.array.drive_axis,
-            )
-            simulated = Recording(
-                {axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or source.title
-            )
-            return _simulated_with_lines(simulated, channel, source)
+            return _of_scenario(source, name, channel, progress)
         case RunFolder():
-            guide = source.scenario or guide
-            if source.motion is None:
-                raise MicrovibError(
-                    f"{source.path}: is not a run folder with a motion; it has no motion.nc"
-                )
-            if guide is None:
-                text = "has no scenario.yaml that says which lines to look for; name a scenario"
-                raise MicrovibError(f"{source.path}: {text}", remedy="scenario")
-            return _simulated_with_lines(source.motion, channel, guide)
-        case Prepared(recording, background):
-            # a channel that is not called as a component is taken for the torque about the drive
-            # axis
-            is_axis = (
-                guide is None
-                or channel not in COMPONENTS
-                or channel == "M" + guide.array.drive_axis
-            )
-            if channel.startswith("F") or not is_axis:
-                require_usable_channel(recording, channel)
-                other = f"{channel} is not the torque about the drive axis: its lines are not looked for"
-                return recording.noted(other) if guide else recording, background, None, 1.0
-            table = lines_of_recording(recording, channel, guide, background)
-            for note in (
-                (NO_SCENARIO_NOTE,)
-                if guide is None
-                else recording_warnings(recording, channel, guide, table)
-            ):
-                recording = recording.noted(note)
-            return (
-                recording,
-                background,
-                table,
-                1.0 if guide is None else guide.tracking.clock_ratio,
-            )
+            return _of_run_folder(source, guide, channel)
+        case Prepared():
+            return _of_recording(source, guide, channel)
         case _:
             expected = "a scenario, the folder of a run or a recording"
             raise MicrovibError(
                 f"{name or 'the source'}: lines alone cannot be analysed; expected {expected}"
             )
+
+
+def _of_scenario(
+    scenario: Scenario, name: str, channel: str, progress: Progress | None
+) -> tuple[Recording, None, LineTable | None, float]:
+    motion = simulate(scenario, channels=("T_d",), progress=progress)
+    axis = "M" + scenario.array.drive_axis
+    simulated = Recording(
+        {axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or scenario.title
+    )
+    return _simulated_with_lines(simulated, channel, scenario)
+
+
+def _of_run_folder(
+    folder: RunFolder, guide: Scenario | None, channel: str
+) -> tuple[Recording, None, LineTable | None, float]:
+    guide = folder.scenario or guide
+    if folder.motion is None:
+        raise MicrovibError(
+            f"{folder.path}: is not a run folder with a motion; it has no motion.nc"
+        )
+    if guide is None:
+        text = "has no scenario.yaml that says which lines to look for; name a scenario"
+        raise MicrovibError(f"{folder.path}: {text}", remedy="scenario")
+    return _simulated_with_lines(folder.motion, channel, guide)
+
+
+def _of_recording(
+    prepared: Prepared, guide: Scenario | None, channel: str
+) -> tuple[Recording, Recording | None, LineTable | None, float]:
+    recording, background = prepared.recording, prepared.background
+    if not _may_be_drive_torque(channel, guide):
+        require_usable_channel(recording, channel)
+        if guide is not None:
+            recording = recording.noted(
+                f"{channel} is not the torque about the drive axis: its lines are not looked for"
+            )
+        return recording, background, None, 1.0
+    table = lines_of_recording(recording, channel, guide, background)
+    if guide is None:
+        return recording.noted(NO_SCENARIO_NOTE), background, table, 1.0
+    for note in recording_warnings(recording, channel, guide, table):
+        recording = recording.noted(note)
+    return recording, background, table, guide.tracking.clock_ratio
+
+
+def _may_be_drive_torque(channel: str, guide: Scenario | None) -> bool:
+    """Whether a channel may be the torque about the drive axis, as one is that is not called as a
+    component.
+    """
+    if channel.startswith("F"):
+        return False
+    return guide is None or channel not in COMPONENTS or channel == "M" + guide.array.drive_axis
 
 
 def _simulated_with_lines(

@@ -144,43 +144,48 @@ def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
 def _factor(
     found: _ScenarioEntries, name: str, spec: dict[str, Any], where: str
 ) -> Levels | Uncertain:
+    """A factor by its own name, which scales several numbers of the scenario."""
     if name in found or name in RESERVED_NAMES or not _NAME.fullmatch(name):
         raise ScenarioError(
             f"{where}: is not allowed as the name of a factor; it has one of its own, up to 60"
             " letters, digits, blanks, dots and"
             f" hyphens, and not {', '.join(RESERVED_NAMES)}"
         )
-    if isinstance(spec["scale"], list):
-        given = spec["scale"]
-    else:
-        given = [spec["scale"]]
-    if not given or not all(isinstance(key, str) for key in given):
+    keys = _scaled_keys(found, spec["scale"], f"{where}.scale")
+    part = _of_one_key(name, 1.0, _factor_values(spec, where), _FACTOR, where)
+    return replace(part, keys=keys, base=tuple(found[key][0] for key in keys))
+
+
+def _scaled_keys(found: _ScenarioEntries, given: Any, where: str) -> tuple[str, ...]:
+    """Keys of the numbers that a factor scales, each once."""
+    patterns = given if isinstance(given, list) else [given]
+    if not patterns or not all(isinstance(pattern, str) for pattern in patterns):
         raise ScenarioError(
-            f"{where}.scale: {quoted_value(spec['scale'])} is not allowed; a list of keys is"
-            " expected"
+            f"{where}: {quoted_value(given)} is not allowed; a list of keys is expected"
         )
-    matching = (_matching(found, pattern, f"{where}.scale: {pattern}") for pattern in given)
+    matching = (_matching(found, pattern, f"{where}: {pattern}") for pattern in patterns)
     keys = tuple(dict.fromkeys(key for keys in matching for key in keys))
     for key in keys:
         value, quantity = found[key]
         if not isinstance(value, float) or quantity is None:
             raise ScenarioError(
-                f"{where}.scale: {key} is {quoted_value(value)}, not a number that could be scaled"
+                f"{where}: {key} is {quoted_value(value)}, not a number that could be scaled"
             )
-    rest: Any = {key: value for key, value in spec.items() if key != "scale"}
-    if "values" in rest:
-        _Reader(where, rest, _FACTOR, 1.0).only(("values",))
-        rest = rest["values"]
-        if not isinstance(rest, list):
-            raise ScenarioError(
-                f"{where}.values: {quoted_value(rest)} is not allowed; a list of factors is"
-                " expected"
-            )
-    return replace(
-        _of_one_key(name, 1.0, rest, _FACTOR, where),
-        keys=keys,
-        base=tuple(found[key][0] for key in keys),
-    )
+    return keys
+
+
+def _factor_values(spec: dict[str, Any], where: str) -> Any:
+    """Values of a factor: a list of its own, or the distribution that stands beside ``scale``."""
+    rest = {key: value for key, value in spec.items() if key != "scale"}
+    if "values" not in rest:
+        return rest
+    _Reader(where, rest, _FACTOR, 1.0).only(("values",))
+    if not isinstance(rest["values"], list):
+        raise ScenarioError(
+            f"{where}.values: {quoted_value(rest['values'])} is not allowed; a list of factors is"
+            " expected"
+        )
+    return rest["values"]
 
 
 def _matching(found: _ScenarioEntries, pattern: str, where: str) -> tuple[str, ...]:
