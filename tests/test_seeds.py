@@ -43,7 +43,7 @@ def drawn(noisy):
 
 
 def test_the_closed_form_is_what_draws_read_within_their_scatter(noisy, drawn):
-    (alone,) = noise_driven_lines(noisy, 16.0)
+    (alone,) = noise_driven_lines(noisy, 16.0, mv.expected_lines(noisy, "500 Hz"))
     seeds = drawn.over_seeds("array_mode_1")
     assert (
         seeds.draws >= 59

@@ -125,7 +125,7 @@ class ErrorOfIntegration:
             return with_integration_error(table, known).own_error
         if self.source.beginning is None:
             return math.nan
-        return with_integration_error(table, accuracy(self.source, table)).own_error
+        return with_integration_error(table, error_of_motion(self.source, table)).own_error
 
 
 def with_known_error(table: LineTable) -> LineTable:
@@ -144,7 +144,7 @@ def steady_accuracy(state: SteadyState, table: LineTable) -> Accuracy | None:
     record = state.scenario.record
     shorter = {"record.duration": min(record.duration, MAX_STEADY_RECORD)}
     motion = replace(state, scenario=state.scenario.with_si(shorter)).motion(channels=("T_d",))
-    return accuracy(motion, table)
+    return error_of_motion(motion, table)
 
 
 def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
@@ -174,6 +174,11 @@ def accuracy(motion: Motion, table: LineTable) -> Accuracy | None:
     """
     expect(motion, Motion, "a motion (mv.simulate)")
     expect(table, LineTable, "a table of lines (mv.find_lines)")
+    return error_of_motion(motion, table)
+
+
+def error_of_motion(motion: Motion, table: LineTable) -> Accuracy | None:
+    """``accuracy`` of a motion and the table of its lines."""
     if motion.beginning is None:
         return None
     return _compared(motion.scenario, motion.beginning, motion["T_d"], table)

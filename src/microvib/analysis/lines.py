@@ -19,7 +19,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import ErrorOfIntegration
 from microvib.analysis.spectra import SAMPLED, samples_of
-from microvib.analysis.start import mode_has_decayed
+from microvib.analysis.start import has_decayed, time_to_settle
 from microvib.analysis.steadiness import steadiness_notes, with_excess
 from microvib.errors import OptionError, expect_channel, whole_number
 from microvib.model.driven import (
@@ -199,29 +199,31 @@ def find_lines(
     if isinstance(source, Steady):
         source = source.source
     if isinstance(source, SteadyState):
-        table = _of_steady_state(source, channel or "T_d", harmonics)
-        return replace(
-            table,
-            unit=unit_of(channel or "T_d"),
-            source=f"{channel or 'T_d'} in the steady state of {source.scenario.brief}",
-            harmonics=harmonics,
-            broken=source.invariants.broken,
-            find_error=ErrorOfIntegration(source, channel in ("", "T_d")),
-        )
+        return lines_of_steady_state(source, channel or "T_d", harmonics)
     if isinstance(source, Recording):
         guide = None if scenario is None else as_scenario(scenario)
         return _of_recording(source.in_si(), channel, harmonics, guide)
+    return lines_of_motion(source, channel or "T_d", harmonics)
+
+
+def lines_of_motion(source: Motion | Torque, channel: str, harmonics: int) -> LineTable:
+    """Lines of a ``channel`` of a simulated motion, as ``find_lines``."""
     x, rate, unit = samples_of(source, channel, f"a scenario, a steady state, {SAMPLED}")
-    table = lines_of_samples(
-        x, rate, source.scenario, harmonics, disturbance=channel in ("", "T_d")
-    )
+    scenario = source.scenario
+    expected = expected_in(scenario, rate, harmonics)
+    table = simulated_lines(x, rate, scenario, expected, disturbance=channel == "T_d")
     if isinstance(source, Torque):
         broken = source.broken
     else:
         broken = source.invariants.broken
-    told = f"{channel or 'T_d'} of {source.scenario.brief}"
-    error = ErrorOfIntegration(source, channel in ("", "T_d"))
-    return replace(table, unit=unit, source=told, broken=broken, find_error=error)
+    return replace(
+        table,
+        unit=unit,
+        source=f"{channel} of {scenario.brief}",
+        harmonics=harmonics,
+        broken=broken,
+        find_error=ErrorOfIntegration(source, channel == "T_d"),
+    )
 
 
 def _solve(scenario: Scenario, channel: str) -> tuple[Motion | SteadyState, str]:
@@ -261,6 +263,9 @@ def lines_of_samples(
     are found and not named. What noise alone gives a line is known of the ``disturbance`` torque.
     """
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
+    if scenario is not None and not measured:
+        table = simulated_lines(x, sample_rate, scenario, expected, disturbance)
+        return replace(table, harmonics=harmonics)
     table = estimate_lines(x, sample_rate, expected)
     if measured:
         table = with_excess(
@@ -269,10 +274,24 @@ def lines_of_samples(
     table = replace(table, harmonics=harmonics)
     if scenario is None:
         return table
-    table = with_noise_statistics(table, scenario, disturbance)
-    if measured:
-        return table
-    return relabel_lasting_lines(table, scenario)
+    return _with_noise_statistics(table, scenario, expected, disturbance)
+
+
+def simulated_lines(
+    x: np.ndarray,
+    sample_rate: float,
+    scenario: Scenario,
+    expected: tuple[ExpectedLine, ...],
+    disturbance: bool = True,
+) -> LineTable:
+    """Lines of a simulated torque, as ``lines_of_samples``, of which those that are ``expected`` are
+    known (``expected_in``).
+    """
+    table = estimate_lines(x, sample_rate, expected)
+    table = _with_noise_statistics(table, scenario, expected, disturbance)
+    settled = time_to_settle(scenario)
+    ended = {line.name for line in expected if line.is_mode and has_decayed(line.decay, settled)}
+    return _relabel_lasting_lines(table, ended)
 
 
 def _refit_clock(
@@ -356,15 +375,15 @@ def with_transient_uncertainty(table: LineTable) -> LineTable:
     return replace(table, lines=tuple(map(wider, table)), clock_ratio_uncertainty=ratio)
 
 
-def relabel_lasting_lines(table: LineTable, scenario: Scenario) -> LineTable:
+def _relabel_lasting_lines(table: LineTable, ended: Collection[str]) -> LineTable:
     """Lines of a simulation, of which one that lasts is not called after a mode that has died away
-    by its damping.
+    by its damping, as those that are called ``ended`` have.
 
     Such a line is a sideband, or what friction keeps going: it is listed as found and not expected.
     """
     rows, number = list(table), sum(x.kind == "other" for x in table)
     for k, x in enumerate(rows[:]):
-        if not (x.is_mode and x.status == "ok" and mode_has_decayed(x, scenario)):
+        if not (x.is_mode and x.status == "ok" and x.name in ended):
             continue
         number += 1
         name = str(LineName(UNLISTED, number))
@@ -387,8 +406,8 @@ it.
 """
 
 
-def with_noise_statistics(
-    table: LineTable, scenario: Scenario, disturbance: bool = True
+def _with_noise_statistics(
+    table: LineTable, scenario: Scenario, expected: Sequence[ExpectedLine], disturbance: bool
 ) -> LineTable:
     """Lines with what the noise of the output's friction gives them in closed form; *driven by
     noise* where that is much of them.
@@ -400,7 +419,7 @@ def with_noise_statistics(
         return table
     in_closed_form: dict[str, NoiseDrivenLine] = {}
     if disturbance:
-        in_closed_form = {x.line: x for x in noise_driven_lines(scenario, table.duration)}
+        in_closed_form = {x.name: x for x in noise_driven_lines(scenario, table.duration, expected)}
     rows = []
     for line in table:
         noise = in_closed_form.get(line.name)
@@ -441,20 +460,25 @@ def _is_made_by_noise(line: Line, scenario: Scenario, duration: float, disturban
 
 
 def lines_by_name(
-    x: np.ndarray,
-    sample_rate: float,
-    scenario: Scenario,
-    names: Collection[str],
-    harmonics: int = 8,
+    torque: Torque, scenario: Scenario, names: Collection[str], harmonics: int = 8
 ) -> LineTable:
     """Lines of a simulated torque, as ``lines_of_samples``, that are called by these ``names`` or
     are array modes.
 
     They have no uncertainties, and take a fraction of the time.
     """
-    expected = expected_in(scenario, sample_rate, harmonics)
-    wanted = [line for line in expected if line.name in names or line.is_mode]
-    return lines_at_known_clock(x, sample_rate, wanted)
+    return lines_at_known_clock(
+        torque.T_d,
+        torque.sample_rate,
+        named_or_modes(expected_in(scenario, torque.sample_rate, harmonics), names),
+    )
+
+
+def named_or_modes(
+    expected: Sequence[ExpectedLine], names: Collection[str]
+) -> tuple[ExpectedLine, ...]:
+    """Those of the ``expected`` lines that are called by these ``names`` or are array modes."""
+    return tuple(line for line in expected if line.name in names or line.is_mode)
 
 
 def lines_of_recording(
@@ -632,13 +656,23 @@ def expected_in(
     return expected_lines(scenario, Si(PASSBAND * sample_rate), harmonics, *tolerances)
 
 
-def _of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTable:
-    """Named as those of a record, with its bins and its first sample's phases."""
+def lines_of_steady_state(state: SteadyState, channel: str, harmonics: int) -> LineTable:
+    """Lines of a ``channel`` of a steady state, as ``find_lines``: named as those of a record, with
+    its bins and its first sample's phases.
+    """
     if channel != "T_d":
         scalar_channel(state.channels, channel, state.scenario, state.time)
     record = state.scenario.record
     expected = expected_in(state.scenario, record.sample_rate, harmonics)
     series = state.harmonics(channel, int(PASSBAND * record.sample_rate / state.frequency) + 1)
-    return lines_of_series(
+    table = lines_of_series(
         series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate
+    )
+    return replace(
+        table,
+        unit=unit_of(channel),
+        source=f"{channel} in the steady state of {state.scenario.brief}",
+        harmonics=harmonics,
+        broken=state.invariants.broken,
+        find_error=ErrorOfIntegration(state, channel == "T_d"),
     )

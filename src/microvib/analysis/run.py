@@ -12,15 +12,19 @@ from typing import Any
 from microvib.analysis.accuracy import (
     ERROR_ESTIMATE_KEY,
     Accuracy,
-    accuracy,
     add_error_estimate,
+    error_of_motion,
     read_error_estimate,
     steady_accuracy,
     with_integration_error,
     with_known_error,
 )
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.lines import HARMONICS_RANGE, find_lines
+from microvib.analysis.lines import (
+    HARMONICS_RANGE,
+    lines_of_motion,
+    lines_of_steady_state,
+)
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
@@ -169,11 +173,15 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
     """
     source = state or motion
     assert source is not None
-    table, solver, second = find_lines(source, harmonics=harmonics), source.solver, None
+    if isinstance(source, SteadyState):
+        table = lines_of_steady_state(source, "T_d", harmonics)
+    else:
+        table = lines_of_motion(source, "T_d", harmonics)
+    solver, second = source.solver, None
     if source.beside is not None:
         second = _result_of(state and state.beside, motion and motion.beside, harmonics)
     if motion is not None:
-        found = accuracy(motion, table)
+        found = error_of_motion(motion, table)
         table, solver = with_integration_error(table, found), add_error_estimate(solver, found)
         if (
             state is not None
@@ -200,7 +208,7 @@ def lines_of_second(motion: Motion, table: LineTable) -> LineTable | None:
     beside = motion.beside
     if beside is None:
         return None
-    second = find_lines(beside, harmonics=table.harmonics)
+    second = lines_of_motion(beside, "T_d", table.harmonics)
     if ERROR_ESTIMATE_KEY in beside.solver:
         return with_known_error(second)
     return second

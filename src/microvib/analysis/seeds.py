@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.analysis.lines import lines_by_name
+from microvib.analysis.lines import expected_in, named_or_modes
 from microvib.errors import OptionError
 from microvib.model.scenario import Scenario
+from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import Line, LineTable, SeedLine
 from microvib.solve.batch import Torque, simulate_torques
 
@@ -58,13 +59,15 @@ def with_seeds(
     rest = scenario.with_({"record.start": "rest"})
     names = [line.name for line in table if line.kind != "other"]
     found: dict[str, list[Line]] = {name: [] for name in names}
-    broken = dict.fromkeys(table.broken)
+    broken, record = dict.fromkeys(table.broken), scenario.record
+    expected = expected_in(scenario, record.sample_rate, table.harmonics)
+    wanted = named_or_modes(expected, names)
     for k in range(number):
         (torque,) = simulate_torques([rest.with_(seeds_of(scenario, k))])
         if not isinstance(torque, Torque):
             raise torque
         broken |= dict.fromkeys(torque.broken)
-        for line in lines_by_name(torque.T_d, torque.sample_rate, scenario, names, table.harmonics):
+        for line in lines_at_known_clock(torque.T_d, torque.sample_rate, wanted):
             if line.name in found and math.isfinite(line.amplitude):
                 found[line.name].append(line)
         if progress:

@@ -44,7 +44,12 @@ def mode_has_decayed(line: Line, scenario: Scenario | None) -> bool:
     if scenario is None or not line.is_mode:
         return False
     mode = next((m for m in coupled_modes(scenario) if m.name == line.name), None)
-    return mode is not None and mode.decay * time_to_settle(scenario) > SETTLED_EFOLDINGS
+    return mode is not None and has_decayed(mode.decay, time_to_settle(scenario))
+
+
+def has_decayed(decay: float, settled: float) -> bool:
+    """Whether what decays at the rate ``decay`` [1/s] has vanished after a time ``settled`` [s]."""
+    return decay * settled > SETTLED_EFOLDINGS
 
 
 def time_to_settle(scenario: Scenario) -> float:

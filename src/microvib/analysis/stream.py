@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.accuracy import accuracy, add_error_estimate, with_integration_error
-from microvib.analysis.lines import lines_of_samples
+from microvib.analysis.accuracy import add_error_estimate, error_of_motion, with_integration_error
+from microvib.analysis.lines import expected_in, simulated_lines
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks
 from microvib.solve.integration import Progress, Simulation
@@ -40,8 +40,10 @@ def lines_of_stream(
     run = Simulation(scenario, progress=progress, channels=("T_d",))
     tables: list[LineTable] = []
     sums, start = np.zeros(1, dtype=complex), 0
+    expected = expected_in(scenario, rate, harmonics)
     for block in _equal_blocks(run, samples // blocks):
-        tables.append(lines_of_samples(block, rate, scenario, harmonics))
+        found = simulated_lines(block, rate, scenario, expected)
+        tables.append(replace(found, harmonics=harmonics))
         if start == 0:
             begun = block.copy()
             numbers = [round(x.place * samples / rate) for x in tables[0]]
@@ -60,12 +62,12 @@ def lines_of_stream(
         table = _mean(tables, bins)
     t = scenario.record.settle + np.arange(begun.size) / rate
     motion = Motion(scenario, t, {"T_d": begun}, run.invariants, run.solver, run.beginning)
-    found = accuracy(motion, table)
+    error = error_of_motion(motion, table)
     table = replace(table, broken=run.invariants.broken)
     return (
-        with_integration_error(table, found),
+        with_integration_error(table, error),
         run.invariants,
-        add_error_estimate(run.solver, found) | {"line_blocks": len(tables)},
+        add_error_estimate(run.solver, error) | {"line_blocks": len(tables)},
     )
 
 

@@ -9,11 +9,13 @@ output sticks, a line is smaller.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.model.linear import coupled_modes, dynamic_stiffness, momentum_row
+from microvib.model.expected import ExpectedLine
+from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
 
 MAX_E_FOLDINGS = 4.0
@@ -29,7 +31,7 @@ _PARTS = 400
 class NoiseDrivenLine:
     """Amplitude, 0-to-peak [N m], that noise alone gives a mode's line in a record, over draws."""
 
-    line: str
+    name: str
     mean: float
     deviation: float
     quantile: float
@@ -93,9 +95,11 @@ def noise_bin_amplitude(scenario: Scenario, frequency: float, duration: float) -
     return 0.0
 
 
-def noise_driven_lines(scenario: Scenario, duration: float) -> tuple[NoiseDrivenLine, ...]:
-    """What noise alone gives the lines of the array's modes in a record of ``duration`` [s], those
-    that it reaches.
+def noise_driven_lines(
+    scenario: Scenario, duration: float, expected: Sequence[ExpectedLine]
+) -> tuple[NoiseDrivenLine, ...]:
+    """What noise alone gives those of the ``expected`` lines that are array modes in a record of
+    ``duration`` [s], where it reaches them.
 
     A mode of frequency f and decay rate sigma has an envelope of mean square abs(G(f))^2 S sigma,
     with G the ``friction_to_disturbance`` and S the density, averaged over the resonance. It varies
@@ -105,9 +109,9 @@ def noise_driven_lines(scenario: Scenario, duration: float) -> tuple[NoiseDriven
     variance after a = sigma T.
     """
     found = []
-    for mode in coupled_modes(scenario):
+    for mode in (line for line in expected if line.is_mode):
         sigma, fold = mode.decay, mode.decay * duration
-        if mode.fixed_frequency is None or not 0.0 < fold <= MAX_E_FOLDINGS:
+        if not 0.0 < fold <= MAX_E_FOLDINGS:
             continue
         angles = math.pi * (
             (np.arange(_PARTS) + 0.5) / _PARTS - 0.5

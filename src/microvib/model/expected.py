@@ -63,6 +63,8 @@ class ExpectedLine(LineKindProperties):
     low: float
     high: float
     origin: str
+    decay: float = 0.0
+    """Decay rate [1/s] of a mode by the linearised drive; 0 for what the step clock makes."""
 
 
 def expected_lines(
@@ -288,5 +290,7 @@ def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:
         ):  # above the hub's resonance they lie far apart, with other lines between
             low = high = mode.frequency
         origin = f"clamped {mode.fixed_frequency:.4g} Hz, seen through the drive"
-        lines.append(ExpectedLine(mode.name, "array mode", mode.frequency, low, high, origin))
+        lines.append(
+            ExpectedLine(mode.name, "array mode", mode.frequency, low, high, origin, mode.decay)
+        )
     return lines

@@ -164,7 +164,7 @@ def amplitudes(scenario: Scenario, names: tuple[str, ...], seeds: int = 1) -> np
         (torque,) = simulate_torques([one])
         if not isinstance(torque, Torque):
             raise torque
-        table = lines_by_name(torque.T_d, torque.sample_rate, one, names)
+        table = lines_by_name(torque, one, names)
         found = [table[name].bin_amplitude for name in names]
         rows.append([*found, float(np.abs(torque.T_d).max())])
     return np.array(rows)

@@ -101,7 +101,7 @@ class SteadyState:
         if other is None:
             return None
         with error_context(SECOND_WING):
-            return steady_state(other)
+            return _steady_state(other, confirmed=False)
 
     @property
     def channels(self) -> dict[str, np.ndarray]:
@@ -216,8 +216,11 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
         too long to, where there are more than MAX_MODES modes, or where a run from rest does not
         settle: says which. It is a SimulationError.
     """
+    return _steady_state(as_scenario(scenario), confirmed)
+
+
+def _steady_state(scenario: Scenario, confirmed: bool) -> SteadyState:
     begun = clock_time.perf_counter()
-    scenario = as_scenario(scenario)
     if scenario.load.H.size > MAX_MODES:
         raise NotPeriodic(
             f"there are more than {MAX_MODES} modes, for which time integration is faster"
@@ -248,7 +251,7 @@ def find_steady(
     wing that is driven, too.
     """
     try:
-        found = steady_state(scenario, confirmed=confirmed)
+        found = _steady_state(scenario, confirmed)
         if whole:
             _ = found.beside  # which says why there is none
     except NotPeriodic as why:

@@ -131,7 +131,7 @@ def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int
     for (k, test, evidence), torque in zip(cases, torques, strict=True):
         if isinstance(torque, Torque):
             asked = {name for o in evidence.observations for name in (o.line, o.against) if name}
-            table = lines_by_name(torque.T_d, torque.sample_rate, test, asked, evidence.harmonics)
+            table = lines_by_name(torque, test, asked, evidence.harmonics)
             found.append((k, Simulated(table, torque.T_d, torque.sample_rate)))
     return found
 
