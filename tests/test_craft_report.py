@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy import signal
+from support.run_reports import run_report, run_text
 
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
@@ -16,14 +17,14 @@ from microvib.analysis.run import RunResult
 from microvib.cli.main import main
 from microvib.reports import craft
 from microvib.reports.densities import densities_csv
-from microvib.reports.document import Figure, Section, Table
+from microvib.reports.document import Section, Table
 from microvib.reports.moving import box_corners
 from microvib.reports.numbers import plain_number
-from microvib.reports.run.report import run_report
-from microvib.reports.run.text import run_text
+from microvib.results import Measure
 from microvib.solve.motion import Motion
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+MICRORADIANS = Measure("µrad", 1e-6)
 SHORT = {"record.settle": "5 s", "record.duration": "10 s"}
 
 
@@ -111,17 +112,10 @@ def test_what_rings_after_the_start_is_said_beside_the_figure_that_it_is_in(
     assert hub_lines(steady.state, steady.table).rings == ()
 
 
-def test_densities_add_up_to_what_moves(motion: Motion, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_densities_add_up_to_what_moves(motion: Motion) -> None:
     """From 0.5 Hz on, against the angles themselves, less their slow part by a fit of tones below that."""
-    kept = []
-
-    def keep(drawing, *_):
-        kept.append([np.array(line.get_data()) for line in drawing.axes[1].lines])
-        return Figure("", "")
-
-    monkeypatch.setattr(craft, "figure_block", keep)
-    craft._angles(motion)
-    (frequency, up), (_, down) = kept[0]
+    drawing = craft.angles_picture(motion, MICRORADIANS).draw()
+    (frequency, up), (_, down) = (np.array(line.get_data()) for line in drawing.axes[1].lines)
     assert up[-1] == pytest.approx(down[0])
     squares = up**2 + down**2
     assert squares == pytest.approx(np.full(squares.size, up[-1] ** 2), rel=1e-9)
@@ -215,7 +209,7 @@ def test_a_free_craft_is_silent_below_a_twentieth_of_a_hertz() -> None:
         "spacecraft.attitude_control": "none",
     }
     motion = mv.simulate(mv.load_scenario(EXAMPLE, changes))
-    assert "from 0.05 Hz on" in craft._angles(motion).caption
+    assert "from 0.05 Hz on" in craft.angles_picture(motion, MICRORADIANS).caption
 
 
 def test_lines_of_the_hub_have_as_many_members_as_those_of_the_torque(tmp_path) -> None:

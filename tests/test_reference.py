@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from support.run_reports import run_text
 
 import microvib as mv
 from microvib.analysis.reference import compare_with_reference, comparison_worth
@@ -12,7 +13,6 @@ from microvib.analysis.run import run_scenario
 from microvib.errors import MicrovibError, ScenarioError
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.sources import open_source
-from microvib.reports.run.text import run_text
 from microvib.studies.evidence import evidence_of
 
 SHORT = {"record.settle": "5 s", "record.duration": "4 s", "record.sample_rate": "1024 Hz"}
@@ -68,7 +68,10 @@ def test_what_a_comparison_is_worth_follows_from_the_sources(scenario) -> None:
 
 def test_a_run_tells_its_reference_and_a_scenario_without_one_none(scenario) -> None:
     told = run_text(run_scenario(scenario, lines_only=True))
-    assert "Compared with measured lines, Appl. Sci. 2021, 11, 9076, Tables 5 and 6" in told
+    assert (
+        "Measured, and by the publication's own model: Appl. Sci. 2021, 11, 9076, Tables 5 and 6."
+        in told
+    )
     assert "measured" not in run_text(
         run_scenario(scenario.with_({"reference": None}), lines_only=True)
     )

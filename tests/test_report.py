@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.print import pages
+from support.run_reports import run_report
 from support.scenarios import baseline, limit_of
 
 import microvib as mv
+from microvib import results
 from microvib.analysis.budget import housing_factors
 from microvib.analysis.limits import judge
 from microvib.cli.main import main
@@ -35,11 +37,11 @@ from microvib.reports.document import (
     table,
 )
 from microvib.reports.figures import draw_first_page
-from microvib.reports.parameters import STATUSES, Provenance, parameter_blocks, provenance
+from microvib.reports.outcome import report_table
+from microvib.reports.parameters import STATUSES, Provenance, parameter_items, provenance
 from microvib.reports.rendering import html, pdf, report_files
-from microvib.reports.run.first_page import judged_cells
 from microvib.reports.run.folder import run_to_folder
-from microvib.reports.run.report import run_report
+from microvib.reports.run.lines import LineRow, line_row
 from microvib.signals.line_table import BELOW_FLOOR
 
 LIMIT = limit_of(0.010)
@@ -140,8 +142,10 @@ def test_a_line_of_no_amplitude_has_no_figures(lines_1, motion_1, undrawn):
     table_ = replace(lines_1, lines=(replace(lines_1["drive_1"], amplitude=0.0),))
     judged = judge(table_, LIMIT, motion_1.scenario)
     assert str(judged) == "Limit 10 mN m: pass."
-    assert judged_cells(table_.lines[0], judged) == ["", "", "pass"]
-    assert judged_cells(lines_1["drive_2"], judged) == ["", "", "outside"]
+    shown = results.Table.of(
+        "", LineRow, [line_row(table_.lines[0], judged), line_row(lines_1["drive_2"], judged)]
+    ).only(("line", "margin_db", "factor", "verdict"))
+    assert shown.texts() == [["drive_1", "pass"], ["drive_2", "outside"]]
     assert run_report(motion_1, table_, limit=LIMIT).facts[0].value == "Pass: 1 line"
 
 
@@ -160,7 +164,7 @@ def test_a_line_without_amplitude_is_named_not_passed(lines_1, motion_1, undrawn
     notes = [
         b.text for b in run_report(motion_1, table_, limit=LIMIT).first_page if isinstance(b, Text)
     ]
-    assert "Not judged: drive_2 (not resolved: x)." in notes[0]
+    assert "Not judged: drive_2 (not resolved: x)." in " ".join(notes)
 
 
 # The document of a run
@@ -175,7 +179,7 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
     assert simulated.rows[-1].cells[0] == "Invariants"
     assert simulated.rows[-1].cells[1].startswith("all hold")
     for row in main.rows:
-        name, _, amplitude, decibel, factor, verdict = row.cells
+        name, _, amplitude, decibel, factor, _, verdict = row.cells
         steady = lines_1[name].status == "ok"  # what decays is judged by its start
         exact = 0.010 / (lines_1[name].amplitude if steady else lines_1[name].starting(16.0))
         assert float(amplitude) == pytest.approx(1e3 * lines_1[name].amplitude, rel=1e-3)
@@ -185,7 +189,7 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
         known = {
             "pass": ("pass", "pass"),
             "fail": ("FAIL", "fail"),
-            "not judged": ("not judged", ""),
+            "not judged": ("not judged", "off"),
         }
         assert (verdict, row.mark) == known[judged.of(lines_1[name]).verdict]
     assert {"pass", "FAIL"} <= seen
@@ -196,7 +200,13 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
 def test_without_a_limit_the_lines_stand_alone(motion_1, lines_1, undrawn):
     document = run_report(motion_1, lines_1)
     _, main = tables(document.first_page)
-    assert [c.title for c in main.columns] == ["line", "frequency", "amplitude", "what it is"]
+    assert [c.title for c in main.columns] == [
+        "line",
+        "frequency",
+        "amplitude",
+        "what it is",
+        "status",
+    ]
     assert {row.mark for row in main.rows} == {""}
     assert not any(fact.status for fact in document.facts)
 
@@ -231,9 +241,9 @@ def test_every_parameter_has_a_status(document, motion_1):
 
 
 def test_status_of_catalog_parameters():
-    parameters, _, references = parameter_blocks(
-        mv.load_scenario("state-1", {"driver.microsteps": 32})
-    )
+    items = parameter_items(mv.load_scenario("state-1", {"driver.microsteps": 32}))
+    listed, _, references = items
+    parameters = report_table(listed)
     by_key = dict(
         zip(
             column(parameters, "key"),
@@ -248,7 +258,7 @@ def test_status_of_catalog_parameters():
     assert by_key["torque_constant"][0] == "paper"
     number = by_key["torque_constant"][1].strip("[]")
     assert any(
-        row.cells == (f"[{number}]", mv.load_scenario("state-1").source) for row in references.rows
+        row == (f"[{number}]", mv.load_scenario("state-1").source) for row in references.rows
     )
 
 
@@ -476,7 +486,7 @@ def test_the_command_makes_the_report_again_with_the_limit_of_the_run(folder):
 def test_another_limit_or_band_or_none(folder, undrawn):
     page, first = again(folder, "--limit", "1 N*m")
     assert "Pass: " in page
-    assert "limit 1 N m from 0.5 to 60 Hz" in first
+    assert "limit 1000 mN m from 0.5 to 60 Hz" in first
     assert "limit 10 mN m from 0.5 to 3 Hz" in again(folder, "--band", "0.5:3 Hz")[1]
     page, first = again(folder, "--limit", "none")
     assert (

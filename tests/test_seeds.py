@@ -12,6 +12,7 @@ from support.scenarios import NO_FRICTION, limit_of
 import microvib as mv
 from microvib.analysis.limits import judge, transient_warnings
 from microvib.analysis.margins import margin
+from microvib.analysis.run import RunResult
 from microvib.analysis.seeds import quantile_bounds
 from microvib.model.driven import friction_to_disturbance, noise_density, noise_driven_lines
 from microvib.reports.document import Text
@@ -122,7 +123,7 @@ def test_a_report_says_that_margins_are_those_of_the_quantile(noisy, drawn):
     ):
         texts = [
             block.text
-            for block in first_page(motion, table, judge(table, limit, noisy))
+            for block in first_page(RunResult.of_motion(motion, table), judge(table, limit, noisy))
             if isinstance(block, Text)
         ]
         assert told in " ".join(texts)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from support.run_reports import run_report, run_text
 from support.scenarios import heavy_scenario, random_scenario, scenario_of_any_kind
 from support.steady_lines import long_run, settled_motion, worst_deviation
 
@@ -15,8 +16,6 @@ from microvib.analysis.run import run_scenario
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.expected import ExpectedLine
 from microvib.reports.document import Text
-from microvib.reports.run.report import run_report
-from microvib.reports.run.text import run_text
 from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.line_fit import estimate_lines
 from microvib.solve.batch import simulate_torques

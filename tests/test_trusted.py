@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.campaigns import computed, study
+from support.run_reports import run_text
 
 import microvib as mv
 from microvib.analysis.limits import judge
@@ -21,8 +22,7 @@ from microvib.analysis.seeds import with_seeds
 from microvib.io.runs import read_run
 from microvib.reports.run.first_page import leading_figures
 from microvib.reports.run.folder import Form, write_run
-from microvib.reports.run.text import run_text
-from microvib.reports.run.trust import failed_invariants, invariants_section
+from microvib.reports.run.trust import failed_invariants, invariants
 from microvib.solve.batch import torque_from_rest
 from microvib.solve.motion import BALANCE_TOLERANCE, JOULE_HEAT_TOLERANCE, Invariants
 from microvib.studies.budget.files import Requirement, Requirements
@@ -77,11 +77,12 @@ def test_a_notebook_and_a_report_say_the_same(off: RunResult, coarse: mv.Scenari
     assert off.motion is not None
     table = mv.find_lines(off.motion)
     assert mv.judge(table, FAR, coarse).verdict == "not judged"
-    assert "does NOT hold" in str(invariants_section(off.motion))
-    assert failed_invariants(off.motion) == ["energy_mechanical"]
+    kept = RunResult.of_motion(off.motion, table)
+    assert "does NOT hold" in str(list(invariants(kept)))
+    assert failed_invariants(kept) == ["energy_mechanical"]
     whole = next(
         fact
-        for fact in leading_figures(off.motion, table, judge(table, FAR, coarse))
+        for fact in leading_figures(kept, judge(table, FAR, coarse))
         if fact.value == "Not judged"
     )
     assert WHY in whole.label

@@ -41,6 +41,7 @@ MARKS: dict[str, Mark] = {
     "no": "fail",
     "not judged": "off",
     "differs": "off",
+    "sum": "strong",
 }
 """How rows stand out, by the word of their verdict; others do not."""
 Role = Literal["", "key", "group", "verdict"]
@@ -107,6 +108,8 @@ RATE = Measure("deg/s", _DEGREE, ".5g", file_size=_DEGREE)
 SHARE = Measure("%", 0.01, ".3g")
 TIME = Measure("s")
 TORQUE = Measure("mN m", 1e-3, "#.4g")
+TORQUE_LIMIT = Measure("mN m", 1e-3, ".6g")
+"""Of a torque that somebody chose, in as many digits as were given."""
 TORQUE_UNCERTAINTY = Measure("mN m", 1e-3, "#.2g", least=0.001)
 
 
@@ -162,7 +165,7 @@ class Table:
     for_readers: tuple[tuple[Any, ...], ...] | None = None
     """The rows that a report shows, what matters most first; None for all."""
     brief: int | None = None
-    """How many of these a terminal shows; None for all."""
+    """How many of these a terminal shows; None for all, 0 for no table."""
     caption: str = ""
     """A sentence below it in a report."""
 

@@ -4,34 +4,41 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 from microvib.model.reference import Reference
 from microvib.model.scenario import USER_SOURCE, Scenario
+from microvib.results import DIFFERENCE, TORQUE, Column, Measure
 from microvib.signals.line_table import Line, LineTable
 
 SAME_LINE = 0.06
 """Relative difference of frequencies within which a line of a run is the reference's."""
+_FREQUENCY = Measure("Hz", form=".7g")
 
 
 @dataclass(frozen=True)
 class ReferenceRow:
     """One reference line, as measured and by the publication's own model, and that of a run."""
 
-    line: str
-    measured_hz: float
-    model_hz: float
-    run_hz: float
-    measured_n_m: float
-    model_n_m: float
-    run_n_m: float
+    line: Annotated[str, Column("line", "line")]
+    measured_hz: Annotated[float, Column("measured_hz", "measured", _FREQUENCY)]
+    model_hz: Annotated[float, Column("model_hz", "model", _FREQUENCY)]
+    run_hz: Annotated[float, Column("run_hz", "this run", _FREQUENCY)]
+    measured_n_m: Annotated[float, Column("measured_n_m", "measured", TORQUE)]
+    model_n_m: Annotated[float, Column("model_n_m", "model", TORQUE)]
+    run_n_m: Annotated[float, Column("run_n_m", "this run", TORQUE)]
 
     @property
-    def model_error(self) -> float:
+    def model_error(
+        self,
+    ) -> Annotated[float, Column("model_error", "model over measured", DIFFERENCE)]:
         """Relative error of the publication's model against the measured amplitude."""
         return self.model_n_m / self.measured_n_m - 1.0
 
     @property
-    def run_error(self) -> float:
+    def run_error(
+        self,
+    ) -> Annotated[float, Column("run_error", "this run over measured", DIFFERENCE)]:
         """Relative error of the run against the measured amplitude."""
         return self.run_n_m / self.measured_n_m - 1.0
 

@@ -61,6 +61,11 @@ class RunResult:
     was kept.
     """
 
+    @classmethod
+    def of_motion(cls, motion: Motion, table: LineTable) -> RunResult:
+        """A run of which motion and lines were kept."""
+        return cls(motion.scenario, table, motion.invariants, motion.solver, motion)
+
     def __repr__(self) -> str:
         return f"Run of {self.scenario.brief}\n{self.table!r}"
 

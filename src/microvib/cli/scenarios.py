@@ -72,8 +72,8 @@ def run(
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.analysis.limits import Limit
     from microvib.io.writing import check_folder, free_folder
+    from microvib.reports.outcome import terminal_text
     from microvib.reports.run.folder import run_to_folder
-    from microvib.reports.run.text import run_text
 
     if form.pdf and lines_only:
         raise OptionError("pdf", "--lines-only makes no report; leave one of them out")
@@ -93,11 +93,11 @@ def run(
         )
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
-        result, files = run_to_folder(
+        _, outcome, files = run_to_folder(
             loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds or 0, limit=allowed,
             form=form, progress=progress,
         )  # fmt: skip
-    echo(run_text(result, allowed))
+    echo(terminal_text(outcome))
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
 
 
@@ -193,10 +193,12 @@ def report(
     report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit
     out.
     """
+    from microvib.analysis.run import RunResult
     from microvib.io.runs import read_run
     from microvib.io.writing import write_file
+    from microvib.reports.outcome import report as report_of
     from microvib.reports.rendering import html, pdf
-    from microvib.reports.run.report import run_report
+    from microvib.reports.run.outcome import run_outcome
 
     if output is None:
         targets = [folder / f"report{kind}" for kind in (_KINDS if form.pdf else _KINDS[:1])]
@@ -206,7 +208,8 @@ def report(
     _check(targets, form, again)
     run = read_run(folder)
     allowed = _limit(run.limit, limit, band)
-    document = run_report(run.motion, run.table, limit=allowed, versions=run.versions).in_form(form)
+    outcome = run_outcome(RunResult.of_motion(run.motion, run.table), allowed, run.versions)
+    document = report_of(outcome).in_form(form)
     contents = [
         pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets
     ]

@@ -5,7 +5,9 @@ of sight and what costs it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,12 +19,13 @@ from microvib.model.coupling import MIN_FREQUENCY_WITHOUT_CONTROL
 from microvib.model.rigid import COMPONENTS, inertia_about_center, tensor
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import CENTER, SECOND_INTERFACE, Interface, SecondWing, Spacecraft
-from microvib.reports.blocks import figure_block
-from microvib.reports.document import Block, Fact, Figure, Section, Table, Text, pairs, table
+from microvib.reports.document import Fact, Text
 from microvib.reports.moving import box_corners
-from microvib.reports.numbers import count_text, format_number, plain_number, window_text
+from microvib.reports.numbers import count_text, plain_number, window_text
+from microvib.reports.outcome import Item, Pairs, Part, Picture
 from microvib.reports.sheets import BLUE, COLOURS, GREEN, GREY, ORANGE, RED, new_figure, plain_sheet
-from microvib.signals.pointing import METRICS, cumulative_rms, metric_name, radial_rms
+from microvib.results import POINTING_ANGLE, TORQUE, Column, Measure, Table
+from microvib.signals.pointing import METRICS, Metric, cumulative_rms, metric_name, radial_rms
 from microvib.signals.spectrum import amplitude_spectrum, power_spectral_density
 from microvib.solve.channels import LOADS, SECOND_LOADS
 from microvib.solve.motion import Motion
@@ -35,6 +38,9 @@ if TYPE_CHECKING:
 _MAX_LOAD_LINES = 12
 """Lines in the table of loads."""
 _MAX_CONTRIBUTORS = 5
+_MAX_TOLD = 4
+"""Of these, in a sentence."""
+_ANGLE = replace(POINTING_ANGLE, form="#.3g")
 _MIN_BINS = 4.0
 """Bins below which an angle says nothing: it is an acceleration over the square of a frequency."""
 _VIEW = np.array([[-0.64, 0.77, 0.0], [-0.29, -0.24, 0.93]])
@@ -43,13 +49,18 @@ MIN_TRANSIENT_PART = 0.01
 """Part of a mean square from which it is told that it rings after the start."""
 
 
-def craft_sections(motion: Motion, hub: HubLines) -> tuple[Section, ...]:
+def craft_parts(motion: Motion, hub: HubLines) -> Iterator[Part]:
     """What a run's report says of the craft."""
-    found = [
-        Section("The spacecraft", (*_craft(motion.scenario),), new_page=True),
-        _loads(motion, hub),
-    ]
-    return (*found, *([_line_of_sight(motion, hub)] if hub.los is not None else []))
+    yield Part("The spacecraft", tuple(_craft(motion.scenario)), new_page=True, report_only=True)
+    yield Part("Loads on the hub", tuple(_loads(motion, hub)), report_only=True)
+    if hub.los is not None:
+        yield Part("Line of sight", tuple(_line_of_sight(motion, hub)), report_only=True)
+
+
+def pointing_angle(hub: HubLines) -> Measure:
+    """How angles of the line of sight are given, all in the unit that suits the largest."""
+    sums = [row["radial_rad"] for row in hub.totals()]
+    return _ANGLE.suited_to(sums or np.abs(hub.amplitude).ravel())
 
 
 def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
@@ -67,9 +78,18 @@ def pointing_facts(hub: HubLines | None) -> tuple[Fact, ...]:
         rings = f", {plain_number(100 * part, 2)} % of its square ringing after the start"
     else:
         rings = ""
-    return (
-        Fact(f"{_microradians(rms)} µrad", f"line of sight, RPE in {window_text(window)}{rings}"),
-    )
+    value = pointing_angle(hub).figure(rms)
+    return (Fact(value, f"line of sight, RPE in {window_text(window)}{rings}"),)
+
+
+def pointing_sentence(hub: HubLines) -> Iterator[str]:
+    """The leading figure of the line of sight with the lines that contribute most to it."""
+    angle = pointing_angle(hub)
+    for fact in pointing_facts(hub):
+        ranked = hub.ranking("rpe", max(hub.windows))[:_MAX_TOLD]
+        shares = ", ".join(f"{name} {angle.figure(rms)}" for name, rms in ranked)
+        label = f"{fact.label[0].upper()}{fact.label[1:]}"
+        yield f"{label}: {fact.value}; largest contributors, rms: {shares}."
 
 
 def craft_words(craft: Spacecraft) -> str:
@@ -113,7 +133,7 @@ def _second_words(wing: SecondWing) -> str:
     return f"{angle}, driven{late}{clock}{rate}"
 
 
-def _craft(scenario: Scenario) -> tuple[Block, ...]:
+def _craft(scenario: Scenario) -> Iterator[Item]:
     craft, locked = scenario.spacecraft, scenario.craft
     assert craft is not None
     assert locked is not None
@@ -140,9 +160,8 @@ def _craft(scenario: Scenario) -> tuple[Block, ...]:
     )
     if craft.second_wing is not None:
         caption = caption.replace("Hub and array", "Hub and arrays").replace("axis.", "axes.")
-    return pairs(list(rows.items())), figure_block(
-        draw_craft(scenario), "Hub, array and line of sight", caption
-    )
+    yield Pairs(tuple(rows.items()))
+    yield Picture("", partial(draw_craft, scenario), "Hub, array and line of sight", caption)
 
 
 def _second(scenario: Scenario) -> str:
@@ -278,60 +297,67 @@ def _arrow(ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, name: str) -> No
     )
 
 
-def _loads(motion: Motion, hub: HubLines) -> Section:
-    text = "Loads on the hub at the interface point, hub axes; about the drive axis this is T_d."
-    if hub.second is None:
-        return Section(
-            "Loads on the hub",
-            (Text(text), *_loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")),
-        )
-    text = (
-        "Loads on the hub at both interface points, hub axes. About its drive axis the first's is"
-        " T_d"
-        f"{'' if motion.beside is None else ', and what its wing puts on the hub while the other one steps'}."
-    )
-    second = _loads_at(motion, hub, hub.second, tuple(SECOND_LOADS), "loads_wing_2.csv")
+def _loads(motion: Motion, hub: HubLines) -> Iterator[Item]:
     first = _loads_at(motion, hub, hub.loads, tuple(LOADS), "loads.csv")
-    return Section(
-        "Loads on the hub", (Text(text), *first, Text("At the second wing's interface:"), *second)
+    if hub.second is None:
+        yield Text(
+            "Loads on the hub at the interface point, hub axes; about the drive axis this is T_d."
+        )
+        yield from first
+        return
+    wing = ""
+    if motion.beside is not None:
+        wing = ", and what its wing puts on the hub while the other one steps"
+    yield Text(
+        "Loads on the hub at both interface points, hub axes. About its drive axis the first's is"
+        f" T_d{wing}."
     )
+    yield from first
+    yield Text("At the second wing's interface:")
+    yield from _loads_at(motion, hub, hub.second, tuple(SECOND_LOADS), "loads_wing_2.csv")
+
+
+_FORCE = Measure("mN", 1e-3, "#.4g")
+_LOAD_COLUMNS = (
+    Column("line", "line"),
+    Column("frequency_hz", "frequency", Measure("Hz", form="#.5g")),
+    *(Column(name, name, TORQUE if name[0] == "M" else _FORCE) for name in COMPONENTS),
+)
 
 
 def _loads_at(
     motion: Motion, hub: HubLines, loads: np.ndarray, names: tuple[str, ...], file: str
-) -> tuple[Block, ...]:
+) -> Iterator[Item]:
     """Lines and spectra of six loads."""
     sizes = np.nan_to_num(np.abs(loads))
     share = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
     kept = sorted(
         np.argsort(-share, kind="stable")[:_MAX_LOAD_LINES], key=lambda k: hub.frequency[k]
     )
-    header = [
-        "line",
-        "frequency [Hz]",
-        *(f"{name} [mN{' m' if name[0] == 'M' else ''}]" for name in COMPONENTS),
-    ]
-    rows = [
-        [
-            hub.names[k],
-            format_number(hub.frequency[k], 5),
-            *(format_number(1e3 * v, 4) for v in np.abs(loads[k])),
-        ]
-        for k in kept
-    ]
-    left = len(hub.names) - len(kept)
-    ringing = [name for name in hub.rings if name in (hub.names[k] for k in kept)]
-    caption = "Amplitudes 0-to-peak"
-    if ringing:
-        caption += (
-            f", of {', '.join(ringing)}, which ring after the start, the mean over the record."
+    rows = tuple((hub.names[k], float(hub.frequency[k]), *np.abs(loads[k]).tolist()) for k in kept)
+    yield Table("", _LOAD_COLUMNS, rows, caption=_loads_caption(hub, kept, file))
+    yield Picture(
+        "",
+        partial(_draw_loads, motion, names),
+        "Spectra of forces and moments",
+        "Amplitude spectra, one-sided, Hann window.",
+    )
+
+
+def _loads_caption(hub: HubLines, kept: Sequence[int], file: str) -> str:
+    shown = [hub.names[k] for k in kept]
+    caption = "Amplitudes 0-to-peak."
+    if ringing := [name for name in hub.rings if name in shown]:
+        caption = (
+            f"Amplitudes 0-to-peak, of {', '.join(ringing)}, which ring after the start, the mean"
+            " over the record."
         )
-    else:
-        caption += "."
-    if left:
+    if left := len(hub.names) - len(kept):
         caption += f" {count_text(left, 'line')} more and all phases in `{file}`."
-    else:
-        caption += ""
+    return caption
+
+
+def _draw_loads(motion: Motion, names: tuple[str, ...]) -> Drawing:
     drawing, axes = plain_sheet(2.7, 1, 2)
     for ax, some, unit in ((axes[0, 0], names[:3], "mN"), (axes[0, 1], names[3:], "mN m")):
         spectra = {
@@ -341,10 +367,7 @@ def _loads_at(
             name.removesuffix("_2"): (s.frequency, 1e3 * s.amplitude) for name, s in spectra.items()
         }
         _curves(ax, curves, f"amplitude, 0-to-peak [{unit}]", 1e-5)
-    picture = figure_block(
-        drawing, "Spectra of forces and moments", "Amplitude spectra, one-sided, Hann window."
-    )
-    return table(header, rows, caption), picture
+    return drawing
 
 
 def _curves(
@@ -377,30 +400,21 @@ def _curves(
     ax.legend(loc="upper left", fontsize=7)
 
 
-def _line_of_sight(motion: Motion, hub: HubLines) -> Section:
-    within = hub.summary()["within"]
+def _line_of_sight(motion: Motion, hub: HubLines) -> Iterator[Item]:
+    angle, within = pointing_angle(hub), hub.summary()["within"]
     summed = count_text(len(hub.names), "line") + (" and torque noise" if hub.density else "")
-    text = (
+    yield Text(
         f"Sums of {summed} as mean squares; the line of sight stays within"
-        f" {_microradians(within['los_x_rad'])} µrad about x and"
-        f" {_microradians(within['los_y_rad'])} µrad about y for"
+        f" {angle.figure(within['los_x_rad'])} about x and"
+        f" {angle.figure(within['los_y_rad'])} about y for"
         f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes"
         " is taken out."
     )
-    return Section(
-        "Line of sight", (Text(text), *(_windows(hub) if hub.windows else ()), _angles(motion))
-    )
-
-
-def _microradians(angle: float) -> str:
-    return format_number(1e6 * angle, 3)
-
-
-def _windows(hub: HubLines) -> list[Block]:
-    """Radial rms in each window and metric, in pixels, too; which lines cost most; what is left of
-    contrast.
-    """
-    return [_rms_in_windows(hub), *_pixels_in_windows(hub), _contributors_in_windows(hub)]
+    if hub.windows:
+        yield _rms_in_windows(hub, angle)
+        yield from _pixels_in_windows(hub, angle)
+        yield _contributors_in_windows(hub, angle)
+    yield angles_picture(motion, angle)
 
 
 def _radial_sums(hub: HubLines) -> dict[tuple[float, str], float]:
@@ -408,58 +422,64 @@ def _radial_sums(hub: HubLines) -> dict[tuple[float, str], float]:
     return {(row["window_s"], row["metric"]): row["radial_rad"] for row in hub.totals()}
 
 
-def _rms_in_windows(hub: HubLines) -> Table:
+def _window_columns(hub: HubLines, measure: Measure | None) -> tuple[Column, ...]:
+    return tuple(Column(f"{w:g}_s", window_text(w), measure) for w in hub.windows)
+
+
+def _rms_in_windows(hub: HubLines, angle: Measure) -> Table:
+    """Radial rms in each window and metric."""
     sums = _radial_sums(hub)
-    rows = [
-        [metric_name(metric), *(_microradians(sums[w, metric]) for w in hub.windows)]
-        for metric in METRICS
-    ]
+    rows = [(metric_name(metric), *(sums[w, metric] for w in hub.windows)) for metric in METRICS]
     what = "all lines"
     if hub.density is not None:
         what = "all lines and torque noise (through the linearised drive)"
-        for metric in ("ape", "rpe"):
+        for metric in _OF_NOISE:
             noise = (float(radial_rms(hub.noise(metric, w))) for w in hub.windows)
-            rows.append([f"of which torque noise, {metric.upper()}", *map(_microradians, noise)])
-    head = ["metric", *(f"{window_text(w)} [µrad]" for w in hub.windows)]
-    return table(head, rows, f"Radial rms of {what}, by length of the window.")
+            rows.append((f"of which torque noise, {metric_name(metric)}", *noise))
+    columns = (Column("metric", "metric"), *_window_columns(hub, angle))
+    caption = f"Radial rms of {what}, by length of the window."
+    return Table("", columns, tuple(rows), caption=caption)
 
 
-def _pixels_in_windows(hub: HubLines) -> Iterator[Table]:
-    """The same in pixels, with contrast, where the line of sight has a pixel."""
+_OF_NOISE: tuple[Metric, ...] = ("ape", "rpe")
+
+
+def _pixels_in_windows(hub: HubLines, angle: Measure) -> Iterator[Table]:
+    """The same in pixels, with what is left of contrast, where the line of sight has a pixel."""
     craft = hub.scenario.spacecraft
     los = None if craft is None else craft.line_of_sight
     if los is None or los.pixel is None:
         return
     sums = _radial_sums(hub)
-    rows = [
-        [metric_name(m), *(format_number(sums[w, m] / los.pixel, 3) for w in hub.windows)]
-        for m in METRICS
+    rows: list[tuple[str | float, ...]] = [
+        (metric_name(m), *(sums[w, m] / los.pixel for w in hub.windows)) for m in METRICS
     ]
     for axis in "xy":
         left = (row["mtf_at_nyquist"] for row in hub.image() if row["axis"] == axis)
-        rows.append([f"contrast (MTF), turns about {axis}", *(f"{one:.4f}" for one in left)])
+        rows.append((f"contrast (MTF), turns about {axis}", *(f"{one:.4f}" for one in left)))
+    columns = (Column("metric", "metric"), *_window_columns(hub, Measure(form="#.3g")))
     caption = (
-        f"The same in pixels of {_microradians(los.pixel)} µrad; contrast at half a cycle per"
+        f"The same in pixels of {angle.figure(los.pixel)}; contrast at half a cycle per"
         " pixel (below 0 it is reversed)."
     )
-    yield table(["metric", *(f"{window_text(w)} [1]" for w in hub.windows)], rows, caption)
+    yield Table("", columns, tuple(rows), caption=caption)
 
 
-def _contributors_in_windows(hub: HubLines) -> Table:
+def _contributors_in_windows(hub: HubLines, angle: Measure) -> Table:
+    """Which lines contribute most in each window."""
     ranks = [
         [x for x in hub.ranking("rpe", w)[:_MAX_CONTRIBUTORS] if x[1] > 0.0] for w in hub.windows
     ]
-    columns = [
-        [f"{_named(hub, line)}, {_microradians(rms)}" for line, rms in rank] for rank in ranks
-    ]
+    columns = [[f"{_named(hub, line)}, {angle.text(rms)}" for line, rms in rank] for rank in ranks]
     padded = [[*column, *[""] * (_MAX_CONTRIBUTORS - len(column))] for column in columns]
-    rows = [[str(k + 1), *(column[k] for column in padded)] for k in range(_MAX_CONTRIBUTORS)]
-    return table(
-        ["", *map(window_text, hub.windows)],
+    rows = tuple((str(k + 1), *(column[k] for column in padded)) for k in range(_MAX_CONTRIBUTORS))
+    return Table(
+        "",
+        (Column("rank", "rank"), *_window_columns(hub, None)),
         rows,
-        "Largest contributors in each window: RPE, radial rms in µrad. The start-up transient"
-        " counts with its mean over the"
-        f" record (a longer record.settle{steady_start_advice(hub.scenario)} leaves it out).",
+        caption=f"Largest contributors in each window: RPE, radial rms in {angle.unit}. The"
+        " start-up transient counts with its mean over the record (a longer"
+        f" record.settle{steady_start_advice(hub.scenario)} leaves it out).",
     )
 
 
@@ -469,31 +489,42 @@ def _named(hub: HubLines, line: str) -> str:
     return line
 
 
-def _angles(motion: Motion) -> Figure:
+def angles_picture(motion: Motion, angle: Measure) -> Picture:
     """Densities of both angles, and what they add up to from either end; out of accelerations,
     which no drift leaks into.
     """
-    rate, (drawing, axes) = motion.sample_rate, plain_sheet(2.9, 1, 2)
-    resolution = Si(rate / motion.time.size)  # of the whole record: what rings slowly counts most
+    resolution = Si(motion.sample_rate / motion.time.size)
     spacecraft = motion.scenario.spacecraft
-    free = spacecraft is not None and spacecraft.attitude_control is None
-    if free:
-        lowest = MIN_FREQUENCY_WITHOUT_CONTROL
-    else:
-        lowest = 0.0
+    lowest = _MIN_BINS * resolution
+    if spacecraft is not None and spacecraft.attitude_control is None:
+        lowest = max(lowest, MIN_FREQUENCY_WITHOUT_CONTROL)
+    caption = (
+        "Left, power spectral density of both angles (Hann window, bins of"
+        f" {float(resolution):.3g} Hz, from {lowest:.3g} Hz on). Right, rms of both together, added"
+        " up from either end."
+    )
+    draw = partial(draw_angles, motion, resolution, lowest, angle)
+    return Picture("", draw, "Line of sight over frequency", caption)
+
+
+def draw_angles(motion: Motion, resolution: Si, lowest: float, angle: Measure) -> Drawing:
+    """Densities of both angles in bins of a ``resolution`` [Hz], that of the whole record, since
+    what rings slowly counts most, from ``lowest`` [Hz] on, and their sums.
+    """
+    drawing, axes = plain_sheet(2.9, 1, 2)
     densities, total = {}, np.zeros(1)
     f = np.zeros(0)
     for name in ("los_x", "los_y"):
         found = power_spectral_density(
-            motion[name.replace("los_", "los_a")], rate, resolution, "hann"
+            motion[name.replace("los_", "los_a")], motion.sample_rate, resolution, "hann"
         )
-        keep = found.frequency >= max(_MIN_BINS * resolution, lowest)
+        keep = found.frequency >= lowest
         f = found.frequency[keep]
         density = found.density[keep] / (2.0 * np.pi * f) ** 4
-        densities[name] = (f, 1e12 * density)
+        densities[name] = (f, density / angle.size**2)
         total = total + density
-    rms = [1e6 * cumulative_rms(f, total, falling=falling) for falling in (False, True)]
-    _curves(axes[0, 0], densities, "density [µrad²/Hz]", 1e-12)
+    rms = [cumulative_rms(f, total, falling=falling) / angle.size for falling in (False, True)]
+    _curves(axes[0, 0], densities, f"density [{angle.unit}²/Hz]", 1e-12)
     for y, label, dashes in zip(
         rms, ("from low to high", "from high to low"), ("-", "--"), strict=True
     ):
@@ -501,12 +532,9 @@ def _angles(motion: Motion) -> Figure:
             f, y, color=BLUE if dashes == "-" else RED, linestyle=dashes, linewidth=1.3, label=label
         )
     axes[0, 1].set(
-        xlabel="frequency [Hz]", ylabel="cumulative rms, radial [µrad]", ylim=(0.0, None)
+        xlabel="frequency [Hz]",
+        ylabel=f"cumulative rms, radial [{angle.unit}]",
+        ylim=(0.0, None),
     )
     axes[0, 1].legend(loc="center right", fontsize=7)
-    caption = (
-        "Left, power spectral density of both angles (Hann window, bins of"
-        f" {float(resolution):.3g} Hz, from {f[0]:.3g} Hz on). Right, rms of both together, added"
-        " up from either end."
-    )
-    return figure_block(drawing, "Line of sight over frequency", caption)
+    return drawing

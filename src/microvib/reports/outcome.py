@@ -16,7 +16,7 @@ from microvib.model.part import Part as ModelPart
 from microvib.model.scenario import Scenario
 from microvib.reports import document, sheets
 from microvib.reports.blocks import figure_block, study_report
-from microvib.reports.document import Block, Contents, Fact, Section, Text
+from microvib.reports.document import Block, Code, Contents, Document, Fact, Section, Text
 from microvib.reports.rendering import address
 from microvib.results import Column, Table
 from microvib.text_tables import text_table
@@ -32,7 +32,7 @@ class Picture:
     """A figure, drawn when it is asked for."""
 
     name: str
-    """Of its PNG file, without the ending."""
+    """Of its PNG file, without the ending; empty for one that reports alone have."""
     draw: Callable[[], Figure]
     title: str
     """What it shows, for those who do not see it."""
@@ -97,6 +97,10 @@ class Outcome:
     """Further files by their names, such as a scenario that was found."""
     descriptions: Mapping[str, ModelPart] = field(default_factory=dict)
     """What it rests on besides, by what it is; a report has their hashes."""
+    again: tuple[Text | Code, ...] = ()
+    """How to do it again, besides the command that was typed."""
+    versions: Mapping[str, str] | None = None
+    """That made it; None for today's."""
 
     @property
     def tables(self) -> list[Table]:
@@ -134,6 +138,8 @@ def _terminal_item(item: Item) -> str:
         return ""
     if isinstance(item, Pairs):
         return "\n".join(item.lines)
+    if item.brief == 0:
+        return ""
     item = item.only([x.key for x in item.shown if not x.report_only])
     words = [x.measure is None for x in item.shown]
     left = words.index(False) if False in words else len(words) - 1
@@ -148,14 +154,21 @@ def _plain(item: Text) -> str:
 
 def study_contents(outcome: Outcome) -> Contents:
     """Files of the outcome by name, CSV, JSON and PNG, and its report."""
-    drawn = {picture.name: picture.draw() for picture in outcome.pictures}
+    drawn = {picture: picture.draw() for picture in outcome.pictures}
     files: dict[str, Any] = {**text_files(outcome)}
-    files |= {f"{name}.png": sheets.png(figure) for name, figure in drawn.items()}
+    files |= {f"{one.name}.png": sheets.png(figure) for one, figure in drawn.items() if one.name}
+    return files, report(outcome, drawn)
+
+
+def report(outcome: Outcome, drawn: Mapping[Picture, Figure] | None = None) -> Document:
+    """The outcome as a report; pictures that are ``drawn`` already are taken as they are."""
+    drawn = drawn or {}
 
     def blocks(part: Part) -> Iterator[Block]:
         for item in part.shown:
             if isinstance(item, Picture):
-                yield figure_block(drawn[item.name], item.title, item.caption, item.turned)
+                figure = drawn[item] if item in drawn else item.draw()
+                yield figure_block(figure, item.title, item.caption, item.turned)
             elif isinstance(item, Table):
                 yield report_table(item)
             elif isinstance(item, Pairs):
@@ -164,7 +177,7 @@ def study_contents(outcome: Outcome) -> Contents:
                 yield item
 
     first, *others = outcome.parts
-    report = study_report(
+    return study_report(
         outcome.kind,
         outcome.title,
         outcome.summary,
@@ -175,8 +188,9 @@ def study_contents(outcome: Outcome) -> Contents:
         ],
         scenario=outcome.scenario,
         parts=outcome.descriptions,
+        versions=outcome.versions,
+        again=outcome.again,
     )
-    return files, report
 
 
 def text_files(outcome: Outcome) -> dict[str, str]:

@@ -6,12 +6,10 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from microvib import results
 from microvib.analysis.start import wind_up
 from microvib.model.expected import angle_errors
 from microvib.model.line_names import electrical_line, full_step_line
@@ -19,7 +17,9 @@ from microvib.model.linear import coupled_modes
 from microvib.model.orders import drive_orders
 from microvib.model.part import Part, flatten_parameters
 from microvib.model.scenario import Scenario
-from microvib.reports.document import Block, Row, Table, Text, pairs, table
+from microvib.reports.document import Text
+from microvib.reports.outcome import Item, Pairs
+from microvib.results import Column, Measure, Table
 from microvib.text_tables import text_table
 from microvib.units import Quantity
 
@@ -87,29 +87,32 @@ def _parameter_rows(part: Part) -> Iterator[tuple[str, str, str]]:
             )
 
 
-def parameter_blocks(scenario: Scenario) -> tuple[Block, ...]:
+def parameter_items(scenario: Scenario) -> Iterator[Item]:
     """Every parameter with status and basis, and the list of references."""
-    rows: list[Row] = []
+    rows: list[tuple[str, ...]] = []
     references: dict[str, int] = {}
-    for group, told in groupby(_parameter_rows(scenario), lambda entry: entry[0].partition(".")[0]):
-        rows.append(Row((group,), "group"))
-        for key, shown, meaning in told:
-            found = provenance(scenario.source_of(key))
-            if found.reference:
-                number = references.setdefault(found.reference, len(references) + 1)
-            else:
-                number = 0
-            if number:
-                basis = f"{found.detail} [{number}]".strip()
-            else:
-                basis = found.detail
-            rows.append(Row((key.partition(".")[2], shown, found.status, basis, meaning)))
-    columns = table(("`key`", "value [1]", "status", "basis", "meaning"), ()).columns
-    listed = pairs((f"[{number}]", text) for text, number in references.items())
-    return (
-        Table(columns, tuple(rows)),
-        *((Text("References of the column `basis`:"), listed) if references else ()),
-    )
+    for key, shown, meaning in _parameter_rows(scenario):
+        found = provenance(scenario.source_of(key))
+        basis = found.detail
+        if found.reference:
+            number = references.setdefault(found.reference, len(references) + 1)
+            basis = f"{basis} [{number}]".strip()
+        group, _, name = key.partition(".")
+        rows.append((group, name, shown, found.status, basis, meaning))
+    yield Table("", _PARAMETER_COLUMNS, tuple(rows))
+    if references:
+        yield Text("References of the column `basis`:")
+        yield Pairs(tuple((f"[{number}]", text) for text, number in references.items()))
+
+
+_PARAMETER_COLUMNS = (
+    Column("group", "group", role="group"),
+    Column("key", "key", role="key"),
+    Column("value", "value", Measure()),
+    Column("status", "status"),
+    Column("basis", "basis"),
+    Column("meaning", "meaning"),
+)
 
 
 def _shown(value: Any, quantity: Quantity | None) -> str:
@@ -128,16 +131,16 @@ def status_sentence(scenario: Scenario) -> str:
     return f"{len(found)} parameters: {', '.join(counts)}."
 
 
-def parameter_table(part: Part) -> results.Table:
+def parameter_table(part: Part) -> Table:
     """Key, value and meaning of every parameter of a part."""
     columns = (
-        results.Column("key", "parameter", role="key"),
-        results.Column("value", "value", results.Measure()),
-        results.Column("meaning", "meaning"),
+        Column("key", "parameter", role="key"),
+        Column("value", "value", Measure()),
+        Column("meaning", "meaning"),
     )
     apart = ("title", "source", "reference")
     rows = (row for row in _parameter_rows(part) if row[0].split(".")[0] not in apart)
-    return results.Table("", columns, tuple(rows))
+    return Table("", columns, tuple(rows))
 
 
 def _description(part: Any, key: str) -> str:
@@ -154,6 +157,16 @@ def _description(part: Any, key: str) -> str:
     if field:
         return field.description or ""
     return ""
+
+
+def derived_table(scenario: Scenario) -> Table:
+    """Derived values, and how each follows."""
+    columns = (
+        Column("quantity", "quantity"),
+        Column("value", "value", Measure()),
+        Column("by", "by"),
+    )
+    return Table("", columns, tuple(derived_values(scenario)))
 
 
 def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:

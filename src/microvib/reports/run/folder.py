@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from microvib.analysis.limits import Limit
-from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
 from microvib.io.runs import SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
@@ -22,6 +21,9 @@ from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.scenario import Scenario
 from microvib.reports.densities import densities_csv
 from microvib.reports.document import Form
+from microvib.reports.outcome import Outcome, report
+from microvib.reports.rendering import report_files
+from microvib.reports.run.outcome import run_outcome
 from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
 
@@ -37,8 +39,8 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     limit: Limit | None = None,
     form: Form | None = None,
     progress: Progress | None = None,
-) -> tuple[RunResult, tuple[str, ...]]:
-    """``run_scenario`` into a folder; the result, and the names of its files.
+) -> tuple[RunResult, Outcome, tuple[str, ...]]:
+    """``run_scenario`` into a folder; the result, what is said of it, and the names of its files.
 
     A record that has no room is refused before it is simulated, and nothing is written unless all
     of it can be.
@@ -49,7 +51,10 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     result = run_scenario(
         scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress
     )
-    return result, write_run(result, out, overwrite=overwrite, limit=limit, form=form, begun=begun)
+    outcome = run_outcome(result, limit)
+    files = _contents(result, outcome, limit, form or Form(), begun)
+    write_folder(out, files, overwrite)
+    return result, outcome, tuple(files)
 
 
 def write_run(
@@ -59,7 +64,6 @@ def write_run(
     overwrite: bool = False,
     limit: Limit | None = None,
     form: Form | None = None,
-    begun: float | None = None,
 ) -> tuple[str, ...]:
     """Write a run's folder, all of it or nothing.
 
@@ -75,8 +79,6 @@ def write_run(
         Limit by which the report judges the lines.
     form : Form, optional
         How the report is written besides.
-    begun : float, optional
-        When the run began, on the clock of ``time.perf_counter``.
 
     Returns
     -------
@@ -92,32 +94,30 @@ def write_run(
     """
     expect(result, RunResult, "what a run found (mv.run_scenario)")
     expect_path(out)
-    files: dict[str, Any] = {}
-    motion, form, of_hub = result.motion, form or Form(), result.hub
-    if result.second is None:
-        second = None
-    else:
-        second = result.second.table
-    if motion is not None:
-        from microvib.reports.rendering import report_files
-        from microvib.reports.run.report import run_report
-
-        files = {"motion.nc": partial(write_motion, motion)}
-        if motion.beside is not None:
-            files[SECOND_MOTION] = partial(write_motion, motion.beside)
-        files |= report_files(
-            run_report(motion, result.table, hub=of_hub, second=second, limit=limit), form
-        )
-    if begun is None:
-        total = {}
-    else:
-        total = {"total": time.perf_counter() - begun}
-    judged_by = {
-        "limit": None if limit is None else asdict(limit)
-    }  # so that the report can be made again
-    files |= run_texts(result, run_summary(result, **total) | judged_by, of_hub)
+    files = _contents(result, run_outcome(result, limit), limit, form or Form())
     write_folder(Path(out), files, overwrite)
     return tuple(files)
+
+
+def _contents(
+    result: RunResult,
+    outcome: Outcome,
+    limit: Limit | None,
+    form: Form,
+    begun: float | None = None,
+) -> dict[str, Any]:
+    """Files of a run that ``begun`` [s] on the clock of ``time.perf_counter``, by name."""
+    files: dict[str, Any] = {}
+    if result.motion is not None:
+        files["motion.nc"] = partial(write_motion, result.motion)
+        if result.motion.beside is not None:
+            files[SECOND_MOTION] = partial(write_motion, result.motion.beside)
+        files |= report_files(report(outcome), form)
+    total = {} if begun is None else {"total": time.perf_counter() - begun}
+    summed = run_summary(result, **total)
+    # so that the report can be made again
+    summed["limit"] = None if limit is None else asdict(limit)
+    return files | run_texts(result, summed)
 
 
 def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
@@ -130,9 +130,9 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
     return told | {SECOND_DRIVE: numerics(second.invariants, second.solver)}
 
 
-def run_texts(result: RunResult, summed: dict[str, Any], of_hub: HubLines | None) -> dict[str, str]:
-    """The files of a run that are text, by name; ``of_hub`` is what ``RunResult.hub`` is."""
-    files = {"lines.csv": lines_csv(result.table)}
+def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
+    """The files of a run that are text, by name; ``summed`` is its summary."""
+    files, of_hub = {"lines.csv": lines_csv(result.table)}, result.hub
     if result.table.seeds:
         files["seeds.csv"] = seeds_csv(result.table)
     if of_hub is not None:

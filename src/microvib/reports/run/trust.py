@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
 from microvib.analysis.accuracy import read_error_estimate
-from microvib.reports.document import Mark, Section, Table, Text, table
+from microvib.analysis.run import RunResult
+from microvib.model.line_names import SECOND_DRIVE
+from microvib.reports.document import Text
+from microvib.reports.outcome import Item
+from microvib.results import Column, Measure, Table
 from microvib.solve.motion import BALANCE_TOLERANCE, JOULE_HEAT_TOLERANCE, Motion
 
 _MEANINGS = {
@@ -18,58 +26,77 @@ _MEANINGS = {
 }
 
 
-def drives(motion: Motion) -> dict[str, Motion]:
-    """Motions of the drives that step, by how a report calls what is theirs."""
+@dataclass(frozen=True)
+class InvariantRow:
+    """An invariant with its bar and whether it holds."""
+
+    name: Annotated[str, Column("invariant", "invariant")]
+    value: Annotated[float, Column("value", "value", Measure(form=".2g"))]
+    bar: Annotated[float, Column("bar", "at most", Measure(form=".3g"))]
+    meaning: Annotated[str, Column("meaning", "meaning")]
+    verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
+
+
+def drives(result: RunResult) -> dict[str, Motion | RunResult]:
+    """What each drive that steps was found with, its motion if there is one, by how texts call what
+    is theirs.
+    """
+    motion = result.motion
+    if motion is None:
+        return {**result.drives}
     if motion.beside is None:
         return {"": motion.alone}
-    return {"": motion.alone, ", second wing": motion.beside}
+    return {"": motion.alone, f" of {SECOND_DRIVE}": motion.beside}
 
 
-def failed_invariants(motion: Motion) -> list[str]:
+def failed_invariants(result: RunResult) -> list[str]:
     """Names of the invariants that do not hold, of any drive."""
-    return list(
-        dict.fromkeys(name for one in drives(motion).values() for name in one.invariants.broken)
+    broken = (name for one in drives(result).values() for name in one.invariants.broken)
+    return list(dict.fromkeys(broken))
+
+
+def invariants_sentence(one: Motion | RunResult, fails: list[str]) -> str:
+    """Whether all invariants hold, with the two of one drive that say most."""
+    values = one.invariants
+    figures = (
+        f"momentum within {values.momentum:.1e}, energy beyond Joule heat within"
+        f" {values.energy_mechanical:.1e}"
     )
-
-
-def invariants_sentence(motion: Motion) -> str:
-    """Whether all invariants of one drive hold, with the two that say most."""
-    values, fails = vars(motion.invariants), failed_invariants(motion)
-    figures = f"momentum within {values['momentum']:.1e}, energy beyond Joule heat within {values['energy_mechanical']:.1e}"
     if fails:
         return f"NOT all hold ({', '.join(fails)}); {figures}"
     return f"all hold; {figures}"
 
 
-def invariants_section(motion: Motion) -> Section:
+def invariants(result: RunResult) -> Iterator[Item]:
     """Every invariant of each drive with its bar and verdict, and what they do not say."""
-    return Section(
-        "Can it be trusted?", tuple(x for one in drives(motion).items() for x in _of_drive(*one))
-    )
+    fails = failed_invariants(result)
+    for whose, one in drives(result).items():
+        yield from _of_drive(whose, one, fails)
 
 
-def _of_drive(whose: str, motion: Motion) -> tuple[Text | Table, ...]:
-    values, bars, fails = vars(motion.invariants), motion.invariants.bars, failed_invariants(motion)
+def _of_drive(whose: str, one: Motion | RunResult, fails: list[str]) -> Iterator[Item]:
+    values = one.invariants
     if fails:
-        verdict = f"NOT to be used{whose}: {', '.join(fails)} above the bar."
+        yield Text(f"Invariants{whose}: NOT to be used, {', '.join(fails)} above the bar.")
     else:
-        verdict = f"All invariants hold{whose}."
-    holds = {name: "does NOT hold" if name in fails else "holds" for name in bars}
-    rows = [
-        (name.replace("_", " "), f"{values[name]:.2g}", f"{bar:.3g}", _MEANINGS[name], holds[name])
-        for name, bar in bars.items()
-    ]
-    marks: dict[int, Mark] = {k: "fail" if name in fails else "pass" for k, name in enumerate(bars)}
-    energy = (
-        f"Since the start {values['energy_in']:.4g} J of electrical energy were supplied,"
-        f" {values['energy_dissipated']:.4g} J"
-        f" dissipated, {values['energy_stored']:.4g} J stored."
+        yield Text(f"All invariants{whose} hold.")
+    rows = (
+        InvariantRow(
+            name.replace("_", " "),
+            getattr(values, name),
+            bar,
+            _MEANINGS[name],
+            "does NOT hold" if name in fails else "holds",
+        )
+        for name, bar in values.bars.items()
     )
-    header = ["invariant", "value [1]", "at most [1]", "meaning", "verdict"]
-    each = table(header, rows, "", marks)
+    yield Table.of("", InvariantRow, rows)
+    yield Text(
+        f"Since the start {values.energy_in:.4g} J of electrical energy were supplied,"
+        f" {values.energy_dissipated:.4g} J dissipated, {values.energy_stored:.4g} J stored."
+    )
     finer = "To see the lines converge, run again with `solver.refinement=2` and `4`: every step is then that many times finer."
-    estimate = read_error_estimate(motion.solver)
+    estimate = read_error_estimate(one.solver)
     if estimate is not None:
         finer = f"The run was done again from the same state with finer steps: {estimate}."
-    lines = f"These invariants do not bound the error of a line. {finer}"
-    return Text(verdict), each, Text(energy), Text(lines)
+    yield Text(f"These invariants do not bound the error of a line. {finer}")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.limits import Limit, judge
-from microvib.analysis.run import lines_of_second, run_scenario
+from microvib.analysis.run import RunResult, lines_of_second, run_scenario
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
@@ -26,8 +26,9 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
 from microvib.reports.identification import values_text
+from microvib.reports.outcome import report
 from microvib.reports.run.folder import run_summary, run_texts
-from microvib.reports.run.report import run_report
+from microvib.reports.run.outcome import run_outcome
 from microvib.signals.line_table import LineTable
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
@@ -70,10 +71,9 @@ def run(folder: str, scenario: Scenario, tell: ProgressCallback, seeds: int = 0)
     assert motion is not None
     summed = run_summary(result)
     _keep(Path(folder), motion, result.table)
-    of_hub = result.hub
-    for name, text in run_texts(result, summed, of_hub).items():
+    for name, text in run_texts(result, summed).items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
-    _write(folder, results.run_result(motion, result.table, summed, of_hub))
+    _write(folder, results.run_result(motion, result.table, summed, result.hub))
 
 
 def _keep(where: Path, motion: Motion, table: LineTable) -> None:
@@ -109,10 +109,12 @@ def file(
     new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
     if name == "motion.nc":
         write_motion(motion, new)
-    elif name == "report.pdf":
-        new.write_bytes(rendering.pdf(run_report(motion, table, limit=limit)))
     else:
-        new.write_text(rendering.html(run_report(motion, table, limit=limit)), encoding="utf-8")
+        document = report(run_outcome(RunResult.of_motion(motion, table), limit))
+        if name == "report.pdf":
+            new.write_bytes(rendering.pdf(document))
+        else:
+            new.write_text(rendering.html(document), encoding="utf-8")
     new.replace(where / (mark + name))
 
 
