@@ -305,18 +305,18 @@ def _twelfth_octave(frequency: np.ndarray) -> np.ndarray:
 class SeedLine:
     """A line over many draws of the noise; amplitudes 0-to-peak, in the unit of its table."""
 
-    name: Annotated[str, Column("line")]
+    name: Annotated[str, Column("line", "line")]
     frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
     """Median [Hz]."""
-    draws: Annotated[int, Column("draws", measure=COUNT)]
+    draws: Annotated[int, Column("draws", "draws", COUNT)]
     """In how many it has a figure of its own."""
-    mean: Annotated[float, Column("mean_n_m", measure=TORQUE)]
-    deviation: Annotated[float, Column("deviation_n_m", measure=TORQUE)]
-    p95: Annotated[float, Column("p95_n_m", measure=TORQUE)]
+    mean: Annotated[float, Column("mean_n_m", "mean", TORQUE)]
+    deviation: Annotated[float, Column("deviation_n_m", "deviation", TORQUE)]
+    p95: Annotated[float, Column("p95_n_m", "95 %", TORQUE)]
     """What 95 % of the draws stay below, as estimated from these."""
-    p95_low: Annotated[float, Column("p95_low_n_m", measure=TORQUE)]
+    p95_low: Annotated[float, Column("p95_low_n_m", "at least", TORQUE)]
     """With 95 % confidence that quantile is not below this."""
-    p95_high: Annotated[float, Column("p95_high_n_m", measure=TORQUE)]
+    p95_high: Annotated[float, Column("p95_high_n_m", "at most", TORQUE, absent="?")]
     """With 95 % confidence it is not above this; nan with fewer draws than 59, which cannot tell."""
     hidden: Annotated[float, Column("hidden_n_m", measure=TORQUE)]
     """What the line may have where a floor hides it; 0 if none does."""

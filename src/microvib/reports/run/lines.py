@@ -20,7 +20,7 @@ from microvib.model.scenario import Scenario
 from microvib.reports.document import Text
 from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item
-from microvib.results import COUNT, DECIBEL, TORQUE, Column, Measure, Table
+from microvib.results import DECIBEL, TORQUE, Column, Measure, Table
 from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable, SeedLine
 
 MAX_LINES = 10
@@ -160,23 +160,6 @@ def _left_out(lines: LineTable, shown: Sequence[Line]) -> Iterator[str]:
         yield f"Expected, but not above the floor: {', '.join(faint)}."
 
 
-@dataclass(frozen=True)
-class SeedRow:
-    """A line over many draws of the noise [N m]."""
-
-    line: Annotated[str, Column("line", "line")]
-    draws: Annotated[int, Column("draws", "draws", COUNT)]
-    mean: Annotated[float, Column("mean_n_m", "mean", TORQUE)]
-    deviation: Annotated[float, Column("deviation_n_m", "deviation", TORQUE)]
-    p95: Annotated[float, Column("p95_n_m", "95 %", TORQUE)]
-    low: Annotated[float, Column("p95_low_n_m", "at least", TORQUE)]
-    high: Annotated[float, Column("p95_high_n_m", "at most", TORQUE, absent="?")]
-
-
-def _seed_row(x: SeedLine) -> SeedRow:
-    return SeedRow(x.name, x.draws, x.mean, x.deviation, x.p95, x.p95_low, x.p95_high)
-
-
 def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> Iterator[Item]:
     """The lines over many draws of the noise."""
     found = [seed for x in shown if (seed := lines.over_seeds(x.name))]
@@ -187,7 +170,7 @@ def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> Iterator[Item]:
         " The 95 % quantile is given with what this many draws say about it, each bound with 95 %"
         " confidence; fewer than 59 do not bound it from above."
     )
-    yield Table.of("", SeedRow, map(_seed_row, found))
+    yield Table.of("", SeedLine, found)
 
 
 def beside_reference(scenario: Scenario, lines: LineTable) -> Iterator[Item]:
