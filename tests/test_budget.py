@@ -858,9 +858,9 @@ def test_two_wings_as_two_scenarios_are_judged_only_where_each_carries_the_other
     [
         (
             {"array_angle": Si(0.1)},
-            "spacecraft.second_wing.array_angle: is another than that of drive 2",
+            "spacecraft.second_wing.array_angle: differs from that of drive 2",
         ),
-        ({"motor": {"current": Si(0.3)}}, "spacecraft.second_wing.motor: is another"),
+        ({"motor": {"current": Si(0.3)}}, "spacecraft.second_wing.motor: differs"),
     ],
 )
 def test_the_wing_that_a_craft_carries_is_that_of_the_other_drive(
@@ -1901,7 +1901,7 @@ def test_the_example_as_a_command(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("requirements: []", "requirements: an empty list requires nothing"),
+        ("requirements: []", "requirements: the list is empty"),
         ("requirements: [{metric: rpe}]", "requirements.0.limit: give either limit"),
         ("requirements: [{metric: rpe, limit: 3}]", "requirements.0.limit: 3 needs a unit, such as '3 urad'"),
         ("requirements: [{metric: rms, limit: 1 urad}]", "requirements.0.metric"),
@@ -1963,7 +1963,7 @@ def test_wrong_sources_are_a_sentence(tmp_path: Path, text: str, says: str) -> N
         ("lines", "frequency_hz,fx_n,my_nm", "column 'my_nm' is not known; did you mean my_n_m?"),
         ("lines", "frequency_hz,los_x_rad,los_y_urad", "column 'los_y_urad' is not known; did you mean los_y_rad?"),
         ("lines", "frequency_hz,fx_n,fx_n_phase_rad", "did you mean fx_phase_rad?"),
-        ("lines", "frequency_hz,fx_n,los_x_rad", "has both loads (fx_n) and what they do to the line of sight (los_x_rad)"),
+        ("lines", "frequency_hz,fx_n,los_x_rad", "has both loads (fx_n) and line-of-sight angles (los_x_rad)"),
         ("density", "frequency_hz,my_n2_m2_hz,mx_nm2_hz", "did you mean mx_n2_m2_hz?"),
         ("density", "frequency_hz,fx_n2_hz,los_x_rad2_hz", "has both loads"),
     ],
@@ -2002,7 +2002,7 @@ def test_an_axis_about_which_a_table_says_nothing_is_not_judged(
                 "y": "not judged",
                 "radial": "not judged",
             }
-            assert "nothing is known of the line of sight about y" in each["y"].why[0]
+            assert "the line of sight is unknown about y" in each["y"].why[0]
 
 
 def test_a_table_of_a_budget_keeps_what_is_not_settled(tmp_path: Path) -> None:
@@ -2026,7 +2026,7 @@ def test_sources_that_are_none_are_a_sentence() -> None:
 
 def test_drives_of_another_craft_are_refused() -> None:
     here, there = (scenario_of(whole.FullCraft(hub_scale=x)) for x in (1.0, 2.0))
-    with pytest.raises(mv.MicrovibError, match=r"spacecraft\.hub: is another"):
+    with pytest.raises(mv.MicrovibError, match=r"spacecraft\.hub: differs"):
         pointing_budget([here, there])
     with pytest.raises(mv.MicrovibError, match="spacecraft: missing"):
         pointing_budget("state-1")
@@ -2160,7 +2160,9 @@ def test_three_arrays_are_not_judged_and_the_sentence_says_what_to_do(carrying: 
     found = pointing_budget(drives, asked)
     for one in found.judged:
         assert one.verdict == "not judged"
-        assert one.why[0].startswith("these scenarios have 3 arrays, and a craft has two at most")
+        assert one.why[0].startswith(
+            "the scenarios have 3 arrays, and a spacecraft has at most two here"
+        )
         assert "spacecraft.hub.modes" in one.why[0]
         assert not any("second_wing" in why for why in one.why)
 

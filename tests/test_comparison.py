@@ -213,7 +213,7 @@ def test_the_axis_that_shows_the_drive_is_told(state_1):
     assert warning in compare(both, scenario).a.notes
     with pytest.raises(
         MicrovibError,
-        match=r"no line of the scenario's drive stands out of the floor in channel Mz .*Mx",
+        match=r"no line of the scenario's drive is above the noise floor in channel Mz .*Mx",
     ):
         select_evidence([evidence_of(both, scenario)], scenario)
 

@@ -38,7 +38,7 @@ def test_a_parameter_of_the_drive_is_found_in_flight_and_on_the_ground(
     assert fit.goodness.explained
     assert fit.scenario.reducer.stiffness == pytest.approx(true, rel=0.005)
     assert fit.scenario.spacecraft == scenario.spacecraft
-    said = any("A force table stands on the ground" in note for note in fit.notes)
+    said = any("For a recording of a force table" in note for note in fit.notes)
     assert said == (not own)
 
 
@@ -47,7 +47,7 @@ def test_two_drives_in_one_recording_are_refused() -> None:
     two = craft(**{"spacecraft.second_wing": {**WING, "drive": "driven"}})
     with pytest.raises(
         mv.MicrovibError,
-        match=r"made: spacecraft\.second_wing\.drive: driven is not known to identification",
+        match=r"made: spacecraft\.second_wing\.drive: driven is not supported by identification",
     ):
         mv.identify(two, [recording], ["reducer.stiffness"])
 

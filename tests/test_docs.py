@@ -194,7 +194,7 @@ def test_a_site_that_cannot_be_built_leaves_the_old_one(installed, monkeypatch):
     monkeypatch.setattr(site, "SOURCE", source)
     result = docs("--build")
     assert result.exit_code == 1
-    assert "the one that was there is unchanged" in result.output
+    assert "the previous one is unchanged" in result.output
     assert (installed / "site" / "index.html").read_text() == "old"
     (source / "index.md").unlink()
     (source / "index.rst").write_text("A page\n======\n")

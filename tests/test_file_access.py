@@ -181,7 +181,7 @@ def test_what_a_command_opens_is_refused_where_no_files_are_opened(secrets: Path
 
     with pytest.raises(
         MicrovibError,
-        match=rf"{key}: .*names a file, and no files are opened here; write what it holds",
+        match=rf"{key}: .*names a file, and no files are opened here; write its contents",
     ):
         scenario_of(given(), "x", None, NO_FILES)
     assert _watched == []
@@ -199,7 +199,7 @@ def test_what_is_no_name_is_said(name: Any) -> None:
 
 
 def test_names_are_relative_to_the_file_in_which_they_stand() -> None:
-    files = FileAccess(Path("a")).beside("b/c.yaml")
+    files = FileAccess(Path("a")).in_folder_of("b/c.yaml")
     assert files.path("d.csv") == Path("a/b/d.csv")
     assert files.in_working_folder().path("d.csv") == Path("d.csv")
     assert NO_FILES.in_working_folder() == NO_FILES

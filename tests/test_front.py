@@ -195,3 +195,12 @@ def test_an_example_of_a_docstring_gives_what_it_shows(name):
         said = []
         doctest.DocTestRunner(verbose=False).run(test, out=said.append)
         assert not said, "".join(said)
+
+
+def test_a_former_attribute_of_a_public_class_works_and_says_the_new_one():
+    recording = mv.Recording({"Mz": np.arange(16.0)}, 8.0, {"Mz": "N*m"})
+    with pytest.warns(FutureWarning, match="^Recording.told is called notes_on; the old name goes"):
+        assert recording.told("Mz") == recording.notes_on("Mz")
+    motion = mv.Motion(mv.load_scenario("state-1"), np.zeros(1), {}, None)
+    with pytest.warns(FutureWarning, match="^Motion.beside is called second_wing"):
+        assert motion.beside is None

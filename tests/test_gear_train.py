@@ -356,7 +356,7 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
         (
             {"reducer.train.1.planets": 4},
             r"train\.1\.planets: 4 cannot be assembled at equal angles between a sun of 18 and a ring of 72, since 90 teeth are"
-            r" no multiple of 4; if they stand at others, equally_spaced: false",
+            r" no multiple of 4; if they are spaced unequally, set equally_spaced: false",
         ),
         (
             {"reducer.train.1.planets": 5},

@@ -15,6 +15,7 @@ def test_a_module_reads_plainly(module):
     assert module.is_compiled or not list(module.nested_conditionals()), "write an if block"
     assert not list(module.private_imports()), "give it a name without an underscore"
     assert not list(module.banned_words())
+    assert not list(module.vague_docstrings()), "begin with a noun or a verb"
 
 
 def test_lines_say_one_thing():

@@ -544,7 +544,7 @@ def test_of_very_many_modes_the_largest_are_fitted_and_the_others_say_so():
     ]
     assert len(left_out) == 100
     assert "array_mode_333" not in left_out
-    assert table["array_mode_333"].starting(2.0) == pytest.approx(0.2, rel=2e-3)
+    assert table["array_mode_333"].amplitude_at_start(2.0) == pytest.approx(0.2, rel=2e-3)
 
 
 def test_a_row_of_many_modes_is_fitted_in_parts():
@@ -566,7 +566,7 @@ def test_a_row_of_many_modes_is_fitted_in_parts():
     )
     for k, amplitude in ringing.items():
         line = table[f"array_mode_{k}"]
-        assert line.starting(2.0) == pytest.approx(amplitude, rel=2e-3)
+        assert line.amplitude_at_start(2.0) == pytest.approx(amplitude, rel=2e-3)
         assert line.frequency == pytest.approx(frequencies[k - 1] + 0.01, abs=1e-3)
         assert line.decay == pytest.approx(1.0, rel=5e-3)
 

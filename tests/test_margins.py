@@ -175,7 +175,7 @@ def test_what_a_record_is_too_short_for_does_not_pass(scenario, table):
 
 def test_what_rings_at_the_start_is_not_judged_but_told_how_long_to_settle(table, scenario):
     ringing = only(table, "array_mode_1", status="decaying", amplitude=0.02, decay=0.05)
-    start = ringing["array_mode_1"].starting(16.0)
+    start = ringing["array_mode_1"].amplitude_at_start(16.0)
     assert start == pytest.approx(0.02 * 0.8 / (1 - math.exp(-0.8)))
     verdict = judge(ringing, limit_of(0.010), scenario)
     longer = (
@@ -306,7 +306,7 @@ def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, ta
 
 def test_what_is_not_settled_is_told_with_the_time_that_it_takes(table, scenario):
     (sentence,) = transient_warnings(table, scenario)
-    start = table["array_mode_1"].starting(16.0)
+    start = table["array_mode_1"].amplitude_at_start(16.0)
     assert sentence.startswith(
         f"array_mode_1 decays, {1e3 * start:.4g} mN m at the start of the record"
     )

@@ -382,7 +382,7 @@ def test_tdms_that_says_more_than_it_holds(tmp_path):
     whole = (tmp_path / "whole.tdms").read_bytes()
     count = np.uint64(MZ.size).tobytes()
     assert whole.count(count) == 1
-    with pytest.raises(RecordingError, match="broken or truncated"):
+    with pytest.raises(RecordingError, match="corrupt or truncated"):
         read(tmp_path, whole.replace(count, np.uint64(10**8).tobytes()), "more.tdms")
 
 

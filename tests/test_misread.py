@@ -49,7 +49,7 @@ def posed(model, channels):
 )
 def test_a_channel_of_another_sign_or_unit_is_told(short, torque, factor, said):
     (one,) = diagnose_units_signs(posed(short, {"Mz": factor * torque}))
-    assert one == f"made: {said} explains it; look at order, sign and unit of Mz."
+    assert one == f"made: {said} explains it; check order, sign and unit of Mz."
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -58,7 +58,7 @@ def test_samples_in_reverse_order_are_told(short, torque, sign):
     what = "its time" if sign > 0.0 else "its sign and time"
     assert (
         one
-        == f"made: with {what} reversed the model explains it; look at order, sign and unit of Mz."
+        == f"made: with {what} reversed the model explains it; check order, sign and unit of Mz."
     )
 
 
@@ -70,11 +70,11 @@ def test_another_axis_is_told(short, torque):
     noise = np.random.default_rng(2).normal(0.0, 2e-4, torque.size)
     other = 5.0 * np.gradient(torque) + noise
     (one,) = diagnose_units_signs(posed(short, {"Mz": other, "Mx": noise, "My": torque}))
-    assert one == "made: the model explains My in place of Mz; look at the drive's axis."
+    assert one == "made: the model explains My in place of Mz; check the drive axis."
     (one,) = diagnose_units_signs(posed(short, {"Mz": other, "Mx": -torque}))
     assert (
         one
-        == "made: the model explains Mx in place of Mz, with its sign reversed; look at the drive's axis."
+        == "made: the model explains Mx in place of Mz, with its sign reversed; check the drive axis."
     )
 
 

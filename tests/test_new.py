@@ -122,7 +122,7 @@ def test_what_is_assumed_of_a_gear_is_told(tmp_path):
         ):
             assert f"  reducer.{key}" in done.stdout
         assert "The gear's hysteresis is in the file as a comment" in done.stdout
-    assert "friction (the gear's too)" in alone.stdout
+    assert "friction (with the gear's)" in alone.stdout
 
 
 def test_a_gear_on_the_command_line(tmp_path):
@@ -346,7 +346,7 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
     done = microvib("new", "my.yaml", "--from-datasheet", cwd=tmp_path)
     assert done.exit_code == 1
     assert done.stderr.startswith(
-        "Error: --from-datasheet: there is no terminal to ask on; give at least one of --holding-torque,"
+        "Error: --from-datasheet: no terminal to ask questions on; give at least one of --holding-torque,"
     )
     assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

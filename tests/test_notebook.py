@@ -255,7 +255,7 @@ WRONG = {
     "a number for a scenario, in a list": (lambda m: mv.simulate_many([3]), "3 is of type int; expected a scenario (mv.load_sc"),
     "a motion for a scenario": (lambda m: mv.plan_rates(m, ["1 deg/s"]), "is of type Motion; expected a scenario (mv.load_scenario), or"),
     "a name that is none": (lambda m: mv.find_lines("state-9"), "state-9: there is no such file and no catalog scenario of this"),
-    "a start of a motion": (lambda m: mv.find_lines(m, start="steady"), "start: is how a scenario's motion begins; this source has"),
+    "a start of a motion": (lambda m: mv.find_lines(m, start="steady"), "start: applies to a scenario; this source is already"),
     "a start that is none": (lambda m: mv.simulate("state-1", start="stead"), "record.start: 'stead' is not allowed; "),
     "a name for a motion's spectrum": (lambda m: mv.psd("out/"), "'out/' is a name; expected a motion (mv.simulate) or a rec"),
     "a motion for a table": (lambda m: mv.judge(m, mv.Limit("10 mN*m")), "is of type Motion; expected a table of lines"),

@@ -150,7 +150,7 @@ def test_columns_that_end_early_are_told_as_another_rate(tmp_path):
     ]
     path.write_text("t [s],Mz [N*m],t2 [s],Fx [N]\n" + "\n".join(rows) + "\n", encoding="utf-8")
     with pytest.raises(
-        RecordingError, match=r"row 51 .* as of another sample rate, go into a file of their own"
+        RecordingError, match=r"row 51 .* save columns with another sample rate in a separate file"
     ):
         read_recording(path)
 

@@ -63,7 +63,7 @@ def test_what_a_comparison_is_worth_follows_from_the_sources(scenario) -> None:
     assert comparison_worth(state).startswith("calibrated, not predicted")
     assert "changed by the user" in comparison_worth(scenario.with_({"motor.current": "0.5 A"}))
     elsewhere = state.model_copy(update={"reference": state.with_({"reference": OWN}).reference})
-    assert comparison_worth(elsewhere).startswith("with assumed parameters")
+    assert comparison_worth(elsewhere).startswith("assumed parameters")
 
 
 def test_a_run_tells_its_reference_and_a_scenario_without_one_none(scenario) -> None:

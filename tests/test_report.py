@@ -181,7 +181,9 @@ def test_the_first_page_states_verdict_margins_and_what_was_simulated(document, 
     for row in main.rows:
         name, _, amplitude, decibel, factor, _, verdict = row.cells
         steady = lines_1[name].status == "ok"  # what decays is judged by its start
-        exact = 0.010 / (lines_1[name].amplitude if steady else lines_1[name].starting(16.0))
+        exact = 0.010 / (
+            lines_1[name].amplitude if steady else lines_1[name].amplitude_at_start(16.0)
+        )
         assert float(amplitude) == pytest.approx(1e3 * lines_1[name].amplitude, rel=1e-3)
         assert float(decibel) == pytest.approx(20 * math.log10(exact), abs=0.051)
         assert float(factor) == pytest.approx(exact, rel=6e-3)

@@ -182,7 +182,7 @@ def test_without_report_data_the_block_is_to_be_filled_in(monkeypatch):
         ("signatures: {}", "signatures: '{}' is not allowed; 1 to 6 roles"),
         ("signatures: {a: {b: c}}", "signatures.a: "),
         ("- author", "lines such as 'author: A. Engineer' are expected"),
-        ("author: 'a", "is not YAML"),
+        ("author: 'a", "is not valid YAML"),
     ],
 )
 def test_bad_report_data_is_one_sentence(content, complaint, tmp_path):

@@ -80,7 +80,7 @@ def test_what_such_figures_do_not_tell_is_wide_open(problem):
 
 def test_what_rests_on_the_settling_time_is_told_of_such_figures(problem):
     slopes = np.random.default_rng(0).normal(size=(FIGURES, 2)) * [60.0, 25.0]
-    (late,) = noisy_objective(problem, [problem.made(slopes, 3)]).leanings
+    (late,) = noisy_objective(problem, [problem.made(slopes, 3)]).dependences
     assert late.key == "record.settle"
     assert late.shifts == pytest.approx((-LATE * math.log(1.1) / 0.1, 0.0), abs=0.15)
 

@@ -289,7 +289,7 @@ def symmetric(inertia: float, wing: dict[str, Any] | None) -> Scenario:
 
 
 def test_wings_that_turn_with_the_sun_double_and_against_each_other_cancel() -> None:
-    """Two wings on a hub of J are each one on a hub of J/2; those that turn against each other stand on firm ground."""
+    """Two wings on a hub of J are each one on a hub of J/2; those that turn against each other stand on a fixed base."""
     driven = {"drive": "driven"}
     with_sun, half = symmetric(4.0, driven), symmetric(2.0, None)
     against = symmetric(4.0, {**driven, "tracking": {"rate": with_sun.tracking.rate}})
@@ -370,7 +370,7 @@ def test_both_methods_agree() -> None:
     assert other is not None
     motions = [
         mv.simulate(scenario),
-        replace(rodas4.simulate(scenario), beside=rodas4.simulate(other)),
+        replace(rodas4.simulate(scenario), second_wing=rodas4.simulate(other)),
     ]
     for name in ("T_d", "My", "My_2", "Fx", "los_x"):
         a, b = (motion[name] for motion in motions)
@@ -438,7 +438,7 @@ WRONG = {
     "clock": ({"drive": "driven", "clock_ratio": 0.0}, "second_wing.clock_ratio: 0.0 is not allowed"),
     "stagger": ({"drive": "driven", "stagger": -0.5}, "second_wing.stagger: -0.5 is not allowed"),
     "late": ({"drive": "driven", "stagger": 64.0}, "second_wing.stagger: 64 microsteps take 1.2 s, and record.settle is 1 s"),
-    "rest": ({"drive": "driven", "stagger": 0.5, "tracking": {"rate": 0.0}}, "second_wing.stagger: 0.5 microsteps are no time"),
+    "rest": ({"drive": "driven", "stagger": 0.5, "tracking": {"rate": 0.0}}, "second_wing.stagger: 0.5 microsteps are no fixed delay"),
     "array": ({"array": {"inertia": 8.18, "rigid_inertia": 0.13, "modes": [{"frequency": 1.19, "damping": 0.01}]}}, "spacecraft.second_wing: array: has no interface_participation"),
     "voltage": ({"driver": {"beats": 4, "microsteps": 16, "drive": "voltage"}}, "driver.drive: voltage"),
 }  # fmt: skip
@@ -487,8 +487,8 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     assert float(own["drive_1"]["amplitude_n_m"]) == pytest.approx(found, rel=0.01)
     again = mv.read_run(out).motion
     assert result.motion is not None
-    assert again.beside is not None
-    assert again.beside.invariants == result.second.invariants != again.invariants
+    assert again.second_wing is not None
+    assert again.second_wing.invariants == result.second.invariants != again.invariants
     told = lines_of_second(again, result.table)
     assert told is not None
     assert told.own_error == result.second.table.own_error == result.second.accuracy.relative_error

@@ -142,9 +142,9 @@ def test_a_resonance_inside_a_range_is_seen():
         ([(0.5, 1.5), (0.9, 1.85)], "a and b matter most"),
         (
             [(0.5, 1.5), (0.5, 1.5), (0.5, 1.5)],
-            "3 of 3 values move it as far: which of them matters most cannot be said",
+            "3 of 3 values change it equally: the most influential one is not resolved",
         ),
-        ([(0.999, 1.0005), (1.0, 1.0)], "no value moves it beyond the error of a run"),
+        ([(0.999, 1.0005), (1.0, 1.0)], "no value changes it by more than the error of a run"),
         (
             [(0.5, 1.5), (math.nan, 1.1)],
             "a matters most; it is unknown in part of the range of b",

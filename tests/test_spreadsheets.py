@@ -90,7 +90,7 @@ def test_what_is_no_table_is_one_sentence(tmp_path, read):
         (read_modes, "frequency_hz,effective_inertia_kg_m2,inertia_kg_m2,damping_percent\n1,2,3,0.5\n", "damping_percent"),
         (read_modes, "frequency_hz,effective_inertia_kg_m2,inertia_kg_m2,Damping\n1,2,3,0.05,9\n", "row 2: has 5 cells"),
         (read_lines, "line,frequency_hz,amplitude_nm\ndrive_1,1,2\n", "amplitude_nm' is not known; did you mean amplitude_n_m?"),
-        (read_lines, "line,amplitude_n_m,amplitude_n_m\ndrive_1,1,2\n", "'amplitude_n_m' is there twice"),
+        (read_lines, "line,amplitude_n_m,amplitude_n_m\ndrive_1,1,2\n", "'amplitude_n_m' occurs twice"),
         (read_states, "mode_frequency_hz,inertia_kg_m2,states\n1,2,3\n", "did you mean state?"),
         (read_hub_table, f"{','.join(HUB_COLUMNS)},dampings\n{'1,' * 13}\n", "did you mean damping?"),
         (lambda path: load_preparation(path.with_suffix(".yaml")), "frequency_hz,magnitude,phase_rad\n1,2,3\n", "did you mean phase_deg?"),

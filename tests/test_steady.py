@@ -449,7 +449,7 @@ def test_the_common_period_that_is_too_long_is_named_with_what_makes_it_so(state
     }
     with pytest.raises(
         NotPeriodic,
-        match=r"common period .* microsteps .*reducer\.transmission_error: \[\] leaves out",
+        match=r"common period .* microsteps .*reducer\.transmission_error: \[\] removes",
     ):
         steady_state(state_1.with_si(slow))
 

@@ -162,7 +162,7 @@ def test_what_identifies_nothing_says_so_first(fit):
         fit, estimates=tuple(replace(e, identifiable=False, verdict=reason) for e in fit.estimates)
     )
     assert first_text(none).startswith(
-        "Nothing is identified: the evidence is insensitive to it. That the figures are as the model's"
+        "Nothing is identified: the evidence is insensitive to it. Agreement of the model with the data"
     )
     assert not none.usable
     one = replace(fit, estimates=(none.estimates[0], *fit.estimates[1:]))
@@ -213,7 +213,7 @@ def test_what_an_identification_writes(fit, tmp_path):
     assert "there is an unexplained peak; the highest above the floor is" in terminal_text(
         fit_outcome(fit)
     )
-    assert "What is left" in (tmp_path / "fit" / "report.html").read_text()
+    assert "Residual of" in (tmp_path / "fit" / "report.html").read_text()
     again = mv.load_scenario(tmp_path / "fit" / "scenario.yaml")
     assert again.reducer.stiffness == fit.scenario.reducer.stiffness
     assert fit_json(fit)["status"].startswith("calibrated")
@@ -234,7 +234,7 @@ def test_estimates_lean_on_what_was_not_fitted(recording, start):
         [key],
         **loose,
     )
-    shift = next(one.shifts[0] for one in found.leanings if one.key == "motor.rotor_inertia")
+    shift = next(one.shifts[0] for one in found.dependences if one.key == "motor.rotor_inertia")
     moved = heavier.estimates[0].estimate / found.estimates[0].estimate - 1.0
     assert moved == pytest.approx(0.01 * shift, rel=0.2)
 
@@ -415,7 +415,7 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
     ("text", "complaint"),
     [
         ("reducer.stifness", "is not a key of the scenario; allowed are motor.current"),
-        ("driver.microsteps", "is a whole number; give those that may be"),
+        ("driver.microsteps", "is an integer; give its range"),
         ("reducer.stiffness=9000:3000", "needs a unit|below HIGH"),
         ("reducer.stiffness=9000 N*m/rad:3000 N*m/rad", "LOW must be below HIGH"),
         ("reducer.output_inertia", "starts at 0; give its range"),
@@ -662,7 +662,7 @@ def test_candidates_are_switched_on_and_off(start):
     ):
         effects_of(["friction.presliging"])
     with pytest.raises(
-        MicrovibError, match=r"^select friction\.torque_noise: lines do not tell it"
+        MicrovibError, match=r"^select friction\.torque_noise: not identifiable from lines"
     ):
         effects_of(["friction.torque_noise"])
 
@@ -670,7 +670,7 @@ def test_candidates_are_switched_on_and_off(start):
 def test_what_is_fitted_is_no_candidate(recording, start):
     told = [read_evidence(recording, start)]
     with pytest.raises(
-        MicrovibError, match=r"^select motor\.detent_torque: is fitted, and so taken for granted"
+        MicrovibError, match=r"^select motor\.detent_torque: is fitted, so it is no candidate"
     ):
         identify(start, told, ["motor.detent_torque"], select=["motor.detent_torque"])
 
@@ -678,7 +678,7 @@ def test_what_is_fitted_is_no_candidate(recording, start):
 def test_an_effect_is_asked_for_where_the_evidence_has_it_and_not_told_where_nothing_explains_it():
     told = Candidate("motor.detent_torque", False, 0.4, 1, 3.84)
     assert told.sentence.startswith(
-        "motor.detent_torque: the evidence does not ask for it (chi-square lower by 0.4 with 1"
+        "motor.detent_torque: the evidence does not support it (chi-square lower by 0.4 with 1"
     )
     assert "not told: no model explains the evidence" in replace(told, explained=False).sentence
     assert "the evidence asks for it" in replace(told, selected=True, gain=20.0).sentence

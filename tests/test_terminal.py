@@ -204,7 +204,7 @@ def test_results_are_written_although_nobody_reads_the_text_whatever_the_window_
         (
             MemoryError(),
             1,
-            "Error: memory is exhausted; a shorter record.duration or fewer cases at a time need less\n",
+            "Error: out of memory; shorten record.duration or run fewer cases at a time\n",
         ),
         (KeyboardInterrupt(), 130, "Interrupted; no file was left half-written.\n"),
         (SystemExit(3), 3, ""),

@@ -113,8 +113,8 @@ def with_glitch(size: float, width: int = 1) -> np.ndarray:
 @pytest.mark.parametrize("width", [1, 2, 3])
 def test_a_sample_that_stands_alone_is_told(width: int) -> None:
     found = mv.Recording({"Mz": with_glitch(60.0, width)}, RATE, {"Mz": "N*m"})
-    assert "channel Mz has an isolated outlier sample at 0.5" in found.told("Mz")[-1]
-    assert found.told("Mz")[-1].endswith("typical of a glitch; it stays in")
+    assert "channel Mz has an isolated outlier sample at 0.5" in found.notes_on("Mz")[-1]
+    assert found.notes_on("Mz")[-1].endswith("typical of a glitch; it stays in")
 
 
 def test_what_rings_steps_or_is_noise_does_not_stand_alone() -> None:
@@ -128,7 +128,7 @@ def test_what_rings_steps_or_is_noise_does_not_stand_alone() -> None:
         with_glitch(0.0) + 60.0 * (t > 0.5),
         with_glitch(60.0, 40),
     ):
-        assert mv.Recording({"Mz": x}, RATE, {"Mz": "N*m"}).told("Mz") == ()
+        assert mv.Recording({"Mz": x}, RATE, {"Mz": "N*m"}).notes_on("Mz") == ()
 
 
 def test_a_glitch_is_told_whatever_the_preparation_does(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_a_glitch_is_told_whatever_the_preparation_does(tmp_path: Path) -> None:
         told.append(
             read_prepared(
                 tmp_path / "a.csv", load_preparation(tmp_path / "how.yaml")
-            ).recording.told("Mz")
+            ).recording.notes_on("Mz")
         )
     assert "has an isolated outlier sample at 0.5 s: -60" in told[0][-1]
     assert "stands alone" not in "".join(told[1])

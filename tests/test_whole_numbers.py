@@ -44,7 +44,7 @@ def test_a_whole_number_is_given_as_those_that_may_be(short):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("friction.slip_ring.contact_pairs", "is a whole number; give those that may be, friction"),
+        ("friction.slip_ring.contact_pairs", "is an integer; give its range, friction"),
         (f"{DAC_BITS}=8", "write KEY=LOW:HIGH with whole numbers"),
         (f"{DAC_BITS}=8.5:9", "write KEY=LOW:HIGH with whole numbers"),
         (f"{DAC_BITS}=10:8", "LOW below HIGH"),
@@ -62,14 +62,14 @@ def test_a_whole_number_is_one_in_all_recordings_and_never_alone(short, rounded)
     both = [rounded, rounded]
     with pytest.raises(
         MicrovibError,
-        match=r"^share driver\.imperfections\.dac_bits: is a whole number, which has one value",
+        match=r"^share driver\.imperfections\.dac_bits: is an integer with one value",
     ):
         identify(short, both, ["reducer.stiffness", DAC_BITS], share=["reducer.stiffness"])
-    with pytest.raises(MicrovibError, match="fit a parameter that is none beside it"):
+    with pytest.raises(MicrovibError, match="fit a continuous parameter with it"):
         identify(short, [rounded], [DAC_BITS])
     with pytest.raises(
         MicrovibError,
-        match=r"^select driver\.imperfections\.dac_bits: is fitted, and so taken for granted",
+        match=r"^select driver\.imperfections\.dac_bits: is fitted, so it is no candidate",
     ):
         identify(short, [rounded], ["reducer.stiffness", DAC_BITS], select=[DAC_BITS])
 

@@ -73,8 +73,7 @@ _FORMER = {
         'find_lines(scenario, start="steady"), or microvib.steady_state',
     ),
 }
-"""What stands behind each name of the release before, and the word that takes its place; they go
-with the release after this one.
+"""Object behind each former name, and the present name; former names go with the release after this one.
 """
 
 if TYPE_CHECKING:
@@ -175,7 +174,7 @@ def __getattr__(name: str) -> object:
 
 
 def _former(name: str) -> object:
-    """What stands behind a name of the release before; FutureWarning."""
+    """Object behind a former name; gives a FutureWarning."""
     from warnings import warn
 
     path, new = _FORMER[name]

@@ -105,9 +105,7 @@ class OutputError(MicrovibError):
 
 
 class ObjectError(MicrovibError, TypeError):
-    """What is not the object that is expected, such as its name: says what was given, what is
-    expected and what makes it.
-    """
+    """Wrong kind of object, such as its name: the message has what was given, what is expected and what makes it."""
 
 
 def expect(given: Any, kinds: type | tuple[type, ...], expected: str) -> None:
@@ -158,7 +156,7 @@ def expect_mapping(given: Any, key: str, example: str) -> None:
 
 
 def whole_number(key: str, given: Any, least: int, most: int) -> int:
-    """What was given for ``key``; OptionError where it is no whole number from ``least`` to
+    """Check the value of ``key``; OptionError where it is no whole number from ``least`` to
     ``most``.
     """
     number = None

@@ -29,7 +29,7 @@ from functools import cache, cached_property
 from typing import Any, Literal, get_type_hints
 
 Mark = Literal["", "strong", "group", "pass", "fail", "off"]
-"""How a row stands out; its last cell says in words what ``pass``, ``fail`` and (less loudly)
+"""How a row is marked; its last cell has the words of ``pass``, ``fail`` and (less loudly)
 ``off`` mean.
 """
 MARKS: dict[str, Mark] = {
@@ -43,10 +43,10 @@ MARKS: dict[str, Mark] = {
     "differs": "off",
     "sum": "strong",
 }
-"""How rows stand out, by the word of their verdict; others do not."""
+"""Marks of rows, by the word of their verdict; others have none."""
 Role = Literal["", "key", "group", "verdict"]
-"""What the words of a column are besides: keys of a scenario, which reports set as code; headings
-under which reports set the rows that have them; verdicts, by which rows stand out.
+"""Role of the words of a column: keys of a scenario, which reports set as code; headings
+under which reports set the rows that have them; verdicts, by which rows are marked.
 """
 
 
@@ -57,11 +57,11 @@ class Measure:
     unit: str = ""
     """That readers see."""
     size: float = 1.0
-    """Of that unit in SI."""
+    """Size of that unit in SI."""
     form: str = ".4g"
     """Format specification of the figure in that unit."""
     file_size: float = 1.0
-    """Of the unit in files, which a column's key ends with."""
+    """Size of the unit in files, which a column's key ends with."""
     units: tuple[tuple[str, float], ...] = ()
     """Units and their sizes in SI, the largest first, where a table takes the one that suits it."""
     least: float = 0.0
@@ -109,7 +109,7 @@ SHARE = Measure("%", 0.01, ".3g")
 TIME = Measure("s")
 TORQUE = Measure("mN m", 1e-3, "#.4g")
 TORQUE_LIMIT = Measure("mN m", 1e-3, ".6g")
-"""Of a torque that somebody chose, in as many digits as were given."""
+"""Measure of a torque that somebody chose, in as many digits as were given."""
 TORQUE_UNCERTAINTY = Measure("mN m", 1e-3, "#.2g", least=0.001)
 
 
@@ -122,9 +122,9 @@ class Column:
     heading: str = ""
     """For readers; without one, the column is in files only."""
     measure: Measure | None = None
-    """Of its figures; None where it holds words."""
+    """Measure of its figures; None where it holds words."""
     absent: str = ""
-    """What readers see where there is no figure."""
+    """Text where there is no figure."""
     words: Callable[[str], str] = str
     """How readers see its words."""
     report_only: bool = False
@@ -158,7 +158,7 @@ class Table:
     """Records under columns. Files have all of them, readers those that matter."""
 
     name: str
-    """Of its CSV file, without the ending; empty for a table that readers alone see."""
+    """Name of its CSV file, without the ending; empty for a table that readers alone see."""
     columns: tuple[Column, ...]
     rows: tuple[tuple[Any, ...], ...]
     """Values in SI units, as the columns stand."""
@@ -238,7 +238,7 @@ class Table:
         return replace(column, measure=column.measure.suited_to(figures))
 
     def measure(self, key: str) -> Measure:
-        """Of the figures in the column ``key``, for texts and pictures beside the table."""
+        """Measure of the figures in the column ``key``, for texts and pictures beside the table."""
         found = next(column.measure for column in self.shown if column.key == key)
         assert found is not None
         return found
@@ -264,7 +264,7 @@ class Table:
         return replace(self, name="", columns=columns, rows=rows, for_readers=None)
 
     def marks(self) -> list[Mark]:
-        """How each row that readers see stands out, by the word of its verdict."""
+        """Marks of the rows that readers see, by the words of their verdicts."""
         roles = [column.role for column in self.columns]
         if "verdict" not in roles:
             return [""] * len(self.rows_shown)

@@ -20,7 +20,7 @@ _SOLID = str.maketrans(" ", "\N{NO-BREAK SPACE}")
 _UNIT = re.compile(
     r"(?:\d |\b)[mµn]?N m\b|\bkg m\b|\d (?:%|(?:[mµnk]?(?:N|Hz|rad|s|J|V|A|W|m)|deg(?:/s)?|dB)(?![A-Za-z]))"
 )
-"""What stays on one line: a figure and its unit, and a unit of two words."""
+"""Texts kept on one line: a figure and its unit, and a unit of two words."""
 
 _terminal: ContextVar[int | None] = ContextVar("_terminal", default=None)
 
@@ -88,7 +88,7 @@ class _Block(NamedTuple):
 
     @property
     def widths(self) -> list[int]:
-        """Of each column."""
+        """Width of each column."""
         return [
             max(len(text) for cell in column for text in cell)
             for column in zip(self.header, *self.rows, strict=True)
@@ -96,7 +96,7 @@ class _Block(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Of the whole."""
+        """Width of the table."""
         return sum(self.widths) + len(_GAP) * (len(self.header) - 1)
 
     def lines(self, most: int | None) -> Iterator[str]:

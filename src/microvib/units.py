@@ -186,7 +186,7 @@ def convert(text: str, unit: str, example: str = "") -> float:
 
 
 def _no_quantity(unit: str) -> str:
-    """What is said of something that is no quantity in ``unit``, or no number where there is none."""
+    """Message on a value that is no quantity in ``unit``, or no number where there is none."""
     if not unit:
         return "is not a number; write one without a unit, such as 0.5, or a percentage, such as '50 percent'"
     return f"is not a quantity; write one number and a unit, such as '1 {unit}'"
@@ -194,7 +194,7 @@ def _no_quantity(unit: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _factor(plain: str, written: str, unit: str) -> float:
-    """What one unit ``plain``, ``written`` so by the user, is in ``unit``; ValueError with a
+    """Factor from the unit ``plain``, ``written`` so by the user, to ``unit``; ValueError with a
     sentence.
     """
     common = _common(plain.replace(" ", "*"), unit)
@@ -226,8 +226,7 @@ def _factor(plain: str, written: str, unit: str) -> float:
         ) from error
     if nothing != 0.0:  # decibels, degrees Celsius
         raise ValueError(
-            f"has a unit that does not start at zero, '{written}'; write it such as"
-            f" '{unit or 'percent'}'"
+            f"has a unit with an offset, '{written}'; write it such as '{unit or 'percent'}'"
         )
     _check_angles(_angles(given), _angles(wanted), unit, bool(_HERTZ.search(plain)))
     return factor
@@ -282,7 +281,7 @@ Band = str | tuple[GivenQuantity, GivenQuantity]
 def quantity(
     key: str, given: GivenQuantity, unit: str, *, positive: bool = False, example: str = ""
 ) -> Si:
-    """What was given for ``key``, in ``unit``; OptionError where it is no such quantity, or a bare
+    """Value of ``key``, in ``unit``; OptionError where it is no such quantity, or a bare
     number where a unit decides.
 
     ``example`` is the unit to propose in place of ``unit``.
@@ -401,9 +400,7 @@ class Quantity:
         return not too_low and (self.le is None or number <= self.le)
 
     def _other_form(self, value: Any, number: float) -> str:
-        """What to write where a part was taken for a percentage, or the other way round; empty
-        where that explains nothing.
-        """
+        """Suggestion where a fraction was taken for a percentage, or the reverse; empty otherwise."""
         if self.display != "percent":
             return ""
         as_percent = (
@@ -475,7 +472,7 @@ class Quantity:
         return value * _factor(self.unit, self.unit, unit)
 
     def unusual(self, value: float) -> str:
-        """What is said of a value that is allowed but not of a usual size; empty where it is."""
+        """Warning on a value that is allowed but of unusual size; else empty."""
         if self.usual is None or value == 0.0 or self.usual[0] <= abs(value) <= self.usual[1]:
             return ""
         low, high = map(self.show, self.usual)

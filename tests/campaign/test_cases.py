@@ -253,7 +253,7 @@ def test_a_deadly_case_is_found_and_the_others_are_computed(tmp_path):
         made(tmp_path, study(**levels), "hurt", 2),
         made(tmp_path, study(**levels), "whole", 2),
     )
-    compute_missing(hurt, Fragile(deadly=(16,)))
+    compute_missing(hurt, Fragile(crashing=(16,)))
     compute_missing(whole, Fragile())
     merge(hurt)
     results = open_results(hurt)
@@ -298,7 +298,7 @@ def test_a_case_that_wants_too_much_memory_costs_one_case(tmp_path, monkeypatch)
     merge(short)
     results = open_results(short)
     assert list(results.state) == [DONE, DONE, FAILED, DONE]
-    assert "memory is exhausted" in results.reasons[2]
+    assert "out of memory" in results.reasons[2]
     np.testing.assert_array_equal(
         short.read(0).figures["amplitude"][3], whole.read(0).figures["amplitude"][3]
     )

@@ -214,7 +214,7 @@ def test_arrays_of_several_sources():
         ({"vary": {"x": {"scale": "motor.current", "values": ["2 A"]}}}, "has the wrong dimension"),
         ({"vary": {"peak": {"scale": "motor.current", "values": [2]}}}, "is not allowed as the name of a factor"),
         ({"vary": {"motor.current": {"scale": "motor.current", "values": [2]}}}, "is not allowed as the name of a factor"),
-        ({"vary": {"x": {"scale": "motor.current", "values": [2]}, "motor.current": ["1 A"]}}, "motor.current stands in vary twice"),
+        ({"vary": {"x": {"scale": "motor.current", "values": [2]}, "motor.current": ["1 A"]}}, "motor.current occurs twice in vary"),
         ({"vary": {"x": {"scale": "motor.current", "values": [2]}}, "cases": [{"motor.current": "1 A"}]}, "in vary and in cases"),
         ({"vary": {"driver.*_gain": {"distribution": "uniform", "within": 0.1}}}, "vary.driver.*_gain: has no one value"),
         ({"vary": {"reducer.stiffness": ["5000 kg"]}}, "vary.reducer.stiffness.0: '5000 kg' has the wrong dimension"),
@@ -233,7 +233,7 @@ def test_arrays_of_several_sources():
         ({"sampling": {"noise": "each"}}, "sampling.noise: the scenario has none; a friction.torque_noise is expected"),
         ({"sampling": {"noise": "each", "method": "one-at-a-time"}}, "noise: each goes with sobol, latin-hypercube and random points"),
         ({"correlations": [{"keys": ["reducer.ratio", "motor.current"], "coefficient": 0.5}]}, "correlations: nothing is sampled"),
-        ({"cases": [{"driver.microsteps": 4}]}, "driver.microsteps stands in vary and in cases"),
+        ({"cases": [{"driver.microsteps": 4}]}, "driver.microsteps occurs in vary and in cases"),
         ({"limit": 0.01}, "limit: 0.01 needs a unit, such as '0.01 mN*m'"),
     ],
 )  # fmt: skip

@@ -131,7 +131,7 @@ def test_a_lost_manifest_is_made_again_from_any_chunk(tmp_path):
     text = (campaign.folder / "campaign.json").read_text()
     (campaign.folder / "campaign.json").unlink()
     again = open_campaign(campaign.folder)
-    assert "was written again" in again.mended
+    assert "was written again" in again.repair_note
     assert (campaign.folder / "campaign.json").read_text() == text
     compute_missing(again, Fragile())
     assert merge(again).done == 12

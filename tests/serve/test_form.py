@@ -219,10 +219,10 @@ def test_modes_of_a_hub_count(client):
     ("text", "words"),
     [
         ("a: &a [1, 2]\nb: [*a, *a]", "anchors and aliases"),
-        ("[" * 5000, "is not YAML"),
+        ("[" * 5000, "is not valid YAML"),
         ("motor: {current: 1 A", "line 1"),
         ("- 1\n- 2", "a mapping of keys is expected"),
-        ("\x00", "is not YAML"),
+        ("\x00", "is not valid YAML"),
         ("", "a mapping of keys is expected"),
         ("1: 2", ""),
         ("motor: !!set {a, b}", "tags"),

@@ -155,17 +155,17 @@ def leading_out() -> bytes:
     [
         ("x.exe", b"MZ", 422, "'.exe' is not known"),
         ("x.uff", b"no uff", 422, "x.uff: is truncated, or no UFF"),
-        ("x.mat", b"\x89HDF\r\n\x1a\n" + b"junk" * 100, 422, "x.mat: is broken or truncated"),
+        ("x.mat", b"\x89HDF\r\n\x1a\n" + b"junk" * 100, 422, "x.mat: is corrupt or truncated"),
         (
             "x.mat",
             matlab(fs=np.nan, Mz=np.arange(9.0)),
             422,
             "x.mat: fs gives a sample rate of nan Hz",
         ),
-        ("x.nc", b"", 422, "x.nc: is broken or truncated"),
+        ("x.nc", b"", 422, "x.nc: is corrupt or truncated"),
         ("x.mat", leading_out(), 422, "x.mat: /Mz is stored in other files"),
         ("x.nc", leading_out(), 422, "x.nc: /Mz is stored in other files"),
-        ("../../x.csv", b"a,b\n1,2\n", 422, "x.csv: has no 8 rows of numbers"),
+        ("../../x.csv", b"a,b\n1,2\n", 422, "x.csv: has no 8 consecutive rows of numbers"),
         ("x.csv", b"t,Mz\n" + b"0,1\n" * 1_000_000, 413, "at most 3 MB"),
     ],
 )

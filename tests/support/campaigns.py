@@ -48,19 +48,21 @@ def spread(count: int = 6, **keys) -> Study:
 
 
 class Inline(Executor):
-    """Computes at once; dies of the cases in ``deadly``, by the value of what varies."""
+    """Computes at once; dies of the cases in ``crashing``, by the value of what varies."""
 
-    def __init__(self, deadly=()) -> None:
-        self.deadly, self.died = deadly, False
+    def __init__(self, crashing=()) -> None:
+        self.crashing, self.died = crashing, False
 
     def submit(self, fn, /, work):
         future: Future[bytes] = Future()
         lethal = [
-            k for k, item in enumerate(work.changes) if item.get("driver.microsteps") in self.deadly
+            k
+            for k, item in enumerate(work.changes)
+            if item.get("driver.microsteps") in self.crashing
         ]
         if self.died:
             raise BrokenPipeError("this executor is broken")
-        if any(k not in work.deadly for k in lethal):
+        if any(k not in work.crashing for k in lethal):
             self.died = True
             future.set_exception(BrokenPipeError("the worker died"))
         else:
@@ -74,11 +76,11 @@ class Fragile:
     workers = 1
     deaths = (BrokenPipeError,)
 
-    def __init__(self, deadly=()) -> None:
-        self.deadly = deadly
+    def __init__(self, crashing=()) -> None:
+        self.crashing = crashing
 
     def executor(self) -> Executor:
-        return Inline(self.deadly)
+        return Inline(self.crashing)
 
     def watch(self) -> None:
         pass

@@ -29,6 +29,13 @@ BANNED = {
     "doubt": "error bound, tolerance or warning",
     "doubts": "error bounds or warnings",
     "doubtful": "questionable or uncertain",
+    "misfits": "consistency errors",
+    "deadly": "crashing",
+    "mended": "repaired",
+    "rivals": "alternative optima",
+    "firm ground": "fixed base",
+    "stand out": "are above the noise floor",
+    "stands out": "is above the noise floor",
 }
 """Words that a native engineer of the field would not guess, and plain ones; the list grows."""
 
@@ -100,6 +107,14 @@ class Module:
                 yield from self._banned(node.name.replace("_", " "), node.lineno)
             elif isinstance(node, ast.Expr) and _is_text(node.value):
                 yield from self._banned(str(node.value.value), node.lineno)  # type: ignore[attr-defined]
+
+    def vague_docstrings(self) -> Iterator[str]:
+        """Docstrings that begin neither with a noun nor with a verb."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Expr) and _is_text(node.value):
+                text = str(node.value.value).lstrip()  # type: ignore[attr-defined]
+                if re.match(r"(What|Of|The same|Those|That of)\b", text):
+                    yield f"{self.path.name}:{node.lineno} {text[:40]!r}"
 
     def _banned(self, text: str, line: int) -> Iterator[str]:
         for word, plain in BANNED.items():

@@ -1,3 +1,3 @@
-"""What a run says: its lines, from a motion, a steady state or a stream; limits and how far they
+"""Evaluation of a run: its lines, from a motion, a steady state or a stream; limits and how far they
 can be trusted.
 """

@@ -26,7 +26,7 @@ tell."""
 MIN_LINE_RATIO = 0.01
 """Fraction of the largest line above which a line counts."""
 MAX_REFINEMENT = 64
-"""Of ``solver.refinement``."""
+"""Largest ``solver.refinement`` that is advised."""
 SENSITIVE_MOTION_ERROR = 0.1
 """Relative error assumed for the lines of a motion that depends on details below the tolerance.
 The difference of two runs is no bound there: in random sets it was 0.05 to 24 %
@@ -36,12 +36,12 @@ RMS_SAFETY_FACTOR = 1.5
 small by chance at times.
 """
 ERROR_ESTIMATE_KEY = "error_estimate"
-"""Of a solver's account."""
+"""Key of the error estimate in a solver's account."""
 _DIVERGED_RMS = 0.5
 """RMS of the difference of T_d, over the RMS of T_d, above which a run twice as fine is another
 motion: that a third is like one of the two does not make it certain."""
 _MAX_CONVERGENCE_RATIO = 0.25
-"""What twice finer steps leave of a difference at most; with order 4 a sixteenth is expected."""
+"""Largest ratio of successive differences under step halving; order 4 gives a sixteenth."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ def read_error_estimate(solver: Mapping[str, Any]) -> Accuracy | None:
 
 
 def _significant_lines(table: LineTable) -> list[Line]:
-    """Lines that stand out and persist."""
+    """Lines above the noise floor that persist."""
     seen = [x for x in table if x.status == "ok" and x.amplitude > 0.0]
     top = max((x.amplitude for x in seen), default=0.0)
     return [x for x in seen if x.amplitude >= MIN_LINE_RATIO * top]

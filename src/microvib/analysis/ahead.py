@@ -1,6 +1,4 @@
-"""What a run needs of compiled code, begun before anything else is imported: it matters once, to
-the first run on a machine.
-"""
+"""Start of compilation before anything else is imported, which shortens the first run on a machine."""
 
 from microvib.signals import tone_fit, tone_kernel
 from microvib.solve import decimate, propagate

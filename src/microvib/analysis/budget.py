@@ -19,7 +19,7 @@ class TorqueContribution:
     """One torque over a record [N m]."""
 
     factor: float
-    """What the housing feels of it; 1 for T_d itself and for what is not in its sum."""
+    """Factor on the housing; 1 for T_d itself and for torques that are not in its sum."""
     mean: float
     rms: float
     """About the mean."""
@@ -31,8 +31,8 @@ class TorqueContribution:
     """
 
     @property
-    def felt(self) -> TorqueContribution:
-        """The same as the housing feels it."""
+    def on_housing(self) -> TorqueContribution:
+        """Contribution as it acts on the housing."""
         f = self.factor
         return TorqueContribution(
             1.0, f * self.mean, abs(f) * self.rms, abs(f) * self.peak, f * self.tones
@@ -40,7 +40,7 @@ class TorqueContribution:
 
 
 def housing_factors(scenario: Scenario) -> dict[str, float]:
-    """What the housing feels of each torque, by channel: T_d = -T_e + T_f,m + T_f - (1 + 1/h) T_g."""
+    """Factor of each torque on the housing, by channel: T_d = -T_e + T_f,m + T_f - (1 + 1/h) T_g."""
     return {"T_e": -1.0, "T_f_m": 1.0, "T_f": 1.0, "T_g": -1.0 - 1.0 / scenario.reducer.h}
 
 

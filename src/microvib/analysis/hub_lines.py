@@ -47,7 +47,7 @@ def hub_lines(
     shows it, which takes a tenth of the time. Where a second wing is driven, too, lines of both
     drives are added (``combine_wings``). MicrovibError where the scenario has no spacecraft.
     """
-    beside = source.beside
+    beside = source.second_wing
     own = _single_drive_lines(
         source.alone if isinstance(source, Motion) else source, table, los_only
     )
@@ -124,7 +124,7 @@ def _channels_of_interest(looks: bool, two: bool, los_only: bool) -> tuple[str, 
 def _forced_tones(
     craft: Craft, frequency: np.ndarray, shafts: np.ndarray, looks: bool, two: bool, los_only: bool
 ) -> np.ndarray:
-    """What the accelerations of both ``shafts`` (k, 2) make at each ``frequency`` (k,) [Hz] in the
+    """Response to the accelerations of both ``shafts`` (k, 2) at each ``frequency`` (k,) [Hz] in the
     channels of interest, (k, channels).
     """
     rows = [] if los_only else [craft.loads()]
@@ -185,7 +185,7 @@ def combine_wings(first: HubLines, second: HubLines) -> HubLines:
 
 
 def _modes_by_name(of: HubLines, other: HubLines) -> dict[str, str]:
-    """What the natural modes of one drive's run are called in the ``other``'s: the k-th of one is
+    """Names of the natural modes of one drive's run in the ``other``'s: the k-th of one is
     the k-th of the other; empty where they have not as many.
     """
     mine, theirs = (
@@ -277,7 +277,7 @@ def _free_decay_tones(
     of accelerations the angles.
     """
     given = np.array([line.frequency for line in expected])
-    # One frequency a line: that of the channel in which it stands out most, over what stands in the
+    # One frequency a line: that of the channel in which it exceeds its floor most, over what stands in the
     # channel.
     size = np.nan_to_num(np.abs(tones))
     best = np.argmax(size / np.maximum(size.max(axis=0), 1e-300), axis=1)

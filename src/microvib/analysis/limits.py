@@ -170,7 +170,7 @@ class Judgement:
     unknown: tuple[Line, ...]
     """Lines without a known amplitude."""
     gaps: tuple[str, ...] = ()
-    """What in the band was not judged, why, and what would have to change; a sentence without a
+    """Ranges of the band that were not judged, why, and what would have to change; a sentence without a
     stop each.
     """
 
@@ -215,7 +215,7 @@ class Judgement:
         return f"{head}{verdict}{self._worst()}.{self.not_judged()}"
 
     def not_judged(self, most: int = 3) -> str:
-        """What was not judged, as a sentence; empty if there is nothing."""
+        """Ranges and lines not judged, as a sentence; empty if there is nothing."""
         if not self.gaps:
             return ""
         if len(self.gaps) > most:
@@ -327,7 +327,7 @@ def _hidden_line_gaps(
 
 
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
-    """What a record leaves open besides its lines."""
+    """Gaps that a record leaves besides its lines."""
     yield from _residual_peak_gaps(table, limit)
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
@@ -387,7 +387,7 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
     the largest steady line.
     """
     largest = max((x.amplitude for x in table if x.status == "ok"), default=math.inf)
-    starts = [(x, x.starting(table.duration)) for x in table if x.status == "decaying"]
+    starts = [(x, x.amplitude_at_start(table.duration)) for x in table if x.status == "decaying"]
     told = [f"{why[0].upper()}{why[1:]}." for why in _not_tracking_reasons(table, scenario)]
     told += [_noise_line_note(x, table) for x in table if x.status == NOISE_DRIVEN and x.is_mode]
     return told + [
@@ -415,7 +415,7 @@ def _not_tracking_reasons(table: LineTable, scenario: Scenario | None) -> list[s
 
 
 def _noise_line_note(line: Line, table: LineTable) -> str:
-    """What is known of a line of which the record is one draw."""
+    """Note on a line of which the record is one draw."""
     seeds = table.over_seeds(line.name)
     if seeds is not None:
         told = (
@@ -528,7 +528,7 @@ def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
     for x in table:
         outside = not limit.holds(*_frequency_with_bound(x))
         if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.torque:
-            yield f"what {x.name} makes while it grows within the record (a longer record.settle)"
+            yield f"what {x.name} makes while it grows within the record (increase record.settle)"
 
 
 def _certainly_within(one: Margin, limit: Limit) -> Margin:
@@ -548,13 +548,13 @@ def _certainly_within(one: Margin, limit: Limit) -> Margin:
 
 
 def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
-    """What the drive may have above the highest frequency examined."""
+    """Gap above the highest frequency examined."""
     top = PASSBAND * table.sample_rate
     if limit.high <= top:
         return []
     start = max(top, limit.low)
     if scenario is None:
-        return [f"what is above {start:.4g} Hz (a higher record.sample_rate)"]
+        return [f"what is above {start:.4g} Hz (increase record.sample_rate)"]
     large = [
         (one, np.flatnonzero(one.most > limit.torque))
         for one in out_of_band_lines(scenario, table, start, limit.high)

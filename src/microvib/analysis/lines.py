@@ -37,7 +37,7 @@ from microvib.model.scenario import (
     Scenario,
     as_scenario,
     stands_for_scenario,
-    starting,
+    with_start,
 )
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
 from microvib.signals.fourier_lines import lines_of_series
@@ -67,7 +67,7 @@ MAX_CLOCK_OFFSET = 1.1 * CLOCK_TOLERANCE
 further.
 """
 HARMONICS_RANGE = 0, 10_000
-"""Of a family of lines, as many as may be asked for."""
+"""Allowed number of lines in a family."""
 _MIN_DURATION = 2.0
 """Length of a recording [s] in which lines are looked for."""
 
@@ -96,7 +96,7 @@ class Steady:
 
     @cached_property
     def invariants(self) -> Invariants:
-        """What should have held; the motion is run once more for it, with all channels."""
+        """Invariants; the motion is run once more for them, with all channels."""
         if isinstance(self.source, SteadyState):
             return self.source.invariants
         return simulate_from_rest(self.source.scenario, channels=("T_d",)).invariants
@@ -140,8 +140,8 @@ def find_lines(
     start: Start | None = None,
     scenario: GivenScenario | None = None,
 ) -> LineTable:
-    """Find every line that the physics predicts in the disturbance torque, and what stands out
-    besides: named, with frequency, amplitude and phase.
+    """Find every line that the physics predicts in the disturbance torque, and all others above
+    the noise floor: named, with frequency, amplitude and phase.
 
     Of a steady state lines are exact; of samples they are estimated
     (``microvib.signals.line_fit``). What is looked for follows from the scenario
@@ -164,7 +164,7 @@ def find_lines(
         no steady state the scenario is simulated from rest, and ``table.source`` says why.
     scenario : Scenario, str or path, optional
         Of a recording: the drive that was measured. Its clock is then searched within
-        CLOCK_TOLERANCE. Without it, lines that stand out are found and not named.
+        CLOCK_TOLERANCE. Without it, lines above the noise floor are found and not named.
 
     Returns
     -------
@@ -191,11 +191,13 @@ def find_lines(
     expect_channel(channel)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
     if stands_for_scenario(source):
-        source, why = _solve(starting(as_scenario(source), start), channel)
+        source, why = _solve(with_start(as_scenario(source), start), channel)
         table = find_lines(source, channel, harmonics)
         return replace(table, source=f"{table.source}{why}")
     if start is not None:
-        raise OptionError("start", "is how a scenario's motion begins; this source has begun")
+        raise OptionError(
+            "start", "applies to a scenario; this source is already simulated or recorded"
+        )
     if isinstance(source, Steady):
         source = source.source
     if isinstance(source, SteadyState):
@@ -259,7 +261,7 @@ def lines_of_samples(
     ``scenario``'s record.
 
     The clock of a simulated torque is the scenario's. That of a ``measured`` one is searched within
-    CLOCK_TOLERANCE, its array modes within MODE_TOLERANCE. Without a scenario, lines that stand out
+    CLOCK_TOLERANCE, its array modes within MODE_TOLERANCE. Without a scenario, those above the floor
     are found and not named. What noise alone gives a line is known of the ``disturbance`` torque.
     """
     expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
@@ -387,7 +389,7 @@ def _relabel_lasting_lines(table: LineTable, ended: Collection[str]) -> LineTabl
             continue
         number += 1
         name = str(LineName(UNLISTED, number))
-        origin = f"steady, at the frequency of {x.name}, whose ringing has died away: a sideband, or kept going by friction"
+        origin = f"steady, at the frequency of {x.name}, which has decayed: a sideband, or self-excited by friction"
         rows.append(replace(x, name=name, kind="other", origin=origin, expected=x.frequency))
         nothing: dict[str, Any] = dict.fromkeys(
             ("frequency", "amplitude", "phase", "decay"), math.nan
@@ -477,7 +479,7 @@ def lines_by_name(
 def named_or_modes(
     expected: Sequence[ExpectedLine], names: Collection[str]
 ) -> tuple[ExpectedLine, ...]:
-    """Those of the ``expected`` lines that are called by these ``names`` or are array modes."""
+    """Select the ``expected`` lines that are called by these ``names`` or are array modes."""
     return tuple(line for line in expected if line.name in names or line.is_mode)
 
 
@@ -519,7 +521,7 @@ _MIN_COMB_LINES = 3
 
 
 def _largest_harmonic_series(others: Sequence[Line], duration: float) -> Iterator[Line]:
-    """Those of the lines that are multiples of the lowest of them which has most, but the mains'."""
+    """Largest set of lines that are multiples of one of them, mains harmonics left out."""
     each = [x for x in others if not near_mains(x.frequency, duration)]
     combs: list[list[Line]] = [
         [x for x in each if abs(x.frequency - round(x.frequency / first.frequency) * first.frequency) * duration < 0.5]
@@ -538,13 +540,12 @@ def rate_warnings(clock_ratio: float | None) -> Iterator[str]:
     if abs(off) > MAX_CLOCK_OFFSET:
         yield (
             f"the step clock is {100.0 * abs(off):.2g} % {'above' if off > 0.0 else 'below'} the"
-            " scenario's: set tracking.rate to"
-            " what was commanded in this recording, or name the recording of this scenario"
+            " scenario's: set tracking.rate to the rate commanded in this recording, or use the recording of this scenario"
         )
 
 
 def clock_warnings(table: LineTable) -> Iterator[str]:
-    """What speaks against a recording being of the scenario's drive at its rate: a sentence each."""
+    """Reasons to question that a recording is of the scenario's drive at its rate, a sentence each."""
     clock = [x for x in table if x.kind and x.of_clock]
     yield from rate_warnings(table.clock_ratio)
     yield from _no_motion_warnings(table, clock)
@@ -600,7 +601,7 @@ def clock_and_mains_warnings(table: LineTable) -> Iterator[str]:
 
 
 _MIN_CLOCK_LINES = 3
-"""Lines of the clock that stand out, from which a channel may be the one about the drive's axis."""
+"""Lines of the clock above the noise floor from which a channel may be the one about the drive axis."""
 
 
 def channel_warnings(

@@ -73,7 +73,7 @@ class Margin:
 
     line: Line
     amplitude: float
-    """What is judged [N m]: the line's amplitude, where it decays that at the start of the record,
+    """Judged amplitude [N m]: the line's amplitude, where it decays that at the start of the record,
     where it was not found what it may have at most."""
     factor: float
     """Limit over amplitude."""
@@ -148,7 +148,7 @@ def _judge_record(
         largest = max(found, line.hidden)
         return _passes(largest, largest, most, "below the noise floor; increase record.duration")
     if line.status in ("decaying", "growing"):
-        start = line.starting(table.duration)
+        start = line.amplitude_at_start(table.duration)
         largest = max(start, amplitude) + error_bound
         why = settling_advice(line, largest / most, scenario)
         if line.status == "growing":
@@ -177,7 +177,8 @@ def _judge_beside_ringing(
     amplitude = line.amplitude
     falling = [x for x in ringing if x.status != NOISE_DRIVEN]
     rings = sum(
-        x.amplitude if x.status == NOISE_DRIVEN else x.starting(table.duration) for x in ringing
+        x.amplitude if x.status == NOISE_DRIVEN else x.amplitude_at_start(table.duration)
+        for x in ringing
     )
     clear = abs(amplitude - most) - amplitude_error_bound(line, table)
     stirred = _ringing_factor(scenario) * min(rings, amplitude)
@@ -212,8 +213,8 @@ def _shared_bins_reason(
         return ""
     if beside := _ringing_beside(line, table):
         return (
-            f"not resolved from {beside.name} at {beside.place:.5g} Hz, which is no line of the"
-            " clock; a longer record.duration or record.settle"
+            f"not resolved from {beside.name} at {beside.place:.5g} Hz, which is not a "
+            "clock line; increase record.duration or record.settle"
         )
     if line.of_clock and line.amplitude - error_bound > SHARED_BINS_FACTOR * most:
         return ""
@@ -234,7 +235,7 @@ def _ringing_beside(line: Line, table: LineTable) -> Line | None:
 
 
 def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: Scenario) -> str:
-    """What else may stand within the ``resolution`` [Hz] of a line and what would tell them apart:
+    """Other lines that may lie within the ``resolution`` [Hz] of a line and what would tell them apart:
     a line of the clock, or a mode that may still ring and is not seen; empty without one.
     """
     if line.of_clock:
@@ -245,7 +246,7 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
     apart = distance_to_clock_line(scenario, nominal, frequency_error)
     if apart < resolution:
         longer = rounded_up(SEPARATION / apart)
-        return f"not resolved from a line of the clock; record.duration >= {longer} s"
+        return f"not resolved from a clock line; record.duration >= {longer} s"
     for mode in unseen_ringing_modes(table, scenario):
         if abs(mode.frequency - line.place) < resolution:
             return f"not resolved from {mode.name}, which may still ring; increase record.settle"
@@ -253,7 +254,7 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
 
 
 def shared_amplitude_bound(line: Line, table: LineTable, scenario: Scenario | None) -> float:
-    """What a line and those that the record is too short to tell from it may have at most [N m]."""
+    """Upper bound [N m] of a line together with those that the record is too short to resolve from it."""
     largest = largest_amplitude(line, table)
     if scenario is None or table.rest is None or not largest > 0.0:
         return largest
@@ -277,7 +278,7 @@ def amplitude_error_bound(line: Line, table: LineTable) -> float:
 
 
 def largest_amplitude(line: Line, table: LineTable) -> float:
-    """What a line may have at most in the record and, where it decays, at its start [N m]; 0 of one
+    """Upper bound of a line in the record and, where it decays, at its start [N m]; 0 of one
     without a figure that another line hides, and infinite where it grows.
     """
     if line.status == "growing":
@@ -286,12 +287,12 @@ def largest_amplitude(line: Line, table: LineTable) -> float:
         return amplitude_bound(line)
     if not math.isfinite(line.amplitude):
         return line.hidden
-    size = max(line.amplitude, line.starting(table.duration))
+    size = max(line.amplitude, line.amplitude_at_start(table.duration))
     return max(size + amplitude_error_bound(line, table), line.hidden)
 
 
 def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> str:
-    """What to do about a tone that is ``too_large`` by this factor until it has decayed."""
+    """Advice on a tone that is ``too_large`` by this factor until it has decayed."""
     if line.status == "growing":
         return "it grows within the record"
     longer = math.log(max(too_large, 1.0)) / line.decay
@@ -357,7 +358,7 @@ def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple
 
 
 def amplitude_bound(line: Line) -> float:
-    """What a line without a figure of its own may have at most [N m]: what its floor hides, or
+    """Upper bound [N m] of a line without an estimated amplitude: what its floor hides, or
     BEYOND times the bin that it shares with others, for there they may cancel in part."""
     if line.hidden > 0.0:
         return line.hidden

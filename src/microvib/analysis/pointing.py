@@ -1,6 +1,4 @@
-"""What a run on a craft says of the hub: lines of its six loads and of its line of sight, and what
-they cost in each window.
-"""
+"""Hub of a run on a spacecraft: lines of its six loads and of its line of sight, and their contributions to each window."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 
 CONFIDENCE = 0.997
 NOISE_LABEL = "torque noise"
-"""What a ranking calls the noise of the output's friction."""
+"""Name of the output friction's noise in a ranking."""
 FREQUENCY_TOLERANCE = 1e-6
 """Relative distance of frequencies up to which lines are of one frequency."""
 
@@ -62,7 +60,7 @@ class HubLines:
     rings: tuple[str, ...] = ()
     """Lines that ring after the start and die away, or may do so; sums count them with their mean."""
     drives: tuple[HubLines, ...] = ()
-    """What each of two drives makes by itself, where two are added here; empty of one."""
+    """Lines of each of two drives alone, if two are added here; empty for one."""
 
     @property
     def windows(self) -> tuple[float, ...]:
@@ -84,7 +82,7 @@ class HubLines:
 
     @cached_property
     def lasting(self) -> np.ndarray:
-        """The same without the lines that noise drives."""
+        """Lines without those that noise drives."""
         return (
             self.amplitude
             * np.array([name not in self.driven for name in self.names], dtype=bool)[:, None]
@@ -210,7 +208,7 @@ class HubLines:
                 }  # fmt: skip
 
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` says of the line of sight."""
+        """Line of sight in ``summary.json``."""
         f, squares = self.frequency, 0.5 * self.lasting**2
         if self.density is not None:
             grid, S = self.density

@@ -76,7 +76,7 @@ def compare_with_reference(scenario: Scenario, table: LineTable) -> list[Referen
 
 
 def comparison_worth(scenario: Scenario) -> str:
-    """What a comparison with the reference lines is worth: whether parameters were identified from
+    """Status of a comparison with the reference lines: whether parameters were identified from
     them, are assumed, or changed since.
     """
     texts = {
@@ -87,10 +87,8 @@ def comparison_worth(scenario: Scenario) -> str:
     if USER_SOURCE in texts:
         return "some parameters were changed by the user: neither calibrated nor a prediction of the catalog's drive"
     if is_calibrated(scenario):
-        return "calibrated, not predicted: parameters were identified from these very figures"
-    return (
-        "with assumed parameters: neither calibrated nor a prediction that the test could confirm"
-    )
+        return "calibrated, not predicted: parameters were identified from these same measurements"
+    return "assumed parameters: neither calibrated nor a prediction that the test can confirm"
 
 
 def is_calibrated(scenario: Scenario) -> bool:

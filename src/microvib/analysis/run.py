@@ -26,12 +26,12 @@ from microvib.analysis.lines import (
     lines_of_steady_state,
 )
 from microvib.analysis.pointing import HubLines
-from microvib.analysis.seeds import MOST_SEEDS, check_seeds, with_seeds
+from microvib.analysis.seeds import MAX_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import whole_number
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.record import Start
-from microvib.model.scenario import GivenScenario, Scenario, as_scenario, starting
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario, with_start
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Invariants, Motion
@@ -40,7 +40,7 @@ from microvib.solve.steady.state import SteadyState, find_steady
 
 @dataclass(frozen=True)
 class RunResult:
-    """What one run found."""
+    """Result of a run."""
 
     scenario: Scenario
     table: LineTable
@@ -57,7 +57,7 @@ class RunResult:
     fallback: str = ""
     """Why a steady state that was asked for was not found; the run then began at rest."""
     second: RunResult | None = None
-    """What the second wing's drive does by itself, where it is driven and more than lines of T_d
+    """Result of the second wing's drive alone, where it is driven and more than lines of T_d
     was kept.
     """
 
@@ -78,7 +78,7 @@ class RunResult:
 
     @cached_property
     def hub(self) -> HubLines | None:
-        """Lines of what the hub of a craft feels and does; None on firm ground, and where no more
+        """Lines of what the hub of a craft feels and does; None on a fixed base, and where no more
         than T_d was kept.
         """
         source = self.state or self.motion
@@ -135,9 +135,9 @@ def run_scenario(  # noqa: PLR0913 - keyword options
     OptionError
         For ``harmonics`` or ``seeds`` out of their range, and for seeds without noise.
     """
-    scenario = starting(as_scenario(scenario), start)
+    scenario = with_start(as_scenario(scenario), start)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
-    if whole_number("seeds", seeds, 0, MOST_SEEDS):
+    if whole_number("seeds", seeds, 0, MAX_SEEDS):
         check_seeds(scenario, seeds)
     if progress is not None:  # a steady state tells nothing while it is sought
         progress(0.0, scenario.record.settle + scenario.record.duration)
@@ -173,9 +173,7 @@ def _solve_one(
 
 
 def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int) -> RunResult:
-    """What a steady state says, or a motion, or both of one drive; and the same of the second
-    wing's.
-    """
+    """Result from a steady state, a motion or both, of one drive and of the second wing's."""
     source = state or motion
     assert source is not None
     if isinstance(source, SteadyState):
@@ -183,8 +181,8 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
     else:
         table = lines_of_motion(source, "T_d", harmonics)
     solver, second = source.solver, None
-    if source.beside is not None:
-        second = _result_of(state and state.beside, motion and motion.beside, harmonics)
+    if source.second_wing is not None:
+        second = _result_of(state and state.second_wing, motion and motion.second_wing, harmonics)
     if motion is not None:
         found = error_of_motion(motion, table)
         table, solver = with_integration_error(table, found), add_error_estimate(solver, found)
@@ -197,7 +195,7 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
         motion = replace(
             motion,
             solver=add_error_estimate(motion.solver, found),
-            beside=None if second is None else second.motion,
+            second_wing=None if second is None else second.motion,
         )
     elif state is not None:
         found = steady_accuracy(state, table)
@@ -210,7 +208,7 @@ def _result_of(state: SteadyState | None, motion: Motion | None, harmonics: int)
 def lines_of_second(motion: Motion, table: LineTable) -> LineTable | None:
     """Lines of the second wing's drive in a run's motion, as many as the first's ``table`` has,
     which know how far they are off where the run asked; None where it is not driven."""
-    beside = motion.beside
+    beside = motion.second_wing
     if beside is None:
         return None
     second = lines_of_motion(beside, "T_d", table.harmonics)

@@ -18,7 +18,7 @@ from microvib.signals.line_table import Line, LineTable, SeedLine
 from microvib.solve.batch import Torque, simulate_torques
 
 QUANTILE, CONFIDENCE = 0.95, 0.95
-MOST_SEEDS = 100_000
+MAX_SEEDS = 100_000
 
 
 def seeds_of(scenario: Scenario, draw: int) -> dict[str, int]:
@@ -43,8 +43,8 @@ def check_seeds(scenario: Scenario, number: int) -> None:
             "sets the number of noise draws, but this scenario has no noise"
             " (friction.torque_noise)",
         )
-    if not 2 <= number <= MOST_SEEDS:
-        raise OptionError("seeds", f"{number} is not allowed; 2 to {MOST_SEEDS} draws are expected")
+    if not 2 <= number <= MAX_SEEDS:
+        raise OptionError("seeds", f"{number} is not allowed; 2 to {MAX_SEEDS} draws are expected")
 
 
 def with_seeds(

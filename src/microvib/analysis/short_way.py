@@ -83,9 +83,9 @@ class Difference:
     los_error: float
     """Length of the difference of the complex pairs over that of the coupled one."""
     load_error: float
-    """The same of the moments about the interface point."""
+    """Relative difference of the moments about the interface point."""
     share: float
-    """Of this line in the coupled line of sight's mean square."""
+    """Share of this line in the mean square of the coupled line of sight."""
 
 
 def method_differences(

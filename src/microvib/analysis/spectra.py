@@ -15,7 +15,7 @@ from microvib.testdata.recording import Recording, check_samples
 from microvib.units import GivenQuantity
 
 Sampled = Motion | Torque | Recording
-"""What has samples: of many channels, of T_d alone, of what was measured."""
+"""Sources with samples: of many channels, of T_d alone, or measured."""
 SAMPLED = "a motion (mv.simulate) or a recording (mv.read_recording)"
 
 
@@ -35,14 +35,17 @@ def samples_of(
     if isinstance(source, Motion):
         name = channel or "T_d"
         own = scalar_channel(source.channels, name, source.scenario, source.time)
-        return own if source.beside is None else source[name], source.sample_rate, unit_of(name)
+        return (
+            own if source.second_wing is None else source[name],
+            source.sample_rate,
+            unit_of(name),
+        )
     if isinstance(source, Recording):
         name = channel or "Mz"
         return check_samples(source, name), source.sample_rate, source.units.get(name, "")
     if channel not in ("", "T_d"):
         raise ChannelError(
-            f"channel '{channel}' is not in this torque; there is T_d alone, and mv.simulate gives"
-            " all"
+            f"channel '{channel}' is not in this torque, which has T_d only; mv.simulate keeps all channels"
         )
     return source.T_d, source.sample_rate, "N*m"
 

@@ -1,4 +1,4 @@
-"""What the start leaves in a record: how long it rings, and how far the drive is wound up before
+"""Start-up transient in a record: how long it rings, and how far the drive is wound up before
 its array turns.
 """
 
@@ -105,7 +105,7 @@ def not_moving_reason(scenario: Scenario) -> str:
     if math.isinf(needed):
         return "the array does not turn: the breakaway torque of its friction exceeds the motor torque (increase motor.current)"
     remedy = f"settle >= {rounded_up(end + (needed - turned) / abs(rate))} s"
-    held = f"friction holds it until the drive is wound up by {math.degrees(needed):.3g} deg"
+    held = f"static friction holds the output shaft until wind-up reaches {math.degrees(needed):.3g} deg"
     return f"the array does not turn yet: {held} ({remedy})"
 
 
@@ -139,7 +139,7 @@ def _commanded_travel(scenario: Scenario, end: float) -> tuple[float, float, boo
 
 
 def full_step_is_longer(scenario: Scenario, duration: float) -> str:
-    """What a record of ``duration`` [s] is too short for, and how long it must be: a motion that
+    """Motion that a record of ``duration`` [s] is too short for, and the length it needs: a motion that
     slips but once in a full step; empty where the record holds one.
     """
     if not scenario.driving_frequency:

@@ -51,7 +51,7 @@ def may_be_larger(table: LineTable, low: float, high: float, limit: float) -> It
         if one.high >= low and one.low <= high and _largest(table, one) > limit
     ]
     for group in joined(above):
-        yield max(group, key=lambda one: one.rms).told()
+        yield max(group, key=lambda one: one.rms).sentence()
 
 
 def blurred(table: LineTable, line: Line) -> bool:
@@ -69,7 +69,7 @@ def steadiness_notes(table: LineTable) -> Iterator[str]:
     largest = max([table.largest, *(one.amplitude for one in table.excess)])
     bands = [one for one in table.excess if _hides_clock_line(table, one, _LARGE * largest)]
     for group in joined(bands):
-        yield max(group, key=lambda one: one.rms).told()
+        yield max(group, key=lambda one: one.rms).sentence()
 
 
 def _hides_clock_line(table: LineTable, one: Excess, least: float) -> bool:
@@ -83,7 +83,7 @@ def _hides_clock_line(table: LineTable, one: Excess, least: float) -> bool:
 
 
 def _largest(table: LineTable, one: Excess) -> float:
-    """What a line in the band may reach: the largest that is known, and all that is beyond them on
+    """Upper bound of a line in the band: the largest that is known, and all that is beyond them on
     top.
     """
     sizes = (x.amplitude for x in table if x.seen and one.low <= x.place <= one.high)

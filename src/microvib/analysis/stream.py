@@ -87,7 +87,7 @@ def _equal_blocks(run: Simulation, size: int) -> Iterator[np.ndarray]:
 
 
 def _bin_sums(block: np.ndarray, start: int, numbers: list[int], samples: int) -> np.ndarray:
-    """What a block from the sample ``start`` on adds to the Fourier sums of the whole record, at
+    """Contribution of a block from the sample ``start`` on to the Fourier sums of the whole record, at
     the bins ``numbers``.
 
     The block is cut into rows of ``_ROW`` samples. Along a row the phase of a bin runs alike in all
@@ -158,7 +158,7 @@ def _mean_line(blocks: list[Line]) -> Line:
 
 
 def _rest_of_blocks(tables: list[LineTable]) -> ResidualPeaks:
-    """What no line of the first block accounts for, in any block."""
+    """Residual of all blocks that no line of the first block accounts for."""
     left = [table.rest for table in tables if table.rest is not None]
     left += [_unmatched_peaks(table, tables[0]) for table in tables[1:]]
     rest = ResidualPeaks.of(

@@ -57,7 +57,7 @@ def shaft_torques(lines: HubLines) -> np.ndarray:
 def hub_response(
     scenario: Scenario, frequency: np.ndarray, torque: np.ndarray, *, at_second: bool = False
 ) -> HubResponse:
-    """What ``torque`` (k, c), as of ``shaft_torques``, makes at each ``frequency`` (k,) [Hz] of the
+    """Response to ``torque`` (k, c), as from ``shaft_torques``, at each ``frequency`` (k,) [Hz] of the
     craft of a scenario.
 
     Loads are those at its interface, or ``at_second`` at that of its second wing.

@@ -1,5 +1,4 @@
-"""What may stand above the highest frequency that a record shows, line by line, and how large it
-may be at most.
+"""Upper bounds, line by line, above the highest frequency of a record.
 
 Of what the step clock makes, the linearised drive says how large it gets from what pulls at the
 rotor: the command's staircase and its side lines, the detent torque, errors of the driver. What
@@ -63,7 +62,7 @@ class OutOfBandLines:
     frequency: np.ndarray
     """[Hz], (n,), ascending."""
     most: np.ndarray
-    """Of T_d [N m], 0-to-peak, (n,)."""
+    """Upper bounds in T_d [N m], 0-to-peak, (n,)."""
     pull: np.ndarray
     """Torques that make them, by which the line of sight follows [N m], (n,)."""
     on_output: bool = False
@@ -76,7 +75,7 @@ class OutOfBandLines:
     """Whether there may be lines above these, too, no larger than the last."""
 
     def within(self, low: float, high: float) -> OutOfBandLines:
-        """Those between two frequencies [Hz], which belong to it."""
+        """Lines between two frequencies [Hz], which are included."""
         first = int(np.searchsorted(self.frequency, low))
         last = int(np.searchsorted(self.frequency, high, "right"))
         if self.between and self.frequency.size and high >= self.frequency[0]:
@@ -97,7 +96,7 @@ class OutOfBandLines:
 def out_of_band_lines(
     scenario: Scenario, table: LineTable, start: float, high: float
 ) -> Iterator[OutOfBandLines]:
-    """What the drive of ``scenario`` may have between ``start``, the edge of the passband of the
+    """Upper bounds on lines of the drive of ``scenario`` between ``start``, the edge of the passband of the
     record, and ``high`` [Hz].
 
     ``table`` has the lines of the record.
@@ -119,7 +118,7 @@ def out_of_band_lines(
 def nonlinear_torque_bounds(
     scenario: Scenario, start: float, high: float
 ) -> Iterator[OutOfBandLines]:
-    """What friction, backlash and hysteresis may make at any frequency between two [Hz].
+    """Upper bounds of the torques of friction, backlash and hysteresis at any frequency between two [Hz].
 
     Each is a torque beside the linear drive that never exceeds a size of its own: whatever it does,
     the root mean square of its lines together is at most that size, and one line at most sqrt(2)
@@ -169,7 +168,7 @@ def _frequency_grid(scenario: Scenario, start: float, high: float) -> np.ndarray
 def clock_line_bounds(
     scenario: Scenario, start: float, high: float, known: int = 0
 ) -> Iterator[OutOfBandLines]:
-    """What the step clock makes: driving lines and their side lines, full-step and electrical
+    """Upper bounds on lines of the step clock: driving lines and their side lines, full-step and electrical
     lines, lines of the gear train.
 
     The first ``known`` driving lines are left out.
@@ -309,7 +308,7 @@ def output_torque_gain(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:
 def _extrapolated_bounds(
     scenario: Scenario, table: LineTable, start: float, high: float
 ) -> Iterator[OutOfBandLines]:
-    """What stands in the two highest octaves of the record, as torques on rotor or output would
+    """Extrapolation of the two highest octaves of the record, as torques on rotor or output would
     carry it on.
 
     Such torques have jumps at most, whose lines fall as their frequency rises.

@@ -63,7 +63,7 @@ from microvib.errors import OptionError
 @click.option(
     "--short-way",
     is_flag=True,
-    help="Also go by blocked loads and apparent masses, and state the error against the coupled run.",
+    help="Also use the blocked-load method (blocked loads and apparent masses), and report its error against the coupled run.",
 )
 @click.option(
     "--steady",
@@ -73,12 +73,12 @@ from microvib.errors import OptionError
 @click.option(
     "--angles",
     metavar="FIRST:LAST:STEP",
-    help="Judge each requirement at the worst of these angles of the array, e.g. 0:330:30 (degrees), or a list, 0,45,90.",
+    help="Assess each requirement at the worst of these array angles, e.g. 0:330:30 (degrees), or a list, 0,45,90.",
 )
 @click.option(
     "--orbit",
     is_flag=True,
-    help="Judge each requirement at the worst angle of a turn of the array; with --angles, from the first to the last.",
+    help="Assess each requirement at the worst array angle of one revolution; with --angles, between the first and the last.",
 )
 @harmonics_option
 @set_option
@@ -90,7 +90,7 @@ def budget(
     orbit: bool, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Judge the line of sight of a craft against requirements. SCENARIO is the drive on its craft;
+    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is the drive on its craft;
     further ones are other drives on the same craft."""
     from microvib.io.recordings import read_prepared
     from microvib.reports.budget import budget_outcome
@@ -100,7 +100,9 @@ def budget(
 
     if recording is None and prepare is not None:
         raise OptionError(
-            "prepare", "says how a recording is prepared; name one", remedy="recording"
+            "prepare",
+            "describes how a recording is prepared; give a recording as well",
+            remedy="recording",
         )
     if recording is None:
         measured = None

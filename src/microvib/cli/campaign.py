@@ -26,8 +26,8 @@ folder_argument = click.argument("folder", metavar="DIR", type=PATH)
 
 @click.group()
 def campaign() -> None:
-    """Many runs of one scenario: a study file says what varies, DIR holds everything, and computed
-    cases are never lost.
+    """Run one scenario many times: a study file declares what varies, DIR holds all results, and
+    computed cases survive an interruption.
 
     create STUDY DIR, then run DIR; after an interruption, resume DIR; report DIR at any time.
     """
@@ -59,12 +59,12 @@ def create(study: Path, folder: Path, chunk: int | None) -> None:
 
 
 def _opened(folder: Path) -> Campaign:
-    """The campaign of a folder; what had to be mended is said."""
+    """The campaign of a folder; a repaired manifest is reported."""
     from microvib.studies.campaign.folder import open_campaign
 
     opened = open_campaign(folder)
-    if opened.mended:
-        echo(opened.mended, err=True)
+    if opened.repair_note:
+        echo(opened.repair_note, err=True)
     return opened
 
 

@@ -1,4 +1,4 @@
-"""What commands share: options, scenarios with their changes, the folder that results go into."""
+"""Shared parts of the commands: options, scenarios with their changes, the folder that results go into."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ harmonics_option = click.option(
     "--harmonics",
     default=8,
     type=click.IntRange(1, 200),
-    help="How many members of each family of lines to look for.",
+    help="Lines to look for in each family (drive_1 to drive_N, ...).",
 )
 
 
@@ -90,7 +90,7 @@ def with_precompilation(command: Command) -> Command:
 
 
 def _form(pdf: bool, report_data: Path | None) -> Form:
-    """What is asked of the report; a library that is missing and wrong data are told before
+    """Form of the report that is asked for; a library that is missing and wrong data are told before
     anything is computed.
     """
     if pdf:
@@ -180,7 +180,7 @@ def target_options(
                 check_folder(out, overwrite)
             elif form.pdf:
                 raise OptionError(
-                    "pdf", "the report is written into a folder; name one", remedy="out"
+                    "pdf", "the report is written into a folder; give one", remedy="out"
                 )
             command(*arguments, target=Target(out, overwrite, form), **options)
 
@@ -227,7 +227,7 @@ def load_guide(source: str | None) -> Scenario | None:
 
 
 def read_preparation(file: Path | None) -> Preparation | None:
-    """What a preparation file says; None without one."""
+    """Contents of a preparation file; None without one."""
     from microvib.io.recordings import load_preparation
 
     if file is None:

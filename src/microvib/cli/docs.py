@@ -47,8 +47,7 @@ def build_site() -> None:
                 != 0
             ):
                 raise MicrovibError(
-                    "the site was not built, for the reasons above; the one that was there is"
-                    " unchanged"
+                    "the site was not built (reasons above); the previous one is unchanged"
                 )
             put_in_place(new, SITE, space)
     except OSError as error:

@@ -19,7 +19,10 @@ from microvib.io.questions import QUESTIONS
 if TYPE_CHECKING:
     from microvib.io.gears import Entry
 
-_HYSTERESIS = "The gear's hysteresis is in the file as a comment, under reducer: a maker's bound, which would stiffen and damp."
+_HYSTERESIS = (
+    "The gear's hysteresis is in the file as a comment, under reducer: a "
+    "manufacturer's bound; active, it adds stiffness and damping."
+)
 
 
 def _option(key: str) -> str:
@@ -31,8 +34,8 @@ def _option(key: str) -> str:
 @click.option(
     "--from-datasheet",
     is_flag=True,
-    help="Start from a data sheet, given by the options below or, without any, asked for on the terminal."
-    " What it lacks is assumed.",
+    help="Start from a data sheet: its values from the options below or, without any, asked "
+    "for on the terminal. Missing values are assumed.",
 )
 @options(
     *(
@@ -59,9 +62,11 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
             missing = {}
         write_file(file, new_text(**sheet))
         if sheet:
-            _print_assumptions("Assumed of the gear, since the catalog does not say:", missing)
+            _print_assumptions("Assumed for the gear (not in the catalog):", missing)
             echo(_HYSTERESIS)
-            echo("Motor, driver, friction (the gear's too), array and tracking are examples.")
+            echo(
+                "Motor, driver, friction (with the gear's), array and tracking are example values."
+            )
         echo(f"Written: {file}. Edit it, then: microvib run {shlex.quote(str(file))}")
         return
     if sheet:
@@ -70,15 +75,15 @@ def new(file: Path, from_datasheet: bool, **given: str | None) -> None:
         text, missing = _questionnaire()
     write_file(file, text)
     _print_assumptions(
-        "Assumed, since the data sheet does not say:"
+        "Assumed (not in the data sheet):"
         if missing
-        else "Nothing of the drive had to be assumed.",
+        else "No value of the drive had to be assumed.",
         missing,
     )
     if "# hysteresis: {loss" in text:
         echo(_HYSTERESIS)
     echo(
-        f"Friction, array and tracking are examples. Written: {file}. Now: microvib run"
+        f"Friction, array and tracking are example values. Written: {file}. Now: microvib run"
         f" {shlex.quote(str(file))}"
     )
 
@@ -91,7 +96,7 @@ def _print_assumptions(head: str, assumed: dict[str, Entry]) -> None:
 
 
 def _questionnaire() -> tuple[str, dict[str, Entry]]:
-    """What ``sheet_text`` makes of the answers of a person at the terminal; OptionError where there
+    """Text of ``sheet_text`` from the answers of a person at the terminal; OptionError where there
     is none.
 
     Answers that contradict each other are asked for again, and the others kept.
@@ -99,13 +104,12 @@ def _questionnaire() -> tuple[str, dict[str, Entry]]:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         known = ", ".join(map(_option, QUESTIONS))
         raise OptionError(
-            "from_datasheet", f"there is no terminal to ask on; give at least one of {known}"
+            "from_datasheet", f"no terminal to ask questions on; give at least one of {known}"
         )
     from microvib.io.new_scenario import sheet_text
 
     echo(
-        "What does the data sheet say? Leave empty what it does not; a typical value is then"
-        " assumed."
+        "Enter the data sheet's values; leave empty those that it does not state, and a typical value is assumed."
     )
     answers: dict[str, str] = {}
     for key in QUESTIONS:

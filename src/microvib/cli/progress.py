@@ -92,7 +92,7 @@ class progress_bar:
         return self._bar is None and not self._rates and not self._lines
 
     def say(self, text: str) -> None:
-        """What is being done, where nobody knows how much of it there is."""
+        """Show a step of unknown length."""
         self._begin()
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], description=text)

@@ -40,7 +40,7 @@ MIN_CASES_FOR_PROCESSES = 40
 @click.option(
     "--keep-away",
     metavar="PART",
-    help="Distance that the rate must keep from resonances, e.g. '5 percent' of the rate.",
+    help="Smallest separation of the rate from resonances, e.g. '5 percent' of the rate.",
 )
 @click.option(
     "--linear",

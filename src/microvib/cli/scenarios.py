@@ -39,7 +39,7 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.option(
     "--lines-only",
     is_flag=True,
-    help="Write no motion and no report: memory stays bounded however long the run is.",
+    help="Write lines only, no motion and no report: memory does not grow with the record.",
 )
 @harmonics_option
 @click.option(
@@ -55,12 +55,13 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.option(
     "--orbit",
     is_flag=True,
-    help="Lines and windows over one turn of the array, from steady states; with --angles, from the first of them to the last.",
+    help="Lines and pointing windows over one revolution of the array, from steady states; "
+    "with --angles, between the first and the last.",
 )
 @click.option(
     "--seeds",
     type=click.IntRange(2, 100_000),
-    help="Run this many draws of the noise: mean, deviation and 95 % quantile of each line, to which a limit then applies.",
+    help="Number of noise draws: mean, deviation and 95 % quantile of each line; a limit then applies to the quantile.",
 )
 @limit_options
 @report_options
@@ -86,7 +87,7 @@ def run(
             option = "orbit" if orbit else "angles"
             raise OptionError(
                 option,
-                "goes neither with a limit nor with lines alone nor with seeds; leave them out",
+                "cannot be combined with limit, lines_only or seeds; leave them out",
             )
         (_run_orbit if orbit else _run_angles)(
             loaded, angles, harmonics, Target(out, overwrite, form)
@@ -176,7 +177,7 @@ def schema() -> None:
     "-o",
     "--output",
     type=PATH,
-    help="The one file to write, .html or .pdf [default: report.html of the folder, with --pdf report.pdf too].",
+    help="File to write, .html or .pdf [default: report.html of the folder, with --pdf report.pdf too].",
 )
 @report_options
 @click.option("--overwrite", is_flag=True, help="Replace an existing --output file.")
@@ -239,7 +240,7 @@ def _check(targets: list[Path], form: Form, again: bool) -> None:
 def _limit(
     kept: tuple[float, float, float] | None, limit: str | None, band: str | None
 ) -> Limit | None:
-    """What lines are judged by: what is asked for, and for the rest what the run was judged by."""
+    """Limit and band: those given, and otherwise those of the run."""
     from microvib.analysis.limits import Limit
     from microvib.units import Si
     from microvib.units import band as ends
@@ -247,7 +248,7 @@ def _limit(
     if limit == "none":
         if band is not None:
             raise OptionError(
-                "band", "says where a limit applies; it cannot be combined with --limit none"
+                "band", "is the band of a limit; it cannot be combined with --limit none"
             )
         return None
     asked = Limit.of(limit, None if kept else band)

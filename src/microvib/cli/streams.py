@@ -63,14 +63,12 @@ def _exit_status(error: SystemExit) -> int:
 
 
 def _sentence(error: BaseException) -> str:
-    """What is wrong with the machine that a user can mend; empty for anything else."""
+    """Sentence on a fault of the machine that a user can repair; empty for anything else."""
     match error:
         case ModuleNotFoundError():
             return missing_library(error)
         case MemoryError():
-            return (
-                "memory is exhausted; a shorter record.duration or fewer cases at a time need less"
-            )
+            return "out of memory; shorten record.duration or run fewer cases at a time"
         case StdoutWriteError():
             cause = error.args[0]
             return f"standard output cannot be written: {cause.strerror or cause}"
@@ -90,7 +88,7 @@ def _error_text(error: MicrovibError) -> str:
 
 
 def _bug_report(error: BaseException) -> int:
-    """What nobody foresaw is said to be ours, never the user's."""
+    """Report an unforeseen exception as a bug in microvib, not in the input."""
     if os.environ.get(TRACEBACK):
         _say("".join(traceback.format_exception(error)).rstrip())
     what = " ".join(f"{type(error).__name__}: {error}".split())[:300]
@@ -186,7 +184,7 @@ def _streams() -> Iterator[None]:
 
 
 def _wrap_stream(stream: Any, kind: type[io.FileIO]) -> Any:
-    """The same stream over a file of another kind; as it is where it is not that of a file."""
+    """Stream over a file of another kind; unchanged if it is not that of a file."""
     buffer = getattr(stream, "buffer", None)
     if not isinstance(getattr(buffer, "raw", buffer), io.FileIO):
         return stream

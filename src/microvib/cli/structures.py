@@ -47,7 +47,7 @@ modal_options = options(
     click.option(
         "--reference",
         metavar="GRID|X,Y,Z",
-        help="Point of participation factors in OP2 and OP4 [default: 0,0,0].",
+        help="Reference point of participation factors in OP2 and OP4 [default: 0,0,0].",
     ),
 )
 """A command with them gets them as texts or None, for ``import_from``."""
@@ -83,7 +83,7 @@ def _value(text: str) -> Any:
 @click.command()
 @click.argument("source")
 @click.option(
-    "--count", type=click.IntRange(1, 2000), help="How many modes [default: 10; for a table, all]."
+    "--count", type=click.IntRange(1, 2000), help="Number of modes [default: 10; for a table, all]."
 )
 @target_options(
     "Folder for table, pictures, report [default: the name].",
@@ -118,14 +118,14 @@ def sas() -> None:
 @click.option("--frequency", help="Torsional frequency, e.g. '1.19 Hz'.")
 @click.option(
     "--array",
-    help="Size it for this array instead: a table of modes, a description, or reference-array.",
+    help="Array to simulate, in place of inertia and frequency: a table of modes, a description, or reference-array.",
 )
 @click.option(
     "--state",
     "states",
     multiple=True,
     metavar="F:J",
-    help="A further state to reach, e.g. 1.19:15.69.",
+    help="Further state FREQUENCY:INERTIA to reach, e.g. 1.19:15.69.",
 )
 @click.option(
     "--states",

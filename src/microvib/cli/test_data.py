@@ -32,7 +32,7 @@ from microvib.units import quantity
 @recording_options
 @click.option(
     "--scenario",
-    help="Scenario of the drive that was recorded, for the lines to expect [default: none].",
+    help="Scenario of the recorded drive, which predicts its lines [default: none].",
 )
 @click.option(
     "--window",
@@ -83,7 +83,7 @@ def analyse(
 @target_options("Folder for table and report [default: print only].")
 @recording_options
 @click.option(
-    "--scenario", help="Scenario of the drive that was recorded, where neither A nor B is one."
+    "--scenario", help="Scenario of the recorded drive, if neither A nor B is a scenario."
 )
 @click.option(
     "--band",
@@ -165,7 +165,7 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     multiple=True,
     required=True,
     metavar="KEY[=LOW:HIGH]",
-    help="A parameter to identify, with its range; of a whole number, every value in the range is tried.",
+    help="Parameter to identify, with its range; of an integer, every value in the range is tried.",
 )
 @set_option
 @target_options("Folder for fit, scenario and report [default: print only].")
@@ -181,15 +181,14 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     "--share",
     multiple=True,
     metavar="KEY[,KEY]",
-    help="With several recordings: a fitted key with one value for all of them; any other then has a value in each [default: all].",
+    help="With several recordings: fitted keys that share one value; all others are fitted per recording [default: all shared].",
 )
 @click.option(
     "--select",
     multiple=True,
     metavar="EFFECT[,EFFECT]",
-    help="Effects to add to the model, and fit, where the evidence asks for them, such as motor.detent_torque; or all."
-    " False alarms were counted for detent torque, driver errors, bits and presliding; take other"
-    " effects as a hint.",
+    help="Effects to add to the model and fit if the evidence supports them, such as motor.detent_torque; or all."
+    " False-alarm rates are known for detent torque, driver errors, bits and presliding; take other effects as a hint.",
 )
 @click.option("--without", multiple=True, metavar="LINE", help="A line to leave out, by its name.")
 @click.option(
@@ -201,12 +200,12 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
 @click.option(
     "--model-error",
     default="0.4 percent",
-    help="Error of each amplitude beyond its own uncertainty (standard deviation).",
+    help="Model error of each amplitude, in addition to its own uncertainty (standard deviation).",
 )
 @click.option(
     "--common-error",
     default="0 percent",
-    help="Error of a recording's scale, common to all its amplitudes (standard deviation).",
+    help="Scale error of a recording, common to all its amplitudes (standard deviation).",
 )
 @click.option(
     "--settle-error",

@@ -18,9 +18,8 @@ _TEST = "solar-array-simulator"
 @target_options("Folder for table and report [default: print only].")
 @with_precompilation
 def validate(test: str, target: Target) -> None:
-    """Check what a published TEST says of its states against what their scenarios give: a name of
-    the catalog, or a YAML file [default: solar-array-simulator].
-    """
+    """Compare the claims of a published TEST with the results of its scenarios: a catalog "
+    "name or a YAML file [default: solar-array-simulator]."""
     from microvib.validation.report import validation_folder, validation_text
     from microvib.validation.study import validate as run_validation
 
@@ -51,10 +50,10 @@ def validate(test: str, target: Target) -> None:
     help="Draws of the noise for each state in each of them.",
 )
 def statements(table: Path, name: str, draws: int, seeds: int) -> None:
-    """Test the statements of a published test over the range of what is assumed about it.
+    """Check the claims of a published test over the ranges of its assumptions.
 
-    Each draw is calibrated to the first state and kept as a row of TABLE, a CSV file; a table that
-    is there is continued. About a minute a draw. `microvib validate` shows the table beside the
+    Each draw is calibrated to the first state and kept as a row of TABLE, a CSV file; an
+    existing table is continued. About a minute a draw. `microvib validate` shows the table beside the
     test's own file, which is made so.
     """
     from microvib.validation.claims import claims_of
@@ -83,4 +82,6 @@ def statements(table: Path, name: str, draws: int, seeds: int) -> None:
             " single records"
         )
     refused = sum(bool(row["refused"]) for row in rows)
-    echo(f"{refused} of {len(rows) - 1} draws were refused: they do not give state 1's lines.")
+    echo(
+        f"{refused} of {len(rows) - 1} draws were rejected: they do not reproduce state 1's lines."
+    )

@@ -166,7 +166,7 @@ class _Words:
 
 
 def _add_memory(module: Any) -> None:
-    """What is needed of numba's runtime: memory with a count of its users before it, and its end."""
+    """Add the functions of numba's runtime that are needed: memory with a count of its users before it, and its end."""
     malloc = ir.Function(module, ir.FunctionType(_BYTES, [_WORD]), "malloc")
     free = ir.Function(module, ir.FunctionType(ir.VoidType(), [_BYTES]), "free")
     function = ir.Function(

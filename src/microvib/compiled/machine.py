@@ -67,9 +67,7 @@ def load(name: str, code: bytes, functions: list[str]) -> dict[str, int]:
 def _file(name: str, code: bytes) -> str:
     """Name of the file that machine code of ``code`` is kept in, by all that it depends on."""
     if ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little" or not sound():
-        raise RuntimeError(
-            "kept code is for 64 bits, little end first, and arrays as CPython has them"
-        )
+        raise RuntimeError("stored code requires a 64-bit, little-endian CPython")
     return f"{name}-{digest(code, *(text.encode() for text in (llvmlite.__version__, *codegen.host())))}.o"
 
 
@@ -118,7 +116,7 @@ def _trusted(path: Path) -> bool:
 
 
 def kept(name: str) -> bytes | None:
-    """What ``keep`` put aside under this name, if it is whole and this user's own."""
+    """Stored data of ``keep`` under this name, if it is whole and this user's own."""
     with contextlib.suppress(OSError, RuntimeError):
         path = cache_folder() / name
         if _trusted(path.parent) and _trusted(path):

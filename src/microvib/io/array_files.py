@@ -68,9 +68,8 @@ def _modes_of(group: dict[str, Any], files: FileAccess) -> tuple[ModalModel, str
     unknown = [*others, *(key for key in group if key not in (*ARRAY_ORIGINS, "modes", "damping"))]
     if unknown:
         raise ScenarioError(
-            f"array.{unknown[0]}: does not go with array.{key}, which brings the modes; allowed"
-            " beside it are modes"
-            " (how many) and damping"
+            f"array.{unknown[0]}: does not go with array.{key}, which supplies the modes; "
+            "allowed with it are modes (their number) and damping"
         )
     if key == "from":
         model = modal_source(name, files=files).model

@@ -20,7 +20,7 @@ ESCAPE_PREFIX = "'"
 _INSIDE = re.compile(rf""";(?=['"\s]*[{re.escape(_FORMULAS)}]|['"]*[{_CONTROLS}])""")
 """A semicolon behind which a formula begins, whatever quotes and blanks stand between."""
 _MARKED = re.compile(_INSIDE.pattern.replace(";", f";{ESCAPE_PREFIX}", 1))
-"""The same as ``escape_formula`` writes it."""
+"""Escaped formula as ``escape_formula`` writes it."""
 
 
 def escape_formula(text: str) -> str:

@@ -1,6 +1,4 @@
-"""What a drive's data sheet says, as values of a scenario; what it does not say is assumed, with a
-range.
-"""
+"""Values of a scenario from a drive's data sheet; missing ones are assumed, with a range."""
 
 from __future__ import annotations
 
@@ -96,7 +94,7 @@ TYPICAL = {
     "resistance": TypicalRange(2.0, 6.0, 20.0),
     "microsteps": TypicalRange(4, 16, 64),
 }
-"""What is assumed of an entry that is missing."""
+"""Assumed values of missing entries."""
 TIME_CONSTANT = TypicalRange(1e-3, 2e-3, 4e-3)  # L/R of windings [s]
 INERTIA = TypicalRange(
     1e-5, 3e-5, 1e-4
@@ -105,7 +103,7 @@ BANDWIDTH = TypicalRange(300.0, 1000.0, 3000.0)  # of current loops [Hz]
 STIFFNESS = (2000.0, 16_000.0)  # K1 of gears up to size 20, of any ratio [N m/rad]
 CURRENT, TEETH, RATIO, SIZE = 0.6, 50, 100.0, 14  # assumed where the data sheet is silent
 HARMONIC = 20.0  # no harmonic gear has a lower ratio
-MOST_DETENT = 0.5  # of the holding torque
+MAX_DETENT = 0.5  # of the holding torque
 PHASES_ON = {2: 2, 3: 2, 5: 4}  # assumed of the holding torque
 
 
@@ -177,7 +175,7 @@ def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
 
 
 def assumed(entries: dict[str, Entry]) -> dict[str, Entry]:
-    """Those of ``entries`` that the data sheet does not give."""
+    """Entries that the data sheet does not give."""
     return {
         key: entry
         for key, entry in entries.items()
@@ -252,7 +250,7 @@ def _phases_on_text(sheet: DataSheet) -> str:
     if sheet.phases_on:
         return on
     if phases == 2:
-        return f"{on}, the usual statement"
+        return f"{on}, the usual convention"
     return f"{on}, assumed"
 
 
@@ -264,10 +262,10 @@ def _detent(sheet: DataSheet, torque: TypicalRange) -> tuple[TypicalRange, str]:
     if stated is None:
         part = _known(sheet, "detent")
         return part.times(torque), f"{100.0 * part.value:.3g} % of the holding torque"
-    if sheet.holding_torque is not None and stated > MOST_DETENT * torque.value:
+    if sheet.holding_torque is not None and stated > MAX_DETENT * torque.value:
         share = f"{100.0 * stated / torque.value:.3g} % of the holding torque"
         raise OptionError(
-            "detent", f"{stated:g} N m is {share}; at most {100.0 * MOST_DETENT:g} % is expected"
+            "detent", f"{stated:g} N m is {share}; at most {100.0 * MAX_DETENT:g} % is expected"
         )
     return _exactly(stated), "detent torque, taken for the amplitude"
 
@@ -366,7 +364,7 @@ def _reduction(sheet: DataSheet, steps: int) -> _Reduction:
 
 
 def _reducer(reduction: _Reduction, is_planetary: bool, inertia: float) -> Iterator[_Found]:
-    """What the reducer is made of, and its ratio where a gear of the catalog gives it."""
+    """Entries of the reducer, and its ratio where a gear of the catalog gives it."""
     ratio = reduction.ratio
     if ratio == 1.0:
         yield from _no_gear()
@@ -410,7 +408,7 @@ def _planetary(ratio: float, inertia: float) -> Iterator[_Found]:
     yield "reducer.same_way", Entry("true", told)
     yield (
         "reducer.wave_generator_inertia",
-        Entry("0 kg*cm^2", "assumed: no range: small beside the rotor"),
+        Entry("0 kg*cm^2", "assumed: no range: small compared with the rotor"),
     )
     yield (
         "reducer.stiffness",

@@ -16,7 +16,7 @@ from microvib.io.timestamps import in_seconds
 from microvib.testdata.channels import is_unit, named_unit, yaml_quoted
 from microvib.testdata.recording import Recording, RecordingError
 
-FEWEST_ROWS = 8
+MIN_ROWS = 8
 MAX_HEADER_LINES = 500  # lines that may stand above the numbers
 _FORMS = (("\t", "."), (";", "."), (",", "."), (None, "."), ("\t", ","), (";", ","), (None, ","))
 """Separators (None: blanks) and decimal marks, in the order in which they are tried."""
@@ -89,7 +89,7 @@ def read_delimited(path: Path, hints: Hints) -> Recording:
     """
     text = read_text_of(path)
     lines = [line for line in text.splitlines() if line.strip()]
-    lines, layout, notes = _laid_out(lines, hints)
+    lines, layout, notes = _find_layout(lines, hints)
     form = layout.form
     top = [line.lstrip("#%").strip(" ") for line in lines[: layout.first]]
     body = [
@@ -142,12 +142,12 @@ def read_text_of(path: Path) -> str:
         return data.decode("cp1252", "replace")  # as older test software writes its units
 
 
-def _laid_out(lines: list[str], hints: Hints) -> tuple[list[str], _Layout, list[str]]:
+def _find_layout(lines: list[str], hints: Hints) -> tuple[list[str], _Layout, list[str]]:
     """Lines and their ``_layout``, with seconds in place of dates and times, and notes."""
     try:
         return lines, _layout(lines), []
     except RecordingError:
-        stamped = in_seconds(lines, FEWEST_ROWS, MAX_HEADER_LINES, hints.time)
+        stamped = in_seconds(lines, MIN_ROWS, MAX_HEADER_LINES, hints.time)
         if stamped is None:
             raise
     lines, start = stamped
@@ -160,7 +160,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
     Of several forms the first that has as many numbers as the header has names: a comma may part
     numbers or be their decimal mark.
     """
-    fitting = list(_fitting(lines))
+    fitting = list(_matching_form(lines))
     for layout in fitting:
         above = lines[layout.first - 1 : layout.first]
         if above and len(layout.form.split(above[0])) == layout.width:
@@ -168,7 +168,7 @@ def _layout(lines: Sequence[str]) -> _Layout:
     if fitting:
         return fitting[0]
     raise RecordingError(
-        f"has no {FEWEST_ROWS} rows of numbers below each other in its first {MAX_HEADER_LINES}"
+        f"has no {MIN_ROWS} consecutive rows of numbers in its first {MAX_HEADER_LINES}"
         " lines; expected are rows of"
         " equal length without empty cells, separated by commas, semicolons, tabs or blanks; times"
         " are numbers, or such as"
@@ -176,13 +176,13 @@ def _layout(lines: Sequence[str]) -> _Layout:
     )
 
 
-def _fitting(lines: Sequence[str]) -> Iterator[_Layout]:
+def _matching_form(lines: Sequence[str]) -> Iterator[_Layout]:
     """Every form in which rows of equal length come, and where."""
     for separator, decimal in _FORMS:
         form = _Form(separator, decimal)
-        counts = [form.numbers(line) for line in lines[: MAX_HEADER_LINES + FEWEST_ROWS]]
-        for first in range(max(len(counts) - FEWEST_ROWS + 1, 0)):
-            if counts[first] and len(set(counts[first : first + FEWEST_ROWS])) == 1:
+        counts = [form.numbers(line) for line in lines[: MAX_HEADER_LINES + MIN_ROWS]]
+        for first in range(max(len(counts) - MIN_ROWS + 1, 0)):
+            if counts[first] and len(set(counts[first : first + MIN_ROWS])) == 1:
                 yield _Layout(form, first, counts[first])
                 break
 
@@ -252,7 +252,7 @@ def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> n
         if len(fields) != width:
             raise RecordingError(
                 f"row {k + 1} of its numbers has {len(fields)} of {width} columns:"
-                f" {line[:60]!r}{_why_of_other_length(body[k:], form, width)}"
+                f" {line[:60]!r}{_row_length_reason(body[k:], form, width)}"
             )
         for name, field in zip(names, fields, strict=True):
             if not form.numbers(field):
@@ -262,13 +262,13 @@ def _values(body: list[str], form: _Form, width: int, names: Sequence[str]) -> n
     raise RecordingError(f"has rows that are not {width} numbers")
 
 
-def _why_of_other_length(rows: list[str], form: _Form, width: int) -> str:
+def _row_length_reason(rows: list[str], form: _Form, width: int) -> str:
     """Why the first of the last rows has not as many columns as those before, where that shows."""
     fields = [form.split(row) for row in rows]
     if len(rows) == 1 and len(fields[0]) < width:
         return "; the file is truncated"
     if len(rows) > 1 and all(len(row) < width or not all(row) for row in fields):
-        return "; columns that end here, as of another sample rate, go into a file of their own"
+        return "; save columns with another sample rate in a separate file"
     return ""
 
 

@@ -26,7 +26,7 @@ class FileAccess:
     """Key that names the file, for messages."""
 
     def under(self, key: str) -> FileAccess:
-        """The same permission for what stands at a ``key``."""
+        """Permission for files named at a ``key``."""
         return replace(self, key=key)
 
     def path(self, name: Any, allowed: Sequence[str] = ()) -> Path:
@@ -60,12 +60,11 @@ class FileAccess:
             else:
                 choice = ""
             raise ScenarioError(
-                f"{where}{quoted_value(name)} names a file, and {self.refusal}; write what it holds"
-                f" into the scenario{choice}"
+                f"{where}{quoted_value(name)} names a file, and {self.refusal}; write its contents into the scenario{choice}"
             )
         return self.folder / name
 
-    def beside(self, name: Any) -> FileAccess:
+    def in_folder_of(self, name: Any) -> FileAccess:
         """Permission for what the file called ``name`` names in turn, relative to that file's
         folder.
         """

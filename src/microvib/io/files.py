@@ -50,7 +50,7 @@ def as_read_errors(path: Path, kind: type[MicrovibError]) -> Iterator[None]:
             raise kind("needs more memory than is available; it is too large, or broken") from None
         except Exception as error:
             found = f"{type(error).__name__}: {str(error)[:300]}"
-            raise kind(f"is broken or truncated, or not of its kind ({found})") from None
+            raise kind(f"is corrupt or truncated, or not of its kind ({found})") from None
 
 
 class _OtherThreads(io.TextIOBase):

@@ -70,7 +70,7 @@ def _netcdf_rates(root: Group, variables: dict[str, Dataset]) -> dict[str, float
 
 
 def _torque_of_motion(columns: list[Column]) -> list[Column]:
-    """Of a motion of ours only what a table would feel about the drive axis; others as they are."""
+    """Torque about the drive axis of a motion file of microvib; other files unchanged."""
     by_name = {column.name: column for column in columns}
     if "T_d" not in by_name or "Mz" in by_name:
         return columns
@@ -124,7 +124,7 @@ def _read_tdms(path: Path, hints: Hints) -> Recording:
         channels = [c for group in file.groups() for c in group.channels()]
         if sum(len(c) for c in channels) > min(path.stat().st_size, MAX_BYTES // 8):
             raise RecordingError(
-                "is broken or truncated; it says that it has more values than it can hold"
+                "is corrupt or truncated; it declares more values than it can hold"
             )
         numeric = [
             c for c in channels if c.data_type is None or getattr(c.dtype, "kind", "O") in "fiu"
@@ -161,7 +161,7 @@ def _logged_errors(library: str) -> Iterator[None]:
         for name in names:
             logging.getLogger(name).handlers = handlers[name]
     if said.buffer:
-        raise RecordingError(f"is broken or truncated: {said.buffer[0].getMessage()[:300]}")
+        raise RecordingError(f"is corrupt or truncated: {said.buffer[0].getMessage()[:300]}")
 
 
 def _tdms_column(channel: Any, grouped: bool) -> Column:

@@ -22,10 +22,10 @@ import numpy as np
 from microvib.errors import MicrovibError
 
 MAX_BYTES = 2_000_000_000  # bytes in memory of all that is read of one file
-LARGEST_CHUNK = 100_000_000  # bytes in memory of one chunk of a dataset
+MAX_FILTER_CHUNK = 100_000_000  # bytes in memory of one chunk of a dataset
 MAX_OBJECTS = 10_000  # groups, datasets and references that are opened of one file
-DEEPEST = 10  # groups within groups
-LONGEST_TEXT = 65_536  # bytes of one text
+MAX_DEPTH = 10  # groups within groups
+MAX_TEXT_LENGTH = 65_536  # bytes of one text
 DEFLATE = 1
 FILTERS = {DEFLATE: "deflate", 2: "shuffle", 3: "fletcher32"}
 """Filters that HDF5 has built in, by their numbers; others would be loaded from plug-ins."""
@@ -46,7 +46,7 @@ def open_hdf5(path: Path | str) -> Iterator[Group]:
         raise
     except Exception as error:  # the library raises whatever it meets in a broken file
         raise Hdf5Error(
-            f"{path}: is broken or truncated, or not HDF5 ({type(error).__name__}: {error})"
+            f"{path}: is corrupt or truncated, or not HDF5 ({type(error).__name__}: {error})"
         ) from None
 
 
@@ -109,7 +109,10 @@ class _Object:
             return None
         attribute = h5py.h5a.open(self.id, key)
         kind = attribute.get_type()
-        if attribute.get_space().get_simple_extent_npoints() != 1 or kind.get_size() > LONGEST_TEXT:
+        if (
+            attribute.get_space().get_simple_extent_npoints() != 1
+            or kind.get_size() > MAX_TEXT_LENGTH
+        ):
             return None
         if isinstance(kind, h5py.h5t.TypeStringID):
             return _text(np.ravel(h5py.AttributeManager(self)[name])[0])
@@ -137,7 +140,7 @@ class Group(_Object):
                 else:
                     kind = "a link to another file"
                 refused.append(
-                    f"{shown} is {kind}; a file is read only where it holds its data itself"
+                    f"{shown} is {kind}; a file is read only if it contains its own data"
                 )
             elif not name or b"/" in name or name in (b".", b".."):
                 refused.append(f"{shown}: is not a name that an object can have")
@@ -241,10 +244,10 @@ class Dataset(_Object):
         if (
             not isinstance(kind, h5py.h5t.TypeStringID)
             or len(self.shape) > 1
-            or kind.get_size() > LONGEST_TEXT
+            or kind.get_size() > MAX_TEXT_LENGTH
         ):
             raise Hdf5Error(
-                f"{self.where} is not a list of texts of at most {LONGEST_TEXT} characters"
+                f"{self.where} is not a list of texts of at most {MAX_TEXT_LENGTH} characters"
             )
         count = math.prod(self.shape)
         self.file.count_bytes(count * kind.get_size())
@@ -303,9 +306,9 @@ class Dataset(_Object):
             return
         plan = self.id.get_create_plist()
         size = math.prod(chunks) * self.id.get_type().get_size()
-        if size > LARGEST_CHUNK:
+        if size > MAX_FILTER_CHUNK:
             raise Hdf5Error(
-                f"{self.where}: has chunks of {size / 1e6:.0f} MB; at most {LARGEST_CHUNK / 1e6:g}"
+                f"{self.where}: has chunks of {size / 1e6:.0f} MB; at most {MAX_FILTER_CHUNK / 1e6:g}"
                 " MB are read"
             )
         filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
@@ -335,13 +338,13 @@ def _checked(opened: Any, parent: _Object, name: str) -> Group | Dataset | None:
     depth, file = parent.depth + 1, parent.file
     file.count_object()
     where = f"{file.title}: {name}"
-    if depth > DEEPEST:
+    if depth > MAX_DEPTH:
         raise Hdf5Error(
-            f"{where}: has groups nested more than {DEEPEST} deep; deeper nesting is not read"
+            f"{where}: has groups nested more than {MAX_DEPTH} deep; deeper nesting is not read"
         )
     if h5py.h5o.get_info(opened).fileno != file.number:
         raise Hdf5Error(
-            f"{where} lies in another file; a file is read only where it holds its data itself"
+            f"{where} lies in another file; a file is read only if it contains its own data"
         )
     if isinstance(opened, h5py.h5g.GroupID):
         return Group(opened, file, name, depth)
@@ -352,7 +355,7 @@ def _checked(opened: Any, parent: _Object, name: str) -> Group | Dataset | None:
     )  # asked before the shape: that of a virtual dataset opens its sources
     if plan.get_layout() == h5py.h5d.VIRTUAL or plan.get_external_count():
         raise Hdf5Error(
-            f"{where} is stored in other files; a file is read only where it holds its data itself"
+            f"{where} is stored in other files; a file is read only if it contains its own data"
         )
     filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
     if len(set(filters)) < len(filters) or not set(filters) <= set(FILTERS):

@@ -75,7 +75,7 @@ _KEYS: dict[_Source, tuple[str, ...]] = {
 
 
 def _source_of(name: str, has_interface: bool) -> _Source:
-    """What is read, by name and ending; ``has_interface`` says that modes have it clamped."""
+    """Kind of source, by name and ending; ``has_interface`` says that modes have it clamped."""
     ending = Path(name).suffix.lower()
     if name in hub_names() or ending in DESCRIPTIONS:
         return "description"
@@ -100,9 +100,8 @@ def _check_keys(group: dict[str, Any], name: str, source: _Source) -> None:
     for key in group:
         if key not in ("modes", *beside):
             raise ScenarioError(
-                f"spacecraft.hub.{key}: does not go with hub.modes: {name}, which brings mass,"
-                " inertia and modes; allowed beside"
-                f" it are {', '.join(beside)}"
+                f"spacecraft.hub.{key}: does not go with hub.modes: {name}, which supplies "
+                f"mass, inertia and modes; allowed with it are {', '.join(beside)}"
             )
 
 

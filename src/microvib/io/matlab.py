@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError
-from microvib.io.hdf5 import DEEPEST, MAX_BYTES, MAX_OBJECTS, Dataset, Group, open_hdf5
+from microvib.io.hdf5 import MAX_BYTES, MAX_DEPTH, MAX_OBJECTS, Dataset, Group, open_hdf5
 
 _MATRIX, _COMPRESSED = 14, 15  # types of elements in a file of version 5
 _HOLDERS, _TEXT, _NUMBERS = (1, 2, 3), 4, range(6, 16)
@@ -189,7 +189,7 @@ def _elements(path: Path) -> Iterator[tuple[bytes, str]]:
         head = stream.read(128)
         order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
         if order is None:
-            raise MatlabError("is broken or truncated, or not a MATLAB file")
+            raise MatlabError("is corrupt or truncated, or not a MATLAB file")
         while tag := stream.read(8):
             if len(tag) < 8:
                 break
@@ -218,9 +218,9 @@ def _walk(data: bytes, order: str, sizes: _Sizes) -> str:
     waiting = [(0, len(data), 1)]
     while waiting:
         at, end, depth = waiting.pop()
-        if depth > DEEPEST:
+        if depth > MAX_DEPTH:
             raise MatlabError(
-                f"has cells nested more than {DEEPEST} deep; deeper nesting is not read"
+                f"has cells nested more than {MAX_DEPTH} deep; deeper nesting is not read"
             )
         parts: list[tuple[int, int]] = []
         while at + 8 <= end:
@@ -229,7 +229,7 @@ def _walk(data: bytes, order: str, sizes: _Sizes) -> str:
             if kind >> 16:  # a small element: its size and its bytes in the tag
                 kind, size, body, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
             if body + size > end:
-                raise MatlabError("is broken or truncated; a part of it is longer than the whole")
+                raise MatlabError("is corrupt or truncated; a part of it is longer than the whole")
             if kind == _MATRIX:
                 waiting.append((body, body + size, depth + 1))
             parts.append((body, size))

@@ -60,14 +60,14 @@ _SCALE_STARTS = re.compile(
     r"sens|res|fact|conv|cal|kal|scl|amp(l|s?_?per)|verst|mult|bias|zero|quant|coef|koef|poly|empf|full|fs[rv]|range|span|bits?\b"
     r"|volts?per|(eu|units?|n|nm)per|vrange"
 )
-"""What is in, or begins, the names of what turns a converter's counts into a unit."""
+"""Words in, or at the start of, the names of scale factors of converter counts."""
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüé]+|\d+")
 _NOT_SCALED = re.compile(r"[01](\.0*)?")
 
 
 @dataclass(frozen=True)
 class Hints:
-    """What a preparation says of a file that the file does not say itself."""
+    """Properties of a file that only the preparation states."""
 
     sample_rate: float | None = None  # [Hz]
     time: str | None = None  # name of the time axis
@@ -105,7 +105,7 @@ class Column:
         None  # time [s] of the file's clock to which the time axis is relative, where it says that
     )
     scales: Mapping[str, Any] = field(default_factory=dict)
-    """What stands beside the samples and may be the scale of a converter's counts: numbers and
+    """Metadata of the samples that may be the scale of a converter's counts: numbers and
     texts by name.
     """
     field: str = ""  # where the samples are in the file, if that is not the name
@@ -204,7 +204,7 @@ def recording_of(
         rate,
         {channel.name: channel.unit.strip().strip("[]").strip() for channel in channels},
         notes=tuple(dict.fromkeys(filter(None, said))),
-        axes=_names_beside(channels, named, columns),
+        axes=_other_names(channels, named, columns),
     )
 
 
@@ -255,7 +255,7 @@ def _not_a_number_notes(channel: Column) -> Iterator[str]:
         yield f"channel {channel.name}: {bad} of {channel.values.size} samples are not numbers"
 
 
-def _names_beside(
+def _other_names(
     channels: list[Column], named: list[Column], columns: list[Column]
 ) -> frozenset[str]:
     """Names of the axes, and of all columns of the file that are not channels."""
@@ -315,7 +315,7 @@ def _in_counts_where_scaled(column: Column, hints: Hints) -> Column:
 
 
 def _over_another_axis(column: Column, hints: Hints) -> str:
-    """What the axis of a column is that is not time, and what to do; empty where it is time.
+    """Reason why the axis of a column is not time, and remedy; empty where it is time.
 
     Every axis passes here, whichever format it is from.
     """
@@ -361,10 +361,10 @@ def _is_index(unit: str) -> bool:
 
 
 def _unscaled_counts(column: Column, hints: Hints) -> str:
-    """What says that samples are counts of a converter, and what to do; empty where nothing does,
+    """Reason to take samples for counts of a converter, and remedy; empty where nothing does,
     or they are scaled later.
     """
-    scale = _scale_beside(column)
+    scale = _scale_attribute(column)
     if (
         scale is None
         or column.unit.strip("[] ").lower() in COUNTS
@@ -400,7 +400,7 @@ def names_scale(name: str) -> bool:
     return bool(_SCALE.search(whole)) or any(_SCALE_STARTS.match(word) for word in (*words, whole))
 
 
-def _scale_beside(column: Column) -> tuple[str, Any] | None:
+def _scale_attribute(column: Column) -> tuple[str, Any] | None:
     """First of what stands beside the samples that may be their scale."""
     for name, value in column.scales.items():
         if not names_scale(name):
@@ -596,7 +596,7 @@ def _runs_over_spectra(column: Column) -> bool:
 
 
 def _evenly_over(first: Column, hints: Hints) -> str:
-    """What the first column runs over evenly that is not time, and what to do; empty where it does
+    """Quantity other than time over which the first column runs evenly, and remedy; empty where it does
     not, or the rate is known.
     """
     what = what_is_measured_in(first.unit or named_unit(first.name)[1])
@@ -645,7 +645,7 @@ def _rate(column: Column, hints: Hints, said: list[str]) -> float:
 
 
 def _stated_rates(column: Column, hints: Hints, said: list[str]) -> dict[str, float]:
-    """What the file says of a column's sample rate [Hz], by what says so."""
+    """Sample rates [Hz] of a column that the file states, by their source."""
     stated = dict(column.rates)
     for name, value in stated.items():
         if not 0.0 < value < math.inf:

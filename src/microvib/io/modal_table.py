@@ -117,7 +117,7 @@ def _inertia(path: Path, rows: list[dict[str, str]], effective: np.ndarray) -> f
         if fraction[k] > 0.0:
             return float(effective[k] / fraction[k])
     raise ModalError(
-        f"{path}: does not say the inertia about the drive axis; a column inertia_kg_m2 is expected"
+        f"{path}: does not give the inertia about the drive axis; a column inertia_kg_m2 is expected"
     )
 
 

@@ -1,4 +1,4 @@
-"""What users name: files of the catalog by their names, others by their paths, and their text."""
+"""Files that users name: those of the catalog by name, others by path, and their text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from microvib.errors import ScenarioError
 from microvib.io.file_access import FileAccess
 
-LARGEST_FILE = 1_000_000  # bytes of the largest scenario file that is read
+MAX_FILE_SIZE = 1_000_000  # bytes of the largest scenario file that is read
 
 
 def catalog_names() -> tuple[str, ...]:
@@ -97,10 +97,10 @@ def read_text(path: Path, kind: str = "scenario", published: tuple[str, ...] | N
             )
         if not path.is_file():
             raise ScenarioError(f"{path}: is not a regular file")
-        if size > LARGEST_FILE:
+        if size > MAX_FILE_SIZE:
             raise ScenarioError(
                 f"{path}: has {size / 1e6:.1f} MB; a {kind} file has at most"
-                f" {LARGEST_FILE / 1e6:.0f} MB"
+                f" {MAX_FILE_SIZE / 1e6:.0f} MB"
             )
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:

@@ -20,7 +20,7 @@ _ERROR, _HYSTERESIS = "reducer.transmission_error", "reducer.hysteresis"
 
 
 def gear_assumed(gear: str) -> dict[str, Entry]:
-    """What of the file with a gear of the catalog is assumed, dotted key to value and source.
+    """Assumed values of a file with a gear of the catalog, dotted key to value and source.
     OptionError.
     """
     found, ratio = find_gear(gear)

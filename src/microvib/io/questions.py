@@ -1,4 +1,4 @@
-"""What a data sheet may say: one list for the options of the command line, its questions, and the
+"""Entries of a data sheet: one list for the options of the command line, its questions, and the
 page's form.
 """
 

@@ -93,7 +93,7 @@ def load_preparation(path: Path | str) -> Preparation:
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
     preparation = validate_part(Preparation, data if data is not None else {}, origin=str(path))
     tables = [stage for stage in preparation.response if stage.file is not None]
-    files = WORKING_FOLDER.beside(str(path))
+    files = WORKING_FOLDER.in_folder_of(str(path))
     chain = tuple(
         _with_table(stage, files) if stage in tables else stage for stage in preparation.response
     )

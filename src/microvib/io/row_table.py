@@ -57,7 +57,7 @@ _ENDINGS = {
 
 
 def _factor(where: str, name: str, unit: str) -> float:
-    """What the unit that a column names is in ``unit``; 1 where it names none."""
+    """Factor from the unit that a column names to ``unit``; 1 where it names none."""
     given = named_unit(name)[1] or _ENDINGS.get(name.strip().lower().partition("_")[2], "")
     try:
         if given:

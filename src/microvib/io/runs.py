@@ -1,4 +1,4 @@
-"""What a run's folder holds: motion, lines, summary; written, and read back as it was written."""
+"""Folder of a run: motion, lines, summary; written, and read back unchanged."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def summary(
     table: LineTable,
     **timings: float,
 ) -> dict[str, Any]:
-    """What ``summary.json`` holds: invariants, settings, versions, timings, frequencies of the
+    """Contents of ``summary.json``: invariants, settings, versions, timings, frequencies of the
     coupled drive.
     """
     rest = table.rest  # the highest peaks that no line accounts for
@@ -136,9 +136,7 @@ def summary(
 
 
 def numerics(invariants: Invariants, solver: dict[str, Any]) -> dict[str, Any]:
-    """What ``summary.json`` says of how one drive was solved; of the second wing's under
-    SECOND_DRIVE.
-    """
+    """Solver's account of one drive in ``summary.json``; of the second wing's under SECOND_DRIVE."""
     return {"invariants": asdict(invariants), "solver": solver}
 
 
@@ -191,7 +189,7 @@ def read_run(folder: Path | str) -> Run:
     motion = _motion(folder / "motion.nc", scenario, first)
     other = scenario.driven_wing
     if other is not None:
-        motion = replace(motion, beside=_motion(folder / SECOND_MOTION, other, second))
+        motion = replace(motion, second_wing=_motion(folder / SECOND_MOTION, other, second))
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
         left = said.get("left_by_lines")
         table = LineTable(
@@ -218,7 +216,7 @@ def _error_of(said: float | None) -> float:
 
 
 def _rest(left: dict[str, Any]) -> ResidualPeaks:
-    """What ``summary.json`` says of the peaks that no line accounts for."""
+    """Unexplained peaks in ``summary.json``."""
     frequency, amplitude = (np.array(left[name]) for name in ("frequency_hz", "amplitude_n_m"))
     slow, resolution = left.get("slow_n_m", 0.0), left.get("resolution_hz", 0.0)
     together = np.array(left.get("sum_n_m", left["amplitude_n_m"]))

@@ -67,7 +67,7 @@ def load_scenario(
     if name in catalog_names():
         return scenario_of(copy.deepcopy(_catalog_data(name)), name, changes, WORKING_FOLDER)
     return scenario_of(
-        parse_yaml(read_text(Path(name)), name), name, changes, WORKING_FOLDER.beside(name)
+        parse_yaml(read_text(Path(name)), name), name, changes, WORKING_FOLDER.in_folder_of(name)
     )
 
 

@@ -21,7 +21,7 @@ from microvib.testdata.recording import Recording
 
 @dataclass(frozen=True)
 class RunFolder:
-    """What a run's folder holds, None where that is not there; also of another version, or put
+    """Contents of a run's folder, None where missing; also of another version, or put
     together by hand.
     """
 

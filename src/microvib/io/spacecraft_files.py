@@ -1,4 +1,4 @@
-"""What a scenario's ``spacecraft`` names: where its hub comes from, rows of the line of sight,
+"""Sources named in a scenario's ``spacecraft``: its hub, rows of the line of sight,
 points of the hub, another drive.
 """
 
@@ -88,7 +88,7 @@ def _with_drive(wing: dict[str, Any], files: FileAccess, load: Load) -> dict[str
     data = parse_yaml(named_text(name, files), name)
     if isinstance(data, dict):
         data.pop("spacecraft", None)  # whose second wing may be this one's file
-    other = load(data, name, files=files if name in catalog_names() else files.beside(name))
+    other = load(data, name, files=files if name in catalog_names() else files.in_folder_of(name))
     return {**{key: to_plain_data(getattr(other, key), text=True) for key in DRIVE_GROUPS}, **given}
 
 

@@ -37,7 +37,7 @@ _AXIS_UNITS = (
 """Fields with the unit of the axis of the samples beside them."""
 _AXIS_NAMES = ("xname", "xquantity", "abscissaname", "abscissalabel", "domain", "wfxname")
 _AXIS_STARTS = ("start", "startvalue", "x0", "xstart", "t0", "tstart", "xmin", "xoffset", "xfirst")
-_DEEPEST = 6
+_MAX_DEPTH = 6
 
 
 def columns_of(variables: Mapping[str, Any]) -> list[Column]:
@@ -115,7 +115,7 @@ def _joined(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _StructContext:
-    """What the structs about some samples say of them."""
+    """Metadata of samples from the structs that enclose them."""
 
     rates: Mapping[str, float] = field(default_factory=dict)
     time: Column | None = None
@@ -148,7 +148,7 @@ class _Struct:
 
     @property
     def at(self) -> str:
-        """What stands before the names of its fields."""
+        """Prefix of the names of its fields."""
         return f"{self.name}." if self.name else ""
 
     @cached_property
@@ -222,7 +222,7 @@ def _scope(
         yield from axes
     for key in channels:
         yield from struct.columns(key, _without_those_of_others(around, key, channels))
-    if depth < _DEEPEST:
+    if depth < _MAX_DEPTH:
         yield from _nested_columns(struct.at, fields, around, depth)
 
 
@@ -235,14 +235,14 @@ def _struct(name: str, fields: Mapping[str, Any]) -> _Struct:
     return _Struct(
         name,
         numbers,
-        _units_beside(fields),
+        _unit_fields(fields),
         _axis_unit(fields),
         _texts(_of(fields, _NAMES)),
         _texts(_of(fields, _UNITS)),
     )
 
 
-def _units_beside(fields: Mapping[str, Any]) -> dict[str, str]:
+def _unit_fields(fields: Mapping[str, Any]) -> dict[str, str]:
     """Units by the fields that they are of: a struct ``units``, or fields such as ``Mz_unit``."""
     found: dict[str, str] = {}
     texts = {_word(k): v.strip() for k, v in fields.items() if isinstance(v, str)}
@@ -276,7 +276,7 @@ def _axis_unit(fields: Mapping[str, Any]) -> str:
 def _with_what_is_said(
     at: str, fields: Mapping[str, Any], channels: Sequence[str], around: _StructContext
 ) -> _StructContext:
-    """What stands about the samples, with rates, step of the axis and scales that this struct says."""
+    """Context of the samples, with rates, step of the axis and scales that this struct says."""
     said = {key: _text_or_number(value) for key, value in fields.items()}
     step = next((key for key in fields if STEPS.fullmatch(key) and _is_number(said[key])), None)
     axis = around.axis
@@ -311,7 +311,7 @@ def _axis_with_step(
         at + step,
         float(said[step] or 0.0),
         next(filter(_is_number, starts), None),
-        _units_beside(fields).get(step) or _axis_unit(fields),
+        _unit_fields(fields).get(step) or _axis_unit(fields),
         quantity if isinstance(quantity, str) else "",
     )
 
@@ -467,7 +467,7 @@ def _number(given: Any) -> float | None:
 
 @dataclass(frozen=True)
 class _Quantity:
-    """What a file says of the unit of an axis."""
+    """Unit of an axis as a file states it."""
 
     labels: list[str]
     factor: float | None = None

@@ -189,11 +189,11 @@ def _check_columns(
                 f" {_proposal(name, known.names)}"
             )
         if columns.count(name) > 1:
-            raise kind(f"{path}: column '{name}' is there twice; leave one of them out")
+            raise kind(f"{path}: column '{name}' occurs twice; leave one of them out")
 
 
 def _proposal(name: str, known: Iterable[str]) -> str:
-    """What to do about a column that is not known."""
+    """Advice on an unknown column."""
     names = [each for each in known if each != "comment"]
     return f"{did_you_mean(name, names)}allowed are {', '.join(names)}, and comment for remarks"
 

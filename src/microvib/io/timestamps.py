@@ -102,7 +102,7 @@ def _utc_offset(stamp: re.Match[str]) -> float:
 
 
 def _separator(row: str, stamp: re.Match[str]) -> str | None:
-    """What parts the columns of a row with a time stamp; None for blanks."""
+    """Separator of the columns of a row with a time stamp; None for blanks."""
     for text in (
         row[stamp.end() :].lstrip('" '),
         row[: stamp.start()].rstrip('" ')[::-1],

@@ -211,7 +211,7 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
     label = header[0].strip()
     if points < 0 or points * each > 4 * len(data):
         raise RecordingError(
-            f"channel {label} is truncated, or broken; it says that it has {points} samples"
+            f"channel {label} is truncated, or corrupt; it declares {points} samples"
         )
     if re.match(rb" *58 *b", line, re.IGNORECASE):
         values, at = _binary(data, line, at, _Numbers(label, kind, points, spacing == 1))
@@ -301,7 +301,7 @@ def _text(data: bytes, at: int, count: int, label: str, points: int) -> tuple[np
 
 @dataclass(frozen=True)
 class _Numbers:
-    """What the header of a dataset says of its numbers."""
+    """Layout of a dataset's numbers from its header."""
 
     label: str  # of the channel
     kind: int
@@ -340,7 +340,7 @@ def _binary(data: bytes, line: bytes, at: int, numbers: _Numbers) -> tuple[np.nd
         if stop >= 0 and (said in (0, whole) or along == last):
             return _unpacked(data[at : at + whole], order, numbers, along), stop
     raise RecordingError(
-        f"channel {numbers.label} is truncated or broken: after its {numbers.points} samples the"
+        f"channel {numbers.label} is truncated or corrupt: after its {numbers.points} samples the"
         f" dataset does not end (it says {said} bytes)"
     )
 
@@ -369,12 +369,12 @@ def _unpacked(data: bytes, order: int, numbers: _Numbers, along: int) -> np.ndar
         if along:
             columns = [table["x"].astype(float), *columns]
         found.append(np.column_stack(columns).ravel())
-        if _makes_sense(found[-1]):
+        if _is_plausible(found[-1]):
             return found[-1]
     return found[0]
 
 
-def _makes_sense(values: np.ndarray) -> bool:
+def _is_plausible(values: np.ndarray) -> bool:
     """Whether numbers are of sizes that are measured, as they are not where their bytes are turned
     round.
     """

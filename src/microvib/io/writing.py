@@ -79,7 +79,7 @@ def real_path(path: Path) -> Path:
     except (OSError, RuntimeError):  # Python before 3.13 says so itself
         circle = True
     if circle:
-        raise OutputError(f"{path}: leads nowhere: its links go round in a circle")
+        raise OutputError(f"{path}: its symbolic links form a loop")
     return resolved
 
 

@@ -11,7 +11,7 @@ from ruamel.yaml.parser import Parser
 
 from microvib.errors import ScenarioError
 
-DEEPEST = 100  # levels of lists and mappings in each other, at most
+MAX_DEPTH = 100  # levels of lists and mappings in each other, at most
 MAX_ENTRIES = 60_000
 """Keys and values of a file, at most: twice what 2000 modes with six participations need, read in
 some 2 s.
@@ -34,7 +34,7 @@ class _Bounded(Parser):
             self._depth += 1
         elif isinstance(event, CollectionEndEvent):
             self._depth -= 1
-        if self._depth > DEEPEST:
+        if self._depth > MAX_DEPTH:
             raise ValueError("it is nested too deeply")
         if getattr(event, "anchor", None):
             raise ValueError("anchors and aliases (&, *) are not used; write values out")
@@ -60,6 +60,6 @@ def parse_yaml(text: str, origin: str) -> Any:
         reason = (
             getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
         )
-        raise ScenarioError(f"{origin}{where}: is not YAML: {reason}") from None
+        raise ScenarioError(f"{origin}{where}: is not valid YAML: {reason}") from None
     except (RecursionError, ValueError, TypeError) as error:
-        raise ScenarioError(f"{origin}: is not YAML that can be read: {str(error)[:200]}") from None
+        raise ScenarioError(f"{origin}: is not valid YAML: {str(error)[:200]}") from None

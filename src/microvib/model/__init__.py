@@ -1,3 +1,3 @@
-"""What is simulated: frozen, validated parameters and the formulas that belong to each. No files,
+"""Parameters of a simulation: frozen, validated parameters and the formulas that belong to each. No files,
 no time stepping.
 """

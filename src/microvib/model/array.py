@@ -50,7 +50,7 @@ class Mode(Part):
         description="participation in Fx Fy Fz [kg^0.5] and Mx My Mz [kg^0.5 m] at the interface",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.participation is not None and self.effective_inertia is not None:
             yield "participation and effective_inertia are alternatives; give one of them"
 
@@ -87,13 +87,13 @@ class Array(Part):
         default=None, description="mass properties of the whole array, which a spacecraft needs"
     )
 
-    def _misfits(self) -> Iterator[str]:
-        yield from self._participation_misfits()
-        yield from self._interface_inertia_misfits()
-        yield from self._rigid_body_misfits()
-        yield from self._effective_inertia_misfits()
+    def _consistency_errors(self) -> Iterator[str]:
+        yield from self._participation_errors()
+        yield from self._interface_inertia_errors()
+        yield from self._rigid_body_errors()
+        yield from self._effective_inertia_errors()
 
-    def _participation_misfits(self) -> Iterator[str]:
+    def _participation_errors(self) -> Iterator[str]:
         axis = self._axis
         rows = [mode.interface_participation for mode in self.modes]
         for k, (row, mode) in enumerate(zip(rows, self.modes, strict=True)):
@@ -108,7 +108,7 @@ class Array(Part):
         if any(rows) and not all(rows):
             yield f"modes.{rows.index(None)}.interface_participation: missing; give it for all modes, or for none"
 
-    def _interface_inertia_misfits(self) -> Iterator[str]:
+    def _interface_inertia_errors(self) -> Iterator[str]:
         if self.interface_inertia is None:
             return
         J = self.interface_inertia[self._axis]
@@ -119,7 +119,7 @@ class Array(Part):
                 f" {self.inertia:g} kg*m^2; they must be equal"
             )
 
-    def _effective_inertia_misfits(self) -> Iterator[str]:
+    def _effective_inertia_errors(self) -> Iterator[str]:
         J, rigid = self.inertia, self.rigid_inertia
         given = [self._given(mode) for mode in self.modes]
         if None in given and (len(self.modes) > 1 or rigid is None):
@@ -147,7 +147,7 @@ class Array(Part):
                 " correct the modes"
             )
 
-    def _rigid_body_misfits(self) -> Iterator[str]:
+    def _rigid_body_errors(self) -> Iterator[str]:
         if self.rigid_body is None:
             return
         M, axis = self.rigid_body.matrix, self._axis

@@ -42,7 +42,7 @@ SEMIDEFINITE = 1e-6
 
 @dataclass(frozen=True)
 class Source(HeldWing):
-    """What hangs on the interface: a mass matrix, and coordinates that its acceleration excites."""
+    """Structure at the interface: a mass matrix, and coordinates that its acceleration excites."""
 
     def __post_init__(self) -> None:
         """MicrovibError where D_0, what the coordinates leave of the mass, is not positive
@@ -54,7 +54,7 @@ class Source(HeldWing):
             raise MicrovibError(
                 f"D_0: the residual mass of the source has the eigenvalue {least:.3g} of its"
                 " diagonal, and must have none"
-                " below 0; mass, participation and reference point do not belong together"
+                " below 0; mass, participation and reference point are inconsistent"
             )
 
     @property
@@ -77,7 +77,9 @@ class Source(HeldWing):
         """Load that moves the interface by its acceleration at each frequency (m,) [Hz], (m, 6, 6)."""
         return np.asarray(self.mass - self.G @ self._moved(frequency, self.G.T[None]))
 
-    def stirred(self, frequency: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def coordinates_by_acceleration(
+        self, frequency: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
         """Coordinates, (m, n), by complex accelerations of the interface, (m, 6), at each frequency
         (m,) [Hz].
         """
@@ -100,14 +102,14 @@ class Source(HeldWing):
         return np.asarray(-(self.G @ self._moved(frequency, on))[:, :, 0])
 
     def turned(self, turn: np.ndarray) -> Source:
-        """The same in other axes, by the congruence of ``turn`` (3, 3), whose columns are its axes
+        """Source in other axes, by the congruence of ``turn`` (3, 3), whose columns are its axes
         there.
         """
         T = block_rotation(turn)
         return Source(T @ self.mass @ T.T, T @ self.G, self.M, self.C, self.K)
 
     def about(self, position: np.ndarray) -> Source:
-        """The same about another point, from which the interface lies at ``position`` (3,) [m]: u =
+        """Source about another point, from which the interface lies at ``position`` (3,) [m]: u =
         T u_there, T' mass T.
         """
         T = rigid_motion_at(np.asarray(position, dtype=float))
@@ -228,13 +230,13 @@ def receiver_of(scenario: Scenario) -> Receiver:
 
 @dataclass(frozen=True)
 class CoupledResponse:
-    """What the interface does and the hub feels at each frequency, (m,) [Hz]; complex amplitudes,
+    """Motion of the interface and loads on the hub at each frequency, (m,) [Hz]; complex amplitudes,
     0-to-peak, hub axes.
     """
 
     frequency: np.ndarray
     acceleration: np.ndarray
-    """Of the interface point, (m, 6) [m/s^2, rad/s^2]."""
+    """Acceleration of the interface point, (m, 6) [m/s^2, rad/s^2]."""
     loads: np.ndarray
     """On the hub at the interface point, (m, 6) [N, N m]."""
     los: np.ndarray | None
@@ -315,7 +317,7 @@ def line_of_sight_noise_density(scenario: Scenario, frequency: np.ndarray) -> np
     output = coordinates(scenario.reducer, len(scenario.array.modes))[1]
     los = blocked_load_method(scenario, f, source.blocked(f, np.ones(f.size), output)).los
     if los is None:
-        raise MicrovibError("spacecraft.line_of_sight: missing; its density is asked for")
+        raise MicrovibError("spacecraft.line_of_sight: missing; it is required for its density")
     return np.asarray(np.nan_to_num(np.abs(los)) ** 2 * density_of_friction(scenario, f)[:, None])
 
 
@@ -381,8 +383,7 @@ def driving_line_map(
     f_d, spacecraft = scenario.driving_frequency, require_craft(scenario).spacecraft
     if not f_d or not scenario.rate:
         raise MicrovibError(
-            "tracking: a chart over rates begins at a constant rate; one greater than 0 deg/s is"
-            " expected"
+            "tracking: a line map over rates starts from a constant rate; one greater than 0 deg/s is expected"
         )
     if angles is None:
         psi = np.array([spacecraft.array_angle])
@@ -430,7 +431,7 @@ def rotation_to_hub_axes(scenario: Scenario) -> np.ndarray:
 
 
 def require_craft(scenario: Scenario) -> Craft:
-    """The craft of a scenario; MicrovibError where it stands on firm ground."""
+    """The craft of a scenario; MicrovibError where it stands on a fixed base."""
     if scenario.craft is None:
         raise MicrovibError(
             "spacecraft: missing; a scenario on a craft is expected, as examples/spacecraft.yaml"

@@ -39,7 +39,7 @@ from microvib.model.spacecraft import CENTER, INTERFACE, SECOND_INTERFACE, Inter
 
 @dataclass(frozen=True)
 class OutputMatrix:
-    """What is looked at, (k, ...): combinations of the coordinates, of their accelerations, and of
+    """Outputs, (k, ...): combinations of the coordinates, of their accelerations, and of
     those of output and rotor.
     """
 
@@ -57,7 +57,7 @@ class OutputMatrix:
 
 @dataclass(frozen=True)
 class ModalOutputMatrix:
-    """The same by the kernel's modes and shafts, (k, ...), with which samples become samples."""
+    """Outputs by the kernel's modes and shafts, (k, ...), which turn samples into samples."""
 
     eta: np.ndarray
     """By the modes, (k, s)."""
@@ -92,7 +92,7 @@ class HeldWing:
     M: np.ndarray
     C: np.ndarray
     K: np.ndarray
-    """Of the coordinates, (n, n)."""
+    """Stiffness of the coordinates, (n, n)."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Craft:
     participation_of_shafts: np.ndarray
     """Their participation in the motion of output and rotor, (s, 2)."""
     modes: DecoupledModes
-    """What the kernel takes for them."""
+    """Modes as the kernel takes them."""
     by_output: np.ndarray
     """Coordinates by theta_l, through the free motions, (n,)."""
     by_rotor: np.ndarray
@@ -171,7 +171,7 @@ class Craft:
         )
 
     def second_loads(self) -> OutputMatrix:
-        """The same at the interface point of the second wing, of the second wing."""
+        """Loads of the second wing at its interface point."""
         if self.second is None:
             raise ValueError("this craft has no second wing")
         there, before = self.at(SECOND_INTERFACE), 6 + len(self.spacecraft.hub.modes)
@@ -202,7 +202,7 @@ class Craft:
         )
 
     def outputs(self, rows: OutputMatrix) -> ModalOutputMatrix:
-        """What is looked at by the kernel's modes and shafts; accelerations by the equations of
+        """Outputs by the kernel's modes and shafts; accelerations by the equations of
         motion of zeta.
         """
         y, free = self.modes, np.column_stack([self.by_output, self.by_rotor])
@@ -220,7 +220,7 @@ class Craft:
         )
 
     def transfer(self, rows: OutputMatrix, frequency: np.ndarray) -> np.ndarray:
-        """What is looked at by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2)."""
+        """Outputs by alpha_l and alpha_m at each ``frequency`` (m,) [Hz], (m, k, 2)."""
         free = np.column_stack([self.by_output, self.by_rotor])
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
         dynamic = (
@@ -237,7 +237,7 @@ class Craft:
 def shaft_load(
     array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float
 ) -> Load:
-    """What hangs on the two shafts: an array on firm ground, or with the craft that carries the
+    """Structure on the two shafts: an array on a fixed base, or with the craft that carries the
     drive.
     """
     craft = craft_of(array, spacecraft, output_inertia, rotor_inertia)
@@ -263,7 +263,7 @@ def shaft_load(
 def craft_of(
     array: Array, spacecraft: Spacecraft | None, output_inertia: float, rotor_inertia: float
 ) -> Craft | None:
-    """The craft of an array on a hub, None on firm ground; inertias J_flex and J_m [kg m^2] as in a
+    """The craft of an array on a hub, None on a fixed base; inertias J_flex and J_m [kg m^2] as in a
     ``Scenario``.
     """
     if spacecraft is None:

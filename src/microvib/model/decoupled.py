@@ -54,7 +54,7 @@ class DecoupledModes:
 
 
 def decouple_modes(D: np.ndarray, Lambda: np.ndarray, h: np.ndarray) -> DecoupledModes:
-    """Of the symmetric damping matrix ``D`` (s, s), squares of frequencies ``Lambda`` (s,) and
+    """Decouple the modes of the symmetric damping matrix ``D`` (s, s), squares of frequencies ``Lambda`` (s,) and
     participation ``h`` (s, 2).
     """
     from scipy.sparse.csgraph import connected_components
@@ -92,7 +92,7 @@ def _pairs(D: np.ndarray, Lambda: np.ndarray) -> Pairs:
 
 
 def _pairs_of(D: np.ndarray, Lambda: np.ndarray) -> Pairs | None:
-    """The same where eigenvalues are apart; None where real ones cannot be paired."""
+    """Pairs where eigenvalues are distinct; None where real ones cannot be paired."""
     s = Lambda.size
     values, vectors = np.linalg.eig(
         np.block([[np.zeros((s, s)), np.eye(s)], [-np.diag(Lambda), -D]])

@@ -98,7 +98,7 @@ def noise_bin_amplitude(scenario: Scenario, frequency: float, duration: float) -
 def noise_driven_lines(
     scenario: Scenario, duration: float, expected: Sequence[ExpectedLine]
 ) -> tuple[NoiseDrivenLine, ...]:
-    """What noise alone gives those of the ``expected`` lines that are array modes in a record of
+    """Contribution of noise alone to those of the ``expected`` lines that are array modes in a record of
     ``duration`` [s], where it reaches them.
 
     A mode of frequency f and decay rate sigma has an envelope of mean square abs(G(f))^2 S sigma,

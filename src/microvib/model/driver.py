@@ -33,7 +33,7 @@ class Imperfections(Part):
     gain_b: Annotated[
         float,
         Quantity(
-            "", "gain of phase B over that of the others, less 1", ge=-0.5, le=0.5, usual=_USUAL
+            "", "gain error of phase B relative to the other phases", ge=-0.5, le=0.5, usual=_USUAL
         ),
     ] = 0.0
     offset_a: Annotated[
@@ -46,7 +46,7 @@ class Imperfections(Part):
         float,
         Quantity(
             "rad",
-            "angle by which phase B leads its place",
+            "quadrature error: angle by which phase B leads",
             ge=-0.5,
             le=0.5,
             display="deg",
@@ -70,7 +70,7 @@ class Imperfections(Part):
         | None
     ) = Field(
         default=None,
-        description="bits that references are rounded to, over -I..I; null does not round",
+        description="DAC resolution of the references in bits, over -I..I; null does not round",
     )
 
 
@@ -87,7 +87,7 @@ class Harmonic(Part):
 
 
 class CurrentTable(Part):
-    """What the driver commands in place of cos theta_e and sin theta_e: currents row by row, or a
+    """Driver table in place of cos theta_e and sin theta_e: currents row by row, or a
     corrected angle.
     """
 
@@ -103,7 +103,7 @@ class CurrentTable(Part):
         " turn, from theta_e = 0",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if bool(self.harmonics) == bool(self.currents):
             yield "give either harmonics, of the angle correction, or currents, a pair for each microstep"
         for k, pair in enumerate(self.currents):
@@ -119,7 +119,7 @@ class Driver(Part):
 
     drive: Literal["current", "voltage"] = Field(
         default="current",
-        description="what is commanded: phase currents, or voltages R times as large without a current loop",
+        description="current: closed current loop; voltage: phase voltages R times the current, no current loop",
     )
     beats: Annotated[
         int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")
@@ -158,7 +158,7 @@ class Driver(Part):
         float,
         Quantity(
             "",
-            "part of a microstep's time in which references ramp to their new values; 0 is a step",
+            "fraction of a microstep's period in which references ramp to their new values; 0 is a step",
             ge=0,
             le=1,
         ),
@@ -166,16 +166,16 @@ class Driver(Part):
     delay: Annotated[
         float,
         Quantity(
-            "s", "time from the command of a microstep to its references", ge=0, le=1, display="ms"
+            "s", "delay from the command of a microstep to its references", ge=0, le=1, display="ms"
         ),
     ] = 0.0
     imperfections: Imperfections = Imperfections()
     table: CurrentTable | None = Field(
         default=None,
-        description="table of currents in place of cosine and sine, or the name of a file that has it",
+        description="table of currents that replaces cosine and sine, or the name of its file",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         gains = ("proportional_gain", "integral_gain", "derivative_gain")
         if self.drive == "voltage" and any(getattr(self, gain) for gain in gains):
             yield f"drive: voltage has no current loop; set {', '.join(gains)} to 0, or leave them out"
@@ -187,7 +187,7 @@ class Driver(Part):
                 f" beats x microsteps = {turn}"
             )
 
-    def _needed(self) -> tuple[str, ...]:
+    def _required_fields(self) -> tuple[str, ...]:
         if self.drive == "current":
             return ("proportional_gain", "integral_gain")
         return ()
@@ -219,7 +219,7 @@ class Driver(Part):
     def references(
         self, motor: Motor, electrical_angle: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same at electrical angles [rad], of any shape; with errors or a table only those of
+        """References at electrical angles [rad], of any shape; with errors or a table only those of
         microsteps are known.
         """
         if not self.distorted:

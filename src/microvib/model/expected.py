@@ -36,7 +36,7 @@ SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance
 
 
 class LineKindProperties:
-    """What the kind of a line, expected or found, says of it."""
+    """Properties of a line by its kind, expected or found."""
 
     kind: str
 

@@ -1,4 +1,4 @@
-"""What fields of parts declare."""
+"""Declarations of the fields of parts."""
 
 from __future__ import annotations
 

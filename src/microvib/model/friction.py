@@ -58,17 +58,17 @@ class Friction(Part):
     slip_ring: SlipRing | None = None
     presliding: Presliding | None = Field(
         default=None,
-        description="presliding friction (hysteretic); without it, sticking contacts are rigid",
+        description="presliding friction (hysteretic); if left out, sticking contacts are rigid",
     )
     torque_noise: TorqueNoise | None = Field(
-        default=None, description="noise of the torque, on the output; without it, none"
+        default=None, description="torque noise at the output; none if left out"
     )
     position: FrictionPosition | None = Field(
         default=None,
-        description="how friction varies with the angle of the output; without it, not at all",
+        description="variation of friction with the output angle; none if left out",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.breakaway < self.coulomb:
             yield f"breakaway: {self.breakaway:g} N*m is below coulomb, {self.coulomb:g} N*m; it must be at least that"
             return
@@ -115,14 +115,14 @@ class Friction(Part):
         return self.breakaway_torque * self.position.largest_factor
 
     def turned(self, angle: float) -> Friction:
-        """The same for a motion that begins at another angle of the shaft [rad]."""
+        """Friction for a motion that begins at another angle of the shaft [rad]."""
         if self.position is None or not self.position.harmonics:
             return self
         return self.model_copy(update={"position": self.position.turned(angle)})
 
     @property
     def with_new_seed(self) -> Friction:
-        """The same of another unit: its noise and its roughness are other draws."""
+        """Friction of another unit: other draws of noise and roughness."""
         noise, position = self.torque_noise, self.position
         if position is None:
             rough = None
@@ -140,7 +140,7 @@ class Friction(Part):
 
     @property
     def without_noise(self) -> Friction:
-        """The same without torque noise and roughness."""
+        """Friction without torque noise and roughness."""
         if self.position is None:
             position = None
         else:

@@ -54,7 +54,7 @@ class StageError(Part):
             "rad", "amplitude at the stage's output", ge=0, display="arcsec", usual=(1e-7, 0.02)
         ),
     ]
-    phase: Annotated[float, Quantity("rad", "phase at the rotor's zero", display="deg")] = 0.0
+    phase: Annotated[float, Quantity("rad", "phase at zero rotor angle", display="deg")] = 0.0
 
 
 class GearStage(Part):
@@ -69,7 +69,7 @@ class GearStage(Part):
         default=None, description="teeth of the driven wheel of a spur stage"
     )
     internal: bool = Field(
-        default=False, description="whether the driven wheel has its teeth inside"
+        default=False, description="whether the driven wheel is an internal gear"
     )
     sun: Teeth | None = Field(default=None, description="teeth of the sun of a planetary stage")
     planet: Teeth | None = Field(
@@ -87,8 +87,8 @@ class GearStage(Part):
         default=None, description="teeth of a second ring, of stepped planets without a sun"
     )
     planets: Annotated[int, Field(ge=1, le=20, strict=True, description="number of planets")] = 3
-    equally_spaced: bool = Field(default=True, description="whether planets stand at equal angles")
-    fixed: Member = Field(default="ring", description="member of a planetary stage that stands")
+    equally_spaced: bool = Field(default=True, description="whether planets are equally spaced")
+    fixed: Member = Field(default="ring", description="fixed member of a planetary stage")
     input: Member | None = Field(
         default=None,
         description="member that is driven; null is the sun, or the ring where the sun stands, or the carrier between two rings or"
@@ -126,7 +126,7 @@ class GearStage(Part):
         float,
         Quantity(
             "rad",
-            "angle between the flanks, at the stage's output",
+            "free play from flank to flank, at the stage's output",
             ge=0,
             display="arcsec",
             usual=(1e-6, 0.1),
@@ -136,7 +136,7 @@ class GearStage(Part):
         default=(), max_length=100, description="kinematic errors at orders of this stage"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         wheels = ("pinion", "wheel", "sun", "planet", "ring", "planet_2", "sun_2", "ring_2")
         given = [name for name in wheels if getattr(self, name) is not None]
         if set(given) not in _KINDS:
@@ -178,8 +178,7 @@ class GearStage(Part):
             yield (
                 f"planets: {self.planets} cannot be assembled at equal angles between a sun of"
                 f" {sun} and a ring of {ring}, since"
-                f" {sun + ring} teeth are no multiple of {self.planets}; if they stand at others,"
-                " equally_spaced: false"
+                f" {sun + ring} teeth are no multiple of {self.planets}; if they are spaced unequally, set equally_spaced: false"
             )
         else:
             # teeth of both mesh with a planet's at multiples of a turn over sun + ring; tips stand
@@ -200,10 +199,10 @@ class GearStage(Part):
                 yield f"{key}: this stage has no {member}; its members are {', '.join(self.members)}"
                 return
         if self.driven == self.fixed:
-            yield f"input: the {self.fixed} stands (fixed); another member is expected"
+            yield f"input: the {self.fixed} is the fixed member; another one is expected"
 
     def _unlike_steps(self) -> Iterator[str]:
-        """What does not fit of stepped planets; whether their axes are equally far from both wheels
+        """Inconsistencies of stepped planets; whether their axes are equally far from both wheels
         is a matter of modules.
         """
         n = self.planets
@@ -240,7 +239,7 @@ class GearStage(Part):
                 f" multiple of {step}"
                 f" ({first} x planet_2 {'-' if way < 0 else '+'} {second} x planet, over {n} times"
                 " the greatest common divisor of"
-                " planet and planet_2); if they stand at others, equally_spaced: false"
+                " planet and planet_2); if they are spaced unequally, set equally_spaced: false"
             )
 
     @property
@@ -442,7 +441,7 @@ def train_orders(train: tuple[GearStage, ...]) -> list[StageOrder]:
 
 
 def _words_of_orders(stage: GearStage) -> dict[str, str]:
-    """What each order of a stage is, in words."""
+    """Descriptions of the orders of a stage."""
     words = {name: order.words for name, order in stage.orders.items()}
     if stage.stepped:
         return words | _words_of_stepped_meshes(stage)

@@ -21,7 +21,7 @@ UNLISTED = "other"
 """Family of lines that were found and not expected; within a record they are numbered by size, so
 that one name means another line in another record."""
 SECOND_DRIVE = "wing_2"
-"""What the drive of a second wing is called, in names of lines and of files."""
+"""Name of a second wing's drive in names of lines and of files."""
 _MODES = (ARRAY_MODE, HUB_MODE, CONTROL_MODE, SECOND_WING_MODE)
 _NAME = re.compile(
     rf"(?P<wing>{SECOND_DRIVE} )?(?P<family>.+?)"
@@ -31,7 +31,7 @@ _NAME = re.compile(
 
 @dataclass(frozen=True)
 class LineName:
-    """What a line's name says."""
+    """Parts of a line's name."""
 
     family: str
     """DRIVE, FULL_STEP, ELECTRICAL, a mode's, UNLISTED, or that of a gear's error."""
@@ -51,7 +51,7 @@ class LineName:
 
     @classmethod
     def parse(cls, text: str) -> LineName:
-        """What a name says; a family of its own where it is of no known form."""
+        """Parse a name; one of unknown form is a family of its own."""
         found = _NAME.fullmatch(text)
         if found is None:
             return cls(text)
@@ -69,7 +69,7 @@ class LineName:
 
     @property
     def is_mode(self) -> bool:
-        """Whether it is a mode's, of an array on firm ground or of a craft."""
+        """Whether it is a mode's, of an array on a fixed base or of a craft."""
         return self.family in _MODES
 
     @property

@@ -25,7 +25,7 @@ from microvib.model.reducer import Reducer
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.spacecraft import Spacecraft
 
-_MOST_ELEMENTS = 4_000_000
+_MAX_ELEMENTS = 4_000_000
 """Elements of the matrices that are solved together, at most."""
 # modes above which the damped eigenproblem, whose work grows with the third power, is not solved as
 # a whole
@@ -104,7 +104,7 @@ def frequency_blocks(count: int, size: int) -> Iterator[slice]:
     """Parts of ``count`` frequencies whose matrices of ``size`` rows are solved together, in little
     memory.
     """
-    step = max(_MOST_ELEMENTS // size**2, 1)
+    step = max(_MAX_ELEMENTS // size**2, 1)
     yield from (slice(first, first + step) for first in range(0, count, step))
 
 
@@ -322,7 +322,7 @@ def _eigenvalues(
 def _eigenvalues_large(
     M: np.ndarray, C: np.ndarray, K: np.ndarray, windings: Windings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same, in a tenth of the time and less: from the undamped shapes, of which the damping
+    """Eigenvalues in a tenth of the time and less: from the undamped shapes, of which the damping
     mixes few.
 
     The ``MAX_DENSE_MODES`` shapes that it mixes most are solved together; of each other the damping

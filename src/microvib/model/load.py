@@ -1,11 +1,10 @@
-"""What hangs on the drive's two shafts, as the equations of motion take it: an array on firm
-ground, or a craft.
+"""Structure on the drive's two shafts, as the equations of motion take it: an array on a fixed base, or a craft.
 
     y'' + D y' + Lambda y + H alpha_l + R alpha_m + V_l omega_l + V_m omega_m = 0
     J_l alpha_l + c alpha_m + H' y'' + V_l' y' = torques on the output
     J_m alpha_m + c alpha_l + R' y'' + V_m' y' = torques on the rotor
 
-On firm ground y are the array's modes, and R, c and V are zero (Eq. 16-18). On a craft V is what is
+On a fixed base y are the array's modes, and R, c and V are zero (Eq. 16-18). On a craft V is what is
 left of damping that couples its modes, where each y stands for a complex mode
 (``microvib.model.decoupled``).
 """
@@ -24,13 +23,13 @@ class Load:
     H: np.ndarray
     """Participation in the output's motion, (s,) [kg^0.5 m]."""
     R: np.ndarray
-    """Participation in the rotor's motion, (s,); zero on firm ground."""
+    """Participation in the rotor's motion, (s,); zero on a fixed base."""
     V_l: np.ndarray
     """Viscous participation in the output's motion, (s,) [kg^0.5 m/s]; zero where damping couples
     no modes.
     """
     V_m: np.ndarray
-    """The same in the rotor's, (s,)."""
+    """Coupling to the rotor's acceleration, (s,)."""
     D: np.ndarray
     """Modal damping, (s,) [1/s]."""
     Omega: np.ndarray
@@ -46,9 +45,9 @@ class Load:
     are taken out of the modes.
     """
     output_left: float
-    """What of the output's inertia is in no mode, J_l - sum H^2 [kg m^2]."""
+    """Residual inertia of the output, in no mode, J_l - sum H^2 [kg m^2]."""
     array_left: float
-    """The same without what the reducer adds, J_h [kg m^2]."""
+    """Residual inertia without the reducer's, J_h [kg m^2]."""
 
     @property
     def moves(self) -> bool:
@@ -64,10 +63,10 @@ class Load:
 
     @property
     def rotor_left(self) -> float:
-        """What of the rotor's inertia is in no mode, J_m - sum R^2 [kg m^2]."""
+        """Residual inertia of the rotor, in no mode, J_m - sum R^2 [kg m^2]."""
         return self.rotor - float(self.R @ self.R)
 
     @property
     def cross_left(self) -> float:
-        """What of the coupling is in no mode, c - sum H R [kg m^2]."""
+        """Residual coupling, in no mode, c - sum H R [kg m^2]."""
         return self.cross - float(self.H @ self.R)

@@ -72,7 +72,7 @@ class Motor(Part):
     ]
     friction: Friction = Field(description="friction on the rotor, against omega_m")
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.friction.position is not None:
             yield "friction.position: slip ring and bearing are on the output; give it as friction.position of the scenario"
         if self.friction.torque_noise is not None:

@@ -1,4 +1,4 @@
-"""What is random in a friction, and what varies with the shaft's angle: torque noise, harmonics and
+"""Random and angle-dependent friction: torque noise, harmonics and
 roughness.
 """
 
@@ -85,13 +85,13 @@ class TorqueNoise(Part):
     highest: (
         Annotated[
             float,
-            Quantity("Hz", "highest frequency of the noise; half the sample rate if none", gt=0),
+            Quantity("Hz", "highest frequency of the noise; half the sample rate if null", gt=0),
         ]
         | None
     ) = None
     seed: Annotated[int, _SEED] = 1
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         yield from density_table_errors(self.density, self.table)
         low, high = self.band(math.inf)
         if high <= low:
@@ -124,7 +124,8 @@ class FrictionHarmonic(Part):
         int, Field(ge=1, le=1_000_000, strict=True, description="cycles per turn of the output")
     ]
     amplitude: Annotated[
-        float, Quantity("", "amplitude, as a part of the friction", ge=0, le=1, usual=(1e-5, 0.5))
+        float,
+        Quantity("", "amplitude, as a fraction of the friction", ge=0, le=1, usual=(1e-5, 0.5)),
     ]
     phase: Annotated[float, Quantity("rad", "phase at theta_l = 0", display="deg")] = 0.0
 
@@ -155,13 +156,13 @@ class Roughness(Part):
     highest: (
         Annotated[
             float,
-            Quantity("", "most cycles per turn; the table's last if none", gt=0, le=1_000_000),
+            Quantity("", "most cycles per turn; the last of the table if null", gt=0, le=1_000_000),
         ]
         | None
     ) = None
     seed: Annotated[int, _SEED] = 1
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         yield from density_table_errors(self.density, self.table)
         if self.highest is None and not self.table:
             yield "highest: required when density is a number; give the highest number of cycles per turn"
@@ -197,7 +198,7 @@ class FrictionPosition(Part):
         default=None, description="random variation over the angle; without it, none"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         periodic, random = self._periodic_variation, self._random_variation
         if periodic + random > 1.0:
             yield (
@@ -217,7 +218,7 @@ class FrictionPosition(Part):
         return _ROUGHNESS_SIGMAS * self.roughness.deviation
 
     def turned(self, angle: float) -> FrictionPosition:
-        """The same harmonics, counted from another angle of the shaft [rad]."""
+        """Variation with harmonics counted from another angle of the shaft [rad]."""
         harmonics = tuple(
             h.model_copy(update={"phase": math.remainder(h.phase + h.order * angle, math.tau)})
             for h in self.harmonics
@@ -226,7 +227,7 @@ class FrictionPosition(Part):
 
     @property
     def largest_factor(self) -> float:
-        """What friction is multiplied by at most, at any angle."""
+        """Largest factor on the friction at any angle."""
         return 1.0 + self._periodic_variation + self._random_variation
 
     @property

@@ -24,7 +24,7 @@ class DriveOrder:
 
     name: str
     words: str
-    """What it is, and how it is computed."""
+    """Description, and how it is computed."""
     per_turn: float
     """Cycles per turn of the output."""
     frequency: float

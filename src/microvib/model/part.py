@@ -1,4 +1,4 @@
-"""What all parameter objects share: frozen, no unknown keys, quantities declared once."""
+"""Base of all parameter objects: frozen, no unknown keys, quantities declared once."""
 
 from __future__ import annotations
 
@@ -71,21 +71,21 @@ class Part(_Base):
             return None
         return quantity_in(field)
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         """Sentences on what does not go together, which begin with the key; the first is told."""
         yield from ()
 
-    def _following(self) -> dict[str, Any]:
+    def _derived_fields(self) -> dict[str, Any]:
         """Fields that follow from others here, with their values; a file leaves them out."""
         return {}
 
-    def _needed(self) -> tuple[str, ...]:
+    def _required_fields(self) -> tuple[str, ...]:
         """Fields that must be given though others would do without them."""
         return ()
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
-        following = self._following()
+    def _check_consistency(self) -> Self:
+        following = self._derived_fields()
         for name, value in following.items():
             if name in self.model_fields_set and not _nearly_equal(getattr(self, name), value):
                 given = getattr(self, name)
@@ -98,7 +98,7 @@ class Part(_Base):
                     " out"
                 )
             object.__setattr__(self, name, value)
-        for name in self._needed():
+        for name in self._required_fields():
             if name not in self.model_fields_set | set(following):
                 quantity = self.quantity_of(name)
                 if quantity and quantity.unit:
@@ -108,7 +108,7 @@ class Part(_Base):
                 raise ValueError(
                     f"{name}: missing ({quantity.meaning if quantity else name}{unit})"
                 )
-        for sentence in self._misfits():
+        for sentence in self._consistency_errors():
             raise ValueError(sentence)
         return self
 
@@ -142,7 +142,7 @@ def to_plain_data(value: Any, quantity: Quantity | None = None, *, text: bool = 
 
 
 def _part_to_plain_data(part: Part, text: bool) -> dict[str, Any]:
-    left_out = part._following()
+    left_out = part._derived_fields()
     return {
         name: to_plain_data(value, part.quantity_of(name), text=text)
         for name in type(part).model_fields

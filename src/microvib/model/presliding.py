@@ -41,7 +41,11 @@ class Presliding(Part):
         Annotated[
             float,
             Quantity(
-                "N*m/rad", "stiffness of what sticks, at zero angle", "k_0", gt=0, usual=(1e-3, 1e7)
+                "N*m/rad",
+                "initial stiffness of the sticking contact",
+                "k_0",
+                gt=0,
+                usual=(1e-3, 1e7),
             ),
         ]
         | None
@@ -66,7 +70,7 @@ class Presliding(Part):
         description="in place of stiffness: rows of angle [rad] and torque [N m] as measured, or the name of a CSV file",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if (self.stiffness is None) == (not self.loop):
             yield "stiffness: give either stiffness or loop, a file or rows of angle and torque"
         elif self.loop and self.breakaway_angle is not None:

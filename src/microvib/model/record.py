@@ -1,4 +1,4 @@
-"""What is recorded and how finely it is solved."""
+"""Record and solver settings."""
 
 from __future__ import annotations
 
@@ -31,19 +31,17 @@ class Record(Part):
     ]
     start: Start = Field(
         default="rest",
-        description="how the motion begins: at rest at t = 0, or in the steady state of the window's rate where there is one",
+        description="initial state: at rest at t = 0, or the steady state at the window's rate if it exists",
     )
 
     rotor_offset: Annotated[
         float,
-        Quantity(
-            "", "angle of the rotor from its first command when the currents come on, in full steps"
-        ),
+        Quantity("", "rotor angle from the first commanded angle at power-on, in full steps"),
     ] = 0.0
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.start == "steady" and self.rotor_offset != 0.0:
-            yield "rotor_offset: belongs to a start at rest, and start is steady; leave one of them out"
+            yield "rotor_offset: applies to start: rest only, and start is steady; leave one of them out"
         samples = self.duration * self.sample_rate
         product = f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is"
         if samples < 8:
@@ -63,17 +61,21 @@ class Solver(Part):
     """
 
     removed_keys: ClassVar[dict[str, str]] = {
-        "method": "there is one method of integration now; leave the key out",
-        "tolerance": "solver.accuracy says how accurate a step is; leave the key out",
+        "method": "integration has a single method; leave the key out",
+        "tolerance": "solver.accuracy sets the accuracy of a step; leave the key out",
     }
 
     accuracy: Annotated[
         float,
         Quantity(
-            "", "error of a step over what a microstep moves", gt=0, le=0.1, usual=(1e-8, 1e-2)
+            "",
+            "error of a step relative to the motion per microstep",
+            gt=0,
+            le=0.1,
+            usual=(1e-8, 1e-2),
         ),
     ] = 5e-4
     max_step: Annotated[float, Quantity("s", "longest step", gt=0, le=1.0, display="ms")] = 2e-3
     refinement: Annotated[
-        int, Field(ge=1, le=64, strict=True, description="makes every step this many times finer")
+        int, Field(ge=1, le=64, strict=True, description="factor by which every step is refined")
     ] = 1

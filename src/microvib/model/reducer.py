@@ -36,7 +36,7 @@ class TransmissionError(Part):
         Quantity("rad", "amplitude at the output", ge=0, display="arcsec", usual=(1e-7, 0.02)),
     ]
     phase: Annotated[
-        float, Quantity("rad", "phase at the wave generator's zero", display="deg")
+        float, Quantity("rad", "phase at zero angle of the wave generator", display="deg")
     ] = 0.0
 
 
@@ -53,7 +53,7 @@ class KinematicError(NamedTuple):
 
 
 class Hysteresis(Part):
-    """What the gear's torque lags behind its twist: elements beside its spring, each a spring up to
+    """Hysteresis of the gear: elements beside its spring, each a spring up to
     its share of a limit.
     """
 
@@ -70,7 +70,7 @@ class Hysteresis(Part):
     stiffness: Annotated[
         float,
         Quantity(
-            "N*m/rad", "stiffness beside the gear's own at small twists", gt=0, usual=(1.0, 1e7)
+            "N*m/rad", "stiffness added to the gear's at small twists", gt=0, usual=(1.0, 1e7)
         ),
     ]
     elements: Annotated[int, Field(ge=1, le=10, strict=True, description="number of elements")] = 4
@@ -112,7 +112,7 @@ class Reducer(Part):
         float,
         Quantity(
             "N*m*s/rad",
-            "torsional damping at the output; no part if rigid",
+            "torsional damping at the output; unused if rigid",
             "C_g",
             ge=0,
             usual=(1e-4, 1e4),
@@ -120,7 +120,8 @@ class Reducer(Part):
     ]
     same_way: bool = Field(
         default=False,
-        description="whether the output turns the rotor's way, as of most planetary gears and without one; a train says it itself",
+        description="whether the output turns in the rotor's direction, as with most "
+        "planetary gears and without a gear; follows from train if given",
     )
     output_inertia: Annotated[
         float,
@@ -140,7 +141,7 @@ class Reducer(Part):
             float,
             Quantity(
                 "rad",
-                "turn without torque, flank to flank, at the output",
+                "free play from flank to flank, at the output",
                 ge=0,
                 display="arcsec",
                 usual=(1e-6, 0.05),
@@ -149,7 +150,7 @@ class Reducer(Part):
         | None
     ) = None
     hysteresis: Hysteresis | None = Field(
-        default=None, description="torque that lags behind the twist; without it, none"
+        default=None, description="torque that lags behind the twist (hysteresis); none if left out"
     )
     train: tuple[GearStage, ...] = Field(
         default=(),
@@ -170,7 +171,7 @@ class Reducer(Part):
             return {**data, "stiffness": "rigid"}
         return data
 
-    def _following(self) -> dict[str, Any]:
+    def _derived_fields(self) -> dict[str, Any]:
         if not self.train:
             return {}
         K, gap = stiffness(self.train), backlash(self.train)
@@ -179,12 +180,12 @@ class Reducer(Part):
         )
         return made | ({"backlash": gap} if gap else {})
 
-    def _needed(self) -> tuple[str, ...]:
+    def _required_fields(self) -> tuple[str, ...]:
         if self.train:
             return ("stiffness",)
         return ("ratio", "wave_generator_inertia", "stiffness")
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if not 1.0 <= self.ratio <= 1e5:
             yield f"train: its ratio is {self.ratio:g}; 1 to 100 000 is expected, a train that turns slower than the rotor"
         if self.train and self.same_way:

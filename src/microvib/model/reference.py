@@ -49,7 +49,7 @@ class Reference(Part):
     source: str = Field(max_length=2000, description="where the lines come from")
     estimator: Literal["fitted", "nearest bin"] = Field(
         default="fitted",
-        description="what an amplitude is: of the fitted line, or of the nearest bin of a rectangular window",
+        description="amplitude estimate: the fitted line, or the nearest bin of a rectangular window",
     )
     duration: Annotated[float, Quantity("s", "length of the record", gt=0)]
     sample_rate: Annotated[float, Quantity("Hz", "samples per second of the record", gt=0)]

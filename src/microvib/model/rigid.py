@@ -38,7 +38,7 @@ def rigid_motions(xyz: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 def rigid_motion_at(position: np.ndarray) -> np.ndarray:
-    """The same of one point that lies at ``position`` (3,) [m] from the reference point, (6, 6)."""
+    """Rigid motions of one point that lies at ``position`` (3,) [m] from the reference point, (6, 6)."""
     return rigid_motions(np.asarray(position, dtype=float)[None], np.zeros(3))
 
 
@@ -91,7 +91,7 @@ def block_rotation(turn: np.ndarray) -> np.ndarray:
 
 
 def inertia_error(inertia: np.ndarray) -> str:
-    """What keeps a tensor (3, 3) about a centre of mass from being an inertia, in words; empty
+    """Reason why a tensor (3, 3) about a centre of mass is no inertia, in words; empty
     where it is one.
     """
     principal = np.linalg.eigvalsh(inertia)
@@ -118,7 +118,7 @@ class RigidBody(Part):
         description="inertia about the interface point: xx yy zz xy xz yz, tensor elements"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         center = np.array(self.center_of_mass)
         misfit = inertia_error(inertia_about_center(self.mass, center, tensor(self.inertia)))
         if misfit:

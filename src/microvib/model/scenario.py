@@ -38,8 +38,8 @@ USER_SOURCE = "set by the user"
 class Scenario(Part):
     """One drive, one array, one command, one record. Frozen; ``with_`` makes a changed copy."""
 
-    title: str = Field(default="", max_length=500, description="what is simulated, in a few words")
-    source: str = Field(default="", max_length=2000, description="where the values come from")
+    title: str = Field(default="", max_length=500, description="short title")
+    source: str = Field(default="", max_length=2000, description="source of the values")
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="source and status of single keys or groups, as dotted key: text",
@@ -53,23 +53,23 @@ class Scenario(Part):
     record: Record
     solver: Solver = Solver()
     spacecraft: Spacecraft | None = Field(
-        default=None, description="the craft that carries the drive; none is firm ground"
+        default=None, description="spacecraft that carries the drive; null is a fixed base"
     )
     reference: Reference | None = Field(
-        default=None, description="measured lines of this drive, shown beside those of a run"
+        default=None, description="measured lines of this drive, to compare with those of a run"
     )
 
-    def _misfits(self) -> Iterator[str]:
-        yield from self._misfits_of_array()
-        yield from self._misfits_of_wings()
-        yield from self._misfits_of_drive()
+    def _consistency_errors(self) -> Iterator[str]:
+        yield from self._array_errors()
+        yield from self._wing_errors()
+        yield from self._drive_errors()
         yield from (
             f"sources: '{key}' is not a key of this scenario"
             for key in self.sources
             if not self._has(key)
         )
 
-    def _misfits_of_array(self) -> Iterator[str]:
+    def _array_errors(self) -> Iterator[str]:
         if self.spacecraft is not None and (
             self.array.mass is None or self.array.interface is None
         ):
@@ -78,7 +78,7 @@ class Scenario(Part):
             else:
                 missing = "rigid_body"
             yield (
-                f"array: has no {missing}, and a spacecraft feels six components; give"
+                f"array: has no {missing}, but a spacecraft needs all six components; give"
                 " interface_participation of all modes and"
                 " rigid_body, or take the array from finite elements (array.fem, array.from)"
             )
@@ -86,9 +86,9 @@ class Scenario(Part):
             not self.reducer.rigid
             and self.reducer.output_inertia + self.array.J_h < 1e-6 * self.array.inertia
         ):
-            yield self._hardly_any(self.reducer.output_inertia + self.array.J_h)
+            yield self._has_negligible_inertia(self.reducer.output_inertia + self.array.J_h)
 
-    def _hardly_any(self, rigid: float) -> str:
+    def _has_negligible_inertia(self, rigid: float) -> str:
         return (
             "array: almost no inertia is rigidly attached to the shaft (J_h and"
             " reducer.output_inertia add up to"
@@ -97,9 +97,9 @@ class Scenario(Part):
             " use reducer.stiffness: rigid"
         )
 
-    def _misfits_of_drive(self) -> Iterator[str]:
+    def _drive_errors(self) -> Iterator[str]:
         if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
-            yield self._hardly_any(self.output_inertia)
+            yield self._has_negligible_inertia(self.output_inertia)
         noise, rate = self.friction.torque_noise, self.record.sample_rate
         if noise:
             low, high = noise.band(rate)
@@ -125,8 +125,7 @@ class Scenario(Part):
         if driver.supply_voltage is not None and motor.phases != 2:
             yield (
                 f"driver: supply_voltage {driver.supply_voltage:g} V limits each of the"
-                f" {motor.phases} phases, which the two axes"
-                " of the equations cannot tell; leave it out"
+                f" {motor.phases} phases, which the two-axis equations cannot represent; leave it out"
             )
         if driver.proportional_gain == 0.0 and driver.supply_voltage is not None and not voltage:
             yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
@@ -145,24 +144,23 @@ class Scenario(Part):
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
 
-    def _misfits_of_wings(self) -> Iterator[str]:
+    def _wing_errors(self) -> Iterator[str]:
         other, craft = self.other_wing, self.spacecraft
         if other is None or craft is None or craft.second_wing is None:
             return
-        for part in (other._misfits_of_array, other._misfits_of_drive):
+        for part in (other._array_errors, other._drive_errors):
             yield from (f"spacecraft.second_wing: {text}" for text in part())
         wing = craft.second_wing
         if "voltage" in (other.driver.drive, self.driver.drive if wing.drive == "driven" else ""):
             yield (
-                "spacecraft.second_wing: a shaft is held by its drive as by springs and dampers,"
-                " and a driver without a current"
-                " loop (driver.drive: voltage) is none; use drive: current, in both where both step"
+                "spacecraft.second_wing: a held shaft is modelled by the stiffness and "
+                "damping of its drive, which needs a current loop, and driver.drive is "
+                "voltage; use drive: current, in both drives if both step"
             )
         if wing.stagger and not other.driving_frequency:
             yield (
-                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps are no time where the"
-                " rate is zero or changes in the"
-                " record; leave it out, or track at a constant rate"
+                f"spacecraft.second_wing.stagger: {wing.stagger:g} microsteps are no fixed "
+                "delay if the rate is zero or changes in the record; leave it out, or track at a constant rate"
             )
         late = other.driver.delay - self.driver.delay
         if wing.stagger > 1.0 and self.record.start == "rest" and late >= self.record.settle:
@@ -238,7 +236,7 @@ class Scenario(Part):
 
     @property
     def load(self) -> Load:
-        """What hangs on the two shafts: the array on firm ground, or with the craft that carries
+        """Structure on the two shafts: the array on a fixed base, or with the craft that carries
         the drive.
         """
         return shaft_load(self.array, self.mounted, self.reducer.output_inertia, self.rotor_inertia)
@@ -316,7 +314,7 @@ class Scenario(Part):
 
     @property
     def alone(self) -> Scenario:
-        """The same with a second wing that holds, if there is one: what this drive does by itself."""
+        """Scenario of this drive alone: a second wing, if there is one, is held."""
         craft = self.spacecraft
         if craft is None or craft.second_wing is None or craft.second_wing.drive == "held":
             return self
@@ -625,7 +623,7 @@ def as_scenario(given: GivenScenario) -> Scenario:
     return given
 
 
-def starting(scenario: Scenario, start: Start | None) -> Scenario:
+def with_start(scenario: Scenario, start: Start | None) -> Scenario:
     """A scenario whose record starts at ``"rest"`` or in the ``"steady"`` state, whatever
     ``record.start`` says; without a ``start`` the same.
 

@@ -1,4 +1,4 @@
-"""What is wrong with given data, as sentences: which key, what was found, what is allowed."""
+"""Sentences on errors in given data: which key, what was found, what is allowed."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ _BRANCHES = (
 
 
 class _KeyContext(NamedTuple):
-    """What a path of keys leads to."""
+    """Field at a path of keys."""
 
     keys: tuple[str, ...] = ()
     """Keys that are allowed there."""
     meaning: str = ""
     """Meaning and unit, in parentheses."""
     number: str = "a whole number"
-    """What is expected where whole numbers are."""
+    """Text on the whole number that is expected."""
     removed_keys: Mapping[str, str] = MappingProxyType({})
     """Keys of the release before, and what to do instead."""
 
@@ -102,7 +102,7 @@ def _resolve_key(root: type[BaseModel], where: list[str]) -> _KeyContext:
 
 
 def _meaning(field: FieldInfo, is_entry: bool) -> str | None:
-    """What a key means, with the unit of its quantity; of an entry of a list that of the list."""
+    """Meaning of a key, with the unit of its quantity; of an entry of a list that of the list."""
     quantity = None if is_entry else quantity_in(field)
     if not quantity:
         return field.description
@@ -162,7 +162,7 @@ def _unknown_key(root: type[BaseModel], where: list[str], key: str) -> str:
 
 
 def _of_value_error(text: str, key: str) -> str:
-    """What a check said of the part at a key, which may begin with a key within it."""
+    """Sentence of a check of the part at a key, which may begin with a key within it."""
     if not key:
         return text
     deeper = text.split(":")[0].replace(".", "").replace("_", "").isalnum()
@@ -170,7 +170,7 @@ def _of_value_error(text: str, key: str) -> str:
 
 
 def _suggest_key(key: str, known: list[str], root: type[BaseModel]) -> str:
-    """What an unknown key may stand for: a neighbour spelt like it, or a key of its name in another
+    """Suggestions for an unknown key: a neighbour spelt like it, or a key of its name in another
     group, the outermost.
     """
     elsewhere = [name for name in _all_keys(root) if name.split(".")[-1] == key.split(".")[-1]]

@@ -48,7 +48,7 @@ HELD_WING_SETTINGS: dict[str, Any] = {
     "clock_ratio": 1.0,
     "tracking": None,
 }
-"""What makes a second wing one that holds."""
+"""Settings that hold a second wing."""
 
 
 class HubPoint(Part):
@@ -108,7 +108,7 @@ class Hub(Part):
         default=(), max_length=2000, description="flexible modes; none make it rigid"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         misfit = inertia_error(tensor(self.inertia))
         if misfit:
             yield f"inertia: {misfit}"
@@ -156,7 +156,7 @@ class Interface(Part):
         description="direction, at angle 0, of the array axis that follows the drive axis cyclically (x for z)"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         for name, given in (("drive_axis", self.drive_axis), ("reference", self.reference)):
             if not _is_direction(given):
                 yield f"{name}: {list(given)} is not a direction; three components, not all 0, are expected"
@@ -193,7 +193,7 @@ class SecondWing(Part):
 
     drive: Literal["held", "driven"] = Field(
         default="held",
-        description="held: its motor stands still under current; driven: it steps, too",
+        description="held: motor energised at standstill; driven: it steps as well",
     )
     interface: Interface
     array_angle: (
@@ -214,18 +214,20 @@ class SecondWing(Part):
         float,
         Quantity(
             "",
-            "microsteps by which the steps of a driven one come later than the first's",
+            "delay of a driven wing's steps after the first's, in microsteps",
             ge=0,
             le=1e5,
         ),
     ] = 0.0
     clock_ratio: Annotated[
         float,
-        Quantity("", "step clock of a driven one over the first's", gt=0, le=10, usual=(0.8, 1.25)),
+        Quantity(
+            "", "step clock of a driven wing over the first's", gt=0, le=10, usual=(0.8, 1.25)
+        ),
     ] = 1.0
     tracking: Tracking | None = Field(
         default=None,
-        description="commanded motion of a driven one, about its own drive axis; without it that of the first, in the same"
+        description="commanded motion of a driven wing, about its own drive axis; without it that of the first, in the same"
         " sense about hub axes",
     )
     motor: Motor | None = None
@@ -247,7 +249,7 @@ class AttitudeControl(Part):
 
 
 class Sensitivity(Part):
-    """What the motion of one point does to one axis of the line of sight."""
+    """Sensitivity of one axis of the line of sight to the motion of one point."""
 
     axis: Literal["x", "y"] = Field(description="axis of the line of sight")
     point: str = Field(description="a name of hub.points, interface, or center")
@@ -264,11 +266,11 @@ class LineOfSight(Part):
 
     boresight: Direction | None = Field(
         default=None,
-        description="direction in which a rigid payload looks, hub axes; its rotations count",
+        description="boresight of a rigid payload, hub axes; its rotations move the line of sight",
     )
     point: str = Field(
         default=CENTER,
-        description="where the rotations of boresight are: a name of hub.points, or center",
+        description="point whose rotation moves the boresight: a name of hub.points, or center",
     )
     rows: tuple[Sensitivity, ...] | None = Field(
         default=None, max_length=10_000, description="sensitivities to points"
@@ -276,7 +278,7 @@ class LineOfSight(Part):
     windows: tuple[Seconds, ...] = Field(default=(), max_length=100, description="exposures")
     pixel: Annotated[float, Quantity("rad", "angle of a pixel", gt=0, display="urad")] | None = None
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if (self.boresight is None) == (self.rows is None):
             yield "give either boresight, a direction in hub axes, or rows, sensitivities to motions of named points"
         if self.boresight is not None and not _is_direction(self.boresight):
@@ -294,7 +296,7 @@ class LineOfSight(Part):
             yield from ((f"rows.{k}.point", row.point) for k, row in enumerate(self.rows))
 
     def renamed(self, names: dict[str, str]) -> LineOfSight:
-        """The same with points called by other ``names``."""
+        """Line of sight with points renamed by ``names``."""
         rows = self.rows and tuple(
             x.model_copy(update={"point": names.get(x.point, x.point)}) for x in self.rows
         )
@@ -330,14 +332,14 @@ class Spacecraft(Part):
         BeforeValidator(_control, json_schema_input_type=AttitudeControl | Literal["none"] | None),
     ] = Field(
         default=None,
-        description="none leaves the craft free; lines far below the array's first mode mean nothing then",
+        description="null leaves the spacecraft free; lines far below the array's first mode are then meaningless",
     )
     line_of_sight: LineOfSight | None = None
     second_wing: SecondWing | None = Field(
         default=None, description="a second array with its drive"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.second_wing is None:
             second = {}
         else:
@@ -385,7 +387,7 @@ class Spacecraft(Part):
         return float(self.interface.axis @ self.second_wing.interface.axis)
 
     def from_second(self, first: dict[str, Part]) -> Spacecraft:
-        """The same with both wings exchanged: the ``first``, told by its groups, is the second and
+        """Spacecraft with both wings exchanged: the ``first``, told by its groups, is the second and
         holds.
         """
         wing = self.second_wing

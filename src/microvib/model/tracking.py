@@ -61,7 +61,7 @@ class Tracking(Part):
         float, Quantity("", "step clock over its nominal rate", gt=0, le=10, usual=(0.8, 1.25))
     ] = 1.0
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if (self.rate is None) == (self.profile is None):
             yield "give either rate, a constant rate of the array in deg/s, or profile, a list of legs"
         if self.profile == ():
@@ -72,7 +72,7 @@ class Tracking(Part):
 
     @property
     def reversed(self) -> Tracking:
-        """The same motion the other way round."""
+        """Motion in the opposite direction."""
         legs = self.profile and tuple(
             leg.model_copy(update={"rate": -leg.rate}) for leg in self.profile
         )

@@ -45,7 +45,7 @@ _LINE_COLUMNS = (
 
 @dataclass(frozen=True)
 class BandRms:
-    """What a band holds."""
+    """RMS of a band."""
 
     band: Annotated[str, Column("band", "band")]
     rms: Annotated[float, Column("rms", "RMS", TORQUE)]
@@ -95,7 +95,7 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
     if a.clock_ratio is not None and a.table is not None:
         error = a.table.clock_ratio_uncertainty
         yield "Step clock over nominal", f"{a.clock_ratio:.7f} ± {error:.1g}"
-    for note in a.recording.told(a.channel):
+    for note in a.recording.notes_on(a.channel):
         if note:
             yield "Note", note
 
@@ -108,7 +108,7 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
 
 
 _LINES_CAPTION = (
-    "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty from the floor"
+    "Amplitudes 0-to-peak, independent of the bins; ± is one standard uncertainty from the floor"
     " about the line."
 )
 

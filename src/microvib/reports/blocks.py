@@ -1,4 +1,4 @@
-"""What the reports of all studies share: figures as text, pictures as blocks, the way to reproduce,
+"""Shared parts of all reports: figures as text, pictures as blocks, the way to reproduce,
 the line at the foot.
 """
 

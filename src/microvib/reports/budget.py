@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_REASONS = 4
+MAX_REASONS = 4
 """Reasons that are told on the first page; all are in the tables."""
 RANKED = 8
 """Lines that a ranking shows."""
@@ -89,7 +89,7 @@ def budget_outcome(budget: Budget) -> Outcome:
         tuple(_facts(budget)),
         (
             Part("", tuple(_first_page(budget))),
-            Part("What this rests on", (Text(_basis(budget)),)),
+            Part("Basis and assumptions", (Text(_basis(budget)),)),
             Part("Largest contributors", (_contributors(budget),)),
             Part("Windows", (_windows(budget),)),
             Part("Cumulative rms", (cumulative,)),
@@ -155,10 +155,7 @@ def _verdict_counts(budget: Budget) -> str:
 
 
 def _requirements(budget: Budget) -> Table:
-    caption = (
-        "At most: with the worst phases, all that still rings, and allowances for what was not"
-        " examined."
-    )
+    caption = "At most: with the worst phases, all lines that still ring, and allowances for bands that were not examined."
     if any(one.spread for one in budget.judged):
         caption += " Percentiles over a campaign."
     shown = [_requirement_row(one, one.angle) for one in budget.judged]
@@ -196,11 +193,11 @@ def _not_judged(budget: Budget) -> list[str]:
         if one.why:
             groups.setdefault(one.why, []).append(_name(one))
     more = {
-        why: f"; and {len(why) - MOST_REASONS} more" if len(why) > MOST_REASONS else ""
+        why: f"; and {len(why) - MAX_REASONS} more" if len(why) > MAX_REASONS else ""
         for why in groups
     }
     return [
-        f"{', '.join(names)}, not judged: {'; '.join(why[:MOST_REASONS])}{more[why]}."
+        f"{', '.join(names)}, not judged: {'; '.join(why[:MAX_REASONS])}{more[why]}."
         for why, names in groups.items()
     ]
 
@@ -265,7 +262,7 @@ def _contributors(budget: Budget) -> Table:
         tuple(row(one, x) for one in ranked for x in one.ranking),
         tuple(row(one, x) for one in ranked for x in one.ranking[:RANKED]),
         brief=len(ranked[0].ranking[:RANKED]) if ranked else None,
-        caption="Share: of the mean square; of a curve, the part of what it allows.",
+        caption="Share: fraction of the mean square; for a curve, amplitude over the curve.",
     )
 
 
@@ -329,7 +326,7 @@ def _blocked_loads(budget: Budget) -> Table:
 
 
 def _source_shares(budget: Budget) -> Table:
-    """What each source contributes to each requirement, for a file."""
+    """Contribution of each source to each requirement, for a file."""
     rows = tuple(
         (one.requirement.name, one.requirement.text, x.source, x.rms, x.share)
         for one in budget.judged
@@ -372,7 +369,7 @@ _SIZE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "x": lambda A: A[:, 0],
     "y": lambda A: A[:, 1],
 }
-"""Of amplitudes (k, 2) those that a limit on an axis is held against, (k,)."""
+"""Amplitude (k,) that a limit on an axis is compared with, from amplitudes (k, 2)."""
 _MARKERS = {
     "radial": ("o", "-", "dots"),
     "x": (">", "--", "pointing right"),

@@ -118,9 +118,9 @@ def comparison_outcome(a: Side, b: Side, rows: Sequence[Row]) -> Outcome:
 
 
 _LINES_CAPTION = (
-    "Amplitudes 0-to-peak, wherever the bins fall; ± is one standard uncertainty. Over uncertainty:"
-    " the difference over its standard uncertainty. Hidden: does not stand out of the floor of one"
-    " side. Names with _of_b are lines that only B has."
+    "Amplitudes 0-to-peak, independent of the bins; ± is one standard uncertainty. Over uncertainty:"
+    " the difference over its standard uncertainty. Hidden: below the noise floor of one "
+    "side. Names with _of_b are lines of B only."
     f" Of equal lines one in twenty differs by more than {COVERAGE:g} standard uncertainties by"
     " chance. The uncertainties are those of the records, from the floor about each line: they"
     " include neither the calibration of a test nor the parameters of a model."
@@ -156,7 +156,7 @@ def _compared(r: Row) -> ComparedLine:
 
 
 def _about(a: Side, b: Side) -> Iterator[tuple[str, str]]:
-    """What the sides are, how their recordings were prepared, and their clocks."""
+    """Sides of the comparison, preparation of their recordings, and clocks."""
     yield "A", _called(a)
     yield "B", _called(b)
     for mark, side in (("A", a), ("B", b)):

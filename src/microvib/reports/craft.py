@@ -39,7 +39,7 @@ _MAX_LOAD_LINES = 12
 """Lines in the table of loads."""
 _MAX_CONTRIBUTORS = 5
 _MAX_TOLD = 4
-"""Of these, in a sentence."""
+"""Number of these in a sentence."""
 _ANGLE = replace(POINTING_ANGLE, form="#.3g")
 _MIN_BINS = 4.0
 """Bins below which an angle says nothing: it is an acceleration over the square of a frequency."""
@@ -50,7 +50,7 @@ MIN_TRANSIENT_PART = 0.01
 
 
 def craft_parts(motion: Motion, hub: HubLines) -> Iterator[Part]:
-    """What a run's report says of the craft."""
+    """Sections on the spacecraft in a run's report."""
     yield Part("The spacecraft", tuple(_craft(motion.scenario)), new_page=True, report_only=True)
     yield Part("Loads on the hub", tuple(_loads(motion, hub)), report_only=True)
     if hub.los is not None:
@@ -111,7 +111,7 @@ def craft_words(craft: Spacecraft) -> str:
 
 
 def _second_words(wing: SecondWing) -> str:
-    """What the second wing's drive does."""
+    """Text on the second wing's drive."""
     if wing.array_angle is None:
         angle = "with the first"
     else:
@@ -127,7 +127,7 @@ def _second_words(wing: SecondWing) -> str:
     else:
         clock = ""
     if wing.tracking:
-        rate = ", with a motion of its own"
+        rate = ", with its own commanded motion"
     else:
         rate = ""
     return f"{angle}, driven{late}{clock}{rate}"
@@ -265,7 +265,7 @@ def _names(ax: Axes, craft: Spacecraft, size: float) -> None:
 
 
 def _faces(ax: Axes, corners: np.ndarray, toward: np.ndarray, face: str, edge: str) -> None:
-    """Those faces of a box that the eye sees."""
+    """Visible faces of a box."""
     middle = corners.mean(axis=0)
     for k in range(3):
         for side in (0, 1):
@@ -306,7 +306,7 @@ def _loads(motion: Motion, hub: HubLines) -> Iterator[Item]:
         yield from first
         return
     wing = ""
-    if motion.beside is not None:
+    if motion.second_wing is not None:
         wing = ", and what its wing puts on the hub while the other one steps"
     yield Text(
         "Loads on the hub at both interface points, hub axes. About its drive axis the first's is"
@@ -407,8 +407,7 @@ def _line_of_sight(motion: Motion, hub: HubLines) -> Iterator[Item]:
         f"Sums of {summed} as mean squares; the line of sight stays within"
         f" {angle.figure(within['los_x_rad'])} about x and"
         f" {angle.figure(within['los_y_rad'])} about y for"
-        f" {100 * within['confidence']:.4g} % of the time. The mean motion that the command makes"
-        " is taken out."
+        f" {100 * within['confidence']:.4g} % of the time. The mean commanded motion is removed."
     )
     if hub.windows:
         yield _rms_in_windows(hub, angle)
@@ -445,7 +444,7 @@ _OF_NOISE: tuple[Metric, ...] = ("ape", "rpe")
 
 
 def _pixels_in_windows(hub: HubLines, angle: Measure) -> Iterator[Table]:
-    """The same in pixels, with what is left of contrast, where the line of sight has a pixel."""
+    """Windows in pixels with the remaining contrast, where the line of sight has a pixel."""
     craft = hub.scenario.spacecraft
     los = None if craft is None else craft.line_of_sight
     if los is None or los.pixel is None:

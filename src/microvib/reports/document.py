@@ -16,7 +16,7 @@ Status = Literal["", "pass", "fail"]
 
 @dataclass(frozen=True)
 class Form:
-    """What the user asked of a report: also as PDF, the command as it was typed, and what the title
+    """User's settings of a report: also as PDF, the command as it was typed, and what the title
     block says.
     """
 
@@ -135,7 +135,7 @@ class Document:
 
 
 Contents = tuple[dict[str, Any], Document]
-"""What the folder of a study holds: its files by name, as ``write_folder`` takes them, and its
+"""Contents of a study's folder: its files by name, as ``write_folder`` takes them, and its
 report.
 """
 
@@ -146,7 +146,7 @@ def table(
     caption: str = "",
     marks: Mapping[int, Mark] | None = None,
 ) -> Table:
-    """A table from texts; ``marks`` says which rows stand out, by their number.
+    """A table from texts; ``marks`` marks rows, by their number.
 
     ``amplitude [mN m]`` heads a column of figures, ``factor [1]`` one without unit, and a head
     between backticks one of keys.

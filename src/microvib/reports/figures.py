@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Spectral = Spectrum | Density | Waterfall
-"""What is drawn over frequency."""
+"""Curves over frequency."""
 _POINTS = 2000
 """Groups of samples that a time history is drawn of, at least where there are more."""
 _SHOWN_MICROSTEPS = 4.0
@@ -341,7 +341,7 @@ def draw_friction_loop(loops: Axes, run: Axes, motion: Motion) -> None:
     loops.legend(loc="upper left", fontsize=7)
     turned = motion["theta_l"][: t.size] - motion["theta_l"][0]
     run.plot(1e6 * turned, 1e3 * motion["T_f"][: t.size], color=RED, linewidth=1.3)
-    for ax, title in ((loops, "Slowly to and fro"), (run, f"In the run, {t[-1] - t[0]:.3g} ms")):
+    for ax, title in ((loops, "Slow cycles"), (run, f"In the run, {t[-1] - t[0]:.3g} ms")):
         ax.set(xlabel="angle of the output [µrad]", ylabel="friction torque [mN m]", title=title)
 
 

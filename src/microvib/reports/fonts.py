@@ -25,7 +25,7 @@ class Fallback:
 
     @property
     def sentence(self) -> str:
-        """What cannot be printed, in words; empty if all can be."""
+        """Sentence on characters that cannot be printed; empty if all can be."""
         if not self.unknown:
             return ""
         codes = ", ".join(f"U+{ord(c):04X}" for c in sorted(self.unknown)[:6])

@@ -35,15 +35,14 @@ _STANDARD_ERROR = Measure(form=".2g")
 _SIGNED = Measure(form="+z.2f")
 _SIGMA = Measure(form="+z.1f")
 _TEXT = Measure()
-"""Of figures that are texts in the unit of their row."""
+"""Measure of figures that are texts in the unit of their row."""
 
 CALIBRATED = "Calibrated, not predicted: the parameters were fitted to these figures."
 _HOW_TO_READ = (
     "Intervals have 95 % confidence. They come from the profile of the cost where its curvature"
     " alone would mislead, and are"
-    " widened by the scatter that the fit leaves. They hold for the model as it is: whatever was"
-    " not fitted is taken as exact"
-    " (see what the estimates depend on)."
+    " widened by the scatter that the fit leaves. They are conditional on the model: every "
+    "parameter that was not fitted is taken as exact (see the dependence on parameters not fitted)."
     " A parameter counts as identifiable if the model explains the data, the standard error is"
     " below 20 %, the best value lies"
     " inside its range and no other explains the data as well."
@@ -55,10 +54,9 @@ _DEPENDENCE_NOTE = (
     " 1 % moves it by 2 %. No interval includes an error of such a parameter."
 )
 _SELECTION = (
-    "Each candidate, together with all effects that the evidence asks for: by how much it lowers"
+    "Each candidate, together with all effects that the evidence supports: by how much it lowers"
     " chi-square, and the threshold that"
-    " this must exceed, set so that evidence without any of the effects would ask for one in five"
-    " of a hundred cases. Each number"
+    " this must exceed, set so that evidence without any of the effects exceeds it in five of a hundred cases. Each number"
     " of bits is a candidate of its own. Where figures scatter, as with friction with memory, the"
     " scatter counts against the"
     " candidate. False alarms were counted for detent torque, driver errors, bits and friction with"
@@ -157,7 +155,7 @@ def fit_outcome(fit: Fit, start: Scenario | None = None) -> Outcome:
                 new_page=True,
             ),
             Part("What is left", tuple(_residuals(fit))),
-            Part("What the estimates depend on", _dependences(fit)),
+            Part("Dependence on parameters not fitted", _dependences(fit)),
             Part(
                 "Correlation of the estimates",
                 (_matrix("correlation", "parameter", fit, zip(_keys(fit), fit.correlation, strict=True)),),
@@ -195,7 +193,7 @@ def _verdict(fit: Fit) -> Verdict:
 
 def _goodness_fact(fit: Fit) -> Fact:
     if _verdict(fit) == "not judged":
-        return Fact("not checked", "as many parameters as figures: any model might fit")
+        return Fact("not checked", "as many parameters as measured values: any model might fit")
     label = (
         f"chi-square per degree of freedom; below {fit.goodness.limit:.3g} if the model is correct"
     )
@@ -279,24 +277,24 @@ def _matrix(name: str, of: str, fit: Fit, rows: Iterable[tuple[str, Iterable[flo
 
 def _dependences(fit: Fit) -> tuple[Item, ...]:
     """How estimates move with parameters that were not fitted; nothing where that is not known."""
-    rows = [(one.key, one.shifts) for one in fit.leanings[:_MAX_DEPENDENCES]]
+    rows = [(one.key, one.shifts) for one in fit.dependences[:_MAX_DEPENDENCES]]
     if not rows:
         return ()
     return (Text(_DEPENDENCE_NOTE), _matrix("dependences", "not_fitted", fit, rows))
 
 
 def _residuals(fit: Fit) -> Iterator[Item]:
-    """What neither the fitted model nor any line accounts for, with the floor."""
+    """Residuals of the fitted model and unexplained peaks, with the floor."""
     shown = _residuals_with_floor(fit)
     if shown:
         yield Text(" ".join(_residual_peaks_text(fit)))
     for k, (one, rest, floor) in enumerate(shown[:_MAX_PICTURES], 1):
         caption = (
-            f"{one.name}: amplitudes of the test, what the fitted model leaves of them, the highest"
-            " peaks beside all lines, and the floor, the median of bins about each."
+            f"{one.name}: measured amplitudes, their residuals after the fit, the highest "
+            "unexplained peaks, and the noise floor (median of the neighbouring bins)."
         )
         draw = partial(draw_residuals, fit, one, rest, floor)
-        yield Picture(f"left_{k}", draw, f"What is left of {one.name}", caption)
+        yield Picture(f"left_{k}", draw, f"Residual of {one.name}", caption)
 
 
 def values_text(values: Mapping[str, float]) -> str:
@@ -305,10 +303,10 @@ def values_text(values: Mapping[str, float]) -> str:
 
 
 def _warnings(fit: Fit) -> list[str]:
-    """What else is to be known before any estimate is read."""
+    """Warnings that precede the estimates."""
     if fit.interrupted:
         return [*fit.notes, "Interrupted: the best so far."]
-    unfinished = "The search has not converged: a finer one still found something better."
+    unfinished = "The search has not converged: a finer search still found a better fit."
     return [*fit.notes, *_shared(fit), *([] if fit.converged else [unfinished])]
 
 
@@ -327,7 +325,7 @@ def _shared(fit: Fit) -> list[str]:
 
 
 def _residual_peaks_text(fit: Fit) -> list[str]:
-    """What no line accounts for, in words: of each recording, between the lowest and the highest of
+    """Unexplained peaks in words: of each recording, between the lowest and the highest of
     its lines.
     """
     told = []
@@ -339,7 +337,7 @@ def _residual_peaks_text(fit: Fit) -> list[str]:
         k, above = int(np.argmax(times)), float(np.max(times))
         where = f"{1e3 * rest.amplitude[k]:.3g} mN m at {rest.frequency[k]:.4g} Hz, {above:.2g} times the floor about it"
         if above < MIN_PEAK_OVER_FLOOR:
-            what = "nothing stands out beside the lines"
+            what = "no unexplained peak"
         else:
             what = "there is an unexplained peak"
         told.append(
@@ -357,7 +355,7 @@ def _frequencies(fit: Fit, evidence: Evidence) -> list[float]:
 
 
 def _residuals_with_floor(fit: Fit) -> list[tuple[Evidence, ResidualPeaks, np.ndarray]]:
-    """Of each recording, what is left beside its lines, with the floor."""
+    """Residual of each recording without its lines, with the floor."""
     found = ((one, one.rest) for one, _ in fit.after if np.any(np.isfinite(_frequencies(fit, one))))
     return [
         (one, rest, rest.floor)
@@ -400,7 +398,7 @@ class _Figure(NamedTuple):
 
     @property
     def values(self) -> tuple[float, float, float]:
-        """Of the test, before and after the fit."""
+        """Values of the test, before and after the fit."""
         return self.test, self.before, self.after
 
 
@@ -420,7 +418,7 @@ def _figures(fit: Fit) -> list[_Figure]:
 
 
 def fit_json(fit: Fit) -> dict[str, Any]:
-    """What ``fit.json`` holds."""
+    """Contents of ``fit.json``."""
     names = [e.key for e in fit.estimates]
 
     def by_name(row: Sequence[float]) -> dict[str, float]:
@@ -434,7 +432,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         },
         "alternatives": list(fit.alternatives), "usable": fit.usable, "converged": fit.converged, "notes": list(fit.notes),
         "deviations": [asdict(d) for d in fit.deviations],
-        "leans_on": {one.key: by_name(one.shifts) for one in fit.leanings},
+        "leans_on": {one.key: by_name(one.shifts) for one in fit.dependences},
         "parameters": {
             e.key: {
                 "estimate": e.estimate, "standard_error": e.standard_error, "unit": e.unit,
@@ -462,16 +460,16 @@ def fit_json(fit: Fit) -> dict[str, Any]:
 
 
 def draw_residuals(fit: Fit, evidence: Evidence, rest: ResidualPeaks, floor: np.ndarray) -> Drawing:
-    """Floor and highest peaks beside the lines of a recording, its lines, and what the fitted model
+    """Floor and highest unexplained peaks of a recording, its lines, and what the fitted model
     leaves of each.
     """
     drawing, ax = sheets.one_axes(3.4)
     (after,) = (found for one, found in fit.after if one is evidence)
     pairs = [(o, predicted(after, o)) for o in evidence.observations if o.form == "amplitude"]
     figures.draw_residual_floor(
-        ax, rest.frequency, {"highest peaks beside the lines": rest.amplitude, "floor": floor},
+        ax, rest.frequency, {"highest unexplained peaks": rest.amplitude, "floor": floor},
         _frequencies(fit, evidence),
-        {"lines of the test": [o.value for o, _ in pairs], "left by the model": [abs(v - o.value) for o, v in pairs]},
+        {"lines of the test": [o.value for o, _ in pairs], "residual of the model": [abs(v - o.value) for o, v in pairs]},
     )  # fmt: skip
     return drawing
 

@@ -73,8 +73,8 @@ def effective_mass_sentence(model: ModalModel) -> str:
     if reached.size:
         first = f"{what} is reached with {count_text(int(reached[0]) + 1, 'mode')}."
     return (
-        f"{first} What is in no mode, J_h = {model.J_h:.4g} kg m², counts as rigid on the shaft and"
-        " determines the lines above"
+        f"{first} The residual inertia, J_h = {model.J_h:.4g} kg m², is rigidly attached to "
+        "the shaft and determines the lines above"
         f" {model.frequency[-1]:.3g} Hz."
     )
 
@@ -275,7 +275,7 @@ def _second_order(modes: Modes, model: ModalModel) -> Section:
         terms = s.coriolis, s.centrifugal, s.frequency, s.torque
         rows.append([f"{name}, {rate:g} deg/s", *(f"{v:.2g}" for v in terms)])
     text = (
-        "What Eq. 15 has and Eq. 16 drops, computed from the elements for a steady rate: Coriolis"
+        "Terms of Eq. 15 that Eq. 16 neglects, computed from the elements for a steady rate: Coriolis"
         " coupling over inertia forces,"
         " centrifugal over elastic force, and what both change in the natural frequencies and in"
         " the torque that an acceleration of"

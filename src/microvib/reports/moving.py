@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from microvib.structures.fem.structure import Structure
 
 SCRIPT = Path(str(resources.files("microvib.reports"))) / "templates" / "shapes.js"
-"""What draws them, in reports and on the page."""
+"""Script that draws them, in reports and on the page."""
 NOISE = 1e-6
 """Part of the mass or inertia below which an effective one counts as none."""
 MAX_NODES = 4000
@@ -84,7 +84,7 @@ class AnimatedShape:
         )
 
     def data(self) -> dict[str, Any]:
-        """What ``templates/shapes.js`` draws, in numbers."""
+        """Numbers that ``templates/shapes.js`` draws."""
         return {
             "xyz": np.round(self.xyz, 3).tolist(),
             "faces": self.faces.tolist(), "lines": self.lines.tolist(), "sight": self.sight.tolist(),
@@ -329,7 +329,7 @@ def craft_modes(scenario: Scenario, moving: AnimatedShape) -> dict[str, list[Any
 
 
 def shape_description(scenario: Scenario, of: str, meshed: bool) -> str:
-    """What is drawn of the ``array`` or the ``craft``, in a sentence or two; ``meshed`` is an array
+    """Description of the drawn ``array`` or ``craft``, in a sentence or two; ``meshed`` is an array
     with a mesh.
     """
     array = scenario.array

@@ -43,7 +43,7 @@ def orbit_outcome(orbit: Orbit) -> Outcome:
         (
             Part("", (*(Text(text, note=True) for text in orbit.notes()), picture)),
             Part("Windows over the orbit", (windows,)),
-            Part("How it was found", (Text(" ".join(_method(orbit))),)),
+            Part("Method of solution", (Text(" ".join(_method(orbit))),)),
         ),
         orbit.sweep.scenario,
         files=(

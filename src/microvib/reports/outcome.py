@@ -1,4 +1,4 @@
-"""What a study says, declared once, and what is made of it: a terminal's text, a report, files, the
+"""Outcome of a study, declared once, and its renderings: a terminal's text, a report, files, the
 page's answer.
 
 A study's module makes one ``Outcome`` of its result. Whatever is shown of it anywhere comes from
@@ -32,10 +32,10 @@ class Picture:
     """A figure, drawn when it is asked for."""
 
     name: str
-    """Of its PNG file, without the ending; empty for one that reports alone have."""
+    """Name of its PNG file, without the ending; empty for one that reports alone have."""
     draw: Callable[[], Figure]
     title: str
-    """What it shows, for those who do not see it."""
+    """Alternative text."""
     caption: str = ""
     turned: bool = False
     """Whether it is printed on a page of its own, which lies on its side."""
@@ -77,10 +77,10 @@ class Outcome:
     """The result of a study for those who read it."""
 
     kind: str
-    """Of study, such as *Rate plan*."""
+    """Kind of study, such as *Rate plan*."""
     title: str
     summary: str
-    """What was done, in a sentence."""
+    """Summary, a sentence."""
     verdict: Verdict
     """On what was asked of it; empty where nothing was."""
     facts: tuple[Fact, ...]
@@ -88,7 +88,7 @@ class Outcome:
     parts: tuple[Part, ...]
     """The first is the first page of a report. Parts of which nothing is shown are left out."""
     scenario: Scenario | None = None
-    """What all of it rests on."""
+    """Scenario of the study."""
     files: tuple[Table, ...] = ()
     """Tables that are in files only."""
     data: Mapping[str, Any] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class Outcome:
     other_files: Mapping[str, str] = field(default_factory=dict)
     """Further files by their names, such as a scenario that was found."""
     descriptions: Mapping[str, ModelPart] = field(default_factory=dict)
-    """What it rests on besides, by what it is; a report has their hashes."""
+    """Further descriptions it is based on, by kind; a report has their hashes."""
     again: tuple[Text | Code, ...] = ()
     """How to do it again, besides the command that was typed."""
     versions: Mapping[str, str] | None = None

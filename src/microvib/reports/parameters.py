@@ -262,9 +262,7 @@ def _second_wing(scenario: Scenario) -> list[tuple[str, str, str]]:
 
 
 def _energy_shares(scenario: Scenario, other: Scenario) -> Iterator[tuple[str, str, str]]:
-    """Of each mode with the first shaft locked, in which array, in the second drive or in the hub
-    its elastic energy is.
-    """
+    """Distribution of each mode's elastic energy over arrays, second drive and hub, with the first shaft locked."""
     craft = scenario.craft
     assert craft is not None
     assert craft.second is not None

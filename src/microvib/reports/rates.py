@@ -87,7 +87,7 @@ def rates_outcome(plan: RatePlan, note: str = "") -> Outcome:
             Part("", tuple(first)),
             Part("Campbell diagram", (campbell,), new_page=True),
             Part(f"Forbidden rates, {_criteria(plan)}", _forbidden(plan)),
-            Part("Where lines meet modes, strongest first", _resonances(plan)),
+            Part("Resonances (line meets mode), strongest first", _resonances(plan)),
             Part("Without a steady state", tuple(map(Text, _unsolved(plan)))),
         ),
         plan.scenario,
@@ -126,7 +126,7 @@ def _resonances(plan: RatePlan) -> tuple[Item, ...]:
     top = max((r.amplitude for r in plan.resonances if math.isfinite(r.amplitude)), default=0.0)
     strong = [
         r
-        for r in strongest_resonances(plan.resonances, _MOST_RESONANCES)
+        for r in strongest_resonances(plan.resonances, _MAX_RESONANCES)
         if not r.amplitude < _MIN_RELATIVE * top
     ]
     caption = "The strongest, to a hundredth of the largest; all are in `resonances.csv`."
@@ -142,7 +142,7 @@ def _resonances(plan: RatePlan) -> tuple[Item, ...]:
     )
 
 
-_MOST_RESONANCES = 40
+_MAX_RESONANCES = 40
 _MIN_RELATIVE = 0.01
 """Part of the largest line at a resonance below which a report leaves a resonance to the file."""
 
@@ -182,7 +182,7 @@ def best_text(plan: RatePlan) -> str:
             far = "more than its own rate"
         away = f"; {near[0].line} on {near[0].mode} is {far} away"
     if plan.is_at_end(case):
-        end = "; it lies at the end of the range, beyond which there may be better ones"
+        end = "; this is the end of the range, and rates beyond it may be better"
     else:
         end = ""
     if case.reason:
@@ -198,7 +198,7 @@ def best_text(plan: RatePlan) -> str:
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {torque(top)}{away}{in_time}{end}."
     if found:
         return f"Best: {what}"
-    return f"Best: none {_criteria(plan)}. The smallest largest line: {what}"
+    return f"Best: none {_criteria(plan)}. The lowest largest line: {what}"
 
 
 def _criteria(plan: RatePlan) -> str:
@@ -257,7 +257,7 @@ def _unsolved(plan: RatePlan) -> list[str]:
         texts.append(
             f"{count_text(confirmed, 'steady state')} next to rates with self-excited vibration"
             " (the largest line is not a clock line)"
-            " confirmed by a run from rest until it has arrived."
+            " confirmed by a run from rest until it settled."
         )
     for failed, what in (
         (False, "have no steady state and were integrated in time"), (True, "failed"),
@@ -332,9 +332,7 @@ def _facts(plan: RatePlan) -> list[Fact]:
             facts.append(Fact("Pass", "no line at the best rate", "pass"))
     elif least := plan.least():
         case, top = least
-        where = (
-            f"smallest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
-        )
+        where = f"lowest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
         facts = [
             Fact(
                 "None",

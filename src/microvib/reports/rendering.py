@@ -50,7 +50,7 @@ def html(document: Document) -> str:
 
 
 def _policy() -> str:
-    """What a browser may do for the file, whose texts are other people's: show it, and run the one
+    """Content security policy of the file, whose texts are other people's: show it, and run the one
     script that is ours.
     """
     script = re.search(r'<script type="module">(.*?)</script>', markup({}, ()), re.DOTALL)
@@ -140,7 +140,7 @@ def _symbols(text: str) -> Any:
 
 
 def _inline(text: str) -> Any:
-    """The same, and what stands between backticks as code."""
+    """Inline markup, with text between backticks as code."""
     parts = text.split("`")
     return Markup("").join(
         Markup(f"<code>{escape(x)}</code>") if k % 2 else _symbols(x) for k, x in enumerate(parts)

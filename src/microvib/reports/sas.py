@@ -52,7 +52,7 @@ class SettingOfState:
 
 @dataclass(frozen=True)
 class EffectOfTolerance:
-    """What parts of one kind, off by their tolerance, change."""
+    """Effect of the tolerance of parts of one kind."""
 
     kind: Annotated[str, Column("part", "off by its tolerance")]
     frequency: Annotated[float, Column("relative_frequency", "f", TOLERANCE)]
@@ -254,7 +254,7 @@ def equation_sentence(setting: Setting) -> str:
 
 
 def array_sentence(result: SizingResult) -> str:
-    """What of the array the simulator does not have."""
+    """Sentence on the part of the array that the simulator lacks."""
     model = result.array
     if model is None:
         return ""

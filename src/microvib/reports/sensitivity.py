@@ -19,7 +19,7 @@ SI_VALUE = Measure(form=".9g")
 
 @dataclass(frozen=True)
 class EffectOnLine:
-    """What one value of a scenario does to one line."""
+    """Effect of one value of a scenario on one line."""
 
     line: Annotated[str, Column("line")]
     key: Annotated[str, Column("key", "parameter", role="key")]
@@ -79,8 +79,8 @@ def ranking_outcome(found: Ranking, scenario: Scenario) -> Outcome:
 
 
 _HOW_TO_READ = (
-    "Each value goes to both ends of its range, and to extremes of the linearised drive in between,"
-    " the others as they are; d ln/d ln is the relative change of the line for a relative change of"
+    "Each value is set to both ends of its range, and to extremes of the linearised drive in "
+    "between, the others unchanged; d ln/d ln is the relative change of the line for a relative change of"
     " the value, at the value itself."
 )
 

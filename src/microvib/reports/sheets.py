@@ -79,7 +79,7 @@ def _plain_figure() -> type[Figure]:
 
 
 def legend_name(name: str) -> str:
-    """What Matplotlib shows in a legend as ``name``: it leaves out names that begin with an
+    """Text that Matplotlib shows in a legend as ``name``: it leaves out names that begin with an
     underscore.
     """
     if name.startswith("_"):
@@ -187,7 +187,7 @@ def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> li
 
 
 def png(figure: Figure) -> Writer:
-    """What writes a figure as PNG to a path."""
+    """Writer of a figure as PNG to a path."""
     return lambda path: figure.savefig(path, format="png", dpi=200)
 
 

@@ -13,7 +13,7 @@ from microvib.errors import MicrovibError
 
 ROLES = ("prepared", "checked", "approved")
 """Who signs where nothing else is said."""
-_LONGEST = 80
+_MAX_LENGTH = 80
 _MAX_ROLES = 6
 
 
@@ -35,7 +35,7 @@ def today() -> str:
 
 @dataclass(frozen=True)
 class TitleBlock:
-    """What identifies a document; what is left empty is filled in by hand."""
+    """Identification of a document; empty entries are filled in by hand."""
 
     author: str = ""
     organisation: str = ""
@@ -92,8 +92,8 @@ def read_title_block(path: Path) -> TitleBlock:
 def _text(path: Path, key: str, value: Any) -> str:
     if value is None:
         return ""
-    if isinstance(value, bool | list | dict) or len(str(value)) > _LONGEST:
-        allowed = f"a text of at most {_LONGEST} characters is"
+    if isinstance(value, bool | list | dict) or len(str(value)) > _MAX_LENGTH:
+        allowed = f"a text of at most {_MAX_LENGTH} characters is"
         raise MicrovibError(f"{path}: {key}: '{_shown(value)}' is not allowed; {allowed}")
     return " ".join(str(value).split())
 

@@ -102,7 +102,7 @@ def _is_path(found: re.Match[str]) -> bool:
 
 
 def file_name(source: str) -> str:
-    """What a source is called in titles and legends: of a path its last part."""
+    """Name of a source in titles and legends: of a path its last part."""
     name = re.split(r"[\\/]", source.rstrip("\\/"))[-1]
     return name or source
 

@@ -1,3 +1,3 @@
-"""What a sampled torque says: spectra and lines. Knows samples and expected lines, neither solver
+"""Evaluation of a sampled torque: spectra and lines. Knows samples and expected lines, neither solver
 nor files.
 """

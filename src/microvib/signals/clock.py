@@ -51,7 +51,7 @@ def search_wide_clock_ratio(
 
     Every high peak up to ``highest`` [Hz] is tried as one of the first lines of each family, and
     scored by the whole comb, the mains' lines left out. None where no ratio is better, or where
-    only driving lines stand out, as a comb of any machine's does.
+    only driving lines are detected, as a comb of any machine's does.
     """
     clock = [line for line in expected if line.of_clock]
     first = [line for line in clock if line.name in _FIRST_LINES]
@@ -83,7 +83,7 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
     out.
 
     Every peak in the bands of the first driving lines is tried; the one whose ratio makes most
-    lines stand out gives the start. Lines that the others contradict are left out, since another
+    lines are detected gives the start. Lines that the others contradict are left out, since another
     line is in their place. Gauss-Newton on the joint fit follows, in which each line has the weight
     that its amplitude and frequency give it.
     """
@@ -116,7 +116,7 @@ def estimate_clock_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) 
 
 def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float | None:
     """Ratio by that peak in the bands of the first driving lines which makes most lines of the
-    clock stand out.
+    clock are detected.
     """
     candidates = [line for line in clock if line.kind == "drive"][:3] or [
         line for line in clock if line.kind == "full step" and line.high > line.low
@@ -150,7 +150,7 @@ def _scores(
     spectrum: HannSpectrum,
     mains: bool = False,
 ) -> dict[str, float]:
-    """Of each line the logarithm of height over detection limit at a ``ratio``; 0 where ``mains``
+    """Logarithm of each line's height over the detection limit at a ``ratio``; 0 where ``mains``
     may stand, unless they count.
     """
     found = {}
@@ -171,7 +171,7 @@ def _scores(
 def consistent_lines(
     clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum
 ) -> tuple[list[ExpectedLine], float]:
-    """The strongest lines that stand out and agree on the ratio, and the ratio from their peaks."""
+    """The strongest lines that are detected and agree on the ratio, and the ratio from their peaks."""
     lines, offset, unsure, height = [], [], [], []
     for line in clock:
         at, size = spectrum.peak(line.frequency * start, line.frequency * start)

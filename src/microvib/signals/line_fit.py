@@ -80,7 +80,7 @@ def estimate_lines(
     """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate``
     [Hz], and find further ones.
 
-    If none are expected, all that stand out are found, without names. If the bands of the clock's
+    If none are expected, all lines above the noise floor are found, without names. If the bands of the clock's
     lines have a width, the clock is searched within them; otherwise it is known, as in a
     simulation.
     """
@@ -111,9 +111,7 @@ _HANN_BINS = 2.0
 
 
 def _residual_peaks(rest: HannSpectrum) -> ResidualPeaks:
-    """What stands between the lowest frequency that is told from the mean and the highest that is
-    looked at.
-    """
+    """Residual peaks between the lowest frequency resolved from the mean and the highest examined."""
     first = int(SEPARATION) + 1
     bins = np.arange(first, min(int(PASSBAND * rest.samples), rest.values.size))
     frequency, amplitude = bins / rest.duration, _SCALLOP * rest.magnitude[bins]
@@ -151,9 +149,7 @@ def lines_at_known_clock(
 
 
 def modes_near_clock_lines(table: LineTable) -> LineTable:
-    """Of a table the modes that are so near a line of the clock that another channel can tell them
-    only if it knows them.
-    """
+    """Modes of a table so near a clock line that another channel resolves them only if they are known."""
     clock = [x.expected for x in table if x.of_clock]
     modes = (x for x in table if x.is_mode)
     near = (
@@ -397,7 +393,7 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
 
 
 def _inseparable_lines(joint: JointFit, spread: Uncertainty) -> dict[str, str]:
-    """Names of the lines that stand out and yet have no figure of their own, with the reason: what
+    """Names of the lines above the noise floor without a value of their own, with the reason: what
     is beside them hides it.
     """
     tones, sizes, duration = joint.tones, joint.sizes, joint.spectrum.duration

@@ -2,7 +2,7 @@
 unexpected lines.
 
 The strongest peak of the residual is taken first, fitted jointly with everything near it, and the
-search goes on with the new residual, until no peak stands out of the noise floor.
+search goes on with the new residual, until no peak exceeds the noise floor.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class _Search:
         return self.joint, self.refused
 
     def _highest(self) -> int | None:
-        """Bin of the highest peak of the residual that stands out of the floor; None if none does."""
+        """Bin of the highest peak of the residual above the floor; None if none does."""
         top = float(np.max(self.joint.sizes, initial=0.0))
         magnitude = np.where(self.barred, 0.0, self.joint.rest.magnitude[: self.barred.size])
         while magnitude.size:
@@ -116,7 +116,7 @@ class _Search:
         return None
 
     def _fit_modes(self, group: list[ExpectedLine]) -> None:
-        """Fit the modes of a group together, dropping the weakest until all stand out; unseen ones
+        """Fit the modes of a group together, dropping the weakest until all exceed the floor; unseen ones
         stay where expected.
         """
         self.groups.remove(group)

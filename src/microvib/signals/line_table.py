@@ -13,6 +13,7 @@ from warnings import warn
 import numpy as np
 
 from microvib.errors import LineError, did_you_mean, quoted_value
+from microvib.former_names import FormerName
 from microvib.model.expected import ExpectedLine, LineKindProperties
 from microvib.results import (
     COUNT,
@@ -41,14 +42,14 @@ NOISE_DRIVEN = (
     "driven by noise"  # status of a line that is another one with every draw of the noise
 )
 _DETECTED_STATUSES = ("ok", "decaying", "growing", NOISE_DRIVEN)
-"""Statuses of lines that stand out and have figures of their own."""
+"""Statuses of detected lines, whose values were estimated."""
 
 _IN_PHASE = math.sqrt(0.5 / (1.0 - math.pi / 4.0))
 """Deviation of one part of a complex Gaussian over that of its magnitude."""
 
 
 _UNITS = {"_hz": "Hz", "_rad": "rad", "_per_s": "1/s", "_n_m": "N*m"}
-"""What the ends of a line's fields say of their units."""
+"""Units by the endings of a line's fields."""
 
 
 def _figure(value: float, form: str) -> str:
@@ -113,7 +114,7 @@ class Line(LineKindProperties):
     phase_uncertainty: Annotated[float, Column("phase_uncertainty_rad", measure=PHASE)] = math.nan
     bin_frequency: Annotated[float, Column("bin_frequency_hz", measure=FREQUENCY)] = math.nan
     bin_amplitude: Annotated[float, Column("bin_amplitude_n_m", measure=TORQUE)] = math.nan
-    """Of the nearest bin of a rectangular window, as tests are often read."""
+    """Amplitude of the nearest bin of a rectangular window, as tests are often read."""
     floor: Annotated[float, Column("floor_n_m", "floor", TORQUE_UNCERTAINTY)] = math.nan
     """Median amplitude of the bins about the line."""
     decay: Annotated[float, Column("decay_per_s", measure=DECAY)] = math.nan
@@ -129,7 +130,7 @@ class Line(LineKindProperties):
     noise_deviation: Annotated[float, Column("noise_deviation_n_m", measure=TORQUE)] = math.nan
     """Its standard deviation."""
     noise_p95: Annotated[float, Column("noise_p95_n_m", measure=TORQUE)] = math.nan
-    """What 95 % of the draws stay below."""
+    """95 % quantile over the draws."""
 
     if not TYPE_CHECKING:
 
@@ -138,7 +139,7 @@ class Line(LineKindProperties):
 
     @property
     def seen(self) -> bool:
-        """Whether it stands out and has figures of its own."""
+        """Whether it was detected, with estimated values."""
         return self.status in _DETECTED_STATUSES
 
     @property
@@ -158,7 +159,7 @@ class Line(LineKindProperties):
 
     @property
     def hidden(self) -> float:
-        """What it may have where its floor hides it; 0 where it does not."""
+        """Amplitude that its floor may hide; 0 where it does not."""
         if self.status == BELOW_FLOOR:
             return DETECTION_RATIO * self.floor
         return 0.0
@@ -171,12 +172,14 @@ class Line(LineKindProperties):
             1.0 if self.status in (NOISE_DRIVEN, BELOW_FLOOR) else _IN_PHASE
         )
 
-    def starting(self, duration: float) -> float:
+    def amplitude_at_start(self, duration: float) -> float:
         """Amplitude [N m] at the first sample of a record of ``duration`` [s]."""
         fold = self.decay * duration
         if abs(fold) > 1e-9:
             return self.amplitude * fold / -float(np.expm1(-fold))
         return self.amplitude
+
+    starting = FormerName("amplitude_at_start")
 
 
 UNFITTED_FACTOR = 3.0
@@ -188,7 +191,7 @@ TWELFTH_OCTAVE = 2.0 ** (1.0 / 12.0) - 1.0
 
 @dataclass(frozen=True)
 class ResidualPeaks:
-    """What no line of a table accounts for: the highest peak that is left in each twelfth of an
+    """Unexplained peaks of a table: the highest peak that is left in each twelfth of an
     octave, (m,) each.
     """
 
@@ -206,7 +209,7 @@ class ResidualPeaks:
     resolution: float = 0.0
     """Distance [Hz] from which two lines are told apart; 0 of exact lines."""
     together: np.ndarray | None = None
-    """Amplitudes [N m] of all that stands out in the same part of the spectrum, added; None where
+    """Amplitudes [N m] of all peaks in the same part of the spectrum, added; None where
     that is not known.
     """
 
@@ -236,7 +239,7 @@ class ResidualPeaks:
 
     @property
     def in_sum(self) -> np.ndarray:
-        """What all that is left in each part may add up to at most [N m], (m,)."""
+        """Upper bound of the sum of all that is left in each part [N m], (m,)."""
         highest = self.factor * self.amplitude
         if self.together is None:
             return np.asarray(highest)
@@ -313,13 +316,13 @@ class SeedLine:
     mean: Annotated[float, Column("mean_n_m", "mean", TORQUE)]
     deviation: Annotated[float, Column("deviation_n_m", "deviation", TORQUE)]
     p95: Annotated[float, Column("p95_n_m", "95 %", TORQUE)]
-    """What 95 % of the draws stay below, as estimated from these."""
+    """95 % quantile, as estimated from the draws."""
     p95_low: Annotated[float, Column("p95_low_n_m", "at least", TORQUE)]
     """With 95 % confidence that quantile is not below this."""
     p95_high: Annotated[float, Column("p95_high_n_m", "at most", TORQUE, absent="?")]
     """With 95 % confidence it is not above this; nan with fewer draws than 59, which cannot tell."""
     hidden: Annotated[float, Column("hidden_n_m", measure=TORQUE)]
-    """What the line may have where a floor hides it; 0 if none does."""
+    """Amplitude that a floor may hide; 0 if none does."""
 
     if not TYPE_CHECKING:
 
@@ -339,17 +342,17 @@ class LineTable:
     samples: int
     sample_rate: float
     unit: str = "N*m"
-    """Of all amplitudes, in place of N m where the lines are those of another channel than a
+    """Unit of all amplitudes, in place of N m where the lines are those of another channel than a
     torque.
     """
     source: str = field(default="", compare=False)
-    """What they are the lines of: the channel, and the motion, steady state or recording, in words."""
+    """Origin of the lines: the channel, and the motion, steady state or recording, in words."""
     harmonics: int = field(default=8, compare=False)
     """Members of each family of lines that were looked for."""
     rest: ResidualPeaks | None = field(default=None, compare=False)
-    """What is left; None where that was not looked at."""
+    """Residual peaks; None where they were not determined."""
     excess: tuple[Excess, ...] = field(default=(), compare=False)
-    """What a recording holds beyond its lines and its floor, band by band."""
+    """Excess of a recording over its lines and its floor, band by band."""
     own_error: float = field(default=0.0, compare=False)
     """Part of every amplitude that the record itself is known to be off, as by its integration; nan
     where that is not known.

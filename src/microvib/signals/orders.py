@@ -27,7 +27,7 @@ class ClockOrders:
 
     @classmethod
     def of(cls, expected: Sequence[ExpectedLine], ratio: float | None) -> ClockOrders | None:
-        """Those of the ``expected`` lines at a clock ratio; None without a clock."""
+        """Orders of the ``expected`` lines at a clock ratio; None without a clock."""
         found = {
             line.name: line
             for line in expected

@@ -53,7 +53,7 @@ _MEAN: dict[Metric, float] = {
     "jitter": 1.0,
     "stability": 2.0,
 }  # the others have fallen to nothing there
-_MOST_PIECES = 20_000_000
+_MAX_PIECES = 20_000_000
 _TERMS_OF_LEVEL = 1 << 12  # of the Fourier series of a distribution
 _INSTANTS = (
     32749,
@@ -236,11 +236,11 @@ def _weighted_integral(
     """Integral of density times weight, by Gauss' rule on pieces far shorter than its ripple."""
     longest = max(window, apart or 0.0)
     pieces = np.maximum(np.ceil(np.diff(f) * longest * _PER_PERIOD), 1.0)
-    if pieces.sum() > _MOST_PIECES:
+    if pieces.sum() > _MAX_PIECES:
         raise MicrovibError(
             f"window: {longest:g} s with a density up to {f[-1]:g} Hz takes {pieces.sum():.2g}"
             " pieces; at most"
-            f" {_MOST_PIECES:.0e} are allowed; cut the density above, or shorten the window"
+            f" {_MAX_PIECES:.0e} are allowed; cut the density above, or shorten the window"
         )
     count = pieces.astype(int)
     first_piece = np.cumsum(count) - count
@@ -290,7 +290,7 @@ class Distribution:
     inside: np.ndarray
     """Part of the time within each angle, (n, m)."""
     shares: np.ndarray
-    """Of the time, (n,)."""
+    """Shares of the time, (n,)."""
 
     def within(self, confidence: float, beside: np.ndarray | float = 0.0) -> float:
         """Angle [rad] that it stays within for a part ``confidence`` of the time.

@@ -33,7 +33,7 @@ class SpectrumError(MicrovibError):
 
 @dataclass(frozen=True, repr=False)
 class _Estimate:
-    """What is estimated in bins of frequency, and how."""
+    """Estimate in bins of frequency."""
 
     frequency: np.ndarray
     """Bins [Hz], (m,)."""
@@ -46,7 +46,7 @@ class _Estimate:
     overlap: float = field(default=0.0, kw_only=True)
     """Part of a segment that the next one shares."""
     unit: str = field(default="N*m", kw_only=True)
-    """Of the signal."""
+    """Unit of the signal."""
 
     @property
     def resolution(self) -> float:

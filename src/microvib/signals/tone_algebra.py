@@ -1,4 +1,4 @@
-"""What fits of tones are made of, compiled: the spectrum of a damped tone under a Hann window, and
+"""Compiled building blocks of tone fits: the spectrum of a damped tone under a Hann window, and
 linear least squares.
 """
 

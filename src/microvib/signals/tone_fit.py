@@ -40,7 +40,7 @@ code = Unit(__name__, "tone_kernel.py")
 def known(
     cycles: Vector, decay: Vector, k: Counts, values: Complexes, table: Matrix
 ) -> tuple[Matrix, Vector]:
-    """What need not be computed again while other tones move: an orthonormal basis (2 m, 2 n) of
+    """Quantities that stay the same while other tones move: an orthonormal basis (2 m, 2 n) of
     the spectra of tones that stand still, and the values at the bins ``k``, (2 n,), less what these
     make of them."""
     n = k.size

@@ -53,7 +53,7 @@ of a median of squares.
 
 @dataclass(frozen=True)
 class Excess:
-    """What a band of a record holds beyond the counted lines and the floor, in the piece where that
+    """Excess of a band of a record over the counted lines and the floor, in the piece where that
     is most.
     """
 
@@ -61,7 +61,7 @@ class Excess:
     high: float
     """Ends of the band [Hz]."""
     rms: float
-    """Of what is more, in the unit of the samples."""
+    """RMS of the excess, in the unit of the samples."""
     level: float
     """RMS of all samples in that piece and band."""
     counted: float
@@ -76,10 +76,10 @@ class Excess:
 
     @property
     def amplitude(self) -> float:
-        """Of one tone that has this RMS."""
+        """Amplitude of a tone with this RMS."""
         return math.sqrt(2.0) * self.rms
 
-    def told(self, channel: str = "") -> str:
+    def sentence(self, channel: str = "") -> str:
         """A sentence without a stop: what is wrong, and what to do."""
         at = f"at {self.low:.3g} to {self.high:.3g} Hz" + (
             f" in channel {channel}" if channel else ""
@@ -96,9 +96,8 @@ class Excess:
             )
         part = 100.0 * min(self.counted / self.level, 1.0)
         return (
-            f"the lines that count make {part:.2g} % of the recording's RMS {at}: the rest may be"
-            " of a rate or load that comes and"
-            " goes, of what rings, of lines of higher order (--harmonics N) or of another machine"
+            f"significant lines account for {part:.2g} % of the recording's RMS {at}: the "
+            "rest may come from a varying rate or load, a ringing mode, lines of higher order (--harmonics N) or another machine"
             " (record at a steady rate, with"
             " nothing else running)"
         )
@@ -107,7 +106,7 @@ class Excess:
 def excesses(
     x: np.ndarray, sample_rate: float, counted: Iterable[Line], others: Iterable[Line] = ()
 ) -> tuple[Excess, ...]:
-    """What the samples ``x`` (n,) at ``sample_rate`` [Hz] hold beyond lines and floor, by bands of
+    """Excess of the samples ``x`` (n,) at ``sample_rate`` [Hz] over lines and floor, by bands of
     a third of an octave, ascending.
 
     Parameters
@@ -142,7 +141,7 @@ def excesses(
 
 
 def joined(found: Sequence[Excess]) -> list[list[Excess]]:
-    """Those of one channel, or of several, whose bands touch, together."""
+    """Excesses of one channel, or of several, joined where their bands touch."""
     groups: list[list[Excess]] = []
     for one in sorted(found, key=lambda x: x.low):
         if groups and one.low <= max(x.high for x in groups[-1]) * (1.0 + 1e-9):
@@ -170,7 +169,7 @@ def _samples_of(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray
     """The samples (n,) of lines alone."""
     t, found = np.arange(n) / sample_rate, np.zeros(n)
     for line in lines:
-        size = line.starting(n / sample_rate)
+        size = line.amplitude_at_start(n / sample_rate)
         falls = np.exp(-line.decay * t) if line.decay else 1.0
         found += size * falls * np.cos(2.0 * np.pi * line.frequency * t + line.phase)
     return found
@@ -215,7 +214,7 @@ def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Bands:
-    """What is known of bands of frequency."""
+    """Levels and floors of frequency bands."""
 
     edges: np.ndarray  # [Hz], (k + 1,)
     floor: np.ndarray  # power density, the mean and at most, (2, k)

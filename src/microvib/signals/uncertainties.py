@@ -110,8 +110,7 @@ def _directions(
     sine: np.ndarray,
     decay: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What gives amplitudes over the record, and what is across them, from what gives real and
-    imaginary parts and decays, (m, 2 n) each."""
+    """Estimators of amplitudes over the record and of phases, from those of real and imaginary parts and decays, (m, 2 n) each."""
     mean, slope = mean_of_decay(fold)
     size, x, y = np.abs(amplitudes), np.cos(np.angle(amplitudes)), np.sin(np.angle(amplitudes))
     along = (
@@ -162,7 +161,7 @@ def _noise(joint: JointFit, near: np.ndarray) -> np.ndarray:
 
 
 def _noise_about(joint: JointFit, frequency: np.ndarray) -> np.ndarray:
-    """The same about tones at each ``frequency`` [Hz]."""
+    """Noise about tones at each ``frequency`` [Hz]."""
     floors, left = _floors(joint, frequency)
     return np.sqrt(
         floors**2
@@ -220,7 +219,7 @@ def _medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def _estimators(columns: np.ndarray) -> np.ndarray:
-    """What gives the least-squares solution with ``columns`` (..., p, 2 n) from a right-hand side:
+    """Estimators of the least-squares solution with ``columns`` (..., p, 2 n) from a right-hand side:
     (X X^T)^-1 X.
     """
     scale = np.sqrt(np.einsum("...ij,...ij->...i", columns, columns))

@@ -13,7 +13,7 @@ from microvib.model.rigid import COMPONENTS
 
 @dataclass(frozen=True)
 class Channel:
-    """What one channel of a motion is."""
+    """Description of a channel of a motion."""
 
     name: str
     unit: str
@@ -71,14 +71,14 @@ LOAD_COLUMNS = tuple(
     f"{name.lower()}_{'n' if load.unit == 'N' else 'n_m'}" for name, load in LOADS.items()
 )
 LOS_COLUMNS = ("los_x_rad", "los_y_rad")
-"""What tables call loads and angles of the line of sight."""
+"""Columns of loads and angles of the line of sight in tables."""
 SECOND_LOADS = {
     f"{name}_2": Channel(
         f"{name}_2", load.unit, f"{name} on the spacecraft at the second wing's interface"
     )
     for name, load in LOADS.items()
 }
-"""The same of a second wing."""
+"""Loads of a second wing."""
 LINE_OF_SIGHT = {
     "los_x": Channel(
         "los_x",
@@ -93,6 +93,6 @@ LINE_OF_SIGHT = {
         "los_ay", "rad/s^2", "second derivative of the second angle of the line of sight"
     ),
 }
-"""Of a craft with a line of sight."""
+"""Channels of a spacecraft with a line of sight."""
 ALL_CHANNELS = {**CHANNELS, **MODAL, **LOADS, **SECOND_LOADS, **LINE_OF_SIGHT}
 """Everything that has a name."""

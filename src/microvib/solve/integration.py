@@ -83,7 +83,9 @@ def simulate_from_rest(
     with error_context(SECOND_WING):
         return replace(
             motion,
-            beside=simulate_from_rest(other, progress=second, channels=channels, balanced=balanced),
+            second_wing=simulate_from_rest(
+                other, progress=second, channels=channels, balanced=balanced
+            ),
         )
 
 
@@ -136,7 +138,7 @@ def rerun_refined(
 
 @dataclass
 class _TorqueSums:
-    """What is known of the torque alone, chunk by chunk; the record is rows ``start`` to ``stop``."""
+    """Sums over the torque alone, chunk by chunk; the record is rows ``start`` to ``stop``."""
 
     start: int
     stop: int
@@ -367,14 +369,14 @@ class Simulation:
         return stop
 
     def _picked(self, rows: np.ndarray, wanted: tuple[str, ...]) -> np.ndarray:
-        """Of the kernel's rows (n, channels) the columns that are kept, or what is made of them."""
+        """Kept columns of the kernel's rows (n, channels), or combinations of them."""
         block = channels_of(rows, self.packed.drive.H.size)
         if self._of_states is not None:
             block |= dict(zip(LINE_OF_SIGHT_ACCELERATIONS, self._of_states.T @ rows.T, strict=True))
         return np.vstack([block[name].T for name in wanted]).T
 
     def _mix(self) -> np.ndarray | None:
-        """What is wanted as sums of the channels (wanted, channels); None where propagators do not
+        """Wanted outputs as sums of the channels (wanted, channels); None where propagators do not
         make them (``Packed.mixes``).
         """
         packed = self.packed
@@ -441,7 +443,7 @@ def method_of(scenario: Scenario) -> dict[str, Any]:
 def compute_invariants(
     packed: Packed, before: np.ndarray, momentum_before: float, span: float
 ) -> Invariants:
-    """What should have held over the last ``span`` [s], since the snapshot ``before`` and its
+    """Invariants over the last ``span`` [s], since the snapshot ``before`` and its
     angular momentum [N m s].
     """
     state = packed.state
@@ -471,7 +473,7 @@ _CROSSING_SHORTER = 0.01
 
 
 def status_error(scenario: Scenario, status: int, now: float) -> SimulationError:
-    """What a status of the kernel at the time ``now`` [s] means to the user."""
+    """Sentence for the user on a status of the kernel at the time ``now`` [s]."""
     if status == kernel.LOST_SYNCHRONISM:
         return SynchronismLost(_synchronism_lost_message(scenario, now), now)
     if status == kernel.NOT_FINITE:

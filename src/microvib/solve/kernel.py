@@ -146,7 +146,7 @@ class Drive(NamedTuple):
 
 
 class State(NamedTuple):
-    """What the integration updates: state, friction modes (-1, 0 stuck, 1), times and references,
+    """State that the integration updates: state, friction modes (-1, 0 stuck, 1), times and references,
     counters, energies [J].
     """
 
@@ -311,7 +311,7 @@ def varies(p):
 
 @code.inner(**COMPILE)
 def friction_angle_factor(theta_l, p):
-    """What the output's friction is multiplied by at an angle, and its slope: harmonics and
+    """Factor on the output's friction at an angle, and its slope: harmonics and
     roughness of slip ring and bearing.
 
     Never negative.
@@ -339,7 +339,7 @@ def _grip_in(y, p):
 
 @code.inner(**INLINE)
 def friction_factor_in(y, p):
-    """The same in the state ``y``; 1 where friction does not vary."""
+    """Factor on the output's friction in the state ``y``; 1 where friction does not vary."""
     value = 0.0 * y[TM] + 1.0
     if varies(p):
         value = _grip_in(y, p)
@@ -451,7 +451,7 @@ def derivative(y, references, noise, stick, p, f, q):
 
 @code.inner(**INLINE)
 def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
-    """The same of the drive alone, with the torques of the modes on its output, ``modal``, less
+    """Derivative of the drive alone, with the torques of the modes on its output, ``modal``, less
     torque noise, and on its rotor.
     """
     theta_m, omega_m = y[TM], y[WM]
@@ -767,7 +767,7 @@ def held_m(p):
 
 @code.inner(**INLINE)
 def held_l(p):
-    """The same of the output's friction."""
+    """Torque that the output's friction holds at rest, without memory."""
     return 0.0 if p.l_elements > 0 else p.l_slide + p.l_stribeck
 
 
@@ -782,7 +782,7 @@ def breakaway_torques(p, G, friction_factor):
 
 @code.inner(**FORCED)
 def margins(y, noise, stick, p):
-    """What stays positive as long as the friction modes last: slip speed, or the reserve below the
+    """Margins that stay positive as long as the friction modes last: slip speed, or the reserve below the
     breakaway torque.
 
     Rotor and output; always 1 where there is no friction.
@@ -796,7 +796,7 @@ def margins(y, noise, stick, p):
 
 @code.inner(**FORCED)
 def margins_known(y, q, stick, p):
-    """The same, with the instantaneous ``q`` of ``derivative``: the friction of what sticks is the
+    """Margins with the instantaneous ``q`` of ``derivative``: the friction of what sticks is the
     torque that holds it.
     """
     hold_m, hold_l = q[1], q[2]
@@ -884,7 +884,7 @@ def body_of(e, p):
 
 @code.inner(**INLINE)
 def _angle_and_rate(body, y, p):
-    """What the elements of a body see; those of the gear its twist."""
+    """Angle and rate at the elements of a body; those of the gear see its twist."""
     if body == 0:
         return y[TM], y[WM]
     e0, e1, _, _ = transmission_error(y[TM], p.te)
@@ -898,7 +898,7 @@ def _angle_and_rate(body, y, p):
 
 @code.inner(**COMPILE)
 def element_margin(e, y, stick, p):
-    """What stays positive as long as the mode of an element lasts: its slip, or what its spring
+    """Margin that stays positive as long as the mode of an element lasts: its slip, or what its spring
     lacks of its limit.
     """
     body = body_of(e, p)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import ChannelError, expect_channel
+from microvib.former_names import FormerName
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.model.spacecraft import INTERFACE, SECOND_INTERFACE
@@ -30,7 +31,7 @@ INTERFACE_LOAD_CHANNELS = ("alpha_l", "eta", "eta_rate", "T_d")
 
 
 BALANCE_TOLERANCE = 1e-3
-"""What a balance of momentum or of energy may leave over at most; forms of one torque may differ by
+"""Largest allowed residual of a balance of momentum or of energy; forms of one torque may differ by
 ``ROUNDING``.
 """
 ROUNDING = 1e-9
@@ -55,7 +56,7 @@ class Invariants:
     energy: float
     """``|energy in - stored - dissipated|`` over the electrical energy supplied."""
     energy_mechanical: float
-    """The same over the energy that passed the shaft of the motor (without Joule heat, so the
+    """Energy residual over the energy that passed the shaft of the motor (without Joule heat, so the
     stricter figure).
     """
     energy_in: float
@@ -64,7 +65,7 @@ class Invariants:
 
     @property
     def bars(self) -> dict[str, float]:
-        """What each may be at most; of ``energy_mechanical`` more where hardly any energy passes
+        """Tolerance of each invariant; of ``energy_mechanical`` more where hardly any energy passes
         the shaft, by ``JOULE_HEAT_TOLERANCE``.
         """
         supplied = (
@@ -109,20 +110,21 @@ class Motion:
     solver: dict[str, Any] = field(default_factory=dict)
     beginning: InitialState | None = None
     """None in a motion that was read from a file."""
-    beside: Motion | None = None
+    second_wing: Motion | None = None
     """Run of the second wing's drive, where it is driven."""
+    beside = FormerName("second_wing")
 
     def __getitem__(self, name: str) -> np.ndarray:
         own = channel_of(self.channels, name, self.scenario, self.time)
         there = _SECOND_RUN_CHANNELS.get(name)
-        if self.beside is None or there is None:
+        if self.second_wing is None or there is None:
             return own
-        return own + self.beside[there]
+        return own + self.second_wing[there]
 
     @property
     def alone(self) -> Motion:
-        """What the first drive does by itself."""
-        return replace(self, beside=None)
+        """Motion of the first drive alone."""
+        return replace(self, second_wing=None)
 
     def __repr__(self) -> str:
         duration, kept = self.time.size / self.sample_rate, self._ipython_key_completions_()
@@ -145,14 +147,14 @@ class Motion:
         """Compute the loads on the spacecraft at the interface.
 
         The drive axis carries T_d; the others are what modes and interface inertia push back with.
-        On firm ground their axes are the array's, on a craft the hub's.
+        On a fixed base their axes are the array's, on a craft the hub's.
 
         Returns
         -------
         numpy.ndarray or None
             Fx Fy Fz [N], Mx My Mz [N m], (n, 6); None without 6 x s participation.
         """
-        if self.beside is not None:
+        if self.second_wing is not None:
             return np.column_stack([self[name] for name in COMPONENTS])
         return interface_loads(self.channels, self.scenario)
 
@@ -179,19 +181,19 @@ class Motion:
         """
         if self.scenario.craft is None:
             raise ChannelError(
-                "this motion is one on firm ground; a scenario with a spacecraft is expected"
+                "this motion is one on a fixed base; a scenario with a spacecraft is expected"
             )
         own = hub_motion(
             self.scenario.craft, point, self.channels, self.scenario, self.time, accelerations
         )
-        if self.beside is None:
+        if self.second_wing is None:
             return own
         named = {p.name for p in self.scenario.craft.spacecraft.hub.points}
         if point in named:
             there = point
         else:
             there = {INTERFACE: SECOND_INTERFACE, SECOND_INTERFACE: INTERFACE}.get(point, point)
-        return own + self.beside.hub(there, accelerations=accelerations)
+        return own + self.second_wing.hub(there, accelerations=accelerations)
 
     def variables(self) -> Iterator[tuple[Channel, np.ndarray]]:
         """Iterate over every channel with its samples, loads at the interface among them where they
@@ -217,7 +219,7 @@ class Motion:
 
     @property
     def dataset(self) -> Any:
-        """The same as an ``xarray.Dataset`` with dimensions ``time`` and ``mode`` and a unit on
+        """Motion as an ``xarray.Dataset`` with dimensions ``time`` and ``mode`` and a unit on
         every variable.
         """
         import xarray as xr
@@ -241,7 +243,7 @@ _SECOND_RUN_CHANNELS = {
     **dict(zip(SECOND_LOADS, COMPONENTS, strict=True)),
     **{name: name for name in LINE_OF_SIGHT},
 }
-"""What adds up of two wings: of each channel its name in the second's run, where the first is the
+"""Channels that add up over two wings: of each its name in the second's run, where the first is the
 second.
 """
 
@@ -319,7 +321,7 @@ def channel_of(
 def scalar_channel(
     channels: Mapping[str, np.ndarray], name: str, scenario: Scenario, time: np.ndarray
 ) -> np.ndarray:
-    """The same for one value at a time, (n,): ChannelError for a modal channel."""
+    """Channel with one value at a time, (n,): ChannelError for a modal channel."""
     values = channel_of(channels, name, scenario, time)
     if values.ndim != 1:
         raise ChannelError(

@@ -1,4 +1,4 @@
-"""What is random in the output's friction: one draw of a Gaussian process with a given density,
+"""Random friction of the output: one draw of a Gaussian process with a given density,
 smooth in time or in angle.
 """
 
@@ -16,7 +16,7 @@ KNOTS_PER_PERIOD = 8.0
 1e-4 of it.
 """
 MAX_KNOTS = 1 << 23
-"""Of a run: 134 MB."""
+"""Largest number of knots of a run: 134 MB."""
 
 
 def torque_noise(scenario: Scenario) -> tuple[np.ndarray, float]:
@@ -47,7 +47,7 @@ def torque_noise(scenario: Scenario) -> tuple[np.ndarray, float]:
 
 
 def roughness(scenario: Scenario) -> tuple[np.ndarray, float]:
-    """The same of friction over the angle, for one turn of the output, and knots per radian; parts
+    """Roughness of friction over the angle, for one turn of the output, and knots per radian; parts
     of the friction.
     """
     position = scenario.friction.position

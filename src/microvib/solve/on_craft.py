@@ -1,4 +1,4 @@
-"""What the hub of a craft does and feels, out of a motion's channels: loads at the interface,
+"""Motion of and loads on the hub of a spacecraft, from a motion's channels: loads at the interface,
 motions of points, line of sight.
 
 Everything is linear in modes and shafts (``model.craft``), so that nothing of it is integrated.
@@ -23,9 +23,9 @@ ACCELERATIONS = ("eta", "eta_rate", "omega_l", "omega_m", "alpha_l", "alpha_m")
 """Channels of which loads and accelerations are made; angles take those of the shafts too."""
 ANGLES = ("theta_l", "theta_m")
 SHAFTS = ("alpha_l", "alpha_m", "omega_l", "omega_m")
-"""Of both shafts, as ``model.craft.Outputs`` takes them behind their angles."""
+"""Channels of both shafts, as ``model.craft.Outputs`` takes them after their angles."""
 LINE_OF_SIGHT_ACCELERATIONS = ("los_ax", "los_ay")
-"""What a run can keep of a craft with a line of sight instead of the states that it is made of."""
+"""Channels that a run can keep of a spacecraft with a line of sight instead of the states that it is made of."""
 
 
 def evaluate_outputs(
@@ -34,7 +34,7 @@ def evaluate_outputs(
     scenario: Scenario,
     time: np.ndarray | None = None,
 ) -> np.ndarray:
-    """What is looked at, (n, k), in the ``channels`` of a motion of ``scenario`` at its times [s],
+    """Outputs, (n, k), in the ``channels`` of a motion of ``scenario`` at its times [s],
     (n,), which only angles need.
     """
     craft = scenario.craft

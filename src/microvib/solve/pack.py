@@ -34,7 +34,7 @@ class Packed:
     state: Any
     propagators: Any
     sizes: np.ndarray
-    """What one microstep moves, of each state; inf for what no gain moves."""
+    """Motion of each state per microstep; inf for a state that no gain moves."""
     scratch: np.ndarray
     lanes: tuple[np.ndarray, np.ndarray, np.ndarray]
     """Scratch of the propagators."""
@@ -286,8 +286,7 @@ def _require_finite(drive: Any) -> Any:
         if name != "U_max" and not finite:
             raise SimulationError(
                 f"this drive cannot be computed: its constant {name} is not a finite number;"
-                " parameters of such sizes do not"
-                " go together"
+                " its parameters are inconsistent in order of magnitude"
             )
     return drive
 
@@ -432,7 +431,7 @@ def _transmission_error(scenario: Scenario) -> np.ndarray:
 
 
 def _state_sizes(scenario: Scenario) -> np.ndarray:
-    """What one microstep moves, of each state; inf for what no gain moves."""
+    """Motion of each state per microstep; inf for a state that no gain moves."""
     motor, driver, array = scenario.motor, scenario.driver, scenario.array
     step = driver.microstep(motor)
     turned = scenario.rotor_inertia

@@ -1,4 +1,4 @@
-"""What is linear in a drive, as tables of its exact propagators: x(t) = E(t) x(0) + integrals of E
+"""Linear part of a drive, as tables of its exact propagators: x(t) = E(t) x(0) + integrals of E
 with polynomials.
 
 ``microvib.solve.collocation`` says what they are for. Their lengths are the longest step over
@@ -267,7 +267,7 @@ def linear_part(
 
 @code.inner(**COMPILE)
 def _add_modes(pattern, modes, p, A):
-    """What the modes are to the output over short times: the spring and the damper of an array that
+    """Effect of the modes on the output over short times: the spring and the damper of an array that
     stands still.
 
     Their motion is no part of A; without this the iteration would have to find heavy modes on a

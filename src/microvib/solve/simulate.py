@@ -14,14 +14,14 @@ from microvib.errors import (
     expect_list,
 )
 from microvib.model.record import Start
-from microvib.model.scenario import GivenScenario, as_scenario, starting
+from microvib.model.scenario import GivenScenario, as_scenario, with_start
 from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Motion
 
 Channels = str | Sequence[str]
 """Channels to keep: one, or a list of them."""
 ERRORS = ("raise", "return")
-"""What ``simulate_many`` may do with an error."""
+"""Allowed treatments of an error in ``simulate_many``."""
 
 
 def simulate(
@@ -72,7 +72,7 @@ def simulate(
     >>> motion["T_d"].shape
     (65536,)
     """
-    scenario = starting(as_scenario(scenario), start)
+    scenario = with_start(as_scenario(scenario), start)
     kept = _kept_channels(channels)
     if scenario.record.start == "rest":
         return simulate_from_rest(scenario, progress=progress, channels=kept)
@@ -165,7 +165,7 @@ def simulate_many(
     expect_list(scenarios, "scenarios", "['state-1', 'state-2']")
     if errors not in ERRORS:
         raise OptionError("errors", f"is not allowed; write one of {', '.join(ERRORS)}", errors)
-    each = [starting(as_scenario(one), start) for one in scenarios]
+    each = [with_start(as_scenario(one), start) for one in scenarios]
     kept = _kept_channels(channels)
     found: list[Motion | SimulationError] = []
     for k, scenario in enumerate(each):

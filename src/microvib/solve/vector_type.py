@@ -1,6 +1,4 @@
-"""What numba is told of lanes (``microvib.solve.vector``): the types, and what the functions mean
-to them.
-"""
+"""Numba types of lanes (``microvib.solve.vector``) and the functions on them."""
 
 from __future__ import annotations
 

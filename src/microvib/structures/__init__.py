@@ -1,1 +1,1 @@
-"""What hangs on the drive: descriptions of arrays and simulators, their modal models and checks."""
+"""Structures on the drive: descriptions of arrays and simulators, their modal models and checks."""

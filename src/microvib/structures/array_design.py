@@ -21,10 +21,10 @@ class Panels(Part):
     chord: Annotated[float, Quantity("m", "size of a panel across the drive axis", gt=0, le=100)]
     gap: Annotated[float, Quantity("m", "distance between neighbours", ge=0, le=10)] = 0.0
     missing: tuple[int, ...] = Field(
-        default=(), description="panels that are not there, counted from 1 at the yoke"
+        default=(), description="missing panels, counted from 1 at the yoke"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         wrong = (k for k in self.missing if not 1 <= k <= self.count)
         yield from (f"missing: there is no panel {k}; allowed are 1 to {self.count}" for k in wrong)
         if len(set(self.missing)) >= self.count:
@@ -134,7 +134,7 @@ class Tube(Part):
     ]
     wall: Annotated[float, Quantity("m", "wall thickness", gt=0, le=0.1, display="mm")]
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if 2.0 * self.wall >= min(self.width, self.height):
             yield f"wall: {self.wall:g} m fills the tube; it must be less than half of width and height"
 
@@ -196,8 +196,8 @@ class ArrayDesign(Part):
     origin.
     """
 
-    title: str = Field(default="", max_length=500, description="what it is, in a few words")
-    source: str = Field(default="", max_length=4000, description="where the values come from")
+    title: str = Field(default="", max_length=500, description="short title")
+    source: str = Field(default="", max_length=4000, description="source of the values")
     panels: Panels
     sandwich: Sandwich
     hinges: Hinges
@@ -218,7 +218,7 @@ class ArrayDesign(Part):
         default=(), max_length=1000, description="modes that it is to have, in their order"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.panels.count > 1 and not self.hinges.between:
             yield "hinges.between: missing; several panels need hinges between them"
         for name in ("root", "between"):

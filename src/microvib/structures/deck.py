@@ -96,7 +96,7 @@ def _sentence(kind: str, where: tuple[int | str, ...], found: Any) -> str:
 
 @dataclass(frozen=True)
 class Deck:
-    """What a file says of the clamped modes, in the deck's units and basic frame."""
+    """Clamped modes from a file, in the deck's units and basic frame."""
 
     frequency: np.ndarray  # Hz, (s,)
     participation: np.ndarray  # mass-normalised, about ``reference``, (6, s)

@@ -32,7 +32,7 @@ class FreeModes:
     """(s,)."""
     names: tuple[str, ...]
     positions: np.ndarray
-    """Of the named points [m], (p, 3)."""
+    """Positions of the named points [m], (p, 3)."""
     shapes: np.ndarray
     """Displacements [kg^-0.5] and rotations [kg^-0.5 m^-1] of the points, (p, 6, s)."""
     coupling: np.ndarray | None = None

@@ -78,7 +78,7 @@ class Bench(Part):
     ]
     payload_reach: Reach
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         for k, mount in enumerate(self.mounts):
             if abs(mount.x) > 0.5 * self.length or abs(mount.y) > 0.5 * self.width:
                 yield f"mounts.{k}: lies beside the bench, which ends at {0.5 * self.length:g} m and {0.5 * self.width:g} m"
@@ -97,8 +97,8 @@ class Fitting(Part):
 class HubDesign(Part):
     """A craft without its array, axes of the hub; the origin is the middle of the box."""
 
-    title: str = Field(default="", max_length=500, description="what it is, in a few words")
-    source: str = Field(default="", max_length=4000, description="where the values come from")
+    title: str = Field(default="", max_length=500, description="short title")
+    source: str = Field(default="", max_length=4000, description="source of the values")
     bus: Bus
     equipment: tuple[Equipment, ...] = Field(default=(), max_length=1000)
     bench: Bench
@@ -108,7 +108,7 @@ class HubDesign(Part):
     damping: Damping = Damping()
     mesh: Annotated[float, Quantity("m", "largest side of an element", gt=0, display="mm")] = 0.1
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         names = [BENCH_POINT, *(point.name for point in self.points)]
         if len(set(names)) < len(names):
             yield f"points: each needs a name of its own, none of them '{BENCH_POINT}'"

@@ -45,7 +45,7 @@ class ModalModel:
     """Axis of the interface frame about which the drive turns: x, y or z."""
     title: str = ""
     notes: tuple[str, ...] = ()
-    """What checks and assumptions are to be known, in words."""
+    """Notes on checks and assumptions."""
 
     def __post_init__(self) -> None:
         s = self.frequency.size
@@ -94,11 +94,11 @@ class ModalModel:
 
     @property
     def J_h(self) -> float:
-        """What is in no mode, J - sum H^2 about the drive axis [kg m^2]: rigid on the shaft."""
+        """Residual inertia J - sum H^2 about the drive axis [kg m^2], rigidly attached to the shaft."""
         return self.inertia - float(self.effective[self.axis].sum())
 
     def first(self, count: int) -> ModalModel:
-        """The same with its first ``count`` modes."""
+        """Model with its first ``count`` modes."""
         return replace(
             self,
             frequency=self.frequency[:count],

@@ -89,7 +89,7 @@ class Shaft(Part):
         float, Quantity("m", "diameter of the connector", ge=0, display="mm")
     ]
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.bore >= self.diameter:
             yield f"bore: {self.bore:g} m leaves no wall; it must be less than the diameter, {self.diameter:g} m"
         if math.isclose(self.plate_at, self.bearing_at):
@@ -183,7 +183,7 @@ class Adjustment(Part):
         float, Quantity("m", "least length of the preload screw at the rail", ge=0, display="mm")
     ] = 0.0
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         for name in ("arm", "radius"):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
             if low >= high:
@@ -212,8 +212,8 @@ class Tolerances(Part):
 class SimulatorDesign(Part):
     """A solar array simulator as it is set; z is the drive axis, the interface the origin."""
 
-    title: str = Field(default="", max_length=500, description="what it is, in a few words")
-    source: str = Field(default="", max_length=4000, description="where the values come from")
+    title: str = Field(default="", max_length=500, description="short title")
+    source: str = Field(default="", max_length=4000, description="source of the values")
     arm: Annotated[
         float, Quantity("m", "of the springs from the drive axis", "l", gt=0, display="mm")
     ]
@@ -237,7 +237,7 @@ class SimulatorDesign(Part):
         default=(), max_length=1000, description="modes that it is to have, in their order"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         a, f, p = self.adjustment, self.frame, self.plate
         shortest = max(f.bridge, p.hub + p.slider_width) / 2.0
         longest = (p.length - p.slider_width) / 2.0
@@ -270,7 +270,7 @@ class SimulatorDesign(Part):
 
     @property
     def hook_end(self) -> float:
-        """Of the springs' ends at the frame from the middle line [m]."""
+        """Distance of the springs' ends at the frame from the middle line [m]."""
         return self.plate.hook + self.spring.free_length + self.preload
 
     @property
@@ -299,7 +299,7 @@ class SimulatorDesign(Part):
 
     @property
     def shaft_inertia(self) -> float:
-        """Of J_h what does not depend on settings [kg m^2]: connector, shaft, plate."""
+        """Part of J_h that does not depend on settings [kg m^2]: connector, shaft, plate."""
         s, p, rho = self.shaft, self.plate, self.material.density
         shaft = rho * s.length * math.pi * (s.diameter**4 - s.bore**4) / 32.0
         plate = rho * p.length * p.width * p.thickness * (p.length**2 + p.width**2) / 12.0
@@ -315,7 +315,7 @@ class SimulatorDesign(Part):
         area, edge = t.width * t.height - bi * hi, (t.height * t.width**3 - hi * bi**3) / 12.0
 
         def rod(length: float, offset: float) -> float:
-            """Of a tube whose middle is ``offset`` from the axis."""
+            """Inertia of a tube whose middle is ``offset`` from the axis."""
             return rho * length * (area * (length**2 / 12.0 + offset**2) + edge)
 
         rails, arms, ties = (

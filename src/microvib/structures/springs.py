@@ -35,7 +35,7 @@ def torsion_frequency(stiffness: float, arm: float, inertia: float) -> float:
 
 
 def preload_stiffness(force: Any, hook: float, length: Any) -> Any:
-    """What the tension [N] of eight springs adds to the stiffness about the shaft [N m/rad].
+    """Contribution of the tension [N] of eight springs to the stiffness about the shaft [N m/rad].
 
     A spring of ``length`` [m] runs from ``hook`` [m] off the plate's middle line, square to it, to
     the frame: turned by alpha it is longer by l alpha + hook (hook + length)/(2 length) alpha^2.

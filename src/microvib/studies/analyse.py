@@ -64,7 +64,7 @@ def analyse(  # noqa: PLR0913 - keyword options
     name : str
         What a scenario is called.
     scenario : Scenario, str or path, optional
-        Says which lines to look for in a recording; without it those that stand out are not named.
+        Says which lines to look for in a recording; without it those above the noise floor are not named.
     channel : str
         Channel with the torque about the drive axis.
     window : {"rectangular", "hann", "flat-top"}

@@ -20,7 +20,7 @@ from microvib.solve.steady.state import find_steady
 from microvib.studies.workers import parallel_calls
 from microvib.units import GivenQuantity, Si, quantity
 
-MOST_ANGLES = 361
+MAX_ANGLES = 361
 _EXAMPLE = "write FIRST:LAST:STEP in degrees, such as 0:180:15, or a list, 0,45,90"
 
 
@@ -136,18 +136,18 @@ def angles_in(text: str) -> tuple[Si, ...]:
         quantity("angles", f"{part.strip()} {unit}", "rad", example="deg") for part in parts
     )
     if ":" not in number:
-        if len(values) <= MOST_ANGLES:
+        if len(values) <= MAX_ANGLES:
             return values
         return _range_error(text)
     if len(values) != 3 or values[2] == 0.0 or (values[1] - values[0]) / values[2] < 0.0:
         raise OptionError("angles", f"{text!r} is not a range; {_EXAMPLE}")
     steps = (values[1] - values[0]) / values[2] + 1e-6  # perhaps infinite
-    if steps < MOST_ANGLES:
+    if steps < MAX_ANGLES:
         return tuple(Si(values[0] + k * values[2]) for k in range(int(steps) + 1))
     return _range_error(text)
 
 
 def _range_error(text: str) -> tuple[Si, ...]:
     raise OptionError(
-        "angles", f"{text!r} makes too many runs; at most {MOST_ANGLES} angles are expected"
+        "angles", f"{text!r} makes too many runs; at most {MAX_ANGLES} angles are expected"
     )

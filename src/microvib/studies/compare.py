@@ -36,7 +36,7 @@ twenty is beyond.
 """
 AGREES, DIFFERS, UNJUDGED, ONLY_A, ONLY_B = "agrees", "differs", "not judged", "only A", "only B"
 HIDDEN = "hidden"
-"""Of a line that does not stand out of the floor or the background of a side, unless the other's is
+"""Verdict on a line below the floor or the background of one side, unless the other's is
 too large for that floor: under a floor that is high enough anything agrees, and amplitudes of noise
 alone are above two deviations in one of seven cases."""
 FREQUENCY_TOLERANCE = 1e-4
@@ -47,7 +47,7 @@ three uncertainties.
 
 @dataclass(frozen=True)
 class SideLine:
-    """What one side says of one line; nan where it says nothing."""
+    """Line of one side; nan where a value is unknown."""
 
     frequency: float = math.nan
     amplitude: float = math.nan
@@ -55,7 +55,7 @@ class SideLine:
     bin_frequency: float = math.nan
     bin_amplitude: float = math.nan
     seen: bool = True
-    """Whether it stands out."""
+    """Whether it is above the noise floor."""
     frequency_uncertainty: float = 0.0
     decay: float = 0.0
     """[1/s]; 0 of a line that lasts."""
@@ -89,11 +89,11 @@ class Side:
     sample_rate: float = math.nan
     scenario: Scenario | None = None
     notes: tuple[str, ...] = ()
-    """What reading and preparing a recording did."""
+    """Notes on reading and preparing a recording."""
     duration: float = math.nan
     """Length of the record [s]; nan of a table."""
     observations: tuple[Observation, ...] = ()
-    """Figures of the lines that stand out."""
+    """Values of the lines above the noise floor."""
 
 
 def _relative(value: float, reference: float) -> float:
@@ -112,16 +112,14 @@ class Row:
 
     @property
     def error(self) -> float:
-        """Relative difference of the amplitudes, b over a, wherever the bins fall; nan where a does
-        not stand out of its floor.
-        """
+        """Relative difference of the amplitudes, b over a, independent of the bins; nan where a is not above its floor."""
         if self.a.seen:
             return _relative(self.b.amplitude, self.a.amplitude)
         return math.nan
 
     @property
     def bin_error(self) -> float:
-        """The same of the nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is
+        """Relative difference of the nearest-bin amplitudes; the bin at 0 Hz holds the mean, which is
         taken off.
         """
         if min(self.a.bin_frequency, self.b.bin_frequency) <= 0.0:
@@ -282,8 +280,7 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
     if not (said := " and ".join(filter(None, what)).rstrip(",")):
         return ()
     return (
-        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: look at order, sign and unit"
-        f" of {recorded.name}.",
+        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: check order, sign and unit of {recorded.name}.",
     )
 
 
@@ -390,7 +387,7 @@ def _of_recording(source: Prepared, guide: Scenario | None, channel: str) -> Sid
         recording[channel],
         recording.sample_rate,
         notes=(
-            *recording.told(channel),
+            *recording.notes_on(channel),
             *recording_warnings(recording, channel, guide, table),
         ),
         duration=table.duration,

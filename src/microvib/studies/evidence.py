@@ -79,9 +79,9 @@ class Evidence:
     duration: float
     sample_rate: float
     notes: tuple[str, ...] = ()
-    """What reading and preparing a recording did."""
+    """Notes on reading and preparing a recording."""
     rest: ResidualPeaks | None = None
-    """What is left of a recording beside its lines, and the floor; None of a table."""
+    """Residual peaks of a recording and the floor; None for a table."""
     parts: tuple[float, ...] = ()
     """``subharmonic_amplitudes`` of a recording."""
     noise: float = 0.0
@@ -93,7 +93,7 @@ class Evidence:
     channel: str = ""
     """Its channel."""
     warnings: tuple[str, ...] = ()
-    """What speaks against its being of the scenario's drive at its rate."""
+    """Reasons to question that it is of the scenario's drive at its rate."""
 
     @property
     def harmonics(self) -> int:
@@ -103,7 +103,7 @@ class Evidence:
         return _members(name for o in self.observations for name in (o.line, o.against))
 
     def of_channel(self, channel: str, scenario: Scenario) -> Evidence:
-        """What another channel tells of the same lines."""
+        """Evidence of another channel on the same lines."""
         assert self.prepared is not None
         its = replace(self.prepared.recording, channels={channel: self.prepared.recording[channel]})
         other = evidence_of(replace(self.prepared, recording=its), scenario, channel, self.name)
@@ -195,14 +195,12 @@ def require_lines(evidence: Sequence[Evidence]) -> None:
     if any(one.observations for one in evidence):
         return
     each = (
-        f"{one.name}: no line of the scenario's drive stands out of the"
-        f" floor{f' in channel {one.channel}' if one.channel else ''}"
+        f"{one.name}: no line of the scenario's drive is above the noise floor{f' in channel {one.channel}' if one.channel else ''}"
         + (f" ({'; '.join(one.warnings)})" if one.warnings else "")
         for one in evidence
     )
     raise MicrovibError(
-        f"{'; '.join(each)}; look at the channel's axis and unit, and at the scenario's"
-        " tracking.rate"
+        f"{'; '.join(each)}; check the channel's axis and unit, and the scenario's tracking.rate"
     )
 
 
@@ -233,7 +231,7 @@ def evidence_of(
                 (scenario.driving_frequency or 0.0) * (table.clock_ratio or 1.0),
             )
             noise = _unlisted_noise(found, r[channel], r.sample_rate, table, scenario)
-            notes = (*r.told(channel), *recording_warnings(r, channel, scenario, table))
+            notes = (*r.notes_on(channel), *recording_warnings(r, channel, scenario, table))
             return Evidence(
                 r.title,
                 found,
@@ -256,7 +254,7 @@ def evidence_of(
 
 
 def observations(table: LineTable) -> tuple[Observation, ...]:
-    """Observations from the lines of a table that stand out: amplitudes, phases of driving lines
+    """Observations from the lines of a table above the noise floor: amplitudes, phases of driving lines
     and of those of the electrical period, frequency and decay of modes; and one turn, since
     relative phases have all that a second would tell."""
     found = []
@@ -470,7 +468,7 @@ def _of_reference(source: ReferenceLines, scenario: Scenario) -> Evidence:
 
 
 def _of_table(table: LineTable, scenario: Scenario, name: str) -> Evidence:
-    """Amplitudes, or else those of nearest bins, of lines that stand out and are expected of the
+    """Amplitudes, or else those of nearest bins, of lines that are above the noise floor and expected of the
     scenario, so that a simulation has them; without uncertainties one per cent is taken."""
     found = []
     ratio = None

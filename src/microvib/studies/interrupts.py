@@ -71,7 +71,7 @@ def check_interrupt() -> None:
 
 
 def any_done(futures: Iterable[Future[T]]) -> set[Future[T]]:
-    """Those of the futures that are done; where none is, those that are after a short wait."""
+    """Futures that are done; where none is, those that are after a short wait."""
     check_interrupt()
     done = wait(futures, timeout=POLL_INTERVAL, return_when=FIRST_COMPLETED).done
     check_interrupt()
@@ -79,7 +79,7 @@ def any_done(futures: Iterable[Future[T]]) -> set[Future[T]]:
 
 
 def result(future: Future[T]) -> T:
-    """What a future returns, or raises."""
+    """Wait for a future; return its result, or raise its exception."""
     while not any_done([future]):
         pass
     return future.result()

@@ -1,4 +1,4 @@
-"""What a force table would record of a scenario: simulation through a virtual bench."""
+"""Prediction of a force table's recording of a scenario: simulation through a virtual bench."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import LineTable
-from microvib.signals.tones import MIN_SAMPLES as FEWEST_SAMPLES
+from microvib.signals.tones import MIN_SAMPLES as MIN_TONE_SAMPLES
 from microvib.signals.tones import HannSpectrum
 
 BANDS = np.geomspace(2.0, 200.0, 9)
@@ -85,7 +85,7 @@ def _floors_between(
 def _floors_of_differences(
     x: np.ndarray, sample_rate: float, table: LineTable, scenario: Scenario
 ) -> list[tuple[float, float]]:
-    """The same of what changes from one period of the motion to the next; nothing where the record
+    """Floors of the changes from one period of the motion to the next; nothing where the record
     is shorter than two.
     """
     spacing = _spacing(table)
@@ -93,7 +93,7 @@ def _floors_of_differences(
         lag = sample_rate / spacing
     else:
         lag = math.inf
-    if 2.0 * lag + FEWEST_SAMPLES > x.size:
+    if 2.0 * lag + MIN_TONE_SAMPLES > x.size:
         return []
     from scipy.interpolate import CubicSpline
 
@@ -111,7 +111,7 @@ def _floors_of_differences(
 
 
 def _quietest(x: np.ndarray, sample_rate: float, scenario: Scenario) -> list[tuple[float, float]]:
-    """The same of each band's quietest bins, whatever stands in the others."""
+    """Floors from each band's quietest bins."""
     spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
     f = np.arange(spectrum.magnitude.size) / spectrum.duration
     bands = _in_bands(f, _away_from_modes(f, scenario))

@@ -36,7 +36,7 @@ from microvib.signals.pointing import (
     metric_weight,
 )
 from microvib.solve.integration import Progress
-from microvib.studies.angles import MOST_ANGLES, AngleSweep, check_sweep, sweep_angles
+from microvib.studies.angles import MAX_ANGLES, AngleSweep, check_sweep, sweep_angles
 from microvib.units import GivenQuantity, Si, quantity
 
 STEP = math.radians(30.0)
@@ -93,7 +93,7 @@ class WindowOverOrbit:
     """There [s]."""
     rms: Annotated[float, Column("rms_rad", "rms over orbit", POINTING_ANGLE)]
     turning: Annotated[float, Column("turning", "turning", _PART)]
-    """What the turning changes at most, over ``rms``."""
+    """Largest change from the array's rotation, over ``rms``."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Orbit:
 
     @property
     def rate(self) -> float:
-        """Of the array [rad/s]."""
+        """Rate of the array [rad/s]."""
         assert self.sweep.scenario.rate is not None
         return abs(self.sweep.scenario.rate)
 
@@ -129,7 +129,7 @@ class Orbit:
         return self._radial(np.array([one.amplitude for one in self.sweep.lines]), metric, window)
 
     def _radial(self, amplitude: np.ndarray, metric: Metric, window: float) -> np.ndarray:
-        """Of amplitudes (n, k, 2), (n,)."""
+        """Radial rms (n,) of amplitudes (n, k, 2)."""
         by = metric_weight(metric, self.sweep.lines[0].frequency, window)
         return np.asarray(np.sqrt(0.5 * np.sum(amplitude**2, axis=2) @ by))
 
@@ -172,7 +172,7 @@ class Orbit:
         return math.inf
 
     def notes(self) -> list[str]:
-        """What is to be known of the figures, in sentences."""
+        """Notes on the results, in sentences."""
         said = []
         if self.interpolation > TOLERANCE:
             said.append(
@@ -183,8 +183,7 @@ class Orbit:
         if not self.quasi_static:
             worst = max(self.windows, key=lambda w: w.turning)
             said.append(
-                f"The angles cannot be taken one by one here: while a mode settles the array turns"
-                " by up to"
+                f"The quasi-static sweep does not hold here: while a mode settles the array turns by up to"
                 f" {math.degrees(self.turned_in_decay):.2g} deg, which changes {worst.metric} in"
                 f" {worst.window:g} s by some"
                 f" {100 * worst.turning:.2g} % of the rms of the orbit (allowed:"
@@ -343,7 +342,7 @@ def _run(
 
     runs, rounds, left = sweep(angles, 0), list[RefinementRound](), 0.0
     steps = list(itertools.pairwise(angles.tolist()))
-    while steps and len(runs.angles) + len(steps) <= MOST_ANGLES:
+    while steps and len(runs.angles) + len(steps) <= MAX_ANGLES:
         middles = np.array([0.5 * (a + b) for a, b in steps])
         between, more = _AngleInterpolator(runs), sweep(middles, len(runs.angles))
         errors = [

@@ -60,7 +60,7 @@ BEYOND_LINEAR_MODEL = (
     "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
     " model judges them)"
 )
-NEAR_RESONANCE = "too near to a resonance:"
+NEAR_RESONANCE = "too close to a resonance:"
 
 
 @dataclass(frozen=True)
@@ -145,13 +145,11 @@ class RateCase:
         return BEYOND_LINEAR_MODEL
 
     def unseen_in(self, band: tuple[float, float]) -> list[OutOfBandLines]:
-        """What of the lines of which nothing is seen may lie within ``band`` [Hz]."""
+        """Bounds on unseen lines within ``band`` [Hz]."""
         return [part for one in self.unseen if (part := one.within(*band)).frequency.size]
 
     def largest_unseen(self, band: tuple[float, float]) -> RateLine | None:
-        """What may be largest within ``band`` [Hz] of the lines of which nothing is seen; None if
-        there is none.
-        """
+        """Largest bound on unseen lines within ``band`` [Hz]; None if there is none."""
         found = [
             (float(x.most[k]), float(x.frequency[k]), x.what)
             for x in self.unseen_in(band)
@@ -171,7 +169,7 @@ class Resonance:
     rate: Annotated[float, Column("rate_deg_s", "rate", RATE)]
     frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", "line there", TORQUE)]
-    """Of that line there [N m]; NaN where the case failed."""
+    """Amplitude of that line at the resonance [N m]; NaN where the case failed."""
     line: Annotated[str, Column("line", "line")]
     mode: Annotated[str, Column("mode", "mode")]
     mode_frequency: Annotated[float, Column("mode_hz", measure=FREQUENCY)]
@@ -179,7 +177,7 @@ class Resonance:
 
 @dataclass(frozen=True)
 class Forbidden:
-    """A band of rates in which a line passes the limit, which is too near to a resonance, or in
+    """A band of rates in which a line passes the limit, which is too close to a resonance, or in
     which nothing is known because the simulation fails."""
 
     microsteps: Annotated[int, MICROSTEPS]
@@ -243,7 +241,7 @@ class RatePlan:
         return self._smallest(case for case in self._solved(microsteps) if self.is_allowed(case))
 
     def least(self, microsteps: int | None = None) -> tuple[RateCase, float] | None:
-        """The same of all cases, whether allowed or not; None where all failed."""
+        """Best of all cases, whether allowed or not; None where all failed."""
         return self._smallest(self._solved(microsteps))
 
     def is_allowed(self, case: RateCase) -> bool:
@@ -405,7 +403,7 @@ def _checked_grid(
     counts = tuple(whole_number("microsteps", count, 1, 65_536) for count in microsteps)
     for key, given in {"rates": grid, "microsteps": counts}.items():
         if not given:
-            raise OptionError(key, "an empty list plans nothing; at least one is expected")
+            raise OptionError(key, "the list is empty; at least one is expected")
     return grid, counts
 
 
@@ -476,7 +474,7 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
 
 
 def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) -> RateCase:
-    """Of the drive of a scenario at its own rate; ``rate`` and ``microsteps`` are those of the
+    """Solve the drive of a scenario at its own rate; ``rate`` and ``microsteps`` are those of the
     plan.
     """
     try:
@@ -559,9 +557,7 @@ def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Ite
 
 
 def _mode_amplitude_bound(x: Line, duration: float) -> float:
-    """What may last [N m] of a mode in a record of ``duration`` [s]: of one that decays what is
-    left at its end.
-    """
+    """Upper bound [N m] on what remains of a mode in a record of ``duration`` [s]: for a decaying one, its amplitude at the end."""
     if x.status == "growing":
         return math.inf
     if x.status == NOISE_DRIVEN:
@@ -569,7 +565,7 @@ def _mode_amplitude_bound(x: Line, duration: float) -> float:
     if not math.isfinite(x.amplitude):
         return amplitude_bound(x)
     if x.status == "decaying":
-        return x.starting(duration) * math.exp(-x.decay * duration)
+        return x.amplitude_at_start(duration) * math.exp(-x.decay * duration)
     return x.amplitude
 
 

@@ -28,14 +28,12 @@ SETTING_RESOLUTION = 1e-4
 
 
 class SizingError(MicrovibError):
-    """What is asked for is beyond what the simulator reaches; says which limit binds and what is
-    allowed.
-    """
+    """State beyond the simulator's reach; the message has the limit that binds and what is allowed."""
 
 
 @dataclass(frozen=True)
 class TargetState:
-    """What a simulator is to stand for: torsional frequency [Hz] and whole inertia about the drive
+    """State that a simulator represents: torsional frequency [Hz] and whole inertia about the drive
     axis [kg m^2].
     """
 
@@ -71,7 +69,7 @@ class Setting:
 
     @property
     def allowable(self) -> float:
-        """What that stress may be [Pa]."""
+        """Allowable stress [Pa]."""
         return springs.allowable_stress(self.design.spring.wire)
 
     @property
@@ -155,7 +153,7 @@ def catalog_states() -> tuple[TargetState, ...]:
 
 
 def state_of_array(model: ModalModel, name: str) -> TargetState:
-    """What a simulator is to stand for an array: the frequency of its dominant torsion mode, and
+    """State that represents an array: the frequency of its dominant torsion mode, and
     its inertia.
     """
     dominant = int(np.argmax(model.effective[model.axis]))

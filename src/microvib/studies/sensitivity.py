@@ -36,7 +36,7 @@ from all between.
 """
 SCAN_POINTS, REFINED_POINTS, MIN_EXTREME_RATIO = 41, 21, 1.1
 """Values of a range at which the linearised drive is looked at, then about its extremes; and the
-factor by which one must stand out of the ends to be run."""
+factor by which one must exceed the ends to be run."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
 NOT_RANKED = (
@@ -47,7 +47,7 @@ _RANGE = re.compile(r"; range (.+) to (.+)$")
 
 @dataclass(frozen=True)
 class Effect:
-    """What one value does to one line, the others as they are; amplitudes nan where a run failed or
+    """Effect of one value on one line, the others unchanged; amplitudes nan where a run failed or
     has no such line.
     """
 
@@ -60,7 +60,7 @@ class Effect:
     sides differ beyond BENDS: there the line jumps to another motion, or bends, and has no
     derivative."""
     slopes: tuple[float, float]
-    """The same below and above the value."""
+    """Sensitivities below and above the value."""
     amplitudes: tuple[float, float]
     """Amplitudes [N m] at both ends of the range."""
     between: tuple[tuple[float, float], ...] = ()
@@ -106,9 +106,9 @@ class LineEffects:
         lost = [e.key for e in self.effects if e.lost]
         said = f"{' and '.join(most)} matter{'s' if len(most) == 1 else ''} most"
         if len(most) > 2:
-            said = f"{len(most)} of {len(spans)} values move it as far: which of them matters most cannot be said"
+            said = f"{len(most)} of {len(spans)} values change it equally: the most influential one is not resolved"
         if max(spans) <= 2.0 * MIN_RELATIVE_ERROR * self.amplitude:
-            said = "no value moves it beyond the error of a run"
+            said = "no value changes it by more than the error of a run"
         return said + (f"; it is unknown in part of the range of {', '.join(lost)}" if lost else "")
 
 
@@ -325,7 +325,7 @@ def _gains(
 
 
 def _effect(scan: _Scan, amplitude: float, found: Sequence[float]) -> Effect:
-    """Of one key on a line of this ``amplitude``, ``found`` at the points of its scan [N m]."""
+    """Effect of one key on a line of this ``amplitude``, ``found`` at the points of its scan [N m]."""
     below, above, low, high, *between = found
     known = below > 0.0 and above > 0.0 and amplitude > 0.0 and scan.value != 0.0
     slope, sides = math.nan, (math.nan, math.nan)

@@ -1,4 +1,4 @@
-"""What is asked of a sizing, from texts with units to a simulator: states, amplitude, rate,
+"""Inputs of a sizing, from texts with units to a simulator: states, amplitude, rate,
 description.
 """
 

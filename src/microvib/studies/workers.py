@@ -41,7 +41,7 @@ class Backend(Protocol):
 
     workers: int
     deaths: tuple[type[BaseException], ...]
-    """What a future raises whose worker died."""
+    """Exceptions of a future whose worker died."""
 
     def executor(self) -> Executor:
         """A working executor; called again where the last one lost a worker."""

@@ -36,7 +36,7 @@ class Resonance(Part):
     damping: Annotated[
         float, Quantity("", "damping ratio", "zeta", ge=1e-3, le=2, display="percent")
     ]
-    share: Annotated[float, Quantity("", "part of the load that goes through it", ge=0, le=1)] = 1.0
+    share: Annotated[float, Quantity("", "fraction of the load that it carries", ge=0, le=1)] = 1.0
 
 
 class Rope(Part):
@@ -57,8 +57,8 @@ class Rope(Part):
 class Bench(Part):
     """A force table, its surroundings and its data acquisition."""
 
-    title: str = Field(default="", max_length=500, description="what bench this is")
-    source: str = Field(default="", max_length=2000, description="where the values come from")
+    title: str = Field(default="", max_length=500, description="short title")
+    source: str = Field(default="", max_length=2000, description="source of the values")
     table: tuple[Resonance, ...] = Field(
         default=(), max_length=60, description="resonances of table and sensors: they amplify"
     )
@@ -112,7 +112,7 @@ class Bench(Part):
         Quantity("s", "time before the recording in which amplifiers and filters settle", ge=0),
     ] = 4.0
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         for name in ("table", "platform"):
             for k, resonance in enumerate(getattr(self, name)):
                 if resonance.frequency >= self.sample_rate:
@@ -149,13 +149,13 @@ class Bench(Part):
 
 
 GRAVITY = 9.80665
-LONGEST_RINGING = 120.0  # seconds after which a resonance is taken to have rung down
+MAX_RINGING_TIME = 120.0  # seconds after which a resonance is taken to have rung down
 
 
 def measure(
     bench: Bench, loads: np.ndarray, twist: np.ndarray, drive_axis: str = "z", seed: int = 1
 ) -> Recording:
-    """What ``bench`` records of ``loads`` (6, n) [N, N m], given at ``bench.analog_rate`` over
+    """Recording by ``bench`` of ``loads`` (6, n) [N, N m], given at ``bench.analog_rate`` over
     ``bench.span``.
 
     ``twist`` (n,) [rad] is the angle of the array, which twists its rope. The same ``seed`` gives
@@ -230,7 +230,7 @@ def _filter_component(x: np.ndarray, rate: float, resonance: Resonance, transfer
 
     row = x[COMPONENTS.index(resonance.component)]
     w = 2.0 * math.pi * resonance.frequency
-    ringing = min(12.0 / (resonance.damping * w), LONGEST_RINGING)
+    ringing = min(12.0 / (resonance.damping * w), MAX_RINGING_TIME)
     size = next_fast_len(row.size + math.ceil(ringing * rate), real=True)
     s = 2j * math.pi * np.fft.rfftfreq(size, 1.0 / rate)
     start = row[0]

@@ -212,7 +212,7 @@ def as_denominator(unit: str) -> str:
 
 
 def load_per(text: str, unit: str) -> tuple[float, str] | None:
-    """What a channel's ``unit`` stands for, in N or N m, from '0.5 N*m/V' or the reverse, '2 V/N';
+    """Load per ``unit`` of a channel, in N or N m, from '0.5 N*m/V' or the reverse, '2 V/N';
     None where it is neither.
     """
     for load in LOADS:

@@ -1,4 +1,4 @@
-"""What is done to a recording before its lines are read: channel and unit map, axes, cross-talk,
+"""Preparation of a recording before its lines are found: channel and unit map, axes, cross-talk,
 trimming, filters.
 """
 

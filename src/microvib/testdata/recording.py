@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError, expect_mapping
+from microvib.former_names import FormerName
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import (
     FULL_SCALE,
@@ -37,7 +38,7 @@ GLITCH_RATIO = (
 # told
 MAX_FLOOR_RATIO = 1.1
 LONGEST_FLOOR = 2**20  # samples of which a floor is computed
-LARGEST_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
+MAX_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
 class RecordingError(MicrovibError):
@@ -86,9 +87,9 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
     notes: tuple[str, ...] = ()
-    """What reading and preparing did, in words."""
+    """Notes on reading and preparing."""
     faults: Mapping[str, str] | None = None
-    """What was wrong with the samples of channels before they were changed, which hides it; None
+    """Faults of the channels' samples before they were changed, which hides them; None
     while they are as read.
     """
     alone: Mapping[str, str] | None = None
@@ -182,7 +183,7 @@ class Recording:
         """Length [s]."""
         return self.samples / self.sample_rate
 
-    def told(self, name: str) -> tuple[str, ...]:
+    def notes_on(self, name: str) -> tuple[str, ...]:
         """Tell what was done to the recording, and which samples of a channel stand alone: they
         stay in what is made of it.
 
@@ -200,6 +201,8 @@ class Recording:
         if stands:
             return (*self.notes, f"channel {name} {stands}; it stays in")
         return self.notes
+
+    told = FormerName("notes_on")
 
     def glitch(self, name: str) -> str:
         """Find samples of a channel that stand alone, as a converter's or a line's glitches do.
@@ -559,7 +562,7 @@ def _refuse(recording: Recording, name: str, told: str) -> None:
 
 
 def channel_fault(recording: Recording, name: str, shortest: float = 0.0) -> str:
-    """What is wrong with a channel, empty where nothing is; RecordingError where it is neither a
+    """Fault of a channel, empty if none; RecordingError where it is neither a
     force nor a torque.
     """
     return next(_faults(recording, name, shortest), "")
@@ -583,14 +586,14 @@ def check_samples(recording: Recording, name: str) -> np.ndarray:
 
 
 def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:
-    """What is wrong with a channel, the plainest first."""
+    """Faults of a channel, the most obvious first."""
     x, rate = recording.load(name), recording.sample_rate
     if x.size == 0:
         yield "is empty"
     yield from filter(None, [(recording.faults or {}).get(name)])
     yield from _broken(x, rate)
     largest = float(np.max(np.abs(x)))
-    if largest > LARGEST_LOAD:
+    if largest > MAX_LOAD:
         measured = f"{largest:.3g} {recording.units[name]}"
         yield f"reaches {measured}, beyond any instrument; the file is corrupt or its unit is wrong"
     if recording.duration < shortest:
@@ -605,7 +608,7 @@ def _broken(x: np.ndarray, rate: float) -> Iterator[str]:
 
 
 def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
-    """What is wrong with samples as they were read."""
+    """Faults of samples as they were read."""
     if x.size == 0:
         return
     yield from _broken(x, rate)

@@ -55,7 +55,7 @@ class Stage(Part):
         description="rows of the table: frequency [Hz], magnitude, phase [deg]; what file names is put here",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         own = {"boxcar": ("length",), "table": ("file",), "flat": ()}.get(
             self.kind, ("order", "corner")
         )

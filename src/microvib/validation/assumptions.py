@@ -1,4 +1,4 @@
-"""What is assumed of a test with a solar array simulator, drawn and calibrated to its first state.
+"""Assumptions on a test with a solar array simulator, drawn and calibrated to its first state.
 
 Three mechanisms that scenarios of the catalog lack: inertia on the shaft that grows with the arm of
 the simulator's weights, noise of the slip ring's friction, and a rotor that aligns with its command
@@ -64,7 +64,7 @@ class Assumed:
 
 
 def assumptions_of(test: PublishedTest) -> Assumptions:
-    """What the test says is assumed; SimulationError where it says nothing."""
+    """Assumptions of the test; SimulationError where it has none."""
     if test.assumed is None:
         raise SimulationError(f"{test.title}: nothing is assumed of this test, so nothing is drawn")
     return test.assumed
@@ -85,16 +85,16 @@ def draw_assumptions(test: PublishedTest, number: int) -> Assumed:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What the first state's four lines give."""
+    """Parameters calibrated to the first state's four lines."""
 
     inertia: float
     """J_h in the first state [kg m^2]."""
     stiffness: float
-    """Of the reducer [N m/rad]."""
+    """Stiffness of the reducer [N m/rad]."""
     viscous: float
     """Friction of the rotor [N m s/rad]."""
     density: float
-    """Of the noise at the mode's frequency [N^2 m^2/Hz]."""
+    """Density of the noise at the mode's frequency [N^2 m^2/Hz]."""
 
 
 def initial_calibration(test: PublishedTest) -> Calibrated:
@@ -171,7 +171,7 @@ def amplitudes(scenario: Scenario, names: tuple[str, ...], seeds: int = 1) -> np
 
 
 def calibrate(test: PublishedTest, assumed: Assumed, seeds: int, start: Calibrated) -> Calibrated:
-    """What the first state's four lines give under the assumptions; SimulationError where nothing
+    """Calibrate to the first state's four lines under the assumptions; SimulationError where nothing
     does.
 
     The three driving lines by Gauss-Newton steps in logarithms, each to the reading error and each

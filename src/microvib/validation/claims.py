@@ -15,7 +15,7 @@ from microvib.model.scenario import Scenario
 from microvib.validation.published import LargerClaim, PeakClaim, PublishedTest
 
 Amplitudes = Mapping[int, np.ndarray]
-"""Of each state by its number, amplitudes of the test's lines and last the largest torque [N m],
+"""Amplitudes of each state by its number, of the test's lines and last the largest torque [N m],
 (lines + 1,); of a state from power-on, under its number with a minus sign, the largest torque
 alone is known.
 """
@@ -31,7 +31,7 @@ class Claim:
     value: Callable[[Amplitudes], float]
     holds: Callable[[float], bool]
     published: float = math.nan
-    """What the publication says of the value, or its bound."""
+    """Published value, or its bound."""
     is_measured: bool = False
     """Whether ``published`` is a measured value, of which an error can be told."""
 

@@ -51,7 +51,7 @@ class DrawnStates:
         return {number: rows.mean(axis=0) for number, rows in self.records.items()}
 
     def value(self, claim: Claim) -> float:
-        """What the means over the seeds say of a claim."""
+        """Value of a claim from the means over the seeds."""
         return claim.value(self.means)
 
     def single(self, claim: Claim) -> float:

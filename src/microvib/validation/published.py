@@ -110,7 +110,7 @@ class Assumption(Part):
 
 
 class Assumptions(Part):
-    """What is assumed of a test with a solar array simulator, in the order in which it is drawn."""
+    """Assumptions on a test with a solar array simulator, in the order in which it is drawn."""
 
     kappa: Assumption
     damping: Assumption
@@ -165,7 +165,7 @@ class PublishedTest(Part):
         | None
     ) = None
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         named = [n for claim in self.ranges for n in claim.states]
         named += [n for one in self.spectra for n in one.states]
         named += [n for claim in self.growths for pair in claim.pairs for n in pair]

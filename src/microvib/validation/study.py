@@ -64,7 +64,7 @@ class Check:
     single_records: float = math.nan
     """Part of single records, as the test was, in which it holds."""
     without: float = math.nan
-    """What the scenarios give as they are, without what is assumed."""
+    """Value from the scenarios alone, without the assumptions."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def check_near(  # noqa: PLR0913 - a row of the checks
 
 
 def _derived(test: PublishedTest, scenario: Scenario) -> Iterator[Check]:
-    """What the publication derives from the drive's parameters."""
+    """Checks of values that the publication derives from the drive's parameters."""
     nominal = scenario.with_({"tracking.clock_ratio": 1.0})
     if test.full_step is not None:
         said, step = test.full_step, math.degrees(nominal.driver.full_step(nominal.motor))
@@ -228,9 +228,7 @@ def _lines_of_state(test: PublishedTest, number: int, state: SimulatedState) -> 
 
 
 def _assumptions(test: PublishedTest, kept: Rows) -> Iterator[Check]:
-    """What the predictions rest on: what is assumed, with its range, and what is calibrated under
-    the central assumptions.
-    """
+    """Basis of the predictions: assumptions with their ranges, and parameters calibrated under the central assumptions."""
     if test.assumed is None or not kept:
         return
     low, high = test.assumed.values("low"), test.assumed.values("high")

@@ -15,7 +15,7 @@ from microvib.io.nastran.printed import read_punched
 from microvib.structures.deck import Deck, ImportOptions
 from microvib.structures.modal import ModalError, natural_frequency
 
-LARGEST_MATRIX = 1_000_000_000  # bytes of the largest matrix that is read into memory in full
+MAX_MATRIX_SIZE = 1_000_000_000  # bytes of the largest matrix that is read into memory in full
 MASS_MATRICES = ("mgg", "maa", "maax", "mxx")
 PAIRS = (("kaa", "maa"), ("kaax", "maax"), ("kxx", "mxx"))
 SHAPES, RIGID = ("phg", "phig", "phix", "phia", "ugv"), ("rbg", "rbm", "rbglob", "rg")
@@ -31,7 +31,7 @@ GROUNDED = 0.1
 
 
 def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str, Any]:
-    """Those of the named matrices that an OP4 file (binary or text) has, by lower-case name; large
+    """Named matrices that an OP4 file (binary or text) has, by lower-case name; large
     ones sparse, unless ``full``.
     """
     op4 = pyyeti("op4")
@@ -44,11 +44,11 @@ def matrices(path: Path, names: tuple[str, ...], full: bool = False) -> dict[str
     large = [
         f"{name.upper()} ({rows} x {columns})"
         for name, (rows, columns) in zip(present, sizes, strict=True)
-        if name in wanted and 8 * abs(rows) * abs(columns) > LARGEST_MATRIX
+        if name in wanted and 8 * abs(rows) * abs(columns) > MAX_MATRIX_SIZE
     ]
     if large and full:
         raise ModalError(
-            f"{', '.join(large)} is too large; at most {LARGEST_MATRIX / 1e9:g} GB are read into"
+            f"{', '.join(large)} is too large; at most {MAX_MATRIX_SIZE / 1e9:g} GB are read into"
             " memory"
         )
     found = op4.read(str(path), wanted, sparse=bool(large))
@@ -121,16 +121,15 @@ def normalised(phi: np.ndarray, M: Any) -> tuple[np.ndarray, np.ndarray, float]:
     off = float(np.abs(phi.T @ (M @ phi) - np.eye(own.size)).max())
     if not off < ORTHOGONAL:
         raise ModalError(
-            f"mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it is another"
-            " model's, or in other"
-            " units"
+            f"mode shapes are not orthogonal in the mass matrix (up to {off:.2g}): it belongs "
+            "to another model, or is in other units"
         )
     return phi, own, off
 
 
 def _from_reduced(path: Path, K: Any, M: Any, options: ImportOptions) -> Deck:
     """OP4 with the geometry of EXTSEOUT beside it, or with a boundary of one point, the interface."""
-    geometry = _geometry_beside(path, K)
+    geometry = _adjacent_geometry(path, K)
     if geometry is not None:
         boundary, points, rows = geometry
         return _tied(K, M, boundary, points, rows)
@@ -146,8 +145,8 @@ def _from_reduced(path: Path, K: Any, M: Any, options: ImportOptions) -> Deck:
     return replace(deck, reference=options.interface, notes=(said,))
 
 
-def _geometry_beside(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] | None:
-    """What EXTSEOUT writes beside an OP4 file, the last three of ``Reduced``."""
+def _adjacent_geometry(path: Path, K: Any) -> tuple[np.ndarray, Any, np.ndarray] | None:
+    """Geometry that EXTSEOUT writes next to an OP4 file, the last three of ``Reduced``."""
     name = next(
         (x for x in (path.with_suffix(".asm"), path.with_suffix(".pch")) if x.is_file()), None
     )
@@ -257,7 +256,7 @@ def _check_free(stiffness: np.ndarray, mass: np.ndarray, first: float) -> None:
     frequency = float(natural_frequency(held))
     if frequency > GROUNDED * first:
         raise ModalError(
-            f"the model is held elsewhere than at its boundary (moves rigidly at {frequency:.3g}"
+            f"the model is constrained other than at its boundary (rigid-body mode at {frequency:.3g}"
             " Hz; 0 Hz is expected)"
         )
 
@@ -274,8 +273,8 @@ def read_dmig(path: Path, options: ImportOptions) -> Deck:
 
 def dmig_model(path: Path) -> Reduced:
     """A model that EXTSEOUT(DMIGPCH) punched."""
-    if path.stat().st_size > LARGEST_MATRIX:
-        raise ModalError(f"DMIG entries of at most {LARGEST_MATRIX / 1e9:g} GB are read; use OP4")
+    if path.stat().st_size > MAX_MATRIX_SIZE:
+        raise ModalError(f"DMIG entries of at most {MAX_MATRIX_SIZE / 1e9:g} GB are read; use OP4")
     bulk = pyyeti("bulk")
     found = bulk.rddmig(str(path), square=True)
     pair = next((p for p in PAIRS if all(name in found for name in p)), None)
@@ -297,13 +296,13 @@ def dmig_model(path: Path) -> Reduced:
 
 
 def op4_model(path: Path) -> Reduced | None:
-    """The same of an OP4 file with the geometry of EXTSEOUT beside it; None where it holds no such
+    """Modal model of an OP4 file with the geometry of EXTSEOUT next to it; None where it holds no such
     model.
     """
     pair = _pair(path)
     if pair is None:
         return None
-    geometry = _geometry_beside(path, pair[0])
+    geometry = _adjacent_geometry(path, pair[0])
     if geometry is None:
         raise ModalError("has no geometry; the .asm or .pch file of EXTSEOUT is expected beside it")
     return *pair, *geometry

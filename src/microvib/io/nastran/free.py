@@ -94,7 +94,7 @@ def _op4(path: Path) -> FreeModeData:
     phi = np.asarray(phi.toarray() if hasattr(phi, "toarray") else phi)
     if phi.shape[0] != len(uset) or M.shape != (len(uset), len(uset)) or K.shape != M.shape:
         raise ModalError(
-            f"eigenvectors {phi.shape}, mass {M.shape} and stiffness {K.shape} do not fit the"
+            f"eigenvectors {phi.shape}, mass {M.shape} and stiffness {K.shape} do not match the"
             f" {len(uset)} degrees of freedom of"
             " the grids in the deck beside it"
         )

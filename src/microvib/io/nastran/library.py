@@ -12,7 +12,7 @@ import numpy as np
 
 from microvib.io.files import library
 
-LONGEST_LINE = 1000
+MAX_LINE_LENGTH = 1000
 
 
 def pyyeti(name: str) -> Any:
@@ -23,7 +23,7 @@ def pyyeti(name: str) -> Any:
 def lines_of(path: Path) -> Iterator[str]:
     """Lines of a text file; one without end, as in a file that is not text, comes in pieces."""
     with path.open(encoding="latin-1") as stream:
-        yield from iter(lambda: stream.readline(LONGEST_LINE), "")
+        yield from iter(lambda: stream.readline(MAX_LINE_LENGTH), "")
 
 
 def grid_coordinates(uset: Any) -> dict[int, np.ndarray]:

@@ -56,7 +56,7 @@ def rigid_mass(
     return free, (
         f"The grid point weight generator gives {ratio:.4g} times the mass of the free degrees of"
         " freedom; is PARAM,WTMASS"
-        " (option wtmass) what is missing? The latter is taken.",
+        " (option wtmass) missing? The mass of the free degrees of freedom is used.",
     )
 
 

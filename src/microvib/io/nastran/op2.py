@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from microvib.io.files import as_read_errors, check_file
-from microvib.io.nastran.craig_bampton import LARGEST_MATRIX, MASS_MATRICES, matrices, normalised
+from microvib.io.nastran.craig_bampton import MASS_MATRICES, MAX_MATRIX_SIZE, matrices, normalised
 from microvib.io.nastran.library import grid_coordinates, pyyeti, rigid_motion
 from microvib.io.nastran.masses import Masses, rigid_mass
 from microvib.io.nastran.printed import listed_weight
@@ -249,7 +249,7 @@ def _wanted(file: Any) -> list[str]:
     wanted = [n for n in names if n.lower() in MASS_MATRICES or n.startswith(("MPFACS", "RBMASS"))]
     for name in wanted:
         rows, columns = file.dbdct[name][-1].size
-        if 8 * rows * columns > LARGEST_MATRIX:
+        if 8 * rows * columns > MAX_MATRIX_SIZE:
             raise ModalError(
                 f"{name} is {rows} x {columns}, too large; give it as OP4, or use"
                 " SPCFORCES(PLOT)=ALL"

@@ -1,4 +1,4 @@
-"""What Nastran (F06) and Ansys print of modes and masses, and what Nastran punches (PCH): forces of
+"""Modes and masses printed by Nastran (F06) and Ansys, and punched by Nastran (PCH): forces of
 constraint of each mode.
 """
 
@@ -35,7 +35,7 @@ _TITLES: tuple[tuple[str, str], ...] = (
 )
 """Titles without their spaces, the first that fits, and the table under them."""
 _MAYBE = re.compile("E I G E N|W E I G H T|MODAL|MASS MATRIX|PARTICIPATION")
-"""What a line with a title has; most lines of a listing have it not."""
+"""Pattern of a line with a title, which most lines of a listing lack."""
 _ANSYS = ("X", "Y", "Z", "ROTX", "ROTY", "ROTZ")
 _COUNTED = (
     "eigenvalues",
@@ -110,8 +110,7 @@ def read_listing(path: Path, options: ImportOptions) -> Deck:
     eigenvalues, augmented = _eigenvalues(tables)
     if eigenvalues is None:
         raise ModalError(
-            "has no table of real eigenvalues, nor participation factors of Ansys: is it a run of"
-            " modes?"
+            "has no table of real eigenvalues, nor participation factors of Ansys: is it a modal analysis?"
         )
     frequency, generalised = eigenvalues[:, 4], eigenvalues[:, 5]
     if np.any(generalised <= 0.0):
@@ -241,8 +240,7 @@ def _matched(table: np.ndarray, eigenvalues: np.ndarray, what: str) -> np.ndarra
     ):
         raise ModalError(
             f"has {len(eigenvalues)} eigenvalues and {len(table)} rows of {what} that do not belong"
-            " to each other; is the"
-            " listing whole, and of one case?"
+            " to each other; is the listing complete, and of a single subcase?"
         )
     return table[:, 2:8]
 
@@ -271,7 +269,7 @@ def _ansys(tables: _Tables) -> Deck:
     tables_of = [c for c in columns if c is not None]
     if len({c.shape for c in tables_of}) != 1 or tables_of[0].shape[1] < 7:
         raise ModalError(
-            "its tables of participation factors differ in length; is the listing whole?"
+            "its tables of participation factors differ in length; is the listing complete?"
         )
     blocks = tables.last("ansys-mass"), tables.last("ansys-inertia")
     if (
@@ -402,7 +400,7 @@ def read_punched(path: Path, options: ImportOptions) -> Deck:
             )
         if len(row) < 6:
             raise ModalError(
-                f"has {len(row)} of the six forces of constraint of mode {k}; is it whole?"
+                f"has {len(row)} of the six forces of constraint of mode {k}; is the file complete?"
             )
     values, eigen = np.array(rows).T, np.array([eigenvalue[k] for k in modes])
     mass, notes = rigid_mass(Masses(None, options.interface, weight, grid), {}, options.wtmass)

@@ -45,7 +45,7 @@ from microvib.units import Si
 MAX_WORST_CASES = 5
 """Worst cases that are listed for each line."""
 MAX_RANK = 3
-"""Those of them that a report lists."""
+"""Largest number of them in a report."""
 MAX_LEVELS = 20
 """Levels, those with the largest lines, that are listed; all of them are in statistics.csv."""
 MAX_REASONS = 10
@@ -227,7 +227,7 @@ _STATUS: dict[Verdict, Status] = {"pass": "pass", "fail": "fail"}
 
 
 def _limit_facts(s: Summary) -> Iterator[Fact]:
-    """What may be said against the limit, of every level by itself and of units that pass through
+    """Facts on the limit, of every level by itself and of units that pass through
     all levels.
     """
     if s.limit is None:
@@ -254,7 +254,7 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
 
 
 def _against_limit(s: Summary) -> Iterator[str]:
-    """What is to be said of the limit beside the table, in sentences."""
+    """Sentences on the limit for the text beside the table."""
     if s.any_level is not None and s.limit is not None:
         found, e = s.any_level, s.any_level.exceedance
         yield (
@@ -419,7 +419,7 @@ def _over_levels(s: Summary) -> Iterator[Picture]:
 
 
 def _effects(s: Summary) -> Iterator[Item]:
-    """What each key does to the lines, the strongest first."""
+    """Effect of each key on the lines, the strongest first."""
     if not s.tornados:
         return
     columns = (
@@ -501,9 +501,7 @@ def _how_to_read(s: Summary) -> str:
         f" {draws_needed(0.5)} on, P95 from {draws_needed(0.95)}, P99 from {draws_needed(0.99)}."
     )
     if s.several:
-        text += (
-            " Levels are judged one by one: at which of them a unit runs is not a matter of chance."
-        )
+        text += " Levels are judged one by one: a unit runs at a chosen level, not a random one."
     failed = sum(r.level.failed for r in s.by_level)
     if failed:
         text += f" {count_text(failed, 'case')} without figures (failed, or not computed) are not in them."
@@ -650,7 +648,7 @@ def _worst_of_lines(s: Summary) -> Table:
 
 
 def _labels(s: Summary, case: int) -> list[str]:
-    """What is varied in a case, by the keys of the study."""
+    """Varied values of a case, by the keys of the study."""
     design = s.results.campaign.design
     found = design.labels(case)
     return [found.get(key, "") for key in design.keys]

@@ -65,7 +65,7 @@ def recomputed_case_text(campaign: Campaign, case: int) -> str:
         differing += ["its reason"]
     else:
         differing += []
-    same = "The same as in the campaign, to the last bit."
+    same = "Identical to the campaign, to the last bit."
     lines.append(f"Differs from the campaign in {', '.join(differing)}." if differing else same)
     return "\n".join(lines)
 

@@ -75,7 +75,7 @@ def _verdict(judged: Judgement) -> Iterator[Fact]:
 
 
 def first_page(result: RunResult, judged: Judgement | None) -> Iterator[Item]:
-    """What was simulated, the main lines, what they do not say by themselves, and the picture."""
+    """Simulated case, main lines, remarks on them, and the picture."""
     yield Pairs(tuple(_simulated(result)))
     yield main_table(result.table, judged)
     for note in _notes(result, judged):
@@ -185,8 +185,8 @@ def _numerics(result: RunResult) -> Iterator[tuple[str, str]]:
 def _steady_state(solver: dict[str, Any]) -> str:
     return (
         f"repeats every {solver['period_s']:.6g} s ({solver['period_microsteps']} microsteps);"
-        f" found with {solver['periods_evaluated']:.3g} periods; a deviation falls to"
-        f" {solver['multiplier']:.3g} of itself in one period, to a hundredth in"
+        f" found with {solver['periods_evaluated']:.3g} periods; deviations fall to"
+        f" {solver['multiplier']:.3g} in one period, to 1 % in"
         f" {solver['settling_s']:.3g} s"
     )
 

@@ -110,8 +110,8 @@ def _contents(
     files: dict[str, Any] = {}
     if result.motion is not None:
         files["motion.nc"] = partial(write_motion, result.motion)
-        if result.motion.beside is not None:
-            files[SECOND_MOTION] = partial(write_motion, result.motion.beside)
+        if result.motion.second_wing is not None:
+            files[SECOND_MOTION] = partial(write_motion, result.motion.second_wing)
         files |= report_files(report(outcome), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     summed = run_summary(result, **total)
@@ -121,7 +121,7 @@ def _contents(
 
 
 def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
-    """What ``summary.json`` says of a run."""
+    """Summary of a run for ``summary.json``."""
     timings = {"simulate": result.solver["wall_s"], **timings}
     second = result.second
     told = summary(result.scenario, result.invariants, result.solver, result.table, **timings)

@@ -143,7 +143,7 @@ def all_lines(lines: LineTable, judged: Judgement | None) -> Iterator[Item]:
     yield _table(shown, judged, _ALL, _READING)
     if not any(x.seen for x in lines):
         yield Text(
-            "No line stands out: the record is too short, its sample rate too low, or nothing"
+            "No line above the noise floor: the record is too short, its sample rate too low, or nothing"
             " moves."
         )
     yield from map(Text, _left_out(lines, shown))

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HIDDEN_SOLVER_KEYS = ("wall_s", "times_real_time", ERROR_ESTIMATE_KEY)
-"""What of the solver's account differs from run to run, or is told in words."""
+"""Keys of the solver's account that differ from run to run, or are given in words."""
 _MAX_LINES = 3
 _CONTRIBUTIONS = {
     "T_e": "−T_e, motor",
@@ -196,8 +196,8 @@ _PHASE = Measure("°", math.radians(1.0), "+.0f")
 def _contributions(motion: Motion, lines: list[Line]) -> Table:
     """Mean, RMS and largest value of each contribution, then its amplitude and phase at each line."""
     shares = torque_budget(motion, [line.frequency for line in lines])
-    felt = {name: shares[name].felt for name in _CONTRIBUTIONS}
-    tones = np.array([x.tones for x in felt.values()]).reshape(len(felt), len(lines))
+    on_housing = {name: shares[name].on_housing for name in _CONTRIBUTIONS}
+    tones = np.array([x.tones for x in on_housing.values()]).reshape(len(on_housing), len(lines))
     least = _MIN_PHASE_RATIO * np.abs(tones).max(axis=0, initial=0.0)
     phases = np.where(np.abs(tones) > least, np.angle(tones), np.nan)
     columns = [
@@ -219,7 +219,7 @@ def _contributions(motion: Motion, lines: list[Line]) -> Table:
             *np.column_stack([np.abs(tones[k]), phases[k]]).ravel().tolist(),
             "sum" if name == "T_d" else "",
         )
-        for k, (name, x) in enumerate(felt.items())
+        for k, (name, x) in enumerate(on_housing.items())
     )
     return Table("", tuple(columns), rows)
 
@@ -259,6 +259,6 @@ def _method(result: RunResult) -> Iterator[Item]:
 
 
 def _account(key: str, value: object) -> tuple[str, str]:
-    """What a solver says of itself, by its name with the unit."""
+    """Value of a solver, by its name with the unit."""
     name = key.removesuffix("_s").replace("_", " ") + (" [s]" if key.endswith("_s") else "")
     return name, f"{value:.4g}" if isinstance(value, float) else str(value)

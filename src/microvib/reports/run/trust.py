@@ -38,15 +38,15 @@ class InvariantRow:
 
 
 def drives(result: RunResult) -> dict[str, Motion | RunResult]:
-    """What each drive that steps was found with, its motion if there is one, by how texts call what
+    """Result of each stepping drive, its motion if there is one, by how texts call what
     is theirs.
     """
     motion = result.motion
     if motion is None:
         return {**result.drives}
-    if motion.beside is None:
+    if motion.second_wing is None:
         return {"": motion.alone}
-    return {"": motion.alone, f" of {SECOND_DRIVE}": motion.beside}
+    return {"": motion.alone, f" of {SECOND_DRIVE}": motion.second_wing}
 
 
 def failed_invariants(result: RunResult) -> list[str]:

@@ -53,7 +53,7 @@ SHORTENED_TO = 0.4
 """Part of a deviation that is left when it is shortened."""
 STALL_CRITERION = (1.5, 0.8)
 """Decay times in which a deviation must fall at least to this part of itself."""
-LEAST_DECAY = 1e-9
+MIN_DECAY = 1e-9
 """Rate [1/s] that a decay is taken to have at least."""
 
 
@@ -72,8 +72,7 @@ class PeriodicMotion:
     decay: float
     """Rate [1/s] at which small deviations from it die out."""
     slow: np.ndarray
-    """What sees a deviation of the state along each of those that die out slowly, (k, n); there may
-    be none.
+    """Left eigenvectors of the slowly decaying deviations of the state, (k, n), possibly none.
     """
     fast: float
     """Rate [1/s] at which all others die out at least."""
@@ -87,7 +86,7 @@ def confirm_reached_from_rest(
 
     ``waited``, the deviation is waited for to its end.
     """
-    found = replace(found, decay=max(found.decay, LEAST_DECAY))
+    found = replace(found, decay=max(found.decay, MIN_DECAY))
     _check_decay_time(run, found)
     run.begin()
     if waited or not _deviation_is_linear_or_gone(run, found):

@@ -149,7 +149,7 @@ class RunFromRest:
         self.simulated += now - begun
         if status != kernel.OK:
             raise NotPeriodic(
-                "a start from rest does not get there:"
+                "a start from rest does not reach it:"
                 f" {status_error(self.period.scenario, status, now)}"
             )
         if packed.state.counters[kernel.STEPS] - self._begun > MAX_STEPS:

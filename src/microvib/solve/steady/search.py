@@ -37,7 +37,7 @@ from microvib.solve.steady.segments import SegmentEnds, Segments
 CONVERGED = 1e-5
 """Last correction, over what a microstep moves, below which a state is accepted."""
 CONVERGED_STALLED = 5e-4
-"""The same where corrections have stopped falling, limited by the tolerance of the integration."""
+"""Convergence bound where corrections have stopped falling, limited by the tolerance of the integration."""
 WARM_UP = 0.07
 """Time [s] simulated before a search, for fast motions to settle, or MAX_SWEEPS segments if that is
 less.

@@ -20,7 +20,7 @@ from microvib.solve.steady.period import NotPeriodic, PeriodMap
 
 STRETCH = 0.15
 """Decay times in a stretch, or a cycle of the slowest mode if that is longer."""
-MOST_PARTS = 64
+MAX_PARTS = 64
 """Parts of a long period at whose ends it is asked whether the run has settled."""
 SETTLED = 5e-4
 """Estimated deviation from a motion that repeats, over the RMS of the torque, at which a run has
@@ -36,12 +36,12 @@ period to period.
 """
 MAX_PERIOD_MULTIPLE = 16
 """Periods of the command after which the motion of a run may repeat, at most."""
-LONGEST_MULTIPLE = 300.0
+MAX_MULTIPLE = 300.0
 """Time [s] beyond which such multiples are not looked for."""
 SETTLES_WITHIN = 12.0
 """Decay times of the slowest mode in which a run must have settled."""
 SHORTENED_WITHIN = 4.0
-"""The same where deviations may be shortened."""
+"""Settling bound where deviations may be shortened."""
 DECAY_RATE_RATIO_RANGE = (0.5, 2.5)
 """Rate of the decay, over that of the slowest mode, within which a deviation may be shortened."""
 SHORTENED_BELOW = 0.5
@@ -134,7 +134,7 @@ class Settling:
 
     def _multiples(self) -> range:
         """Periods of the command after which the motion may repeat."""
-        room = min(LONGEST_MULTIPLE, self.run.longest - self._expected() - 2.0 * self.whole)
+        room = min(MAX_MULTIPLE, self.run.longest - self._expected() - 2.0 * self.whole)
         return range(1, max(min(MAX_PERIOD_MULTIPLE, int(room / self.whole)), 1) + 1)
 
     def _decays(self, times: float) -> float:
@@ -325,7 +325,7 @@ def _cut(run: RunFromRest) -> tuple[int, int]:
     """
     period, ringing = run.period, run.ringing
     whole = 1.0 / period.frequency
-    span = max(ringing.cycle, STRETCH / ringing.decay, whole / MOST_PARTS)
+    span = max(ringing.cycle, STRETCH / ringing.decay, whole / MAX_PARTS)
     if span < whole:
         parts = _parts(period.microsteps, whole / span)
     else:
@@ -334,7 +334,7 @@ def _cut(run: RunFromRest) -> tuple[int, int]:
 
 
 def _shorter_period_hint(scenario: Scenario) -> str:
-    """What makes the common period long, as keys to leave out; empty where it is the driver's
+    """Causes of a long common period, as keys to leave out; empty where it is the driver's
     alone.
     """
     keys = [
@@ -347,7 +347,7 @@ def _shorter_period_hint(scenario: Scenario) -> str:
     else:
         keys += []
     if keys:
-        return f" ({', '.join(f'{key}: []' for key in keys)} leaves out what makes it long)"
+        return f" ({', '.join(f'{key}: []' for key in keys)} removes what lengthens it)"
     return ""
 
 
@@ -355,4 +355,4 @@ def _parts(microsteps: int, most: float) -> int:
     """The largest number of equal parts of whole microsteps that is at most ``most`` and
     MOST_PARTS.
     """
-    return next(k for k in range(min(int(most), MOST_PARTS), 0, -1) if microsteps % k == 0)
+    return next(k for k in range(min(int(most), MAX_PARTS), 0, -1) if microsteps % k == 0)

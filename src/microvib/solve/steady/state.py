@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import error_context
+from microvib.former_names import FormerName
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.solve.integration import (
     SECOND_WING,
@@ -53,7 +54,7 @@ class SteadyState:
     means over equal intervals.
 
     They are of the first drive alone where a second wing is driven, which has a steady state of its
-    own, ``beside``.
+    own, ``second_wing``.
     """
 
     scenario: Scenario
@@ -91,7 +92,7 @@ class SteadyState:
         return channel_of(self.channels, name, self.scenario, self.time)
 
     @cached_property
-    def beside(self) -> SteadyState | None:
+    def second_wing(self) -> SteadyState | None:
         """Steady state of the second wing's drive, found when it is first needed; None where it is
         not driven.
 
@@ -102,6 +103,8 @@ class SteadyState:
             return None
         with error_context(SECOND_WING):
             return _steady_state(other, confirmed=False)
+
+    beside = FormerName("second_wing")
 
     @property
     def channels(self) -> dict[str, np.ndarray]:
@@ -166,7 +169,7 @@ class SteadyState:
     ) -> Motion:
         """The record of the scenario, integrated from this state instead of from rest."""
         if keeps_hub_motion(channels):
-            beside = self.beside
+            beside = self.second_wing
         else:
             beside = None
         if beside is None:
@@ -186,7 +189,7 @@ class SteadyState:
         )
         if beside is None:
             return motion
-        return replace(motion, beside=beside.motion(channels=channels, progress=second))
+        return replace(motion, second_wing=beside.motion(channels=channels, progress=second))
 
 
 def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyState:
@@ -253,7 +256,7 @@ def find_steady(
     try:
         found = _steady_state(scenario, confirmed)
         if whole:
-            _ = found.beside  # which says why there is none
+            _ = found.second_wing  # which says why there is none
     except NotPeriodic as why:
         return None, str(why)
     return found, ""

@@ -35,7 +35,7 @@ KINDS = {
     "P": "bending of the panels across",
     "A": "along the drive axis",
 }
-"""What a mode mostly is, by its kinetic energy."""
+"""Kinds of modes, by their kinetic energy."""
 
 
 def structure_of(design: ArrayDesign) -> Structure:
@@ -255,7 +255,7 @@ def kinds(modes: Modes) -> tuple[str, ...]:
 
 
 def unit_warnings(design: ArrayDesign, modes: Modes) -> tuple[str, ...]:
-    """What looks like a wrong unit, as questions."""
+    """Suspected wrong units, as questions."""
     areal, first = design.sandwich.areal_mass, float(modes.frequency[0])
     weight = f"The panels weigh {areal:.4g} kg/m²; solar panels weigh 0.5 to 50. Is a unit wrong?"
     mode = f"The first mode is at {first:.4g} Hz; deployed arrays have it between 0.02 and 50. Is a unit wrong?"

@@ -1,4 +1,4 @@
-"""What can be wrong with a structure, found and named before or after it is solved."""
+"""Checks of a structure before and after it is solved."""
 
 from __future__ import annotations
 

@@ -46,5 +46,5 @@ def kinds(design: Description, solution: Modes) -> tuple[str, ...]:
 
 
 def mode_kind_labels(design: Description) -> dict[str, str]:
-    """What the kinds of modes stand for."""
+    """Meanings of the kinds of modes."""
     return _mesh(design).KINDS

@@ -22,7 +22,7 @@ KINDS = {
     "S": "sway across the drive axis",
     "F": "frame or plate in itself",
 }
-"""What a mode mostly is: the rigid motion about the drive axis that has most of its kinetic energy,
+"""Kinds of modes: the rigid motion about the drive axis that has most of its kinetic energy,
 or none.
 """
 _SIDES = (-1.0, 1.0)

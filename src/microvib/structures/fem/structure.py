@@ -95,7 +95,7 @@ def nodes_of(part: Part) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Structure:
-    """What is solved: coordinates [m], parts, and the node that is the interface."""
+    """Finite-element structure: coordinates [m], parts, and the node that is the interface."""
 
     xyz: np.ndarray  # nodes, (n, 3) [m]
     parts: tuple[Part, ...]

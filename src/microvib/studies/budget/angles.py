@@ -129,9 +129,7 @@ def _angles_of(orbit: Orbit, required: Requirements | None) -> np.ndarray:
 
 
 def _worst(found: Sequence[Budget], angles: np.ndarray, orbit: Orbit | None) -> Budget:
-    """Of each requirement the angle with the worst verdict, and of those the one whose figure may
-    be largest over its limit.
-    """
+    """Angle with the worst verdict for each requirement, and of those the one with the largest possible ratio to the limit."""
 
     def rank(one: Assessment) -> tuple[int, float, float]:
         return (
@@ -169,7 +167,7 @@ def _limit_ratio(value: float, limit: float) -> float:
 
 
 def _with_interpolation_error(one: Assessment, orbit: Orbit | None) -> Assessment:
-    """What was found at an angle of an orbit, with what figures between the angles may be above it."""
+    """Assessments at an angle of an orbit, with an allowance for the interpolation between angles."""
     if orbit is None or one.verdict == "fail" or not math.isfinite(one.most):
         return one
     turning = max((w.turning for w in orbit.windows), default=0.0)

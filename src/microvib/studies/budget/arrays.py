@@ -16,7 +16,7 @@ from microvib.model.spacecraft import DRIVE_GROUPS, SAME_POINT_DISTANCE, Interfa
 _NEAR = 1e-6
 """Distance of unit vectors, and of angles [rad], up to which they are the same."""
 MAX_ARRAYS = 2
-"""Of a craft."""
+"""Largest number of arrays on a spacecraft."""
 _INSTEAD = "or give one scenario of both with spacecraft.second_wing.drive: driven"
 
 
@@ -33,9 +33,8 @@ def check_places(name: str, scenario: Scenario, other_name: str, other: Scenario
 
 
 def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[str]:
-    """What the craft of a drive lacks of that of an ``other`` drive, whose array changes how the
-    hub moves; without a stop.
-    """
+    """Sentence on the array of an ``other`` drive that the spacecraft of a drive lacks, "
+    "which changes how the hub moves; without a stop."""
     mounted = scenario.mounted
     if mounted is None:
         wing = None
@@ -51,7 +50,7 @@ def lacking(scenario: Scenario, other_name: str, other: Scenario) -> Iterator[st
         return
     unlike = [f"spacecraft.second_wing.{key}" for key in _unlike(scenario, other)]
     if unlike:
-        yield f"{', '.join(unlike)}: is another than that of {other_name}; give what that scenario has, {_INSTEAD}"
+        yield f"{', '.join(unlike)}: differs from that of {other_name}; use the value of that scenario, {_INSTEAD}"
 
 
 def number_of_arrays(scenarios: Iterable[Scenario]) -> int:
@@ -69,10 +68,9 @@ def number_of_arrays(scenarios: Iterable[Scenario]) -> int:
 def too_many_arrays(number: int) -> str:
     """Why nothing is judged with more arrays than a craft has, and what to do; without a stop."""
     return (
-        f"these scenarios have {number} arrays, and a craft has two at most: how the hub moves with"
-        " all of them is not known (make the others part of the hub, spacecraft.hub.modes from finite"
-        " elements with their arrays on it, and give the motion that their drives make there as"
-        " lines in a file of sources)"
+        f"the scenarios have {number} arrays, and a spacecraft has at most two here (make the "
+        "others part of the hub, spacecraft.hub.modes from finite"
+        " elements with their arrays on it, and give the motion from their drives as lines in a file of sources)"
     )
 
 

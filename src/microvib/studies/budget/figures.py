@@ -55,7 +55,7 @@ class CombinedLines:
     least: np.ndarray
     value: np.ndarray
     most: np.ndarray
-    turn: np.ndarray
+    phasor: np.ndarray
     """Phase of the largest of those of one frequency, exp(j phase), (k, 2)."""
     clock: np.ndarray
     """Its clock, by number, (k, 2): harmonics of one clock keep their phases to each other; ALONE
@@ -65,7 +65,7 @@ class CombinedLines:
     """By how much frequencies may be off [Hz], (k,)."""
 
     @property
-    def ends(self) -> np.ndarray:
+    def frequency_bounds(self) -> np.ndarray:
         """Between which frequencies [Hz] lines may be, (2, k)."""
         return np.array([self.frequency - self.off, self.frequency + self.off])
 
@@ -130,7 +130,7 @@ def evaluate_lines(
 ) -> float:
     """The figure that is required of what the sources are given as."""
     return evaluate_metric(
-        r, tones.frequency, tones.value * tones.turn, densities, clock=tones.clock
+        r, tones.frequency, tones.value * tones.phasor, densities, clock=tones.clock
     )
 
 
@@ -212,7 +212,7 @@ class SweptLines:
     wherever they are [rad].
     """
 
-    def beside(
+    def upper_bound_with(
         self, axes: Sequence[int], of_others: Callable[[Sequence[float]], list[float]]
     ) -> float:
         """Most of all lines about ``axes``; ``of_others`` is that of the others about each, by what
@@ -242,7 +242,7 @@ def _crest_bound(
         + _crest_offset(one, moving.others, upper, moving.others.most, 1.0)
         for one in each
     ]
-    return moving.beside(AXES[r.axis], lambda more: np.add(found, more).tolist())
+    return moving.upper_bound_with(AXES[r.axis], lambda more: np.add(found, more).tolist())
 
 
 def _unobserved_lines(gaps: Sequence[Unobserved]) -> tuple[np.ndarray, np.ndarray]:
@@ -287,7 +287,7 @@ def _level_bounds(
     _, squares = metric_bounds(r.model_copy(update={"statistic": "rms"}), tones, gaps, densities)
     if moving.together:
         found = [_largest_group_distribution(r, moving.others, known, densities, k) for k in axes]
-    most = moving.beside(
+    most = moving.upper_bound_with(
         axes,
         lambda more: [
             spread.within(both_within, beside + x)
@@ -322,7 +322,7 @@ def _largest_group_distribution(
         return change_within_cells(r.metric, f, window, cells) @ size
 
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
-    given = moved(tones.frequency, tones.value * tones.turn)
+    given = moved(tones.frequency, tones.value * tones.phasor)
     low, high = np.abs(moved(lower, tones.least)), np.abs(moved(upper, tones.most))
     crest = high.max(axis=0, initial=0.0)
     group = _largest_group(in_step(tones.frequency, tones.clock[:, axis], crest), crest)
@@ -407,7 +407,7 @@ def _extreme_frequencies(
     f = tones.frequency
     off = f[:, None] + tones.off[:, None] * _FREQUENCY_SAMPLES
     at = extreme(metric_weight(r.metric, off, r.window or r.apart or 1.0, r.apart), axis=1)
-    low, high = tones.ends
+    low, high = tones.frequency_bounds
     if extreme is np.argmin:
         shifted = off[np.arange(f.size), at]
         outside = np.where(
@@ -423,7 +423,7 @@ def _extreme_frequencies(
 def crossing_bounds(
     r: Requirement, moving: Contribution, contributions: Iterable[Contribution]
 ) -> Iterator[Unobserved]:
-    """What lines that ``moving`` takes through a range of frequencies add where they meet a line of
+    """Bounds added by lines that ``moving`` takes through a range of frequencies, where they meet a line of
     another source.
 
     Two lines of amplitudes A and a are one of A + a at most where they meet, by A a more than their
@@ -459,7 +459,7 @@ def crossing_bounds(
 def beat_bounds(
     r: Requirement, one: Contribution, others: Iterable[Contribution]
 ) -> Iterator[Unobserved]:
-    """What lines of ``one`` source and of ``others`` add while those nearer than SLOW are in step;
+    """Bounds added by lines of ``one`` source and of ``others`` while those nearer than SLOW are in step;
     as ``crossing_bounds``.
 
     Those of two sources may be nearer than they are given, even of one frequency, by what their
@@ -512,7 +512,7 @@ def frequency_approach(one: Contribution, other: Contribution) -> np.ndarray:
 
 
 def _swept_lines(moving: Contribution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Of each line of a source with alternatives its frequencies, ascending (n,) [Hz], and
+    """Swept lines of a source with alternatives: frequencies, ascending (n,) [Hz], and
     amplitudes (n, 2) [rad].
     """
     if moving.sweep is not None:

@@ -35,13 +35,13 @@ class CurvePoint(Part):
 
 
 class Requirement(Part):
-    """What one figure of the line of sight may be at most."""
+    """Limit on one metric of the line of sight."""
 
     name: str = Field(
         default="", max_length=200, description="its number or name in the specification"
     )
     metric: Metric = Field(
-        default="ape", description="what is required: of the error itself, or in a window"
+        default="ape", description="pointing error metric: of the error itself, or in a window"
     )
     window: (
         Annotated[
@@ -72,7 +72,7 @@ class Requirement(Part):
     percentile: (
         Annotated[
             float,
-            Quantity("", "part of a campaign's cases that must comply; without it the nominal case is judged", ge=0.5,
+            Quantity("", "fraction of a campaign's cases that must comply; without it the nominal case is judged", ge=0.5,
                      display="percent", le=0.9999),
         ]
         | None
@@ -90,7 +90,7 @@ class Requirement(Part):
         description="in place of limit, for each line: amplitudes allowed over frequency",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if (self.limit is None) == (self.curve is None):
             yield "limit: give either limit, an angle such as '0.2 urad', or curve, amplitudes allowed over frequency"
         if self.highest is not None and self.highest <= self.lowest:
@@ -120,7 +120,7 @@ class Requirement(Part):
 
     @property
     def text(self) -> str:
-        """What is required, in words."""
+        """Requirement in words."""
         if self.window is None or self.metric == "ape":
             window = ""
         else:
@@ -157,15 +157,13 @@ def _time(seconds: float) -> str:
 class Requirements(Part):
     """A requirement file."""
 
-    title: str = Field(
-        default="", max_length=500, description="what is required of what, in a few words"
-    )
-    source: str = Field(default="", max_length=2000, description="specification that it comes from")
+    title: str = Field(default="", max_length=500, description="short title")
+    source: str = Field(default="", max_length=2000, description="specification that states it")
     requirements: tuple[Requirement, ...] = Field(max_length=200, description="what is required")
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if not self.requirements:
-            yield "requirements: an empty list requires nothing; give at least one"
+            yield "requirements: the list is empty; give at least one"
 
 
 _PER_SPEED = {"force": "N*s^2/rad^2", "torque": "N*m*s^2/rad^2"}
@@ -205,7 +203,7 @@ class Wheel(Part):
     axis: Direction = Field(description="spin axis, hub axes")
     harmonics: tuple[WheelHarmonic, ...] = Field(max_length=200, description="its disturbances")
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if not self.harmonics:
             yield "harmonics: an empty list makes no disturbance; give at least one"
         if not any(self.axis):
@@ -215,7 +213,7 @@ class Wheel(Part):
 
 
 class OtherSource(Part):
-    """What moves the line of sight besides the drives: a wheel, or lines or a density from a file."""
+    """Source of line-of-sight motion besides the drives: a wheel, or lines or a density from a file."""
 
     name: str = Field(min_length=1, max_length=100, description="what it is")
     wheel: Wheel | None = None
@@ -240,7 +238,7 @@ class OtherSource(Part):
         description="sources of one clock, lines from files: those of one frequency are added with their phases",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if sum(x is not None for x in (self.wheel, self.lines, self.density)) != 1:
             yield "wheel: give one of wheel, lines and density"
         if self.point is not None and self.position is not None:
@@ -258,12 +256,12 @@ class Sources(Part):
         max_length=200, description="sources besides the drives"
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         names = [one.name for one in self.sources]
         if not names:
-            yield "sources: an empty list says nothing; give at least one, or leave the file out"
+            yield "sources: the list is empty; give at least one, or leave the file out"
         for name in (name for name in names if names.count(name) > 1):
-            yield f"sources: '{name}' is there twice; each source needs a name of its own"
+            yield f"sources: '{name}' occurs twice; each source needs its own name"
 
 
 Kind = TypeVar("Kind", Requirements, Sources)

@@ -1,4 +1,4 @@
-"""What moves the line of sight besides the drives: reaction wheels, lines and densities from files."""
+"""Sources of line-of-sight motion besides the drives: reaction wheels, lines and densities from files."""
 
 from __future__ import annotations
 
@@ -111,9 +111,7 @@ def _table(
     if len(chosen) > 1:
         loads, angles = (next(name for name in c if name in head) for c in chosen)
         raise MicrovibError(
-            f"{path}: has both loads ({loads}) and what they do to the line of sight ({angles}), of"
-            " which only one counts;"
-            " make a source of either, or leave one out"
+            f"{path}: has both loads ({loads}) and line-of-sight angles ({angles}); give them as two sources, or leave one out"
         )
     return rows, chosen[0]
 
@@ -215,7 +213,7 @@ def _missing_axes_gap(
 
 
 def _missing_loads_note(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]) -> str:
-    """What is said of a table of loads: which are there, if not all."""
+    """Note on the loads that a table has, if not all."""
     if chosen[0].startswith("los_"):
         return ""
     given = [name for name in chosen if name in rows[0]]

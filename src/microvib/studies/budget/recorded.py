@@ -1,6 +1,4 @@
-"""What the six loads of a recording hold beyond the lines that a budget counts and their floor, as
-the line of sight sees it.
-"""
+"""Excess of the six loads of a recording over the counted lines and their floor, as line-of-sight motion."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ from microvib.testdata.recording import Recording
 
 
 class Unaccounted(NamedTuple):
-    """What a band may hold: why, its ends [Hz] and the largest amplitude of the line of sight about
+    """Excess in a band: why, its ends [Hz] and the largest amplitude of the line of sight about
     both axes [rad].
     """
 
@@ -41,7 +39,7 @@ def unaccounted(
     """
     found: list[tuple[str, Excess]] = []
     for channel, table in rows.items():
-        beside = _beside(scenario, recording[channel], recording.sample_rate, table)
+        beside = _other_lines(scenario, recording[channel], recording.sample_rate, table)
         own = [line for line in table if line.name in counted]
         mains = [line for line in beside if near_mains(line.frequency, table.duration)]
         more = excesses(recording[channel], recording.sample_rate, [*own, *mains], beside)
@@ -50,13 +48,15 @@ def unaccounted(
     for group in joined([one for _, one in found]):
         sizes = {id(one): _seen(scenario, channels[id(one)], one) for one in group}
         worst = max(group, key=lambda one: float(np.hypot(*sizes[id(one)])))
-        why = worst.told(channels[id(worst)])
+        why = worst.sentence(channels[id(worst)])
         for low, high in dict.fromkeys((one.low, one.high) for one in group):
             together = [sizes[id(one)] for one in group if one.low == low]
             yield Unaccounted(why, low, high, np.sum(together, axis=0))
 
 
-def _beside(scenario: Scenario, x: np.ndarray, sample_rate: float, clock: LineTable) -> list[Line]:
+def _other_lines(
+    scenario: Scenario, x: np.ndarray, sample_rate: float, clock: LineTable
+) -> list[Line]:
     """Unlisted lines of a channel, at the clock whose lines these are."""
     known = [
         replace(line, frequency=row.frequency, low=row.frequency, high=row.frequency)
@@ -68,7 +68,7 @@ def _beside(scenario: Scenario, x: np.ndarray, sample_rate: float, clock: LineTa
 
 
 def _seen(scenario: Scenario, channel: str, one: Excess) -> np.ndarray:
-    """What of a channel's excess the line of sight may see at most, where in the band it sees most,
+    """Upper bound of the line of sight from a channel's excess, at the most sensitive frequency of the band,
     (2,) [rad].
     """
     modes = [

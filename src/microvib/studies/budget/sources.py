@@ -1,6 +1,4 @@
-"""What drives do to the line of sight, by their runs or by a recording, and what is not known of
-it.
-"""
+"""Contributions of drives to the line of sight, by their runs or by a recording, with their gaps."""
 
 from __future__ import annotations
 
@@ -75,14 +73,14 @@ _FREE_BODY_REASON = f"below {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz, where without 
 
 @dataclass(frozen=True)
 class Unobserved:
-    """What is not known of a source: why, where, and how large a line it may be at most."""
+    """Gap in the knowledge of a source: why, where, and how large a line it may be at most."""
 
     why: str
     low: float
     high: float
     """Between which frequencies [Hz]."""
     frequency: np.ndarray
-    """Of lines that it may hide [Hz], (m,)."""
+    """Frequencies of lines that it may hide [Hz], (m,)."""
     most: np.ndarray
     """Their largest amplitudes [rad], (m, 2); infinite where nothing bounds them."""
     between: bool = False
@@ -95,7 +93,7 @@ class Unobserved:
     """
 
     def inside(self, low: float, high: float) -> Unobserved:
-        """What it may hide from ``low`` to ``high`` [Hz]."""
+        """Part of the gap from ``low`` to ``high`` [Hz]."""
         if not self.between:
             return self
         near = slice(
@@ -107,7 +105,7 @@ class Unobserved:
         )
 
     def about(self, axes: Sequence[int]) -> Unobserved:
-        """What it may hide about ``axes`` of the line of sight, 0 and 1."""
+        """Part of the gap about ``axes`` of the line of sight, 0 and 1."""
         return replace(self, most=np.where(np.isin([0, 1], axes), self.most, 0.0))
 
 
@@ -119,7 +117,7 @@ def open_gap(why: str, low: float = 0.0, high: float = math.inf) -> Unobserved:
 def unseen_axes(axes: Sequence[str], why: str) -> tuple[Unobserved, ...]:
     """The gap of ``axes`` of the line of sight, ``x`` and ``y``, about which nothing is known."""
     most = np.array([[math.inf if axis in axes else 0.0 for axis in "xy"]])
-    said = f"nothing is known of the line of sight about {' and '.join(axes)}: {why}"
+    said = f"the line of sight is unknown about {' and '.join(axes)}: {why}"
     if axes:
         return (Unobserved(said, 0.0, math.inf, np.zeros(1), most),)
     return ()
@@ -135,7 +133,7 @@ class Sweep(Protocol):
         ...
 
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each line the frequencies that it passes, ascending (n,) [Hz], and amplitudes (n, 2)
+        """Frequencies that each line passes, ascending (n,) [Hz], and amplitudes (n, 2)
         [rad].
         """
         ...
@@ -143,13 +141,13 @@ class Sweep(Protocol):
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one source does to the line of sight: lines, complex and 0-to-peak, and a one-sided
+    """Contribution of one source to the line of sight: lines, complex and 0-to-peak, and a one-sided
     density.
     """
 
     source: str
     how: str
-    """How it was found, in words."""
+    """Method of solution, in words."""
     names: tuple[str, ...]
     frequency: np.ndarray
     """[Hz], (k,)."""
@@ -175,7 +173,7 @@ class Contribution:
     frequency_error: np.ndarray | None = None
     """By how much its frequencies may be off [Hz], (k,), where that is more than clocks are."""
     crests: tuple[float, float, float] | None = None
-    """Of one of several the most that lines of any reach about x, about y and about both as
+    """Upper bound, for one of several alternatives, of the lines of any about x, about y and about both as
     required [rad], at any instant of a window; None where its own lines tell that."""
     phased: bool = True
     """Whether its lines have phases; those that have none keep none to each other, whatever is
@@ -188,7 +186,7 @@ class Contribution:
     cases_frequency: np.ndarray | None = None
     """Their frequencies [Hz], (cases, j), where cases do not all have the nominal ones."""
     cases_lack: str = ""
-    """What the campaign does not say of its cases, in words; no percentile is judged then."""
+    """Reason why the campaign's cases give no percentile, in words; no percentile is judged then."""
     recorded: tuple[np.ndarray, np.ndarray] | None = None
     """Amplitudes of the recorded loads of its lines on ground that does not move, and floors,
     array's axes, (k, 6) [N, N m].
@@ -198,7 +196,7 @@ class Contribution:
     counts.
     """
     sweep: Sweep | None = None
-    """What finds the worst between the alternatives, too."""
+    """Search for the worst between the alternatives."""
 
     @property
     def relative_errors(self) -> np.ndarray:
@@ -214,7 +212,7 @@ class Contribution:
 
     @property
     def clocks(self) -> list[str]:
-        """Of each line the clock to which it keeps its phase; empty where it keeps none."""
+        """Clock to which each line keeps its phase; empty where it keeps none."""
         if self.unlocked is None:
             loose = np.zeros(len(self.names), dtype=bool)
         else:
@@ -252,7 +250,7 @@ def contribution_of_run(
     # the mode's damping.
     T, decay = result.table.duration, {m.name: m.decay for m in coupled_modes(scenario)}
     falls = (x if x.status == "decaying" else replace(x, decay=decay.get(x.name, 0.0)) for x in own)
-    start = [x.starting(T) / x.amplitude if x.amplitude > 0.0 else 1.0 for x in falls]
+    start = [x.amplitude_at_start(T) / x.amplitude if x.amplitude > 0.0 else 1.0 for x in falls]
     return Contribution(
         name,
         "steady state of the coupled run" if result.state else "coupled run",
@@ -300,7 +298,7 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
         x for x in table if x.status == NOISE_DRIVEN or (x.seen and may_ring(x, table, scenario))
     )
     rings = RINGING_FACTOR * sum(
-        x.amplitude if x.status == NOISE_DRIVEN else x.starting(T) for x in stirs
+        x.amplitude if x.status == NOISE_DRIVEN else x.amplitude_at_start(T) for x in stirs
     )
     size = np.maximum([x.amplitude for x in lines], 1e-300)
     hidden = np.array([x.hidden for x in lines])
@@ -381,7 +379,7 @@ def _by_torque(scenario: Scenario, f: np.ndarray, on: np.ndarray | None = None) 
 
 
 def natural_frequencies(scenario: Scenario) -> np.ndarray:
-    """Of drive and craft [Hz]."""
+    """Natural frequencies of drive and spacecraft [Hz]."""
     return np.array([mode.frequency for mode in coupled_modes(scenario)])
 
 
@@ -467,7 +465,7 @@ def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -
     free = blocked_load_method(scenario, at, source_of(scenario).blocked(at, np.ones(at.size)))
     moved = np.einsum("mnk,mk->mn", hub.moved(at), free.loads)
     there = -((2.0 * np.pi * at[:, None]) ** 2) * (moved @ hub.second_root.T)
-    rotor = np.abs(hub.second.stirred(at, there)[:, 0])
+    rotor = np.abs(hub.second.coordinates_by_acceleration(at, there)[:, 0])
     assert free.los is not None
     torque = np.linalg.norm(one.los[moves], axis=1) / np.maximum(
         np.linalg.norm(np.abs(free.los), axis=1), 1e-300
@@ -500,7 +498,7 @@ def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -
 def _gaps(
     scenario: Scenario, table: LineTable, found: HubLines, steady: bool
 ) -> Iterator[Unobserved]:
-    """What a run does not say of the line of sight."""
+    """Gaps of a run with respect to the line of sight."""
     spacecraft, record = require_craft(scenario).spacecraft, scenario.record
     expected = expected_in(scenario, record.sample_rate)
     slow = [line.name for line in expected if line.frequency < MIN_FREQUENCY_WITHOUT_CONTROL]
@@ -517,7 +515,7 @@ def _gaps(
             )
     for line in table:
         if line.status == "growing" and line.amplitude > _MIN_GROWING_RATIO * table.largest:
-            yield open_gap(f"{line.name} grows within the record (a longer record.settle)")
+            yield open_gap(f"{line.name} grows within the record (increase record.settle)")
     if not steady and (held := not_moving_reason(scenario)):
         yield open_gap(held)
     if not steady and (short := full_step_is_longer(scenario, table.duration)):
@@ -557,7 +555,7 @@ _SIGNIFICANT_RATIO = 0.01
 
 
 def _above_passband_gaps(scenario: Scenario, table: LineTable, top: float) -> Iterator[Unobserved]:
-    """What the drive may have above ``top``, the edge of the passband of the lines in the
+    """Bound on lines of the drive above ``top``, the edge of the passband of the lines in the
     ``table``.
     """
     if top < 2.0 * (scenario.driving_frequency or 0.0):
@@ -595,14 +593,14 @@ def _above_passband_gaps(scenario: Scenario, table: LineTable, top: float) -> It
 
 
 def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobserved]:
-    """What is below the lowest frequency that a record's length resolves."""
+    """Gap below the lowest frequency that a record's length resolves."""
     if table.rest is None or table.rest.slow <= 0.0 or not table.rest.frequency.size:
         return
     lowest = float(table.rest.frequency.min())
     f = np.geomspace(1e-3, 1.0, 31) * lowest
     most = _los_over_torque(scenario, f) * ABOVE_PASSBAND_FACTOR * table.rest.slow
     known = f >= receiver_of(scenario).lowest
-    why = f"what is below {lowest:.3g} Hz, for which the record is too short (a longer record.duration)"
+    why = f"what is below {lowest:.3g} Hz, for which the record is too short (increase record.duration)"
     k = int(np.argmax(np.hypot(*np.where(known[:, None], most, 0.0).T)))
     yield Unobserved(why, 0.0, lowest, f[[k]], most[[k]])
 
@@ -646,7 +644,7 @@ class _RecordedLoads:
 def _recorded_loads(
     recording: Recording, scenario: Scenario, harmonics: int, clock_ratio: float
 ) -> _RecordedLoads:
-    """What each channel shows at the lines of the clock, which is known."""
+    """Complex amplitudes of each channel at the lines of the known clock."""
     lines = tuple(
         replace(
             line,
@@ -670,7 +668,7 @@ def _recorded_loads(
 
 
 def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
-    """What speaks against the channels of a recording, and its clock."""
+    """Reasons to question the channels of a recording and its clock."""
     missing = [channel for channel in COMPONENTS if channel not in recording.channels]
     given = [channel for channel in COMPONENTS if channel in recording.channels]
     told = [f"{', '.join(missing)} not recorded, and counted as 0"] if missing else []
@@ -728,7 +726,7 @@ def contribution_of_recording(
     beside = _drive_uncertainty(held_drive_variants(scenario), f[kept])
     return Contribution(
         name,
-        f"clock lines of the recording {recording.title}, the short way",
+        f"clock lines of the recording {recording.title}, blocked-load method",
         names,
         f[kept],
         los[kept],

@@ -98,10 +98,9 @@ class Budget:
     orbit: bool = False
     """Whether these stand for all angles between them, too."""
     notes: tuple[str, ...] = ()
-    """What is to be known of an orbit, in sentences."""
+    """Notes on an orbit, in sentences."""
     without_steady: tuple[str, ...] = ()
-    """Of each drive that was to start in its steady state and has none, a sentence that says why,
-    and what was done instead.
+    """Sentences on drives that have no steady state to start in: why, and what was done instead.
     """
 
     def __repr__(self) -> str:
@@ -213,7 +212,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     if two and campaign is not None and recording is not None:
         raise OptionError(
             "campaign",
-            "holds what both wings do together, and a recording has one of them; leave one out",
+            "covers both wings together, and a recording one of them; leave one out",
         )
     ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
     for drive in drives:
@@ -271,7 +270,7 @@ def _without_steady(runs: Sequence[_Run], drives: Sequence[_Drive]) -> Iterator[
 
 
 class _Run(NamedTuple):
-    """What one drive does to the line of sight."""
+    """Contribution of one drive to the line of sight, with its lines."""
 
     contribution: Contribution
     lines: HubLines
@@ -320,11 +319,11 @@ def _degrees(angle: float) -> str:
 class _Drive(NamedTuple):
     name: str
     scenario: Scenario
-    """Of this drive alone."""
+    """Scenario of this drive alone."""
     clock: str
     """By which it steps."""
     number: int
-    """Of the scenario that it is of."""
+    """Number of its scenario."""
 
 
 def _drives(
@@ -404,9 +403,7 @@ def _with_lacking(
 
 
 def _undecided(one: Assessment, why: Sequence[str]) -> Assessment:
-    """What was found for a requirement where the craft is not that of all drives: no verdict, for
-    all may move by more or less.
-    """
+    """Assessment without verdict, where the spacecraft is not that of all drives."""
     if not why:
         return one
     return replace(
@@ -431,17 +428,14 @@ def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> Non
         for key in ("hub", "line_of_sight", "attitude_control"):
             if getattr(require_craft(first.scenario).spacecraft, key) != getattr(spacecraft, key):
                 raise MicrovibError(
-                    f"{name}: spacecraft.{key}: is another than that of {first.name}; all drives"
-                    " are on one craft"
+                    f"{name}: spacecraft.{key}: differs from that of {first.name}; all drives are on one spacecraft"
                 )
 
 
 def _other_contributions(
     sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario
 ) -> list[Contribution]:
-    """What moves the line of sight besides: of a file, whose own files are relative to it, or of a
-    list.
-    """
+    """Contributions of other sources: of a file, whose own files are relative to it, or of a list."""
     if sources is None:
         return []
     if not isinstance(sources, str | Path):
@@ -459,7 +453,7 @@ def _other_contributions(
         return [contribution_of_other(source, scenario, WORKING_FOLDER) for source in sources]
     path = Path(sources)
     return [
-        contribution_of_other(source, scenario, WORKING_FOLDER.beside(str(path)))
+        contribution_of_other(source, scenario, WORKING_FOLDER.in_folder_of(str(path)))
         for source in read_file(path, Sources).sources
     ]
 
@@ -494,7 +488,7 @@ _FACTORS = {
     1e3: "mN or mN*m taken for N or N*m",
     1e6: "uN or uN*m taken for N or N*m",
 }
-"""What a recording's loads are of the scenario's where a unit is wrong, and which."""
+"""Ratios of a recording's loads to the scenario's where a unit is wrong, with the cause."""
 
 
 def with_load_check(recorded: Contribution, own: BlockedLines) -> Contribution:
@@ -756,7 +750,7 @@ def _windows(
 
 
 def summary(budget: Budget) -> dict[str, Any]:
-    """What ``budget.json`` holds; angles in rad."""
+    """Contents of ``budget.json``; angles in rad."""
     return {
         "verdict": budget.verdict,
         "holds": budget.holds_at,

@@ -46,7 +46,7 @@ SIGNIFICANT_PART = 0.01
 
 @dataclass(frozen=True)
 class Share:
-    """What one line or source adds to a figure: its own rms [rad], and its part of the sum of
+    """Share of one line or source in a metric: its own rms [rad], and its part of the sum of
     squares, of a curve of the limit.
     """
 
@@ -71,7 +71,7 @@ class Assessment:
     noise: float
     """Lines alone, and densities alone."""
     limit: float
-    """Of a curve that at its worst line."""
+    """Limit; of a curve, that at its worst line."""
     verdict: Verdict
     why: tuple[str, ...]
     """Why it is not judged."""
@@ -105,9 +105,9 @@ class _SourceLine(NamedTuple):
     frequency: float
     los: np.ndarray
     clock: str | int
-    """Of a line without one a number of its own."""
+    """Clock of the line; a line without one has its own number."""
     relative_errors: np.ndarray
-    """Of both angles, less and more, (2, 2)."""
+    """Relative errors of both angles, down and up, (2, 2)."""
     settled: bool
     """Whether it belongs to the settled motion."""
     off: float
@@ -244,7 +244,7 @@ class _Sum(NamedTuple):
     sizes: np.ndarray
     """Least, given and largest amplitude, (3, 2)."""
     frequency: float
-    """Of the largest line."""
+    """Frequency of the largest line."""
     largest: np.ndarray
     """About each axis the largest line of one clock, (2,)."""
     clocks: list[str | int | None]
@@ -343,7 +343,7 @@ def _spread(cases: np.ndarray | None) -> tuple[Estimate, Estimate, Estimate] | N
 
 
 class _Figure(NamedTuple):
-    """What a requirement asks of the line of sight [rad], and between which it lies."""
+    """Metric of the line of sight [rad] with its bounds."""
 
     least: float
     value: float
@@ -370,7 +370,7 @@ class _Figure(NamedTuple):
 
 
 def _incomplete(requirement: Requirement) -> Assessment:
-    """Of a requirement that says too little."""
+    """Sentence on an incomplete requirement."""
     key = requirement.incomplete
     return Assessment(
         requirement,
@@ -388,7 +388,7 @@ def _incomplete(requirement: Requirement) -> Assessment:
 
 
 def _swept_sources(chosen: Sequence[Contribution], rule: Rule) -> SweptLines | None:
-    """What is known of those sources whose lines are at one of several places; None without any."""
+    """Bounds on sources whose lines are at one of several frequencies; None without any."""
     crests = [one.crests for one in chosen if one.crests is not None]
     if not crests:
         return None
@@ -399,7 +399,7 @@ def _swept_sources(chosen: Sequence[Contribution], rule: Rule) -> SweptLines | N
 
 
 def worst_alternative(requirement: Requirement, one: Contribution) -> Contribution:
-    """Of a source's alternatives the one that costs most."""
+    """Alternative of a source with the largest contribution."""
     if not one.alternatives or requirement.incomplete:
         return one
     if one.sweep is not None:
@@ -421,9 +421,7 @@ def worst_alternative(requirement: Requirement, one: Contribution) -> Contributi
 
 
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
-    """What a requirement asks of the lines of one source; of a curve the largest part of what it
-    allows.
-    """
+    """Metric of the lines of one source; for a curve, the largest ratio to it."""
     if r.curve is not None:
         return float(_ratio_to_curve(r, one.frequency, np.abs(one.los)).max(initial=0.0))
     return evaluate_metric(r, one.frequency, np.abs(one.los))
@@ -457,9 +455,7 @@ def _rms_and_bounds(
 def _with_gaps(
     r: Requirement, chosen: Sequence[Contribution], contributions: Sequence[Contribution]
 ) -> list[Contribution]:
-    """Those that were chosen, with what is not known of them in the band, and what their lines may
-    meet on the way.
-    """
+    """Chosen contributions with their gaps in the band and the lines that they may meet when swept."""
     highest, found = math.inf if r.highest is None else r.highest, []
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (
@@ -477,7 +473,7 @@ def _with_gaps(
 
 
 def _open_reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> list[str]:
-    """What may turn the verdict round, a sentence without a stop each."""
+    """Reasons that may reverse the verdict, a sentence without a stop each."""
     found = []
     for one in chosen:
         for gap in one.gaps:
@@ -631,7 +627,7 @@ def _assess_by_curve(
     chosen = _with_gaps(own, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
     edges = np.array([*(point.frequency for point in curve), own.lowest, own.highest])
-    low, high = tones.ends
+    low, high = tones.frequency_bounds
     maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
     over_least = np.min(
         [_ratio_to_curve(r, f, tones.least, single_axis=True) for f in maybe], axis=0

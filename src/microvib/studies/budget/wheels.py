@@ -123,7 +123,7 @@ class WheelOnCraft:
         return self.wheel.speed, self.wheel.speed_to or self.wheel.speed
 
     def frequencies(self, speeds: np.ndarray) -> np.ndarray:
-        """Of each order [Hz] at speeds (n,) [rad/s], (n, o)."""
+        """Frequencies of each order [Hz] at speeds (n,) [rad/s], (n, o)."""
         return np.asarray(speeds[:, None] * self.orders / (2.0 * np.pi))
 
     def at(self, speeds: np.ndarray) -> tuple[Contribution, ...]:
@@ -151,7 +151,7 @@ class WheelOnCraft:
             off = np.asarray(frequency_error_bound(one.frequency))
             return replace(
                 one,
-                relative_error=one.relative_error + self._beside(one.frequency, off),
+                relative_error=one.relative_error + self._response_error(one.frequency, off),
                 frequency_error=off,
             )
         # what tables and pictures show: a grid, and where an order meets a mode
@@ -166,7 +166,7 @@ class WheelOnCraft:
         how = f"wheel, the worst of {_rpm(low):.5g} to {_rpm(high):.5g} rpm"
         return replace(largest, how=how, alternatives=each, sweep=self)
 
-    def _beside(self, frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
+    def _response_error(self, frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
         """Relative error of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
         drive that holds may stand.
         """
@@ -219,7 +219,7 @@ class WheelOnCraft:
         return found * speed[:, :, None] ** 2
 
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each order the frequencies that it passes, (n,) [Hz], and its amplitudes there, (n, 2)
+        """Frequencies that each order passes, (n,) [Hz], and its amplitudes there, (n, 2)
         [rad].
         """
         found = []
@@ -258,7 +258,9 @@ class WheelOnCraft:
             ratio = found[0].upper / own
         else:
             ratio = 1.0 + TOLERANCE
-        less, more = best.relative_errors + self._beside(best.frequency, np.zeros(self.orders.size))
+        less, more = best.relative_errors + self._response_error(
+            best.frequency, np.zeros(self.orders.size)
+        )
         if r.curve is None and r.statistic != "rms":
             best = replace(best, crests=self._crests(r, 1.0 + more.max(axis=0, initial=0.0)))
         return replace(best, relative_error=np.array([less, (1.0 + more) * max(ratio, 1.0) - 1.0]))
@@ -282,7 +284,7 @@ class WheelOnCraft:
         return found[0], found[1], together
 
     def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Unobserved, ...]:
-        """What lines add that are in the band only at a speed just beyond the range."""
+        """Gap of lines that are in the band only at a speed just beyond the range."""
         low, high = self.speeds
         each = [
             one
@@ -327,7 +329,7 @@ class _Score:
         return [f for f in (self.low, self.high, *modes) if 0.0 < f < math.inf]
 
     def amplitude(self, f: np.ndarray) -> np.ndarray:
-        """Of each order at its frequencies (n, o), (n, o, axes); 0 outside of the band."""
+        """Amplitude of each order at its frequencies (n, o), (n, o, axes); 0 outside of the band."""
         found = np.empty((*f.shape, len(self.axes)))
         for k, size in enumerate(self.sizes):
             for j in range(len(self.axes)):

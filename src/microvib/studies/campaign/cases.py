@@ -31,9 +31,9 @@ from microvib.studies.campaign.study_file import Study
 BATCH_SIZE = 32
 """Cases that are simulated together; bounds the memory of a worker."""
 FIGURES = ("amplitude", "frequency", "bin_amplitude", "phase", "decay")
-"""What is kept of every line."""
+"""Stored figures of every line."""
 LINE_OF_SIGHT = ("los_x", "los_y")
-"""What is kept besides where the craft has a line of sight."""
+"""Stored figures of a spacecraft with a line of sight."""
 BASE_TIME_LIMIT = 60.0
 """Time [s] that any case may take, in addition to what it simulates."""
 STARTUP_ALLOWANCE = 120.0
@@ -43,13 +43,13 @@ a compiler (docs/design.md).
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
 SCALARS = ("peak", "rms", "stuck_output")
-"""What is kept of every case: largest and RMS torque of the record [N m], part of the time that the
+"""Stored figures of every case: largest and RMS torque of the record [N m], part of the time that the
 shaft sticks.
 """
 
 
 class Label(NamedTuple):
-    """What a chunk says of itself, so that it cannot be taken for another."""
+    """Identity of a chunk, so that it cannot be taken for another."""
 
     campaign: str
     """Identity of its campaign."""
@@ -65,7 +65,7 @@ class WorkPackage(NamedTuple):
     base: Scenario
     changes: tuple[dict[str, Any], ...]
     label: Label
-    deadly: tuple[int, ...] = ()
+    crashing: tuple[int, ...] = ()
     """Positions of cases that ended the worker when they were tried alone; they are not tried
     again.
     """
@@ -83,18 +83,18 @@ class Chunk:
     label: Label
     lines: tuple[str, ...]
     figures: dict[str, np.ndarray]
-    """Of every line, (cases, lines) each; nan where a case has no such line. With LINE_OF_SIGHT
+    """Figures of every line, (cases, lines) each; nan where a case has no such line. With LINE_OF_SIGHT
     where a craft has one.
     """
     status: np.ndarray
     """Index of the line's status in ``statuses``, (cases, lines)."""
     statuses: tuple[str, ...]
     scalars: dict[str, np.ndarray]
-    """Of every case, (cases,) each."""
+    """Figures of every case, (cases,) each."""
     verdict: np.ndarray
     """Index in ``VERDICTS`` of what a run of the case would be judged, (cases,)."""
     gaps: tuple[str, ...]
-    """What could not be judged, and what would have to change; empty where nothing was left out."""
+    """Gaps in the judgement and their remedies; empty where nothing was left out."""
     reasons: tuple[str, ...]
     """Why a case failed; empty where it did not."""
     notes: tuple[str, ...]
@@ -103,7 +103,7 @@ class Chunk:
     """T_d [N m] by position in the chunk, where it is kept."""
 
     def to_bytes(self) -> bytes:
-        """The same chunk gives the same bytes."""
+        """Serialise the chunk; equal chunks give equal bytes."""
         texts = {
             key: list(getattr(self, key))
             for key in ("label", "lines", "statuses", "gaps", "reasons", "notes")
@@ -227,7 +227,7 @@ def _run_batch(
     work: WorkPackage, positions: Sequence[int], begin: Callable[[float], None]
 ) -> list[_Result]:
     """Cases that run together, one after the other, or one that is solved alone."""
-    results = {k: WORKER_DIED for k in positions if k in work.deadly}
+    results = {k: WORKER_DIED for k in positions if k in work.crashing}
     scenarios: dict[int, Scenario] = {}
     for k in (k for k in positions if k not in results):
         try:
@@ -273,7 +273,7 @@ def _solved(work: WorkPackage, scenario: Scenario, torque: Torque | Exception | 
         return _failed(error)
     except MemoryError:
         return _Result(
-            reason="memory is exhausted: record.duration is too long, or record.sample_rate too high"
+            reason="out of memory: record.duration is too long, or record.sample_rate too high"
         )
     except Exception as error:  # one bad case of a million must not stop the others, whatever it is
         return _Result(reason=f"unexpected {type(error).__name__}: {error}")
@@ -329,7 +329,9 @@ def _with_line_of_sight(work: WorkPackage, scenario: Scenario) -> _Result:
     los = dict(
         zip(on_hub.names, np.column_stack([on_hub.amplitude, on_hub.frequency]), strict=True)
     )
-    second = None if source.beside is None else find_lines(source.beside, harmonics=harmonics)
+    second = (
+        None if source.second_wing is None else find_lines(source.second_wing, harmonics=harmonics)
+    )
     motion = _Motion(table, source["T_d"], stuck, second, fallback)
     return replace(_result(work.study, scenario, motion), los=los)
 
@@ -343,7 +345,7 @@ class _Motion:
     """[N m]"""
     stuck_output: float
     second: LineTable | None
-    """Of a second wing's drive."""
+    """Lines of a second wing's drive."""
     note: str = ""
 
 
@@ -454,7 +456,7 @@ def _line_of_sight_figures(
 def _statuses(
     results: Sequence[_Result], column: dict[str, int]
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """What is said of lines, and its number for every line, (cases, lines); -1 where a case has no
+    """Statuses of lines, and the number of each line's status, (cases, lines); -1 where a case has no
     such line.
     """
     said = [[_status_without_values(line.status) for line in result.lines] for result in results]

@@ -85,7 +85,7 @@ class Design:
         return changed
 
     def values(self, case: int) -> dict[str, Any]:
-        """What varies, by its name in the study, to its value in one case, in SI; a factor to the
+        """Value of each varied key in one case, by its name in the study, in SI; a factor to the
         factor.
         """
         combination, *numbers, point = np.unravel_index(case, self.shape)
@@ -153,7 +153,7 @@ class Design:
         )
 
     def _along(self, axis: int, values: np.ndarray) -> np.ndarray:
-        """Of every case the value that it has along one axis of the grid, (cases,)."""
+        """Value of every case along one axis of the grid, (cases,)."""
         return np.moveaxis(
             np.broadcast_to(values, (*np.delete(self.shape, axis), values.size)), -1, axis
         ).ravel()
@@ -181,7 +181,9 @@ def read_design(file: Path) -> Design:
     """Design of a study file; ScenarioError with one sentence per problem."""
     data = parse_yaml(read_text(file, "study", ()), str(file))
     return design(
-        validate_part(Study, data, origin=str(file)), WORKING_FOLDER.beside(str(file)), str(file)
+        validate_part(Study, data, origin=str(file)),
+        WORKING_FOLDER.in_folder_of(str(file)),
+        str(file),
     )
 
 
@@ -246,11 +248,11 @@ def _check_one_place(
     named = [key for part in parts for key in part.keys or (part.key,)]
     twice = {key for key in named if named.count(key) > 1}
     if twice:
-        raise ScenarioError(f"{min(twice)} stands in vary twice; one place is expected")
+        raise ScenarioError(f"{min(twice)} occurs twice in vary; one place is expected")
     patterns = {pattern for item in combinations for pattern in item}
     both = {key for pattern in patterns for key in keys_of(base, pattern)} & set(named)
     if both:
-        raise ScenarioError(f"{min(both)} stands in vary and in cases; one place is expected")
+        raise ScenarioError(f"{min(both)} occurs in vary and in cases; one place is expected")
 
 
 def _variation(base: Scenario, key: str, spec: Any, files: FileAccess) -> Levels | Uncertain:

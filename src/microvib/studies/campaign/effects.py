@@ -1,6 +1,4 @@
-"""What a campaign says of its keys: what each does to a line (tornado), and its part of the
-variance (Sobol indices).
-"""
+"""Influence of a campaign's keys: effect on a line (tornado), and share of the variance (Sobol indices)."""
 
 from __future__ import annotations
 
@@ -15,14 +13,14 @@ from microvib.studies.campaign.statistics import CONFIDENCE, Estimate, amplitude
 from microvib.studies.campaign.variation import Levels
 
 BOOTSTRAP_SAMPLES = 200
-"""Of the bootstrap."""
+"""Number of samples of the bootstrap."""
 MIN_CASES = 4
 """Draws per parameter below which no regression is made."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What one key does to a line: amplitude [N m] at its low and at its high end, the others as
+    """Effect of one key on a line: amplitude [N m] at its low and at its high end, the others as
     they are.
 
     With ``levels`` they are the lowest and the highest of the means over its levels, in whatever

@@ -29,7 +29,7 @@ from microvib.studies.campaign.variation import Levels, Uncertain
 
 MANIFEST, STUDY, SCENARIO, SAMPLES = "campaign.json", "study.yaml", "scenario.yaml", "samples.npy"
 CHUNKS = "chunks"
-SMALLEST_CHUNK, LARGEST_CHUNK = 8, 256
+SMALLEST_CHUNK, MAX_FILTER_CHUNK = 8, 256
 TARGET_CHUNKS = 64
 HISTORY_BYTES = 64_000_000
 """Largest chunk, where histories are kept."""
@@ -47,13 +47,13 @@ class Campaign:
     microvib: str
     """Version of microvib that made the campaign, and that must compute it."""
     manifest: str
-    """What ``campaign.json`` adds to the other files, as one line of JSON: cases, chunks, versions,
+    """Content of ``campaign.json`` that the other files lack, as one line of JSON: cases, chunks, versions,
     and what varies.
     """
     identity: str
     """SHA-256 of what is computed, and with which version."""
-    mended: str = ""
-    """What was found wrong and put right when it was opened; empty where nothing was."""
+    repair_note: str = ""
+    """Repair made when the folder was opened; empty where nothing was."""
 
     @property
     def chunks(self) -> int:
@@ -66,12 +66,12 @@ class Campaign:
         return range(first, min(first + self.chunk_size, self.design.cases))
 
     def work(
-        self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()
+        self, chunk: int, cases: Sequence[int] | None = None, crashing: tuple[int, ...] = ()
     ) -> WorkPackage:
         """A chunk, or some cases of it, ready to be sent to a worker."""
         changes = tuple(map(self.design.changes, self.cases_of(chunk) if cases is None else cases))
         label = Label(self.identity, chunk, self.manifest)
-        return WorkPackage(self.design.study, self.design.base, changes, label, deadly)
+        return WorkPackage(self.design.study, self.design.base, changes, label, crashing)
 
     def file(self, chunk: int) -> Path:
         """File of a chunk, there or not."""
@@ -137,7 +137,7 @@ def default_chunk(design: Design) -> int:
     """Cases of a chunk: some 64 chunks, none too small to be worth its file, none too large to be
     sent or lost.
     """
-    size = min(max(-(-design.cases // TARGET_CHUNKS), SMALLEST_CHUNK), LARGEST_CHUNK)
+    size = min(max(-(-design.cases // TARGET_CHUNKS), SMALLEST_CHUNK), MAX_FILTER_CHUNK)
     if design.study.keep:
         size = min(size, max(HISTORY_BYTES // (8 * design.base.record.samples), 1))
     return size
@@ -166,9 +166,9 @@ def open_campaign(folder: Path) -> Campaign:
     A manifest that is lost is made again from what every chunk carries.
     """
     if (folder / MANIFEST).is_file():
-        mended = ""
+        repair_note = ""
     else:
-        mended = _restore_manifest(folder)
+        repair_note = _restore_manifest(folder)
     try:
         entries = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         stated, size, microvib = (
@@ -190,7 +190,7 @@ def open_campaign(folder: Path) -> Campaign:
             " or make a new campaign (another limit needs none: give it to `microvib campaign"
             " report`)"
         )
-    return Campaign(folder, design, size, microvib, manifest, identity, mended)
+    return Campaign(folder, design, size, microvib, manifest, identity, repair_note)
 
 
 def _design(folder: Path, entries: dict[str, Any]) -> Design:

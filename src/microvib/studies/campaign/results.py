@@ -38,7 +38,7 @@ _VARIABLES = {
     "los_x": ("rad", "amplitude of the first angle of the line of sight, 0-to-peak"),
     "los_y": ("rad", "amplitude of the second angle of the line of sight, 0-to-peak"),
 }
-"""What is kept of lines and cases: unit and meaning."""
+"""Stored variables of lines and cases: unit and meaning."""
 _TEXT_VARIABLES = {
     "reasons": ("reason", "why the case failed; empty where it did not"),
     "notes": ("note", "notes on the case"),
@@ -51,7 +51,7 @@ _CASES_PER_BLOCK = 4096
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merge found."""
+    """Result of a merge."""
 
     cases: int
     done: int
@@ -230,14 +230,14 @@ class Results:
 
     @property
     def verdicts(self) -> np.ndarray:
-        """What the run of each case would be judged against the study's limit, an index in
+        """Verdict on each case against the study's limit, an index in
         VERDICTS, (cases,).
         """
         return self._read("verdict")
 
     @property
     def gaps(self) -> list[str]:
-        """What of each case could not be judged, (cases,)."""
+        """Gaps in the judgement of each case, (cases,)."""
         return self._texts("gaps")
 
     def scalar(self, name: str) -> np.ndarray:

@@ -102,12 +102,12 @@ class _Coordinator:
                 text = "workers end as soon as they start; memory may be short: take fewer workers"
                 raise MicrovibError(text, remedy="workers")
             tries = range(MAX_WORKER_DEATHS)
-            deadly = tuple(
+            crashing = tuple(
                 k
                 for k, case in enumerate(cases)
                 if all(self._alone(chunk, [case]) is None for _ in tries)
             )
-            data = self._alone(chunk, deadly=deadly)
+            data = self._alone(chunk, crashing=crashing)
         if data is None:
             text = (
                 f"chunk {chunk} (cases {cases[0]} to {cases[-1]}) ends its worker, though none of"
@@ -118,12 +118,12 @@ class _Coordinator:
         return data
 
     def _alone(
-        self, chunk: int, cases: Sequence[int] | None = None, deadly: tuple[int, ...] = ()
+        self, chunk: int, cases: Sequence[int] | None = None, crashing: tuple[int, ...] = ()
     ) -> bytes | None:
         """A chunk, or some cases of it, computed with nothing else under way; None where the worker
         dies or fails.
         """
-        future = self._submit(self._campaign.work(chunk, cases, deadly))
+        future = self._submit(self._campaign.work(chunk, cases, crashing))
         while not any_done([future]):
             self._backend.watch()
         try:

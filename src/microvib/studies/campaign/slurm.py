@@ -30,7 +30,7 @@ def submit(
     """
     missing = campaign.missing()
     if not missing:
-        return f"Nothing to do: all {campaign.chunks} chunks are there."
+        return f"Nothing to do: all {campaign.chunks} chunks are computed."
     state = job_state(campaign)
     if state:
         raise MicrovibError(
@@ -50,9 +50,8 @@ def submit(
     )
     typed = shlex.quote(str(campaign.folder))
     return (
-        f"Submitted job {job}: {count} shards over {len(missing)} chunks. Look with: microvib"
-        f" campaign status {typed}"
-        f"; whatever ends it: microvib campaign resume {typed} --on slurm"
+        f"Submitted job {job}: {count} shards over {len(missing)} chunks. Progress: microvib campaign status {typed}"
+        f"; after an interruption: microvib campaign resume {typed} --on slurm"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a campaign says of its lines: their distributions, level by level, with their uncertainty;
+"""Statistics of a campaign's lines: distributions, level by level, with their uncertainty;
 worst cases.
 """
 
@@ -23,7 +23,7 @@ from microvib.units import Si, within_band
 
 CONFIDENCE = 0.95
 BELOW, ABOVE, UNKNOWN, ABSENT = range(4)
-"""What is known of a case or line against a limit; ABSENT where a case has no such line in the
+"""States of a case or line against a limit; ABSENT where a case has no such line in the
 band.
 """
 LARGEST_LINE = "any line"
@@ -40,7 +40,7 @@ class Estimate:
 
 
 NO_ESTIMATE = Estimate(math.nan, math.nan, math.nan)
-"""What the draws are too few to say."""
+"""Estimate for which the draws are too few."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class LineStatistics:
     p95: Estimate
     p99: Estimate
     largest: float
-    """Of all cases of the level, also those that are not independent draws."""
+    """Largest of all cases of the level, also those that are not independent draws."""
     worst: int
     """Number of the case with the largest amplitude."""
     above: int | None
@@ -87,7 +87,7 @@ class LineStatistics:
     """How many of the draws could not be judged, though what is known of them is not above the
     limit: those, too, in which the line has no amplitude of its own, or that failed."""
     judged: int = 0
-    """Of how many draws ``above`` and ``unknown`` are: those with an amplitude, and those without
+    """Number of draws to which ``above`` and ``unknown`` refer: those with an amplitude, and those without
     that are unknown.
     """
 
@@ -184,10 +184,10 @@ class _LineAtLevel:
     """One line in the cases of a level."""
 
     amplitude: np.ndarray
-    """Of cases that have it, (n,), as the frequency."""
+    """Amplitudes of the cases that have it, (n,), as the frequency."""
     frequency: np.ndarray
     verdicts: np.ndarray | None
-    """Of all cases that were computed; None without a limit."""
+    """Verdicts of all computed cases; None without a limit."""
     worst: int
     """Case in which it is largest, of all."""
 
@@ -276,7 +276,7 @@ def line_verdicts(
 
 
 def governing_levels(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
-    """Of each line the row of the level at which it gets largest; the largest of all (ANY) first,
+    """Row of each line at the level at which it is largest; the largest of all (ANY) first,
     then by falling amplitude.
     """
     worst: dict[str, LineStatistics] = {}

@@ -31,7 +31,7 @@ class Sampling(Part):
         " one: all have the scenario's",
     )
 
-    def _misfits(self) -> Iterator[str]:
+    def _consistency_errors(self) -> Iterator[str]:
         if self.noise == "each" and self.method in ("sobol-indices", "one-at-a-time"):
             yield f"noise: each goes with sobol, latin-hypercube and random points, not with {self.method}, which compares points"
 
@@ -46,9 +46,9 @@ class Correlation(Part):
 
 
 class Study(Part):
-    """What a campaign computes: a scenario, what of it varies, and what is kept of each case."""
+    """Definition of a campaign: a scenario, its varied keys, and what is kept of each case."""
 
-    title: str = Field(default="", max_length=500, description="what is studied, in a few words")
+    title: str = Field(default="", max_length=500, description="short title")
     scenario: str = Field(
         description="scenario to vary: a catalog name or a file, relative to the study's folder"
     )

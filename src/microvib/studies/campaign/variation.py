@@ -1,4 +1,4 @@
-"""What varies: levels that are gone through one by one, and distributions that are sampled."""
+"""Variation of keys: levels taken one by one, and distributions that are sampled."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def is_number(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Varied:
-    """What varies: a key of the scenario, several that take one value, or a factor on several."""
+    """Varied quantity: a key of the scenario, several that take one value, or a factor on several."""
 
     key: str
     _: KW_ONLY
@@ -52,7 +52,7 @@ class Varied:
         return True
 
     def changes(self, value: Any) -> dict[str, Any]:
-        """What ``value`` makes of the scenario's keys."""
+        """Changes of the scenario's keys for ``value``."""
         if self.base:
             return {key: value * base for key, base in zip(self.keys, self.base, strict=True)}
         return dict.fromkeys(self.keys or (self.key,), value)
@@ -127,7 +127,7 @@ class Uncertain(Varied):
 
 
 def variation(scenario: Scenario, key: str, spec: Any) -> Levels | Uncertain:
-    """What the study says of one key; ScenarioError where it cannot be."""
+    """Variation of one key from the study; ScenarioError where it is invalid."""
     where = f"vary.{key}"
     found = _entries(scenario)
     if isinstance(spec, dict) and "scale" in spec:
@@ -389,7 +389,7 @@ class _Kind(NamedTuple):
     """A kind of distribution."""
 
     allowed: tuple[str, ...]
-    """What a study may say of it, beside ``distribution``, ``lower`` and ``upper``."""
+    """Keys that a study may give, besides ``distribution``, ``lower`` and ``upper``."""
     read: Callable[[_Reader], tuple[float, ...]]
     """Its shape."""
     frozen: Callable[..., Any]

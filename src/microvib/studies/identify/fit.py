@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.errors import MicrovibError, OptionError, expect, expect_list
+from microvib.former_names import FormerName
 from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines
 from microvib.model.line_names import LineName
@@ -94,16 +95,17 @@ class Fit:
     goodness: Goodness
     deviations: tuple[Deviation, ...]
     """All figures, with those of the fitted model."""
-    leanings: tuple[Dependence, ...]
+    dependences: tuple[Dependence, ...]
     """Parameters not fitted that move the estimates, strongest first."""
+    leanings = FormerName("dependences")
     converged: bool
     """Whether a second, finer search found nothing better."""
     alternatives: tuple[dict[str, float], ...] = ()
     """Other values of all fitted keys that explain the evidence as well, in SI units."""
     notes: tuple[str, ...] = ()
-    """What was done to the evidence, in words."""
+    """Notes on the preparation of the evidence."""
     selection: tuple[Candidate, ...] = ()
-    """What the evidence asks for, of the effects that were candidates."""
+    """Candidate effects, with whether the evidence supports them."""
     whole: tuple[Estimate, ...] = ()
     """Whole numbers, each of which was tried; between the ends of their intervals are those that
     explain the evidence as well.
@@ -131,7 +133,7 @@ class Fit:
 
     @property
     def sentence(self) -> str:
-        """What comes first: how good the fit is, and whether it identifies anything."""
+        """Leading sentence: how good the fit is, and whether it identifies anything."""
         if not self.goodness.explained or any(e.identifiable for e in self.parameters):
             return self.goodness.sentence
         verdicts = (e.verdict.removesuffix(verdict.ADDED_FREQUENCY_NOTE) for e in self.parameters)
@@ -141,9 +143,8 @@ class Fit:
             f"chi-square {self.goodness.ratio:.3g} per degree of freedom, {self.goodness.counted}"
         )
         return (
-            f"Nothing is identified{why}. That the figures are as the model's ({value}) does not"
-            " make it right: other values, or"
-            " other models, have them, too."
+            f"Nothing is identified{why}. Agreement of the model with the data ({value}) does "
+            "not validate it: other values or other models agree as well."
         )
 
 
@@ -253,7 +254,7 @@ def _check_not_selected(keys: Sequence[str], effects: Sequence[str]) -> None:
     for key in keys:
         if any(key in (name, *EFFECTS[name].keys) for name in effects):
             raise OptionError(
-                "select", "is fitted, and so taken for granted; name it in one place", key
+                "select", "is fitted, so it is no candidate; name it in one place", key
             )
 
 
@@ -265,7 +266,7 @@ def _settle_uncertainty(given: GivenQuantity | None) -> float:
 
 
 def _last_stage(stages: Iterator[Findings]) -> tuple[Findings | None, bool]:
-    """What the last stage found, and whether an interrupt ended the stages; None where it came
+    """Findings of the last stage, and whether an interrupt ended the stages; None where it came
     within the first.
     """
     found = None
@@ -326,16 +327,14 @@ def _keys_by_recording(
         elif isinstance(key, IntegerKey):
             raise OptionError(
                 "share",
-                "is a whole number, which has one value in all recordings; name it, too",
+                "is an integer with one value in all recordings; name it as well",
                 key.key,
             )
         else:
             found += _once_for_each(key, asked, evidence, scenario)
     wholes = [key for key in fitted if isinstance(key, IntegerKey)]
     if not found:
-        raise OptionError(
-            "fit", "is a whole number; fit a parameter that is none beside it", names[0]
-        )
+        raise OptionError("fit", "is an integer; fit a continuous parameter with it", names[0])
     return found, wholes
 
 
@@ -386,23 +385,22 @@ def _recording_name(evidence: Sequence[tuple[Evidence, TestOverrides]], test: in
 def _craft_warnings(
     tests: Sequence[tuple[Evidence, TestOverrides]], scenario: Scenario
 ) -> Iterator[str]:
-    """What is to be known of evidence that a craft's lines are compared with; MicrovibError where
+    """Warnings on evidence that is compared with lines of a spacecraft; MicrovibError where
     two drives make them.
     """
     for one, own in tests:
         tested = as_tested(scenario, one, own)
         if tested.driven_wing is not None:
             raise MicrovibError(
-                f"{one.name}: spacecraft.second_wing.drive: driven is not known to identification,"
-                " which simulates one drive; hold"
-                f" it ({one.name}@spacecraft.second_wing.drive=held), or leave the craft out"
+                f"{one.name}: spacecraft.second_wing.drive: driven is not supported by "
+                "identification, which simulates one drive; hold it "
+                f"({one.name}@spacecraft.second_wing.drive=held), or leave the craft out"
                 f" ({one.name}@spacecraft=null)"
             )
         if tested.spacecraft is not None:
             yield (
-                f"{one.name}: compared with the drive on its spacecraft. A force table stands on"
-                " the ground: name a recording of"
-                f" one {one.name}@spacecraft=null."
+                f"{one.name}: compared with the drive on its spacecraft. For a recording of a "
+                f"force table, whose base is fixed, give {one.name}@spacecraft=null."
             )
 
 
@@ -465,7 +463,7 @@ def _with_settle_uncertainty(
 def _with_integer_stages(
     problem: Problem, wholes: Sequence[IntegerKey], seed: int, starts: int, finishes: int
 ) -> Iterator[Findings]:
-    """What is known after each stage, at last with whole numbers; where another is better, from
+    """Findings after each stage, at last with whole numbers; where another is better, from
     there again.
     """
     for _ in range(2):
@@ -484,7 +482,7 @@ def _with_integer_stages(
 
 
 def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator[Findings]:
-    """What is known after the search, after a second one and, if the model explains the evidence,
+    """Findings after the search, after a second one and, if the model explains the evidence,
     with intervals.
     """
     problem, optima = search(problem, seed, starts, finishes)
@@ -518,12 +516,15 @@ def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator
         for better in _with_intervals(found):
             yield (found := better)
     found = replace(
-        found, rivals=verdict.alternative_optima(found.problem, found.best, optima, found.local)
+        found,
+        alternatives=verdict.alternative_optima(found.problem, found.best, optima, found.local),
     )
     yield found
     if found.intervals is not None:
         found = replace(found, lacking=unmodelled_effects(found.problem, found.best, found.local))
-        yield replace(found, leanings=verdict.dependences(found.problem, found.best, found.local))
+        yield replace(
+            found, dependences=verdict.dependences(found.problem, found.best, found.local)
+        )
 
 
 def _with_intervals(found: Findings) -> Iterator[Findings]:
@@ -566,13 +567,13 @@ def _fit(
         of_each, correlations(found.local), _sensitivities(found),
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
         _fitted(found, of_each, whole_numbers, names), fit.chi_square, problem.figures,
-        problem.best_so_far.simulations, seed, interrupted, fit, off, found.leanings, found.converged,
-        tuple(problem.named(o.x) for o in found.rivals), notes, whole=whole_numbers,
+        problem.best_so_far.simulations, seed, interrupted, fit, off, found.dependences, found.converged,
+        tuple(problem.named(o.x) for o in found.alternatives), notes, whole=whole_numbers,
     )  # fmt: skip
 
 
 def _notes_before(found: Findings, tests: Sequence[Evidence]) -> tuple[str, ...]:
-    """What speaks against the evidence, or else which error of the model would explain it."""
+    """Reasons to question the evidence, or else the model error that would explain it."""
     warnings = tuple(f"{one.name}: {text}." for one in tests for text in one.warnings)
     if warnings or found.misread:
         return (*warnings, *found.misread)
@@ -603,7 +604,7 @@ def _fitted(
 
 
 def source_text(e: Estimate, names: str) -> str:
-    """What a fitted value's source says: identified only where it is."""
+    """Source text of a fitted value: identified only where it is."""
     value = f"{e.estimate:.6g} {e.unit}".rstrip()
     if not e.identifiable:
         return f"assumed: fitted to {names}, {e.verdict}: {value}"

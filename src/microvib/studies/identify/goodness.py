@@ -151,7 +151,7 @@ def required_model_error(problem: Problem, r: np.ndarray) -> Iterator[str]:
         }
     )
     if forms:
-        also = f"; figures of {', '.join(forms)} are off, which it does not concern"
+        also = f"; figures of {', '.join(forms)} are off, which no model_error explains"
     else:
         also = ""
     yield f"No model_error up to {100.0 * TRIAL_MODEL_ERRORS[-1]:.0f} percent would make it explain them{also}."

@@ -1,4 +1,4 @@
-"""What a fitted model may lack: torque noise, a motion that repeats after several microsteps,
+"""Hints on effects that a fitted model lacks: torque noise, a motion that repeats after several microsteps,
 rounding of references.
 """
 
@@ -89,17 +89,15 @@ def _is_subharmonic(frequency: float, tests: Sequence[tuple[Evidence, Scenario]]
 
 
 def _of_noise(density: float) -> str:
-    """What is said of torque noise up to a density [N^2 m^2/Hz] that a recording does not rule out."""
+    """Hint on torque noise up to a density [N^2 m^2/Hz] that a recording does not rule out."""
     if math.isinf(density):
         return (
-            "it is too short to tell whether there is torque noise, which frees what sticks and so"
-            " moves lines: take a longer"
+            "it is too short to tell whether there is torque noise, which releases stiction and so changes lines: take a longer"
             " record."
         )
     return (
-        f"its floor between the lines may be torque noise of some {density:.1g} N^2*m^2/Hz, which"
-        " frees what"
-        " sticks and so moves lines: give the scenario friction.torque_noise to start from, and fit"
+        f"its floor between the lines may be torque noise of some {density:.1g} N^2*m^2/Hz, "
+        "which releases stiction and so changes lines: give the scenario friction.torque_noise to start from, and fit"
         " its density."
     )
 

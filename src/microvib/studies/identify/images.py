@@ -16,7 +16,7 @@ from microvib.studies.identify.problem import Problem
 IMPERFECTIONS_PREFIX = "driver.imperfections."
 """Keys of the driver's errors."""
 PHASE_IMBALANCE_NAMES = ("gain_b", "offset_a", "offset_b", "quadrature")
-"""Those that make one phase differ from the other, or a half turn from the next."""
+"""Driver errors that make one phase differ from the other, or a half turn from the next."""
 PHASE_DEPENDENT_KEYS = (
     *(IMPERFECTIONS_PREFIX + name for name in PHASE_IMBALANCE_NAMES),
     "driver.table.harmonics.",

@@ -141,7 +141,7 @@ class IntegerKey:
 
 
 def parse_key(scenario: Scenario, text: str) -> FitKey | IntegerKey:
-    """What ``parse_fit`` takes, or a whole number, ``KEY=LOW:HIGH``; the driver's bits without a
+    """Parse a key as ``parse_fit`` does, or a whole number, ``KEY=LOW:HIGH``; the driver's bits without a
     range, too.
     """
     key, _, span = (part.strip() for part in text.partition("="))
@@ -149,7 +149,7 @@ def parse_key(scenario: Scenario, text: str) -> FitKey | IntegerKey:
     if key != DAC_BITS and (not isinstance(value, int) or isinstance(value, bool)):
         return parse_fit(scenario, text)
     if not span and key not in DEFAULT_INTEGER_RANGES:
-        raise OptionError("fit", f"is a whole number; give those that may be, {key}=LOW:HIGH", key)
+        raise OptionError("fit", f"is an integer; give its range, {key}=LOW:HIGH", key)
     if span:
         low, high = _whole(text, span)
     else:

@@ -1,4 +1,4 @@
-"""What a model may lack without the evidence showing it: effects that explain it as well, and move
+"""Unmodelled effects that the evidence cannot show: effects that explain it as well, and move
 the estimates.
 
 The intervals hold for the model as it is. Here each effect of a list is added in several sizes, the
@@ -43,7 +43,7 @@ FLUX = "harmonics of the motor's flux (or a driver.table)"
 STATE_CHAIN_ADVICE = (
     "; state it in the preparation file (response; 'response: flat' where there is none)"
 )
-"""What is to be done about the measuring chain."""
+"""Advice on the measuring chain."""
 DEFAULT_STIFFNESS = 1e4
 """Stiffness [N m/rad] that presliding is compared with where the reducer has none."""
 

@@ -41,7 +41,7 @@ def diagnose_units_signs(problem: Problem) -> tuple[str, ...]:
     while (along := problem.along()) is not None:
         problem = along
     found = [
-        f"{one.name}: {what} the model explains it; look at order, sign and unit of"
+        f"{one.name}: {what} the model explains it; check order, sign and unit of"
         f" {one.channel or 'its figures'}."
         for one, what in _signs_and_scales(problem, problem.evidence)
     ]
@@ -51,7 +51,7 @@ def diagnose_units_signs(problem: Problem) -> tuple[str, ...]:
 def _signs_and_scales(
     problem: Problem, tests: Sequence[tuple[Evidence, TestOverrides]]
 ) -> Iterator[tuple[Evidence, str]]:
-    """What is to be changed of each test; nothing, where the model explains none of them, or all as
+    """Change of each test that explains it; nothing, where the model explains none of them, or all as
     they are.
     """
     free = problem.again(evidence=tests, trust=replace(problem.trust, common=UNKNOWN_SCALE_SIGMA))
@@ -134,4 +134,4 @@ def _channels(problem: Problem) -> Iterator[str]:
             if told:
                 how = ", ".join(filter(None, told.values()))
                 where = f"{channel} in place of {one.channel}{how and f', {how}'}"
-                yield f"{one.name}: the model explains {where}; look at the drive's axis."
+                yield f"{one.name}: the model explains {where}; check the drive axis."

@@ -63,7 +63,7 @@ FitProgress = Callable[[str, int, float, dict[str, float]], None]
 
 
 TestOverrides = dict[str, object] | Scenario
-"""What a test has of its own: changes of the scenario, or a scenario."""
+"""Settings of a single test: changes of the scenario, or a scenario."""
 
 
 def with_overrides(scenario: Scenario, own: TestOverrides) -> Scenario:
@@ -186,11 +186,11 @@ class ErrorModel:
     """
 
     each: float
-    """Of each line by itself: model and instrument chain."""
+    """Error of each line: model and instrument chain."""
     common: float = 0.0
-    """Of all lines of a recording together: its scale."""
+    """Error common to all lines of a recording: its scale."""
     settle: float = math.inf
-    """Of the time before a recording [s]; infinite where nobody measured it."""
+    """Error of the time before a recording [s]; infinite where it was not measured."""
 
 
 class BestSoFar:
@@ -270,7 +270,7 @@ class Problem:
         self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, TestOverrides]] | None = None,
         trust: ErrorModel | None = None, scenario: Scenario | None = None,
     ) -> Problem:  # fmt: skip
-        """The same with other keys, evidence, trust or scenario."""
+        """Problem with other keys, evidence, error model or scenario."""
         if evidence is None:
             evidence = self.evidence
         else:
@@ -285,7 +285,7 @@ class Problem:
         )
 
     def looser(self, factors: np.ndarray) -> Problem:
-        """The same with each figure's standard deviation ``factors`` (figures,) times as large;
+        """Problem with each figure's standard deviation ``factors`` (figures,) times as large;
         ``tight`` are those of before.
         """
         other = copy(self)

@@ -52,7 +52,7 @@ class Regression(NamedTuple):
     J: np.ndarray
     """Slopes by the coordinates, (rows, m)."""
     variance: np.ndarray
-    """Of one draw, (rows,)."""
+    """Variance of one draw, (rows,)."""
     spread: np.ndarray
     """Covariance of mean and slopes over that, (1 + m, 1 + m)."""
     freedom: int
@@ -90,7 +90,7 @@ def _has_noise(scenario: Scenario) -> bool:
 
 
 def noisy_objective(problem: Problem, optima: Sequence[Optimum]) -> Findings:
-    """What is known from regressions about the best of the ``optima``, whose region follows the
+    """Findings from regressions about the best of the ``optima``, whose region follows the
     standard errors.
     """
     problem.best_so_far.stage = "scatter"
@@ -123,7 +123,7 @@ def noisy_objective(problem: Problem, optima: Sequence[Optimum]) -> Findings:
     )
     return replace(
         _found(looser, best, local, optima, converged, fit),
-        leanings=_dependences(looser, best, local, size),
+        dependences=_dependences(looser, best, local, size),
     )
 
 
@@ -154,7 +154,7 @@ def _found(
     converged: bool,
     fit: Regression,
 ) -> Findings:
-    """With intervals and rivals, which are held against single draws of the best."""
+    """With intervals and alternative optima, which are compared with single draws of the best."""
     from scipy.stats import t
 
     half = float(t.ppf(0.975, fit.freedom)) * local.spread
@@ -208,7 +208,7 @@ def _dependences(
 def _regression_note(problem: Problem, fit: Regression) -> str:
     sizes = [o.form == "amplitude" for _, o in problem.observed]
     own = np.sqrt(fit.variance[: problem.figures])[sizes] * problem.tight[sizes]
-    what = "every draw of the noise has other figures" if _any_noise(problem) else (
+    what = "each noise draw gives other values" if _any_noise(problem) else (
         "the motion is sensitive: a parameter change of less than 0.1 % changes the simulated"
         " values"
     )  # fmt: skip

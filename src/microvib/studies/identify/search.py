@@ -468,7 +468,7 @@ def confirm_scaled(problem: Problem, best: Optimum) -> tuple[Optimum, LinearMode
 
 
 def _distinct_optima(met: Sequence[Optimum], known: Sequence[Optimum]) -> list[Optimum]:
-    """Those that are not the same as a known one, or as an earlier one among them."""
+    """Optima that differ from known ones and from each other."""
     found: list[Optimum] = []
     for o in met:
         if all(np.max(np.abs(o.x - p.x)) > SAME_OPTIMUM_DISTANCE for p in (*known, *found)):
@@ -538,7 +538,7 @@ class LinearModel:
     J: np.ndarray
     """Slopes of the residuals by the coordinates, (rows, m)."""
     covariance: np.ndarray
-    """Of the coordinates, (m, m), widened by the scatter that the fit leaves."""
+    """Covariance of the coordinates, (m, m), widened by the scatter that the fit leaves."""
     scatter: float
     """Chi-square per degree of freedom, at least 1."""
 

@@ -54,20 +54,20 @@ POINTS, ENDS = 8, 2
 
 @dataclass(frozen=True)
 class Effect:
-    """What a drive may have or not, by its key."""
+    """Optional effect of a drive, by its key."""
 
     without: dict[str, object]
     """Changes that make a drive without it."""
     typical: Callable[[Scenario], dict[str, object]]
     """Changes that make one with a typical size of it; unused where the scenario has it already."""
     keys: tuple[str, ...] = ()
-    """What is fitted of it."""
+    """Fitted keys of the effect."""
     whole: IntegerKey | None = None
     """Its whole number, each of which is tried."""
 
     @property
     def parameters(self) -> int:
-        """What it has of them."""
+        """Parameters of the effect."""
         return len(self.keys) + (self.whole is not None)
 
 
@@ -130,7 +130,7 @@ class Candidate:
     parameters: Annotated[int, Column("parameters", "parameters", COUNT)]
     """Fitted for it."""
     limit: Annotated[float, Column("asked_above", "asked for above", _CHI_SQUARE)]
-    """What its gain must exceed."""
+    """Threshold that its gain must exceed."""
     explained: bool = True
     """Whether the model with all that was selected explains the evidence; where not, an effect that
     is not selected is not told.
@@ -138,9 +138,9 @@ class Candidate:
 
     @property
     def answer(self) -> Annotated[str, Column("evidence", "evidence")]:
-        """What the evidence says."""
+        """Answer of the evidence."""
         if self.explained:
-            unasked = "does not ask for it"
+            unasked = "does not support it"
         else:
             unasked = "not told"
         if self.selected:
@@ -167,7 +167,7 @@ def effects_of(names: Sequence[str]) -> list[str]:
         if name == "friction.torque_noise":
             raise OptionError(
                 "select",
-                "lines do not tell it: its own are random; see the floor in the report",
+                "not identifiable from lines: its own are random; see the noise floor in the report",
                 name,
             )
         if name not in EFFECTS:
@@ -283,7 +283,7 @@ class Selector:
         )
 
     def gain(self, models: Sequence[str], name: str) -> float:
-        """The same over the scatter that the larger model leaves, as what is asked for must be
+        """Gain over the scatter that the larger model leaves, as what is asked for must be
         where nothing more comes.
         """
         problem, best = self.fitted(models)
@@ -300,7 +300,7 @@ class Selector:
         return with_integers(with_effects(self.scenario, self.candidates, on), tests, numbers)
 
     def keys_of(self, scenario: Scenario, on: Sequence[str]) -> list[FitKey]:
-        """What is fitted of those effects."""
+        """Fitted keys of those effects."""
         return [parse_fit(scenario, key) for name in on for key in EFFECTS[name].keys]
 
     def fitted(self, on: Iterable[str]) -> Known:

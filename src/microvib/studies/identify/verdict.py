@@ -46,7 +46,7 @@ SETTLE_KEY = "record.settle"
 ADDED_FREQUENCY_NOTE = (
     "; fitted as well, since no fit with the scenario's value explained the evidence"
 )
-"""What is said of a mode's frequency that nobody asked for."""
+"""Note on a mode's frequency that was fitted without request."""
 EQUIVALENT_COST = 2.0 * math.log(1.0 / REJECTION_PROBABILITY)
 """Cost above the best's up to which an optimum elsewhere explains the data as well: odds of a
 thousand to one.
@@ -109,11 +109,11 @@ class Findings:
     converged: bool = False
     intervals: tuple[Interval, ...] | None = None
     """None where they are withheld."""
-    rivals: tuple[Optimum, ...] = ()
+    alternatives: tuple[Optimum, ...] = ()
     """Other optima, elsewhere, that explain the evidence as well."""
-    leanings: tuple[Dependence, ...] = ()
+    dependences: tuple[Dependence, ...] = ()
     note: str = ""
-    """How it was found, where not by a search."""
+    """Method of solution, where not by a search."""
     whole: tuple[IntegerResult, ...] = ()
     """Whole numbers, where each was tried."""
     lacking: tuple[UnmodelledEffect, ...] = ()
@@ -218,7 +218,7 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
     margin = 0.5 * (interval.high - interval.low)
     elsewhere = (
         float(o.x[k])
-        for o in findings.rivals
+        for o in findings.alternatives
         if not interval.low - margin <= o.x[k] <= interval.high + margin
     )
     others = {f"{key.value(x):.2g}": f"{key.value(x):.3g}" for x in sorted(elsewhere)}
@@ -267,7 +267,7 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
             )
         return False, "not identifiable: the evidence is insensitive to it"
     settle = findings.problem.scenario.record.settle
-    late = next((one.shifts[k] for one in findings.leanings if one.key == SETTLE_KEY), 0.0)
+    late = next((one.shifts[k] for one in findings.dependences if one.key == SETTLE_KEY), 0.0)
     if abs(late) * settle_relative_error(findings.problem) * abs(value) > half:
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"

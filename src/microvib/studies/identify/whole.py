@@ -42,7 +42,7 @@ def with_integers(
 def try_integers(
     found: Findings, keys: Sequence[IntegerKey]
 ) -> tuple[tuple[IntegerResult, ...], Problem | None]:
-    """What is known of whole numbers where ``found`` has its best, and the problem with one that is
+    """Findings on integer keys where ``found`` has its best, and the problem with one that is
     better, if there is one.
     """
     problem, best = found.problem, found.best

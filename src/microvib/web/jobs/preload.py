@@ -1,4 +1,4 @@
-"""What a worker has ready before it is asked: imported, and the kernel loaded. Importing this
+"""Preparation of a worker before its first task: imported, and the kernel loaded. Importing this
 module does it.
 """
 

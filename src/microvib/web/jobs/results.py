@@ -54,7 +54,7 @@ from microvib.studies.sizing import SizingResult
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
-_MOST_MODES = 40
+_MAX_MODES = 40
 
 
 def run_result(
@@ -101,7 +101,7 @@ def _reference(scenario: Scenario, table: LineTable) -> dict[str, Any] | None:
 
 
 def _second(summed: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """What a summary says of the second wing's drive, where it is driven."""
+    """Second wing's drive in a summary, where it is driven."""
     if SECOND_DRIVE in summed:
         return [(", second wing", summed[SECOND_DRIVE])]
     return []
@@ -190,7 +190,7 @@ def _rms(*phases: np.ndarray) -> float:
 
 
 def analysis_result(a: Analysis) -> dict[str, Any]:
-    """What is said of one channel, and what the page draws: lines, spectrum, density."""
+    """Result of one channel, with the page's drawings: lines, spectrum, density."""
     f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
     g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
     return page_answer(analysis_outcome(a)) | {
@@ -205,12 +205,12 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
 
 
 def comparison_result(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
-    """What is said of a comparison: its lines with their verdicts."""
+    """Result of a comparison: its lines with their verdicts."""
     return page_answer(comparison_outcome(a, b, rows))
 
 
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
-    """What is said of an identification, and the changes to take over."""
+    """Result of an identification, and the changes to take over."""
     quantities = {key: quantity for key, _, quantity in fit.scenario.entries()}
     fitted = {e.key: quantities[e.key] for e in fit.estimates}
     changes = {
@@ -224,7 +224,7 @@ def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
 
 
 def rates_result(plan: RatePlan) -> dict[str, Any]:
-    """What is said of a plan, and what the page draws: lines over rate and microstep count, rates
+    """Result of a plan, with the page's drawings: lines over rate and microstep count, rates
     in rad/s."""
     cases = [
         {
@@ -248,7 +248,7 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
 
 
 def angles_result(sweep: AngleSweep) -> dict[str, Any]:
-    """What is said of a sweep, its pictures and files."""
+    """Result of a sweep, its pictures and files."""
     outcome = angles_outcome(sweep)
     return page_answer(outcome, pictures=True) | {"files": text_files(outcome)}
 
@@ -268,7 +268,7 @@ def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[st
             "array.modes: is empty, the array is rigid; give modes, or take it from finite elements"
             " (array.fem)"
         )
-    kept = slice(_MOST_MODES)
+    kept = slice(_MAX_MODES)
     if of == "craft":
         columns = craft_modes(scenario, moving)
     else:
@@ -298,10 +298,10 @@ def _elements(array: Array, structure: str | None) -> ModalSource | None:
 
 
 def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
-    """What is said of a ranking: lines with their verdicts, then the effects on each."""
+    """Result of a ranking: lines with their verdicts, then the effects on each."""
     return page_answer(ranking_outcome(found, scenario))
 
 
 def sas_result(result: SizingResult) -> dict[str, Any]:
-    """What is said of a sizing, and its drawing."""
+    """Result of a sizing, and its drawing."""
     return page_answer(sizing_outcome(result), pictures=True)

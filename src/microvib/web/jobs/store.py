@@ -1,4 +1,4 @@
-"""What one server holds: computations, their results, recordings; each bounded, all in one
+"""Store of one server: computations, their results, recordings; each bounded, all in one
 temporary folder.
 """
 

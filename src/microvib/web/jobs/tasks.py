@@ -1,4 +1,4 @@
-"""What workers do. Each task leaves ``result.json`` in its folder, and what belongs to it; errors
+"""Tasks of workers. Each leaves ``result.json`` in its folder, and what belongs to it; errors
 are MicrovibErrors.
 """
 
@@ -139,7 +139,7 @@ def _finite(x: float) -> float | None:
 
 
 def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:
-    """What is in a recording that its owner calls ``name``."""
+    """Contents of a recording that its owner calls ``name``."""
     found = _read(path, name)
     channels = [
         {

@@ -16,7 +16,7 @@ from microvib.errors import MicrovibError, missing_library
 from microvib.web.jobs import ProgressCallback
 
 _FOLDERS = re.compile(r"""(?<![\w.*^/\\])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:;,'"]+[/\\])+""")
-_OUT_OF_MEMORY = "memory is exhausted; shorten record.duration or lower record.sample_rate"
+_OUT_OF_MEMORY = "out of memory; shorten record.duration or lower record.sample_rate"
 
 
 def step(

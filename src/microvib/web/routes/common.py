@@ -1,4 +1,4 @@
-"""What all routes share: the store, refusals, and the way from a request to a scenario and to a
+"""Shared parts of the routes: the store, refusals, and the way from a request to a scenario and to a
 job.
 """
 
@@ -20,15 +20,15 @@ from microvib.web.routes.messages import Problem, Started
 
 _MEANINGS = {
     400: "cannot be understood",
-    401: "the token is needed",
+    401: "a token is required",
     403: "refused",
     404: "not there",
     408: "sent too slowly",
-    409: "not yet, or not any more",
+    409: "not available yet, or no longer available",
     411: "length needed",
     413: "too large",
     422: "not allowed",
-    429: "too much is waiting",
+    429: "too many computations are waiting",
     507: "no room",
 }
 
@@ -57,13 +57,13 @@ StoreDependency = Annotated[Store, Depends(_store)]
 
 
 def ask(store: Store, task: str, **arguments: Any) -> Any:
-    """What a short task finds out; Refused with its sentence."""
+    """Result of a short task; Refused with its sentence."""
     try:
         job = store.ask(task, **arguments)
     except QueueFull:
         raise RequestRefused(429, _BUSY) from None
     if job.state != "done":
-        raise RequestRefused(422, job.error or "the server is about to end")
+        raise RequestRefused(422, job.error or "the server is shutting down")
     return job.value
 
 

@@ -75,7 +75,7 @@ class Spec(BaseModel):
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name in messages."""
         return self.base or NAME
 
 
@@ -167,7 +167,7 @@ def _choices(annotation: Any) -> list[str]:
 
 @lru_cache(maxsize=8)
 def _parsed(text: str, name: str) -> Any:
-    """What a text holds, or the error that says why it cannot be read: finding that out may take as
+    """Parsed text, or the error that says why it cannot be read: finding that out may take as
     long.
     """
     try:
@@ -296,7 +296,7 @@ def _load_or_errors(spec: Spec) -> tuple[Scenario | None, list[dict[str, Any]]]:
 
 
 def _written(spec: Spec) -> dict[str, str]:
-    """What a file says of the form's keys, where it is not a scenario."""
+    """Values of the form's keys from a file that is not a scenario."""
     try:
         data = _data(spec)
     except MicrovibError:

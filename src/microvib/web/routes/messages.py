@@ -1,4 +1,4 @@
-"""What goes to and fro; the description at /api/openapi.json is made of it."""
+"""Messages between page and server; the description at /api/openapi.json is made of it."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 Short = Annotated[str, Field(max_length=200)]
 
 
-MOST_DRAWS = 1000
+MAX_DRAWS = 1000
 
 
 def _draws(given: Any) -> Any:
     """A whole number, perhaps as text; its sentence where it is none."""
     if isinstance(given, str) and given.isdecimal() and len(given) < 9:
         given = int(given)
-    if not isinstance(given, int) or isinstance(given, bool) or not 2 <= given <= MOST_DRAWS:
-        raise ValueError(f"a whole number of draws from 2 to {MOST_DRAWS} is expected")
+    if not isinstance(given, int) or isinstance(given, bool) or not 2 <= given <= MAX_DRAWS:
+        raise ValueError(f"a whole number of draws from 2 to {MAX_DRAWS} is expected")
     return given
 
 
-Draws = Annotated[int, BeforeValidator(_draws), Field(ge=2, le=MOST_DRAWS)]
+Draws = Annotated[int, BeforeValidator(_draws), Field(ge=2, le=MAX_DRAWS)]
 
 
 class Body(BaseModel):
-    """What a page asks for; unknown keys are refused."""
+    """Request of a page; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -126,7 +126,7 @@ class SheetOf(Body):
 
 
 class Problem(BaseModel):
-    """What is wrong, as a sentence, and the key that it is about."""
+    """Error as a sentence, and the key that it is about."""
 
     error: str
     key: str | None = None
@@ -304,7 +304,7 @@ class Verdict(BaseModel):
     text: str
     verdict: Literal["pass", "fail", "not judged"]
     gaps: list[str]
-    """What was not judged, and why."""
+    """Gaps in the judgement, and why."""
     torque: float
     low: float
     high: float | None

@@ -67,7 +67,7 @@ def _state(job: Job) -> JobState:
 def _job(store: Store, id: str) -> Job:
     job = store.job(id)
     if job is None:
-        raise RequestRefused(404, "there is no such computation (any more); start it again")
+        raise RequestRefused(404, "no such computation, or it was dropped; start it again")
     return job
 
 
@@ -135,7 +135,7 @@ async def _states(job: Job, store: Store) -> AsyncIterator[str]:
 
 @routes.get("/jobs/{id}/result", response_model=Result, responses=refusals(409))
 def result(id: Id, store: StoreDependency) -> Response:
-    """What a computation found; by its kind."""
+    """Result of a computation, by its kind."""
     file = _there(store.folder(_done(store, id)) / "result.json")
     return Response(file.read_bytes(), media_type="application/json")
 

@@ -58,7 +58,7 @@ def scenario(spec: Spec, store: StoreDependency) -> View:
 
 @routes.get("/datasheet", response_model_exclude_none=True)
 def sheet_entries() -> list[SheetField]:
-    """What a data sheet may say, in the order in which it is asked for."""
+    """Entries of a data sheet, in the order in which they are asked for."""
     return [SheetField.model_validate(field) for field in forms.sheet_fields()]
 
 
@@ -81,7 +81,7 @@ def sheet(want: SheetOf, store: StoreDependency) -> Sheet:
 
 
 def _refused(entries: dict[str, str]) -> Iterator[RequestRefused]:
-    """What is wrong with each entry by itself."""
+    """Errors of each entry by itself."""
     for key, text in entries.items():
         try:
             read_entry(key, text)

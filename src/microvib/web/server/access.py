@@ -98,7 +98,7 @@ def _same(given: str, wanted: str) -> bool:
     return secrets.compare_digest(given.encode(), wanted.encode())
 
 
-_LONGEST = 500
+_MAX_LENGTH = 500
 _OPENING = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>microvib</title></head><body>
 <form method="post" action="{action}"><input type="hidden" name="token" value="{token}"><button>Open microvib</button></form>
@@ -136,15 +136,15 @@ async def token_of(scope: MutableMapping[str, Any], receive: Any) -> str:
     given = bytes(scope["query_string"])
     if scope["method"] == "POST":
         given, more = b"", True
-        while more and len(given) < _LONGEST:
+        while more and len(given) < _MAX_LENGTH:
             message = await receive()
             given += message.get("body", b"")
             more = message.get("more_body", False)
-    return parse_qs(given[:_LONGEST].decode("latin-1")).get("token", [""])[0]
+    return parse_qs(given[:_MAX_LENGTH].decode("latin-1")).get("token", [""])[0]
 
 
 def inside(access: Access) -> HTMLResponse:
-    """What lets a browser in.
+    """Credentials that admit a browser.
 
     A page and no redirection: a browser that comes from elsewhere would not take a strict cookie
     along on one.

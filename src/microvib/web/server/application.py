@@ -25,8 +25,8 @@ from microvib.web.server.guard import FAULT, Guard
 
 _PLAIN = {
     400: "the request cannot be understood",
-    404: "there is nothing at this address",
-    405: "this cannot be done at this address",
+    404: "no such address",
+    405: "not allowed at this address",
 }
 
 
@@ -95,7 +95,7 @@ def _plotly() -> Path:
 
 
 def _problem_of(request: Request, error: Exception) -> JSONResponse:
-    """What is wrong, as a sentence with the key that it is about."""
+    """Error as a sentence with the key that it is about."""
     told = _refusal(error)
     return JSONResponse({"error": told.sentence, "key": told.key}, told.status)
 

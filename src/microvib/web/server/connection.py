@@ -48,7 +48,7 @@ class Connection(H11Protocol):
             next(iter(self.strangers)).cut()
 
     def data_received(self, data: bytes) -> None:
-        """What a client sends between two requests is the head of one; the guard looks after its
+        """Data of a client between two requests, which is the head of one; the guard looks after its
         body.
         """
         super().data_received(data)

@@ -1,4 +1,4 @@
-"""What may be asked: host, origin, credentials, size, pace; and what every answer carries."""
+"""Guard of the server: host, origin, credentials, size and pace of requests, and headers of answers."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Guard:
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str] | None:
         host = headers.get("host", "")
         if not self._access.known(host):
-            return 403, f"this server does not go by the name '{host[:100]}'"
+            return 403, f"this server is not called '{host[:100]}'"
         if _is_public(scope) or leads_in(scope):
             return self._too_large(scope, headers)
         if _foreign(scope["method"], headers, host):
@@ -185,7 +185,7 @@ class _Reply:
 
 
 class _Body:
-    """What a client sends, as long as it keeps coming; one that lets it wait is told so, and has
+    """Body that a client sends, as long as it keeps coming; one that lets it wait is told so, and has
     gone for the application.
     """
 

@@ -1,4 +1,4 @@
-"""What the server allows at most, so that it can be left running."""
+"""Limits of the server, so that it can be left running."""
 
 from __future__ import annotations
 

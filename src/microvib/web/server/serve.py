@@ -52,7 +52,7 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
 
 
 def _url(address: str, port: int) -> str:
-    """What to open; where it listens at every address, by the name of this machine."""
+    """Address to open; where it listens at every address, by the name of this machine."""
     ip = ip_address(address)
     if ip.is_unspecified:
         shown = socket.gethostname()

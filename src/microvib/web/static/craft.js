@@ -51,7 +51,7 @@ export function cost(lines, metric, window) {
   return { ranked: squares.sort((a, b) => b.radial - a.radial), x: sum("x"), y: sum("y"), radial: sum("radial") };
 }
 
-/** The card of a run on a craft; nothing on firm ground. */
+/** The card of a run on a craft; nothing on a fixed base. */
 export function craftOf(run) {
   const craft = run?.result?.craft;
   if (!craft) return [];
