@@ -364,7 +364,7 @@ def test_a_train_is_written_and_read_without_what_follows_from_it(tmp_path):
         ),
         (
             {"reducer.train.1.input": "ring"},
-            r"train\.1\.input: the ring stands \(fixed\); another member is expected",
+            r"train\.1\.input: the ring is the fixed member; another one is expected",
         ),
         (
             {"reducer.train.0.planet_inertia": 1e-7},

@@ -154,8 +154,8 @@ class Scenario(Part):
         if "voltage" in (other.driver.drive, self.driver.drive if wing.drive == "driven" else ""):
             yield (
                 "spacecraft.second_wing: a held shaft is modelled by the stiffness and "
-                "damping of its drive, which needs a current loop, and driver.drive is "
-                "voltage; use drive: current, in both drives if both step"
+                "damping of its drive, which needs a current loop (not "
+                "driver.drive: voltage); use drive: current, in both drives if both step"
             )
         if wing.stagger and not other.driving_frequency:
             yield (
