@@ -23,6 +23,7 @@ from microvib.studies.rates import (
     ABOVE_PASSBAND,
     BEYOND_LINEAR_MODEL,
     HIDDEN_LINE,
+    SHORT_RECORD,
     RateCase,
     RateLine,
     at_rate,
@@ -188,6 +189,32 @@ def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     cases = tuple(replace(case, hidden=hidden) if case is best else case for case in plan.cases)
     assert limited(plan, cases=cases).best()[1] >= top
     assert limited(plan, cases=cases).best(best.microsteps)[0].rate != best.rate
+
+
+def test_a_plan_records_full_steps_where_there_is_no_steady_state(state_1):
+    """Between two slips of a slow drive a record of 4 s passed a limit of a fiftieth of a line."""
+    noise = {"density": "1e-9 N^2*m^2/Hz", "highest": "200 Hz"}
+    noisy = state_1.with_(
+        {
+            "friction.torque_noise": noise,
+            "record.settle": "70 s",
+            "record.duration": "4 s",
+        }
+    )
+    slow = full_case(noisy, Si(0.001 * DEG), 16)
+    assert slow.gap is None
+    assert slow.largest((0.05, 0.06)) is not None  # its first full-step line
+    too_slow = full_case(noisy, Si(0.0001 * DEG), 16)
+    top = too_slow.largest((0.0, math.inf)).amplitude
+    assert too_slow.verdict((0.0, math.inf), 5.0 * top) == SHORT_RECORD
+    assert too_slow.verdict((0.0, math.inf), 0.5 * top) == ABOVE_LIMIT
+    rates = [Si(0.0001 * DEG), Si(0.00011 * DEG)]
+    planned = plan_rates(noisy, rates, (16,), limit=Si(5.0 * top))
+    assert planned.best() is None
+    assert [x.why for x in planned.forbidden] == [
+        "not judged: lines of a motion that repeats with each full step, which is longer than the"
+        " record (record.duration >= 180 s)"
+    ]
 
 
 def test_a_steady_state_beside_rates_at_which_the_drive_excites_itself_is_confirmed(

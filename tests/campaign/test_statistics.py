@@ -100,6 +100,7 @@ class _Cases:
 
     lines = ("drive_1", "array_mode_1")
     state = np.full(400, DONE)
+    records = np.zeros(400)
 
     def __init__(self, verdicts: np.ndarray) -> None:
         study = SimpleNamespace(
@@ -155,6 +156,21 @@ def test_lines_of_cases_that_pass_are_below_though_others_hide_them(monkeypatch)
         for row in line_statistics(_Cases(np.full(400, VERDICTS.index("pass"))), 0.0105, EVERYTHING)
     }
     assert (rows["array_mode_1"].unknown, rows["array_mode_1"].above) == (0, 0)
+
+
+def test_another_limit_judges_no_record_that_does_not_show_tracking(tmp_path):
+    """Shorter than a full step, or before the array turns: a line within the limit passes nothing, and none fails in a drive that stands still."""
+    record = {"record.settle": "1 s", "record.duration": "1.7 s", "record.sample_rate": "1024 Hz"}
+    slow = record | {"tracking.rate": "0.01 deg/s"}
+    held = slow | {"reducer.stiffness": "20 N*m/rad"}
+    some = {"friction.viscous": {"distribution": "uniform", "within": "1 percent"}}
+    for k, (changes, above) in enumerate(((slow, 2), (held, 0))):
+        of = study(set=changes, vary=some, sampling={"method": "random", "count": 2})
+        results = computed(tmp_path / str(k), of)
+        size = results.of("drive_2")
+        for limit, unknown in ((2.0 * size.max(), 2), (0.5 * size.min(), 2 - above)):
+            [row] = [x for x in line_statistics(results, limit, EVERYTHING) if x.line == "drive_2"]
+            assert (row.above, row.unknown) == (2 - unknown, unknown)
 
 
 def test_columns_of_a_campaign_never_run_together(tmp_path):

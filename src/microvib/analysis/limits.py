@@ -26,9 +26,10 @@ from microvib.analysis.margins import (
     unseen_ringing_modes,
 )
 from microvib.analysis.start import (
-    full_step_is_longer,
+    FAR_ABOVE_RECORD,
+    RecordGap,
     mode_has_decayed,
-    not_moving_reason,
+    record_gap,
     rounded_up,
     steady_start_advice,
 )
@@ -46,9 +47,6 @@ from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, with
 
 _SETTLED_RATIO = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
-_FAR_ABOVE_RECORD = 10.0
-"""Times the largest line of a record above which a limit is passed although the record leaves open
-what comes and goes."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
@@ -299,9 +297,9 @@ def judge(
     each = (margin(x, limit.torque, table, ringing, scenario) for x in known)
     margins = sorted((_certainly_within(one, limit) for one in each), key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
-    not_tracking = _not_tracking_reasons(table, scenario)
+    record = record_gap_of_table(table, scenario)
     gaps = [
-        *not_tracking,
+        *([record.why] if record and record.opens(limit.torque, table.largest) else []),
         *(m.why for m in margins if m.verdict == "not judged"),
         *_hidden_line_gaps(unknown, limit, scenario),
         *_record_gaps(table, limit, scenario),
@@ -309,7 +307,7 @@ def judge(
     why = failed_invariants_reason(table.broken, scenario) or _unknown_error_reason(table)
     if why:
         gaps = [why, *gaps]
-    for reason in filter(None, (why, *not_tracking)):
+    for reason in filter(None, (why, _not_turning_reason(table, scenario))):
         margins = [_undecided(m, reason) for m in margins]
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     if scenario is None or scenario.driven_wing is None:
@@ -332,7 +330,6 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
-    yield from _shorter_than_full_step_gaps(table, limit, scenario)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit.low, limit.high, limit.torque)
@@ -388,7 +385,8 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
     """
     largest = max((x.amplitude for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.amplitude_at_start(table.duration)) for x in table if x.status == "decaying"]
-    told = [f"{why[0].upper()}{why[1:]}." for why in _not_tracking_reasons(table, scenario)]
+    held = _not_turning_reason(table, scenario)
+    told = [f"{held[0].upper()}{held[1:]}."] if held else []
     told += [_noise_line_note(x, table) for x in table if x.status == NOISE_DRIVEN and x.is_mode]
     return told + [
         f"{x.name} decays, {1e3 * start:.4g} mN m at the start of the record and"
@@ -401,17 +399,20 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
     ]
 
 
-def _not_tracking_reasons(table: LineTable, scenario: Scenario | None) -> list[str]:
-    """Why a run's lines are not those of tracking; of a recording the scenario does not know the
-    start.
+def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGap | None:
+    """What keeps the record of a table from showing the lines of tracking; None in a steady state."""
+    if any(x.status == TRANSIENT for x in table):
+        return None
+    simulated = table.clock_ratio_uncertainty == 0.0
+    return record_gap(scenario, table.duration, simulated=simulated)
+
+
+def _not_turning_reason(table: LineTable, scenario: Scenario | None) -> str:
+    """Why a run's lines are not those of tracking, because the array does not turn; empty where it
+    does.
     """
-    if (
-        scenario is None
-        or table.clock_ratio_uncertainty != 0.0
-        or any(x.status == TRANSIENT for x in table)
-    ):
-        return []
-    return list(filter(None, [not_moving_reason(scenario)]))
+    gap = record_gap_of_table(table, scenario)
+    return "" if gap is None or gap.turns else gap.why
 
 
 def _noise_line_note(line: Line, table: LineTable) -> str:
@@ -495,7 +496,7 @@ def _unresolved_ringing_gaps(
         return
     if max(scenario.friction.largest_torque, scenario.motor.friction.largest_torque) == 0.0:
         return
-    if limit.torque > _FAR_ABOVE_RECORD * table.largest:
+    if limit.torque > FAR_ABOVE_RECORD * table.largest:
         return
     for mode in unseen_ringing_modes(table, scenario, _STRONG_RINGING_EFOLDINGS):
         # Attitude control hardly moves the shaft against its friction.
@@ -506,21 +507,6 @@ def _unresolved_ringing_gaps(
                 " record is too short to show; record.duration >="
                 f" {rounded_up(SEPARATION / mode.frequency)} s, or a longer record.settle"
             )
-
-
-def _shorter_than_full_step_gaps(
-    table: LineTable, limit: Limit, scenario: Scenario | None
-) -> Iterator[str]:
-    """A record that is shorter than a full step, in which the drive may slip but once: it may hold a
-    stretch in which nothing slips.
-    """
-    if scenario is None or not scenario.driving_frequency:
-        return
-    if limit.torque > _FAR_ABOVE_RECORD * table.largest > 0.0:
-        return
-    in_time = not any(x.status == TRANSIENT for x in table)
-    if in_time and (why := full_step_is_longer(scenario, table.duration)):
-        yield f"lines of {why}"
 
 
 def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:

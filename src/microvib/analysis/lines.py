@@ -19,7 +19,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import ErrorOfIntegration
 from microvib.analysis.spectra import SAMPLED, samples_of
-from microvib.analysis.start import has_decayed, time_to_settle
+from microvib.analysis.start import has_decayed, time_to_settle, with_full_steps
 from microvib.analysis.steadiness import steadiness_notes, with_excess
 from microvib.errors import OptionError, expect_channel, whole_number
 from microvib.model.driven import (
@@ -114,6 +114,7 @@ def steady_lines(
     *,
     harmonics: int = 8,
     confirmed: bool = False,
+    full_steps: int = 0,
     progress: Progress | None = None,
 ) -> Steady:
     """Lines of the disturbance torque of ``scenario`` in its steady state, without simulating how
@@ -121,14 +122,17 @@ def steady_lines(
 
     It is the steady state that a start from rest leads to; ``confirmed``, by a run that is waited
     for until it has arrived there. Where there is none, the scenario is simulated in time instead,
-    and ``fallback`` says why. Raises what ``simulate`` raises.
+    and ``fallback`` says why; its record is made longer where it holds fewer ``full_steps`` and that
+    takes little (``with_full_steps``). Raises what ``simulate`` raises.
     """
     scenario = as_scenario(scenario)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
     state, why = find_steady(
         scenario, whole=False, confirmed=confirmed
     )  # of T_d, which is the first drive's
-    source = state or torque_from_rest(scenario, progress, balanced=True)
+    source = state or torque_from_rest(
+        with_full_steps(scenario, full_steps), progress, balanced=True
+    )
     return Steady(find_lines(source, harmonics=harmonics), source, why)
 
 

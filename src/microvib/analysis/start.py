@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -138,18 +139,74 @@ def _commanded_travel(scenario: Scenario, end: float) -> tuple[float, float, boo
     return abs(float(np.sum(steps[first:]))), float(v[-1]), first == 0
 
 
-def full_step_is_longer(scenario: Scenario, duration: float) -> str:
-    """Motion that a record of ``duration`` [s] is too short for, and the length it needs: a motion that
-    slips but once in a full step; empty where the record holds one.
-    """
+def full_step_time(scenario: Scenario) -> float:
+    """Seconds that a full step of the motor takes; 0 where the rate is not constant, or zero."""
     if not scenario.driving_frequency:
-        return ""
+        return 0.0
     driver = scenario.driver
     microsteps = driver.beats * driver.microsteps / scenario.motor.full_steps
-    full_step = microsteps / scenario.driving_frequency
+    return microsteps / scenario.driving_frequency
+
+
+_LONGEST_ADDED_RECORD = 128.0
+"""Length [s] up to which a record is made longer for the sake of slow full steps."""
+_MOST_ADDED_SAMPLES = 2**22
+"""Samples up to which it is."""
+
+
+def with_full_steps(scenario: Scenario, count: int) -> Scenario:
+    """``scenario`` with a record of ``count`` full steps of the motor at least, or of as many as it
+    takes little to record; with its own record where that is longer.
+    """
+    record = scenario.record
+    affordable = min(_LONGEST_ADDED_RECORD, _MOST_ADDED_SAMPLES / record.sample_rate)
+    wanted = min(count * full_step_time(scenario), affordable)
+    if wanted <= record.duration:
+        return scenario
+    return scenario.with_si({"record.duration": wanted})
+
+
+FAR_ABOVE_RECORD = 10.0
+"""Times the largest line of a record above which a limit is passed although the record leaves open
+what comes and goes."""
+
+
+@dataclass(frozen=True)
+class RecordGap:
+    """Why a record of a run in time, as a whole, does not show the lines of tracking."""
+
+    why: str
+    """The reason, with the remedy; a sentence without a stop."""
+    turns: bool
+    """Whether the array turns: then what the record shows is there, although not all of it."""
+
+    def opens(self, limit: Any, largest: Any) -> Any:
+        """Whether it leaves a limit [N m] open beside the ``largest`` line [N m]; scalars or
+        arrays.
+        """
+        far_above = (limit > FAR_ABOVE_RECORD * largest) & (largest > 0.0)
+        return np.logical_not(self.turns & far_above)
+
+
+def record_gap(
+    scenario: Scenario | None, duration: float, *, simulated: bool = True
+) -> RecordGap | None:
+    """What keeps a record of ``duration`` [s] from showing the lines of tracking; None where nothing
+    does.
+
+    The array does not turn yet, or the record is shorter than a full step, in which a slow drive may
+    slip but once. Limits, budgets, rate plans and campaigns all ask here. Of a recording that is not
+    ``simulated`` the start is not known.
+    """
+    if scenario is None:
+        return None
+    if simulated and (held := not_moving_reason(scenario)):
+        return RecordGap(held, turns=False)
+    full_step = full_step_time(scenario)
     if duration >= full_step:
-        return ""
-    return (
-        "a motion that repeats with each full step, which is longer than the record"
-        f" (record.duration >= {rounded_up(full_step)} s)"
+        return None
+    return RecordGap(
+        "lines of a motion that repeats with each full step, which is longer than the record"
+        f" (record.duration >= {rounded_up(full_step)} s)",
+        turns=True,
     )

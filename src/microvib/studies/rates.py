@@ -20,7 +20,7 @@ from microvib.analysis.margins import (
     amplitude_bound,
     frequency_error_bound,
 )
-from microvib.analysis.start import mode_has_decayed, not_moving_reason, rounded_up
+from microvib.analysis.start import RecordGap, mode_has_decayed, record_gap, rounded_up
 from microvib.analysis.unseen import (
     OutOfBandLines,
     clock_line_bounds,
@@ -50,12 +50,16 @@ MIN_RESONANCE_RATIO = 1e-3
 """Fraction of a case's largest line below which a line that meets a mode is no resonance."""
 MAX_RESONANCE_DAMPING = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
+FULL_STEPS = 4
+"""Full steps of the motor that a plan records at least where there is no steady state, if that is
+affordable."""
 BISECTIONS = 8
 """Halvings of the step between two rates with which the edge of a forbidden band is found."""
 
 ABOVE_LIMIT = "a line is above the limit"
 HIDDEN_LINE = "unknown: a line hidden by the noise floor may exceed the limit"
 ABOVE_PASSBAND = "not judged: lines above the passband may exceed the limit"
+SHORT_RECORD = "not judged: the record is shorter than a full step"
 BEYOND_LINEAR_MODEL = (
     "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
     " model judges them)"
@@ -103,6 +107,8 @@ class RateCase:
     """
     unseen: tuple[OutOfBandLines, ...] = field(default=(), compare=False, repr=False)
     """Lines of which nothing is seen, above ``shown``, with what they may have at most."""
+    gap: RecordGap | None = None
+    """What keeps its record from showing all lines of tracking."""
 
     @property
     def failed(self) -> bool:
@@ -138,11 +144,18 @@ class RateCase:
             return ABOVE_LIMIT
         if hidden is not None and hidden.amplitude > limit:
             return HIDDEN_LINE
+        if self.gap is not None and self.gap.opens(limit, self._largest_of_all):
+            return SHORT_RECORD
         if not any(np.any(one.most > limit) for one in self.unseen_in(band)):
             return ""
         if self.shown > 0.0:
             return ABOVE_PASSBAND
         return BEYOND_LINEAR_MODEL
+
+    @property
+    def _largest_of_all(self) -> float:
+        """Of its lines, at any frequency [N m]; 0 without one."""
+        return max((x.amplitude for x in self.lines), default=0.0)
 
     def unseen_in(self, band: tuple[float, float]) -> list[OutOfBandLines]:
         """Bounds on unseen lines within ``band`` [Hz]."""
@@ -478,11 +491,14 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
     plan.
     """
     try:
-        result = steady_lines(changed, harmonics=HARMONICS, confirmed=confirmed)
+        result = steady_lines(
+            changed, harmonics=HARMONICS, confirmed=confirmed, full_steps=FULL_STEPS
+        )
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
-    if result.fallback and (held := not_moving_reason(changed)):
-        return RateCase(rate, microsteps, (), held)
+    gap = record_gap(changed, result.lines.duration) if result.fallback else None
+    if gap is not None and not gap.turns:
+        return RateCase(rate, microsteps, (), gap.why)
     if broken := failed_invariants_reason(result.lines.broken, changed):
         return RateCase(rate, microsteps, (), broken)
     seen = [
@@ -498,6 +514,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         confirmed and not result.fallback,
         shown,
         tuple(out_of_band_lines(changed, result.lines, shown, math.inf)),
+        gap,
     )
 
 
@@ -609,9 +626,7 @@ def _combine_drives(first: RateCase, second: RateCase) -> RateCase:
 
     reasons = [first.reason] if first.reason else []
     if second.reason:
-        reasons += [f"{SECOND_DRIVE}: {second.reason}"]
-    else:
-        reasons += []
+        reasons.append(f"{SECOND_DRIVE}: {second.reason}")
     return replace(
         first,
         lines=(*first.lines, *called(second.lines)),
@@ -623,6 +638,7 @@ def _combine_drives(first: RateCase, second: RateCase) -> RateCase:
             *first.unseen,
             *(replace(x, what=f"{SECOND_DRIVE}, {x.what}") for x in second.unseen),
         ),
+        gap=first.gap or second.gap,
     )
 
 
@@ -797,6 +813,9 @@ def _forbidden_band(
     top = max(found, key=lambda line: line.amplitude, default=None)
     if why == "failed":
         why = cases[0].reason
+    elif why == SHORT_RECORD:
+        slowest = next(case.gap for case in cases if case.gap is not None)
+        why = f"not judged: {slowest.why}"
     elif why == ABOVE_PASSBAND:
         such = f", such as {top.line}" if top else ""
         why = f"{why} ({_required_sample_rate(cases, band, limit)}){such}"

@@ -23,9 +23,8 @@ from microvib.analysis.margins import (
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import (
-    full_step_is_longer,
     mode_has_decayed,
-    not_moving_reason,
+    record_gap,
     rounded_up,
     steady_start_advice,
 )
@@ -516,10 +515,8 @@ def _gaps(
     for line in table:
         if line.status == "growing" and line.amplitude > _MIN_GROWING_RATIO * table.largest:
             yield open_gap(f"{line.name} grows within the record (increase record.settle)")
-    if not steady and (held := not_moving_reason(scenario)):
-        yield open_gap(held)
-    if not steady and (short := full_step_is_longer(scenario, table.duration)):
-        yield open_gap(short)
+    if not steady and (gap := record_gap(scenario, table.duration)):
+        yield open_gap(gap.why)
     for key, band in noise_bands(scenario).items():
         yield open_gap(
             f"{key} is propagated through the linearised drive without stiction; a run is a single"

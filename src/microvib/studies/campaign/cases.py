@@ -15,7 +15,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.limits import Judgement, Limit, judge
+from microvib.analysis.limits import Judgement, Limit, judge, record_gap_of_table
 from microvib.analysis.lines import find_lines, steady_lines
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
@@ -42,6 +42,9 @@ a compiler (docs/design.md).
 """
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
+RECORDS = ("shows tracking", "is shorter than a full step", "begins before the array turns")
+"""What the record of a case is, by its number."""
+SHORT_RECORD, HELD_RECORD = 1, 2
 SCALARS = ("peak", "rms", "stuck_output")
 """Stored figures of every case: largest and RMS torque of the record [N m], part of the time that the
 shaft sticks.
@@ -93,6 +96,8 @@ class Chunk:
     """Figures of every case, (cases,) each."""
     verdict: np.ndarray
     """Index in ``VERDICTS`` of what a run of the case would be judged, (cases,)."""
+    record: np.ndarray
+    """Index in ``RECORDS`` of what its record is, (cases,)."""
     gaps: tuple[str, ...]
     """Gaps in the judgement and their remedies; empty where nothing was left out."""
     reasons: tuple[str, ...]
@@ -111,9 +116,10 @@ class Chunk:
         arrays = {f"figure_{name}": values for name, values in self.figures.items()}
         arrays |= {f"scalar_{name}": values for name, values in self.scalars.items()}
         arrays |= {f"history_{k}": values for k, values in self.histories.items()}
+        kept = {key: getattr(self, key) for key in ("status", "verdict", "record")}
         stream = io.BytesIO()
         text = np.frombuffer(json.dumps(texts).encode(), dtype=np.uint8)
-        np.savez(stream, texts=text, status=self.status, verdict=self.verdict, **arrays)  # type: ignore[arg-type]
+        np.savez(stream, texts=text, **kept, **arrays)  # type: ignore[arg-type]
         return stream.getvalue()
 
     @classmethod
@@ -132,6 +138,7 @@ class Chunk:
             status=named["status"],
             scalars={name: named[f"scalar_{name}"] for name in SCALARS},
             verdict=named["verdict"],
+            record=named["record"],
             histories={
                 int(name[8:]): values
                 for name, values in named.items()
@@ -148,6 +155,7 @@ class _Result:
     table: LineTable | None = None
     scalars: tuple[float, ...] = (math.nan,) * len(SCALARS)
     verdict: int = 0
+    record: int = 0
     gaps: str = ""
     reason: str = ""
     note: str = ""
@@ -366,10 +374,19 @@ def _result(study: Study, scenario: Scenario, motion: _Motion) -> _Result:
         replace(table, find_error=None),  # with it goes the motion, which no process needs
         (float(np.abs(T_d).max()), float(T_d.std()), motion.stuck_output),
         verdict,
+        _record_number(table, scenario),
         gaps,
         note=motion.note,
         T_d=T_d if "T_d" in study.keep else None,
     )
+
+
+def _record_number(table: LineTable, scenario: Scenario) -> int:
+    """Index in ``RECORDS`` of what the record of a case is."""
+    gap = record_gap_of_table(table, scenario)
+    if gap is None:
+        return 0
+    return SHORT_RECORD if gap.turns else HELD_RECORD
 
 
 _MAX_SEEN_ERROR = 0.25
@@ -410,6 +427,7 @@ def gather(results: Sequence[_Result], label: Label) -> Chunk:
         statuses=statuses,
         scalars={name: np.array([r.scalars[k] for r in results]) for k, name in enumerate(SCALARS)},
         verdict=np.array([r.verdict for r in results], dtype=np.int8),
+        record=np.array([r.record for r in results], dtype=np.int8),
         gaps=tuple(r.gaps for r in results),
         reasons=tuple(r.reason for r in results),
         notes=tuple(r.note for r in results),

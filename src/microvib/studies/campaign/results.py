@@ -18,7 +18,14 @@ from microvib.io.hdf5 import open_hdf5
 from microvib.io.netcdf import new_netcdf
 from microvib.io.tables import package_versions
 from microvib.io.writing import write_file
-from microvib.studies.campaign.cases import FIGURES, LINE_OF_SIGHT, SCALARS, VERDICTS, Chunk
+from microvib.studies.campaign.cases import (
+    FIGURES,
+    LINE_OF_SIGHT,
+    RECORDS,
+    SCALARS,
+    VERDICTS,
+    Chunk,
+)
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
 
@@ -96,11 +103,11 @@ def _write(
         kept = {*FIGURES, *(name for _, chunk in campaign.results() for name in chunk.figures)}
         figures = _Figures(f, lines, statuses, kept)
         texts = {name: np.full(design.cases, "", dtype=object) for name in _TEXT_VARIABLES}
-        verdict = np.zeros(design.cases, dtype=np.int8)
+        verdict, record = (np.zeros(design.cases, dtype=np.int8) for _ in range(2))
         for cases, chunk in campaign.results():
             here = slice(cases.start, cases.stop)
             state[here] = [FAILED if reason else DONE for reason in chunk.reasons]
-            verdict[here] = chunk.verdict
+            verdict[here], record[here] = chunk.verdict, chunk.record
             figures.write(here, chunk)
             for name, values in texts.items():
                 values[here] = getattr(chunk, name)
@@ -108,6 +115,7 @@ def _write(
             _text(f, variable, "case", texts[name], meaning)
         for name, data, flags in (
             ("verdict", verdict, VERDICTS),
+            ("record", record, RECORDS),
             ("state", state, ("not computed", "done", "failed")),
         ):
             f.create_variable(name, ("case",), data=data).attrs["flag_meanings"] = _flags(flags)
@@ -234,6 +242,11 @@ class Results:
         VERDICTS, (cases,).
         """
         return self._read("verdict")
+
+    @cached_property
+    def records(self) -> np.ndarray:
+        """What the record of each case is, an index in RECORDS, (cases,)."""
+        return self._read("record")
 
     @property
     def gaps(self) -> list[str]:

@@ -12,11 +12,12 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
+from microvib.analysis.start import RecordGap
 from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import NOT_SEPARABLE
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN
-from microvib.studies.campaign.cases import VERDICTS
+from microvib.studies.campaign.cases import HELD_RECORD, SHORT_RECORD, VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.units import Si, within_band
@@ -248,7 +249,8 @@ def line_verdicts(
     (cases,) is known.
 
     A line that others hide, or that dies away from above the limit, is UNKNOWN; so is any of a case
-    that failed.
+    that failed or whose array does not turn, and one within the limit of a record that is shorter
+    than a full step.
     """
     amplitude, f, status = results.of(line), results.of(line, "frequency"), results.status(line)
     known = f[np.isfinite(f)]
@@ -271,8 +273,17 @@ def line_verdicts(
         UNKNOWN,
     )
     verdict[results.state == FAILED] = UNKNOWN
+    verdict[(verdict != ABSENT) & (results.records == HELD_RECORD)] = UNKNOWN
+    verdict[(verdict == BELOW) & _left_open_by_short_record(results, limit)] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
+
+
+def _left_open_by_short_record(results: Results, limit: float) -> np.ndarray:
+    """Cases (cases,) whose records are shorter than a full step, where that leaves a limit open."""
+    largest = np.nan_to_num(largest_line(results, (0.0, math.inf)))
+    gap = RecordGap("", turns=True)
+    return (results.records == SHORT_RECORD) & gap.opens(limit, largest)
 
 
 def governing_levels(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
