@@ -281,6 +281,36 @@ RECORDS = (
 )  # fmt: skip
 
 
+def test_a_line_that_backlash_may_hold_at_an_order_of_the_clock_is_not_failed(table, scenario):
+    """A spacecraft's drive rang 944 mN m at electrical_2 for 20 s, without decay, and then died away to nothing."""
+    rings = only(table, "electrical_2", amplitude=0.944, status="ok")
+    loose = scenario.with_({"reducer.backlash": "18.4 arcsec", "record.settle": "6.5 s"})
+    judged = judge(rings, limit_of(0.3), loose)
+    assert judged.verdict == "not judged"
+    assert any("at an order of the clock" in gap for gap in judged.gaps)
+    assert judge(rings, limit_of(0.3), loose.with_({"record.settle": "600 s"})).verdict == "fail"
+    forced = loose.with_({"driver.imperfections.gain_b": "5 percent"})
+    assert judge(rings, limit_of(0.3), forced).verdict == "fail"
+
+
+def test_a_line_of_the_clock_beside_a_mode_that_may_ring_is_not_failed(table, scenario):
+    mode = table["array_mode_1"].expected
+    steps = only(
+        table,
+        "full_step_1",
+        amplitude=0.944,
+        status="ok",
+        expected=mode + 0.1,
+        frequency=mode + 0.1,
+        rest=ResidualPeaks(np.zeros(0), np.zeros(0), resolution=0.15),
+    )
+    early = scenario.with_({"record.settle": "6.5 s"})
+    judged = judge(steps, limit_of(0.3), early)
+    assert judged.verdict == "not judged"
+    assert any("not resolved from array_mode_1, which may still ring" in x for x in judged.gaps)
+    assert judge(steps, limit_of(0.3), early.with_({"record.settle": "600 s"})).verdict == "fail"
+
+
 def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, table):
     """Whatever is varied, for any limit and band: never pass in one record and fail in another."""
     seen = [(scenario, table), *((scenario, mv.find_lines(motion_1, harmonics=n)) for n in (1, 40))]

@@ -15,6 +15,7 @@ from microvib.analysis.start import SETTLED_EFOLDINGS, rounded_up, time_to_settl
 from microvib.model.expected import distance_to_clock_line
 from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import CANCELLED, SEPARATION
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable, SeedLine
 
@@ -106,8 +107,7 @@ def margin(
         if judged.verdict == "pass" and seeds is not None and math.isnan(seeds.p95_high):
             verdict, why = _judge_by_tolerance_bound(line, seeds, most)
             judged = judged._replace(verdict=verdict, why=why)
-    if judged.verdict == "fail" and line.status == "ok" and may_ring(line, table, scenario):
-        why = "may be a decaying array mode, which the record is too short to resolve; increase record.settle"
+    if judged.verdict == "fail" and (why := ringing_reason(line, table, scenario)):
         judged = judged._replace(verdict="not judged", why=why)
     factor = most / judged.amplitude if judged.amplitude > 0.0 else math.inf
     why = f"{line.name} ({judged.why})" if judged.verdict == "not judged" else ""
@@ -247,9 +247,8 @@ def _unresolved_from(line: Line, table: LineTable, resolution: float, scenario: 
     if apart < resolution:
         longer = rounded_up(SEPARATION / apart)
         return f"not resolved from a clock line; record.duration >= {longer} s"
-    for mode in unseen_ringing_modes(table, scenario):
-        if abs(mode.frequency - line.place) < resolution:
-            return f"not resolved from {mode.name}, which may still ring; increase record.settle"
+    if mode := _unseen_mode_beside(line, table, scenario):
+        return f"not resolved from {mode}, which may still ring; increase record.settle"
     return ""
 
 
@@ -382,6 +381,41 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
         if m.name == line.name or abs(m.frequency - line.frequency) < near
     ]
     return any(_may_still_ring(m, scenario) for m in modes)
+
+
+def ringing_reason(line: Line, table: LineTable, scenario: Scenario | None) -> str:
+    """Why a line that is found steady may ring all the same, and dies away later; empty where it
+    lasts.
+    """
+    if line.status != "ok" or scenario is None or any(x.status == TRANSIENT for x in table):
+        return ""
+    if may_ring(line, table, scenario):
+        return "may be a decaying array mode, which the record is too short to resolve; increase record.settle"
+    if line.of_clock and (mode := _unseen_mode_beside(line, table, scenario)):
+        return f"not resolved from {mode}, which may still ring; increase record.settle"
+    if _may_be_locked(line, scenario):
+        return "may be a mode that rings at an order of the clock in the backlash; increase record.settle"
+    return ""
+
+
+def _may_be_locked(line: Line, scenario: Scenario) -> bool:
+    """Whether a line may be a mode's ringing that the backlash holds at an order of the clock until
+    all else has died away: an electrical line, which nothing forces where the driver has no errors.
+    """
+    if not scenario.reducer.backlash or scenario.driver.distorted or line.kind != "electrical":
+        return False
+    return any(_may_still_ring(mode, scenario) for mode in coupled_modes(scenario))
+
+
+def _unseen_mode_beside(line: Line, table: LineTable, scenario: Scenario) -> str:
+    """The mode within a record's resolution of a line that may still ring and is not seen; empty
+    without one.
+    """
+    if table.rest is None:
+        return ""
+    near = table.rest.resolution
+    modes = unseen_ringing_modes(table, scenario)
+    return next((m.name for m in modes if abs(m.frequency - line.place) < near), "")
 
 
 def unseen_ringing_modes(

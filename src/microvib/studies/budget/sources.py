@@ -19,6 +19,7 @@ from microvib.analysis.margins import (
     amplitude_error_bound,
     frequency_error_bound,
     may_ring,
+    ringing_reason,
 )
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import RunResult
@@ -307,7 +308,8 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
     more = (
         own + held + np.minimum(rings / size, RINGING_FACTOR) + np.maximum(hidden / size - 1.0, 0.0)
     )
-    less = np.where(hidden > 0.0, 1.0, np.minimum(more, 1.0))
+    dies_away = [bool(ringing_reason(x, table, scenario)) for x in lines]
+    less = np.where((hidden > 0.0) | dies_away, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
 
