@@ -21,7 +21,7 @@ ARRAY = ("array.from", "array.fem")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,59}")
 RESERVED_NAMES = (
     "array", "case", "line", "state", "reason", "note", "status", "amplitude", "frequency", "bin_amplitude", "phase", "decay",
-    "peak", "rms", "stuck_output", "verdict", "gaps",
+    "peak", "rms", "stuck_output", "verdict", "record", "gaps",
 )  # fmt: skip
 """Names that columns of the results have, which no factor may have."""
 _FACTOR = Quantity("", "factor on the scenario's values")
