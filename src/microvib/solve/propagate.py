@@ -46,6 +46,7 @@ from microvib.solve.kernel import (
     Drive,
     Samples,
     State,
+    backlash_side,
     before_ramp_ends,
     decide_element,
     decide_friction,
@@ -161,6 +162,19 @@ def _expected_error(T, x, p, w):
 
 
 @code.inner(**INLINE)
+def _time_in_gap(x, p, w):
+    """Time in which teeth that touch nowhere cross half of their backlash at this rate; infinite
+    where they touch.
+
+    In a longer step they may cross all of it: that they leave one flank and meet the other could
+    then not be told from each other.
+    """
+    if p.gap == 0.0 or backlash_side(x.stick, p) != 0.0:
+        return math.inf
+    return p.gap / (math.fabs(p.inv_h * w.x[WM] + w.x[WL]) + 1e-300)
+
+
+@code.inner(**INLINE)
 def _first_level(kind, left, x, p, t, w):
     """Level remembered from steps of this kind, and that to try first: at most the one that just
     reaches the end of what is ``left``, or that of which no failure is expected."""
@@ -172,6 +186,9 @@ def _first_level(kind, left, x, p, t, w):
         level < t.levels - 1
         and _expected_error(t.longest * 0.5**level, x, p, w) > LAYER_ERROR * t.accuracy
     ):
+        level += 1
+    longest = _time_in_gap(x, p, w)
+    while level < t.levels - 1 and t.longest * 0.5**level > longest:
         level += 1
     return remembered, level
 
