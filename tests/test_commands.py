@@ -239,6 +239,19 @@ def test_every_refusal_is_one_sentence_in_a_terminal_and_in_a_pipe(copied):
     assert sorted(copied.rglob("*")) == before
 
 
+OUT_OF_RANGE = {
+    "rates": ["rates", "state-1", "--from", "1 deg/s", "--to", "2 deg/s", "--count", "1"],
+    "run": ["run", "state-1", "--harmonics", "0"],
+    "serve": ["serve", "--port", "65536"],
+}
+
+
+def test_a_number_out_of_its_range_is_refused_in_one_sentence(tmp_path):
+    for name, (status, said) in piped(OUT_OF_RANGE, tmp_path).items():
+        assert status == 1, (name, said)
+        assert re.fullmatch(r"Error: .*'--\w+'.* is not in the range .*\n", said), (name, said)
+
+
 def test_misuse_is_told_with_what_is_right(tmp_path):
     for name, (status, said) in (
         shown(MISUSED, tmp_path, columns=60) | piped(MISUSED, tmp_path)

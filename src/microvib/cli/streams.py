@@ -44,6 +44,9 @@ def _report_error(error: BaseException) -> int:
             if isinstance(error, click.Abort) and sys.stderr.isatty():
                 click.echo(err=True)  # behind the prompt that was left
             return _say("Interrupted; no file was left half-written.", INTERRUPTED)
+        case click.BadParameter() if not isinstance(error, click.MissingParameter):
+            sentence = " ".join(error.format_message().split())
+            return _say(f"Error: {sentence}")
         case click.ClickException():
             error.show()
             return error.exit_code
