@@ -241,6 +241,19 @@ def test_no_estimate_where_no_step_is_finer_or_the_state_is_not_known(state_1):
     assert math.isfinite(accuracy(coarse, mv.find_lines(coarse)).rms)
 
 
+def test_without_an_estimate_nothing_is_judged(state_1):
+    """With a refinement of 32 no run is finer: an error of 0 would be too good."""
+    short = state_1.with_si({"record.settle": 1.0, "record.duration": 2.0, "solver.refinement": 32})
+    for finest, verdicts in ((32, {"not judged"}), (16, {"pass"})):
+        scenario = short.with_({"solver.refinement": finest})
+        table = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
+        judged = judge(table, limit_of(1e3, 40.0, 60.0), scenario)
+        assert {judged.verdict} == verdicts
+    fine = mv.find_lines(mv.simulate(short, channels=("T_d",)))
+    gaps = judge(fine, limit_of(1e3, 40.0, 60.0), short).gaps
+    assert any("solver.refinement=16 or less" in gap for gap in gaps)
+
+
 @pytest.mark.parametrize("door", ["motion", "batch", "steady", "saved", "lines alone"])
 def test_lines_of_every_origin_are_judged_by_how_far_they_are_off(door, off):
     """A limit half the error of the integration above a line passes by no way to it."""

@@ -1601,6 +1601,16 @@ def test_wheels_whose_ranges_touch_may_have_one_speed(second, turned) -> None:
     assert found.most >= 0.999 * assess(requirement(lowest="20 Hz"), together, "bound").value
 
 
+def test_a_negative_amplitude_of_a_file_is_refused(tmp_path: Path) -> None:
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.2))
+    (tmp_path / "l.csv").write_text("line,frequency_hz,mx_n_m\npump,40,0.001\nfan,50,-0.002\n")
+    source = OtherSource(name="pump", lines="l.csv", position=["0.2 m", "-0.3 m", "0.1 m"])
+    with pytest.raises(mv.MicrovibError) as raised:
+        contribution_of_other(source, scenario, FileAccess(tmp_path))
+    told = "row 3: mx_n_m: -0.002 is negative; an amplitude is 0 or more"
+    assert str(raised.value).endswith(f"l.csv: {told}")
+
+
 def test_lines_and_densities_from_files(tmp_path: Path) -> None:
     full = whole.FullCraft(bandwidth=0.2)
     scenario = scenario_of(full)

@@ -121,3 +121,10 @@ def test_what_is_not_known_is_one_sentence(files, monkeypatch, name):
     with pytest.raises(MicrovibError) as failed:
         open_source(name)
     assert "\n" not in str(failed.value)
+
+
+def test_a_negative_amplitude_in_a_table_of_lines_is_refused(files):
+    (files / "lines.csv").write_text(LINES.replace("0.01,", "-0.01,"))
+    told = "row 3: amplitude_n_m: -0.01 is negative; an amplitude is 0 or more"
+    with pytest.raises(MicrovibError, match=told):
+        open_source(str(files / "lines.csv"))

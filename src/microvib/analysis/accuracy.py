@@ -27,6 +27,8 @@ MIN_LINE_RATIO = 0.01
 """Fraction of the largest line above which a line counts."""
 MAX_REFINEMENT = 64
 """Largest ``solver.refinement`` that is advised."""
+FINEST_ESTIMATED = MAX_REFINEMENT // 4
+"""``solver.refinement`` up to which runs twice and four times as fine tell the error."""
 SENSITIVE_MOTION_ERROR = 0.1
 """Relative error assumed for the lines of a motion that depends on details below the tolerance.
 The difference of two runs is no bound there: in random sets it was 0.05 to 24 %
@@ -189,7 +191,7 @@ def _compared(
 ) -> Accuracy | None:
     """``accuracy`` of a torque (n,) [N m] from its beginning."""
     own = scenario.solver.refinement
-    if 4 * own > MAX_REFINEMENT:
+    if not can_be_refined(scenario):
         return None
     counted, rate = _significant_lines(table), scenario.record.sample_rate
     duration = T_d.size / rate
@@ -210,9 +212,17 @@ def _compared(
     return replace(found, refinement=(2 if second.is_fine else 4) * own, advised=True)
 
 
+def can_be_refined(scenario: Scenario) -> bool:
+    """Whether runs with finer steps, which tell the error of the integration, are possible."""
+    return scenario.solver.refinement <= FINEST_ESTIMATED
+
+
 def with_integration_error(table: LineTable, found: Accuracy | None) -> LineTable:
-    """A table that knows how far it is off, so that a limit is judged by it."""
-    return replace(table, own_error=0.0 if found is None else found.relative_error, find_error=None)
+    """A table that knows how far it is off, so that a limit is judged by it; nan without an
+    estimate.
+    """
+    own_error = math.nan if found is None else found.relative_error
+    return replace(table, own_error=own_error, find_error=None)
 
 
 def failed_invariants_reason(broken: Sequence[str], scenario: Scenario | None) -> str:
@@ -226,7 +236,7 @@ def failed_invariants_reason(broken: Sequence[str], scenario: Scenario | None) -
     else:
         own = scenario.solver.refinement
     names = " and ".join(name.replace("_", " ") for name in dict.fromkeys(broken))
-    if 4 * own <= MAX_REFINEMENT:
+    if own <= FINEST_ESTIMATED:
         finer = f"solver.refinement={4 * own}"
     else:
         finer = "a smaller solver.accuracy"

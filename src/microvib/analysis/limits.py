@@ -8,7 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.accuracy import failed_invariants_reason, with_known_error
+from microvib.analysis.accuracy import (
+    FINEST_ESTIMATED,
+    can_be_refined,
+    failed_invariants_reason,
+    with_known_error,
+)
 from microvib.analysis.lines import clock_warnings
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
@@ -304,7 +309,7 @@ def judge(
         *_hidden_line_gaps(unknown, limit, scenario),
         *_record_gaps(table, limit, scenario),
     ]
-    why = failed_invariants_reason(table.broken, scenario) or _unknown_error_reason(table)
+    why = failed_invariants_reason(table.broken, scenario) or unknown_error_reason(table, scenario)
     if why:
         gaps = [why, *gaps]
     for reason in filter(None, (why, _not_turning_reason(table, scenario))):
@@ -346,10 +351,15 @@ def _undecided(margin: Margin, why: str) -> Margin:
     return replace(margin, verdict="not judged", why=f"{margin.line.name} ({why})")
 
 
-def _unknown_error_reason(table: LineTable) -> str:
+def unknown_error_reason(table: LineTable, scenario: Scenario | None) -> str:
     """Why nothing is known of lines whose error is not; empty where it is."""
     if not math.isnan(table.own_error):
         return ""
+    if scenario is not None and not can_be_refined(scenario):
+        return (
+            "the whole motion, because the error of its integration is not known: no run with finer"
+            f" steps is possible (solver.refinement={FINEST_ESTIMATED} or less)"
+        )
     return (
         "the whole motion, because the error of its integration is not known, nor the state that it"
         " began in (simulate it again: mv.run_scenario)"

@@ -304,4 +304,6 @@ def _figures(where: str, row: Mapping[str, str | None]) -> dict[str, Any]:
         key = columns_of(Line)[name].key
         if text := (row.get(key) or "").strip():
             found[name] = parse_finite(f"{where}: {key}", text)
+        if "amplitude" in name and found.get(name, 0.0) < 0.0:
+            raise MicrovibError(f"{where}: {key}: {text} is negative; an amplitude is 0 or more")
     return found

@@ -187,7 +187,5 @@ def load_test(name: str) -> PublishedTest:
 
     Raises MicrovibError with one sentence per problem.
     """
-    text = named_text(
-        name, WORKING_FOLDER, kind="test", published=test_names(), within="tests/"
-    )
+    text = named_text(name, WORKING_FOLDER, kind="test", published=test_names(), within="tests/")
     return validate_part(PublishedTest, parse_yaml(text, name), origin=name)

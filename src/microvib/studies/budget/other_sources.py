@@ -140,6 +140,12 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
         _METRIC_COLUMNS,
     )
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
+    if np.any(sizes < 0.0):
+        row, column = np.argwhere(sizes < 0.0)[0]
+        raise MicrovibError(
+            f"{path}: row {row + 2}: {chosen[column]}: {sizes[row, column]:g} is negative; an"
+            " amplitude is 0 or more"
+        )
     of_phases = tuple(
         name
         for name, what in zip(_PHASES, (*LOAD_COLUMNS, *LOS_COLUMNS), strict=True)

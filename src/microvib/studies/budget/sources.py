@@ -12,6 +12,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.limits import unknown_error_reason
 from microvib.analysis.lines import clock_warnings, expected_in, lines_of_recording
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
@@ -240,7 +241,9 @@ def contribution_of_run(
     rows = {line.name: line for line in result.table}
     own = [rows[name] for name in found.names]
     broken = [name for drive in result.drives.values() for name in drive.table.broken]
-    unknown = failed_invariants_reason(broken, scenario)
+    unknown = failed_invariants_reason(broken, scenario) or unknown_error_reason(
+        result.table, scenario
+    )
     reasons = map(open_gap, filter(None, (unknown, _between_clock_lines(result))))
     relative_error = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
         scenario, own, found.frequency, other_steps
