@@ -410,7 +410,7 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
 
 
 def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGap | None:
-    """What keeps the record of a table from showing the lines of tracking; None in a steady state."""
+    """Reason why the record of a table does not show the lines of tracking; None in a steady state."""
     if any(x.status == TRANSIENT for x in table):
         return None
     simulated = table.clock_ratio_uncertainty == 0.0

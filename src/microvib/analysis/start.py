@@ -191,8 +191,7 @@ class RecordGap:
 def record_gap(
     scenario: Scenario | None, duration: float, *, simulated: bool = True
 ) -> RecordGap | None:
-    """What keeps a record of ``duration`` [s] from showing the lines of tracking; None where nothing
-    does.
+    """Reason why a record of ``duration`` [s] does not show the lines of tracking; None where it does.
 
     The array does not turn yet, or the record is shorter than a full step, in which a slow drive may
     slip but once. Limits, budgets, rate plans and campaigns all ask here. Of a recording that is not

@@ -108,7 +108,7 @@ class RateCase:
     unseen: tuple[OutOfBandLines, ...] = field(default=(), compare=False, repr=False)
     """Lines of which nothing is seen, above ``shown``, with what they may have at most."""
     gap: RecordGap | None = None
-    """What keeps its record from showing all lines of tracking."""
+    """Reason why its record does not show all lines of tracking."""
 
     @property
     def failed(self) -> bool:
@@ -154,7 +154,7 @@ class RateCase:
 
     @property
     def _largest_of_all(self) -> float:
-        """Of its lines, at any frequency [N m]; 0 without one."""
+        """Largest amplitude of its lines, at any frequency [N m]; 0 without one."""
         return max((x.amplitude for x in self.lines), default=0.0)
 
     def unseen_in(self, band: tuple[float, float]) -> list[OutOfBandLines]:

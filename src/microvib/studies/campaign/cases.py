@@ -43,7 +43,7 @@ a compiler (docs/design.md).
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
 RECORDS = ("shows tracking", "is shorter than a full step", "begins before the array turns")
-"""What the record of a case is, by its number."""
+"""Kinds of a case's record, by their numbers."""
 SHORT_RECORD, HELD_RECORD = 1, 2
 SCALARS = ("peak", "rms", "stuck_output")
 """Stored figures of every case: largest and RMS torque of the record [N m], part of the time that the

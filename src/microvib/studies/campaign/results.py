@@ -245,7 +245,7 @@ class Results:
 
     @cached_property
     def records(self) -> np.ndarray:
-        """What the record of each case is, an index in RECORDS, (cases,)."""
+        """Kind of each case's record, an index in RECORDS, (cases,)."""
         return self._read("record")
 
     @property
