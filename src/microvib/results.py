@@ -146,6 +146,14 @@ class Column:
             return self.words(str(value))
         return self.measure.text(float(value)) or self.absent
 
+    def in_unit(self, measure: Measure) -> Column:
+        """The column in the unit of a measure, where that is one for its figures."""
+        own = self.measure
+        if own is None or not own.units or own.units != measure.units:
+            return self
+        fixed = replace(own, unit=measure.unit, size=measure.size, units=())
+        return replace(self, measure=fixed)
+
     def in_file(self, value: Any) -> Any:
         """A value as it stands in files."""
         if self.measure is None or not isinstance(value, float):
@@ -236,6 +244,13 @@ class Table:
             if counts and not isinstance(x, str)
         )
         return replace(column, measure=column.measure.suited_to(figures))
+
+    def in_unit(self, measure: Measure) -> Table:
+        """The table with all figures that could be in one of the ``units`` of a measure in its
+        unit.
+        """
+        columns = tuple(x.in_unit(measure) for x in self.columns)
+        return replace(self, columns=columns)
 
     def measure(self, key: str) -> Measure:
         """Measure of the figures in the column ``key``, for texts and pictures beside the table."""

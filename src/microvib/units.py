@@ -185,6 +185,12 @@ def convert(text: str, unit: str, example: str = "") -> float:
     return value
 
 
+def unit_of(text: str) -> str:
+    """The unit that a quantity such as ``"2 arcsec"`` is given in; empty where it has none."""
+    match = _NUMBER.match(text)
+    return plain_unit(text[match.end() :]) if match else ""
+
+
 def _no_quantity(unit: str) -> str:
     """Message on a value that is no quantity in ``unit``, or no number where there is none."""
     if not unit:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -23,12 +23,14 @@ from microvib.results import (
     SHARE,
     TIME,
     Column,
+    Measure,
     Table,
 )
 from microvib.signals.pointing import Metric, mean_square_of_density, metric_name, metric_weight
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Assessment, Share, combine_lines
 from microvib.studies.campaign.statistics import NO_ESTIMATE
+from microvib.units import convert, pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,6 +105,22 @@ def budget_outcome(budget: Budget) -> Outcome:
         files=(_source_shares(budget), _lines(budget)),
         data={"budget": summary(budget)},
         descriptions={} if required is None else {"requirements": required},
+        units=(pointing_angle(budget),),
+    )
+
+
+def pointing_angle(budget: Budget) -> Measure:
+    """How angles are given: in the unit that the first requirement is given in, or the one that
+    suits the largest.
+    """
+    units = (one.requirement.unit for one in budget.judged)
+    given = next(filter(None, units), "")
+    if given:
+        size = convert(f"1 {given}", "rad")
+        names = (name for name, of in POINTING_ANGLE.units if math.isclose(of, size))
+        return replace(POINTING_ANGLE, unit=next(names, pretty(given)), size=size)
+    return POINTING_ANGLE.suited_to(
+        [*(one.value for one in budget.judged), *(x for w in budget.windows for x in w.both)]
     )
 
 
@@ -381,12 +399,13 @@ _MARKERS = {
 def draw_budget(budget: Budget) -> Figure:
     """Lines by source, and rms over the length of the window with the limits on it."""
     drawing, axes = sheets.sheet(3.0, 1, 2)
-    _draw_lines(axes[0, 0], budget)
-    _draw_windows(axes[0, 1], budget)
+    angle = pointing_angle(budget)
+    _draw_lines(axes[0, 0], budget, angle)
+    _draw_windows(axes[0, 1], budget, angle)
     return drawing
 
 
-def _draw_lines(ax: Axes, budget: Budget) -> None:
+def _draw_lines(ax: Axes, budget: Budget, angle: Measure) -> None:
     """Lines of each source, and the curves that limit them."""
     top = max(
         (
@@ -403,7 +422,11 @@ def _draw_lines(ax: Axes, budget: Budget) -> None:
             shown, colour = one.settled & (size > 1e-5 * top), sheets.COLOURS[k % 7]
             if axis == "radial":
                 ax.vlines(
-                    one.frequency[shown], 1e-3 * top, 1e6 * size[shown], color=colour, linewidth=0.8
+                    one.frequency[shown],
+                    1e-3 * top,
+                    size[shown] / angle.size,
+                    color=colour,
+                    linewidth=0.8,
                 )
             label = one.source if axis == "radial" else "_"
             style: dict[str, Any] = {
@@ -413,19 +436,19 @@ def _draw_lines(ax: Axes, budget: Budget) -> None:
                 "linestyle": "",
                 "label": label,
             }
-            ax.plot(one.frequency[shown], 1e6 * size[shown], **style)
+            ax.plot(one.frequency[shown], size[shown] / angle.size, **style)
     for required in curves:
         curve, axis = required.requirement.curve or (), required.requirement.axis
-        f, allowed = [p.frequency for p in curve], [1e6 * p.amplitude for p in curve]
+        f, allowed = [p.frequency for p in curve], [p.amplitude / angle.size for p in curve]
         if axis == "radial":
             label = _name(required)
         else:
             label = f"{_name(required)}: los_{axis} ({_MARKERS[axis][2]})"
         ax.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
     if seen == ["radial"]:
-        what = "amplitude, radial [µrad]"
+        what = f"amplitude, radial [{angle.unit}]"
     else:
-        what = "amplitude, radial and by axis [µrad]"
+        what = f"amplitude, radial and by axis [{angle.unit}]"
     if not top and not curves:  # logarithmic scales need numbers above 0
         ax.set(xlim=(1.0, 1e3), ylim=(1e-3, 1.0))
         ax.text(
@@ -433,17 +456,17 @@ def _draw_lines(ax: Axes, budget: Budget) -> None:
         )
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=what)
     if top:
-        ax.set_ylim(1e6 * 1e-5 * top, 1e6 * 60 * top)  # with room for names
-        sheets.name_points(ax, _governing_lines(budget))
+        ax.set_ylim(1e-5 * top / angle.size, 60 * top / angle.size)  # with room for names
+        sheets.name_points(ax, _governing_lines(budget, angle))
     ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 
-def _governing_lines(budget: Budget) -> list[tuple[float, float, str, bool]]:
-    """The most costly line of each requirement as (frequency [Hz], amplitude [µrad], name, whether
-    it fails), failures first.
+def _governing_lines(budget: Budget, angle: Measure) -> list[tuple[float, float, str, bool]]:
+    """The most costly line of each requirement as (frequency [Hz], amplitude in the unit of
+    ``angle``, name, whether it fails), failures first.
     """
     largest = {
-        (c.source, name): 1e6 * float(np.hypot(*np.abs(los)))
+        (c.source, name): float(np.hypot(*np.abs(los))) / angle.size
         for c in budget.contributions for name, los in zip(c.names, c.los, strict=True)
     }  # fmt: skip
     named: dict[str, tuple[float, float, str, bool]] = {}
@@ -459,7 +482,7 @@ def _governing_lines(budget: Budget) -> list[tuple[float, float, str, bool]]:
     return list(named.values())
 
 
-def _draw_windows(ax: Axes, budget: Budget) -> None:
+def _draw_windows(ax: Axes, budget: Budget, angle: Measure) -> None:
     """Rms of all lines over the length of the window, the largest in each step of lengths, and the
     limits on it.
     """
@@ -469,7 +492,7 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
     for k, metric in enumerate(_DRAWN):
         asked = [one.requirement for one in budget.judged if one.requirement.metric == metric]
         limits = [
-            (r.axis, r.window, 1e6 * r.limit, r.name)
+            (r.axis, r.window, r.limit / angle.size, r.name)
             for r in asked
             if r.window and r.limit and r.statistic == "rms"
         ]
@@ -486,7 +509,9 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
                 {"linewidth": 4.0, "alpha": 0.35} if metric == "rpe" else {"linewidth": 1.1}
             )  # smear lies on it
             rms[rms == 0.0] = np.nan  # which logarithmic scales do not have
-            ax.plot(T, 1e6 * rms, color=sheets.COLOURS[k], linestyle=line, label=label, **style)
+            ax.plot(
+                T, rms / angle.size, color=sheets.COLOURS[k], linestyle=line, label=label, **style
+            )
             for _, window, limit, name in (one for one in limits if one[0] == axis):
                 ax.plot(window, limit, marker, color=sheets.COLOURS[k], markersize=4)
                 said = f"limit {name}".rstrip() + "  "
@@ -498,12 +523,12 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
                     fontsize=6.5,
                     annotation_clip=True,
                 )
-    largest = 1e6 * math.sqrt(0.5 * float(np.sum(tones.value**2))) or 1.0
+    largest = math.sqrt(0.5 * float(np.sum(tones.value**2))) / angle.size or 1.0
     ax.set(
         xscale="log",
         yscale="log",
         xlabel="window [s]",
-        ylabel="rms of lines [µrad]",
+        ylabel=f"rms of lines [{angle.unit}]",
         ylim=(1e-5 * largest, 30 * largest),
     )
     ax.legend(fontsize=6.5, frameon=False)
@@ -512,6 +537,7 @@ def _draw_windows(ax: Axes, budget: Budget) -> None:
 def draw_cumulative(budget: Budget) -> Figure:
     """Cumulative rms of lines and densities about both axes, both ways."""
     drawing, axes = sheets.sheet(2.4, 1, 2)
+    angle = pointing_angle(budget)
     tones = combine_lines(budget.contributions, budget.rule, with_errors=False)
     for k, (ax, axis) in enumerate(zip(axes[0], "xy", strict=True)):
         f, squares = tones.frequency, 0.5 * tones.value[:, k] ** 2
@@ -530,7 +556,9 @@ def draw_cumulative(budget: Budget) -> Figure:
             (up, "post", sheets.BLUE, "from low to high"),
             (down, "pre", sheets.RED, "from high to low"),
         ):
-            ax.step(f[order], 1e6 * rms, where=where, color=colour, linewidth=1.1, label=label)
-        ax.set(xscale="log", xlabel="frequency [Hz]", ylabel=f"rms of los_{axis} [µrad]")
+            ax.step(
+                f[order], rms / angle.size, where=where, color=colour, linewidth=1.1, label=label
+            )
+        ax.set(xscale="log", xlabel="frequency [Hz]", ylabel=f"rms of los_{axis} [{angle.unit}]")
         ax.legend(fontsize=6.5, frameon=False)
     return drawing

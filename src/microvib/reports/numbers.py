@@ -17,32 +17,11 @@ def format_number(value: float, digits: int = 4, scale: float = 1.0) -> str:
     return f"{value * scale:#.{digits}g}".rstrip(".") if math.isfinite(value) else ""
 
 
-def milli(value: float, digits: int = 4) -> str:
-    """A torque [N m] in mN m with so many digits."""
-    return format_number(value, digits, 1e3)
-
-
 def window_text(length: float) -> str:
     """The length of a window [s], in ms below a second."""
     if length < 1.0:
         return f"{1e3 * length:g} ms"
     return f"{length:g} s"
-
-
-def torque(value: float) -> str:
-    """A torque [N m] with its unit: in mN m below one; empty if there is none."""
-    if not math.isfinite(value):
-        return ""
-    if abs(value) >= 1.0:
-        return f"{format_number(value)} N m"
-    return f"{milli(value)} mN m"
-
-
-def torque_as_given(value: float) -> str:
-    """A torque [N m] that somebody chose, with its unit, in as many digits as were given."""
-    if abs(value) >= 1.0:
-        return f"{value:.6g} N m"
-    return f"{1e3 * value:.6g} mN m"
 
 
 def plain_number(value: float, digits: int = 4) -> str:

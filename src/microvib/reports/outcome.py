@@ -7,8 +7,8 @@ there, so that all say the same in the same units.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from microvib.io.tables import rows_csv, to_json
@@ -18,7 +18,7 @@ from microvib.reports import document, sheets
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.document import Block, Code, Contents, Document, Fact, Section, Text
 from microvib.reports.rendering import address
-from microvib.results import Column, Table
+from microvib.results import Column, Measure, Table
 from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
@@ -66,10 +66,28 @@ class Part:
     report_only: bool = False
     """Whether neither terminal nor page shows it."""
 
+    def in_units(self, chosen: Sequence[Measure]) -> Part:
+        """The part with all its tables in the units that were chosen."""
+        items = list(self.items)
+        for measure in chosen:
+            items = [x.in_unit(measure) if isinstance(x, Table) else x for x in items]
+        return replace(self, items=tuple(items))
+
     @property
     def shown(self) -> list[Item]:
         """The items that readers see: tables without rows are in files only."""
         return [x for x in self.items if not (isinstance(x, Table) and not x.rows_shown)]
+
+
+def _units_of(tables: Iterable[Table]) -> list[Measure]:
+    """The unit that suits all figures of some tables, for each measure with a choice of units."""
+    figures: dict[Measure, list[float]] = {}
+    for table in tables:
+        for k, column in enumerate(table.columns):
+            if column.measure is not None and column.measure.units:
+                found = figures.setdefault(replace(column.measure, form="", least=0.0), [])
+                found += [row[k] for row in table.rows_shown if not isinstance(row[k], str)]
+    return [measure.suited_to(values) for measure, values in figures.items()]
 
 
 @dataclass(frozen=True)
@@ -101,6 +119,13 @@ class Outcome:
     """How to do it again, besides the command that was typed."""
     versions: Mapping[str, str] | None = None
     """That made it; None for today's."""
+    units: tuple[Measure, ...] = ()
+    """Measures of its texts and pictures in the units that they are in, which its tables take."""
+
+    def __post_init__(self) -> None:
+        tables = [x for part in self.parts for x in part.shown if isinstance(x, Table)]
+        chosen = [*self.units, *_units_of(tables)]
+        object.__setattr__(self, "parts", tuple(part.in_units(chosen) for part in self.parts))
 
     @property
     def tables(self) -> list[Table]:

@@ -13,9 +13,19 @@ import numpy as np
 
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Text
-from microvib.reports.numbers import count_text, plain_number, torque, torque_as_given
+from microvib.reports.numbers import count_text, plain_number
 from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
-from microvib.results import COUNT, FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, Table
+from microvib.results import (
+    COUNT,
+    FREQUENCY,
+    MICROSTEPS,
+    ORDER,
+    RATE,
+    TORQUE,
+    TORQUE_LIMIT,
+    Column,
+    Table,
+)
 from microvib.studies.rates import (
     ABOVE_LIMIT,
     Forbidden,
@@ -195,7 +205,7 @@ def best_text(plan: RatePlan) -> str:
         beyond = case.largest_unseen(plan.band)
     if beyond is not None and beyond.amplitude > top:
         in_time += f"; above {case.shown:.4g} Hz, the passband, there may be larger ones, such as {beyond.line}"
-    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {torque(top)}{away}{in_time}{end}."
+    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {TORQUE.figure(top)}{away}{in_time}{end}."
     if found:
         return f"Best: {what}"
     return f"Best: none {_criteria(plan)}. The lowest largest line: {what}"
@@ -203,7 +213,7 @@ def best_text(plan: RatePlan) -> str:
 
 def _criteria(plan: RatePlan) -> str:
     if plan.limit is not None:
-        parts = [f"for a limit of {torque_as_given(plan.limit)}{_in_band(plan)}"]
+        parts = [f"for a limit of {TORQUE_LIMIT.figure(plan.limit)}{_in_band(plan)}"]
     else:
         parts = []
     if plan.keep_away:
@@ -318,7 +328,7 @@ def _facts(plan: RatePlan) -> list[Fact]:
         facts.append(
             Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps{end}")
         )
-        facts.append(Fact(torque(top), "its largest line"))
+        facts.append(Fact(TORQUE.figure(top), "its largest line"))
         if plan.limit is not None and top > 0.0:
             margin = 20 * math.log10(plan.limit / top)
             facts.append(
@@ -339,12 +349,12 @@ def _facts(plan: RatePlan) -> list[Fact]:
                 f"no rate {_criteria(plan)}",
                 "fail" if _verdict(plan) == "fail" else "",
             ),
-            Fact(torque(top), where),
+            Fact(TORQUE.figure(top), where),
         ]
     if plan.limit is not None:
         facts.append(
             Fact(
-                torque_as_given(plan.limit),
+                TORQUE_LIMIT.figure(plan.limit),
                 f"limit: {count_text(len(plan.forbidden), 'forbidden band')}",
             )
         )

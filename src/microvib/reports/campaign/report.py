@@ -22,11 +22,19 @@ from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import (
     count_text,
     plain_number,
-    torque_as_given,
     truncate,
 )
 from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
-from microvib.results import COUNT, LINE_FREQUENCY, SHARE, TORQUE, Column, Measure, Table
+from microvib.results import (
+    COUNT,
+    LINE_FREQUENCY,
+    SHARE,
+    TORQUE,
+    TORQUE_LIMIT,
+    Column,
+    Measure,
+    Table,
+)
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
@@ -232,7 +240,7 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
     """
     if s.limit is None:
         return
-    allowed, status = torque_as_given(s.limit), _STATUS.get(_verdict(s), "")
+    allowed, status = TORQUE_LIMIT.figure(s.limit), _STATUS.get(_verdict(s), "")
     if s.several:
         fails = sum(bool(row.above) for row in s.by_level)
         open_ones = sum(bool(row.unknown) for row in s.by_level)
@@ -258,7 +266,7 @@ def _against_limit(s: Summary) -> Iterator[str]:
     if s.any_level is not None and s.limit is not None:
         found, e = s.any_level, s.any_level.exceedance
         yield (
-            f"Above {torque_as_given(s.limit)} at one level or more: {found.above} of {found.count}"
+            f"Above {TORQUE_LIMIT.figure(s.limit)} at one level or more: {found.above} of {found.count}"
             f" draws, {found.unknown} not judged, {SHARE.figure(e.value)} (95 % interval"
             f" {percents(e)} %)."
         )
@@ -291,7 +299,7 @@ _CASE = Column("worst_case", "case", COUNT)
 
 
 def _above_column(s: Summary) -> Column:
-    limit = "the limit" if s.limit is None else torque_as_given(s.limit)
+    limit = "the limit" if s.limit is None else TORQUE_LIMIT.figure(s.limit)
     return Column("above", f"above {limit}", COUNT)
 
 

@@ -4,12 +4,12 @@ the drives.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import Field
+from pydantic import BaseModel, Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
 
 from microvib.io.named import read_text
 from microvib.io.yaml_text import parse_yaml
@@ -17,7 +17,7 @@ from microvib.model.part import Part
 from microvib.model.rigid import Direction, Position
 from microvib.model.sentences import validate_part
 from microvib.signals.pointing import Metric
-from microvib.units import Quantity
+from microvib.units import Quantity, unit_of
 
 AXES = ("x", "y", "radial")
 Statistic = Literal["rms", "level", "bound"]
@@ -90,6 +90,21 @@ class Requirement(Part):
         description="in place of limit, for each line: amplitudes allowed over frequency",
     )
 
+    _unit: str = PrivateAttr("")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_unit(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        made = handler(data)
+        if isinstance(data, Mapping):
+            BaseModel.__setattr__(made, "_unit", _angle_unit(data))  # parts are frozen
+        return made
+
+    @property
+    def unit(self) -> str:
+        """The unit that its angles are given in; empty where they are numbers."""
+        return self._unit
+
     def _consistency_errors(self) -> Iterator[str]:
         if (self.limit is None) == (self.curve is None):
             yield "limit: give either limit, an angle such as '0.2 urad', or curve, amplitudes allowed over frequency"
@@ -146,6 +161,14 @@ class Requirement(Part):
         else:
             kind = f"{self.metric.upper()}{window}{apart}"
         return f"{kind}{axis}, {'amplitude over frequency' if self.curve else level}{ensemble}"
+
+
+def _angle_unit(data: Mapping[str, Any]) -> str:
+    """The unit of a requirement's limit, or of the first point of its curve."""
+    given, curve = data.get("limit"), data.get("curve")
+    if given is None and curve and isinstance(curve[0], Mapping):
+        given = curve[0].get("amplitude")
+    return unit_of(given) if isinstance(given, str) else ""
 
 
 def _time(seconds: float) -> str:
