@@ -1,4 +1,4 @@
-# A pointing budget: this drive and a reaction wheel against requirements, and what costs most.
+# A pointing budget: this drive and a reaction wheel against requirements, and the largest contributors.
 from pathlib import Path
 
 import microvib as mv

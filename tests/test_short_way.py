@@ -1,4 +1,4 @@
-"""The short way to a craft: against pyyeti, against the whole system, against the coupled run; congruence; what is refused."""
+"""The blocked-load method to a craft: against pyyeti, against the whole system, against the coupled run; congruence; what is refused."""
 
 import math
 from dataclasses import replace
@@ -114,7 +114,7 @@ def test_a_powered_drive_is_not_a_locked_hinge_below_its_resonances() -> None:
 
 @pytest.mark.parametrize("full", [whole.FullCraft(damping=np.zeros(4)), *DAMPED.values()])
 def test_the_linear_lines_of_the_coupled_drive(full: whole.FullCraft) -> None:
-    """T_d of ``linear_lines`` on a craft, by its decoupled modes, and the torque about the drive axis by the short way."""
+    """T_d of ``linear_lines`` on a craft, by its decoupled modes, and the torque about the drive axis by the blocked-load method."""
     scenario = scenario_of(full)
     lines = linear_lines(scenario)
     f = np.array([line.frequency for line in lines])

@@ -1,4 +1,4 @@
-"""The short way from a run on ground that does not move to a craft, and its error against the
+"""The blocked-load method from a run on a fixed base to a craft, and its error against the
 coupled run, line by line.
 """
 
@@ -27,7 +27,7 @@ from microvib.solve.steady.state import SteadyState
 
 @dataclass(frozen=True)
 class BlockedLines:
-    """Lines of the clock on ground that does not move."""
+    """Lines of the clock on a fixed base."""
 
     names: tuple[str, ...]
     frequency: np.ndarray
@@ -40,7 +40,7 @@ def blocked_lines(source: Motion | SteadyState, on: Scenario, harmonics: int = 8
     """Lines of the six loads of a run on ground, in the hub axes of the scenario ``on`` a craft and
     at its array angle.
     """
-    # What rings does so at other frequencies on a craft: the short way does not take it.
+    # What rings does so at other frequencies on a craft: the blocked-load method does not take it.
     expected = [
         line
         for line in expected_in(source.scenario, on.record.sample_rate, harmonics)
@@ -72,14 +72,14 @@ def blocked_load_solution(
 
 @dataclass(frozen=True)
 class Difference:
-    """One line the short way and coupled: amplitudes of the line of sight and of the load vector,
+    """One line the blocked-load method and coupled: amplitudes of the line of sight and of the load vector,
     and how far they lie apart.
     """
 
     line: str
     frequency: float
     los: tuple[float, float]
-    """Radial amplitude the short way and coupled [rad]; nan without a line of sight."""
+    """Radial amplitude the blocked-load method and coupled [rad]; nan without a line of sight."""
     los_error: float
     """Length of the difference of the complex pairs over that of the coupled one."""
     load_error: float
@@ -91,7 +91,7 @@ class Difference:
 def method_differences(
     lines: BlockedLines, short: CoupledResponse, full: HubLines
 ) -> list[Difference]:
-    """The short way against the coupled run, line by line, those that count most in the line of
+    """The blocked-load method against the coupled run, line by line, those that count most in the line of
     sight first.
     """
     total = float(np.sum(full.amplitude**2)) or 1.0

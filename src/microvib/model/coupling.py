@@ -1,8 +1,8 @@
-"""The short way to a craft: blocked loads of drive and array, apparent masses of both sides,
+"""The blocked-load method to a craft: blocked loads of drive and array, apparent masses of both sides,
 coupled at the interface point.
 
 In the frequency domain, about the interface point and in hub axes, with F_b the loads of the source
-on ground that does not move (``lines`` of a run without ``spacecraft``, a force table, or in closed
+on a fixed base (``lines`` of a run without ``spacecraft``, a force table, or in closed
 form):
 
     AM_src a = F_b - F,   F = AM_hub a   =>   a = (AM_hub + AM_src)^-1 F_b
@@ -89,7 +89,7 @@ class Source(HeldWing):
     def blocked(
         self, frequency: np.ndarray, torque: np.ndarray, by: np.ndarray | None = None
     ) -> np.ndarray:
-        """Loads on ground that does not move, (m, 6), of complex torques (m,) [N m].
+        """Loads on a fixed base, (m, 6), of complex torques (m,) [N m].
 
         They act on the rotor, the first coordinate, or on what turns by ``by`` (n,) with the
         coordinates.

@@ -314,7 +314,7 @@ class LineOfSight(Part):
 
 
 class Spacecraft(Part):
-    """The craft that carries the drive. Without it the drive stands on ground that does not move."""
+    """The craft that carries the drive. Without it the drive stands on a fixed base."""
 
     hub: Hub
     array_angle: Annotated[

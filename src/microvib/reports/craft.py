@@ -1,5 +1,5 @@
 """The craft in pictures and tables: hub, arrays at their angles, boresight; loads on the hub; line
-of sight and what costs it.
+of sight and its largest contributors.
 """
 
 from __future__ import annotations

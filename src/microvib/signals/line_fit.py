@@ -69,9 +69,7 @@ _CANCELLING_RATIO = 3.0
 """Tone that is fitted over what the record shows in its bins, above which others on almost the same
 frequency cancel it."""
 NO_ORDER = "not a low-order multiple of the driving frequency"
-MAX_RELATIVE_UNCERTAINTY = (
-    0.2  # standard uncertainty over amplitude above which a line cannot be told from its neighbour
-)
+MAX_RELATIVE_UNCERTAINTY = 0.2  # standard uncertainty over amplitude above which a line cannot be resolved from its neighbour
 
 
 def estimate_lines(

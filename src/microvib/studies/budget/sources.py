@@ -62,7 +62,7 @@ from microvib.studies.budget.recorded import unaccounted
 from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
-"""Relative error of lines that went the short way, for a drive that is not quite the scenario's;
+"""Relative error of lines that went the blocked-load method, for a drive that is not quite the scenario's;
 assumed. What detent torque, friction and current loop change as the hub yields comes on top, from
 runs of the scenario (``study.with_method_error``)."""
 HELD_DRIVE_UNCERTAINTY = 0.03
@@ -189,7 +189,7 @@ class Contribution:
     cases_lack: str = ""
     """Reason why the campaign's cases give no percentile, in words; no percentile is judged then."""
     recorded: tuple[np.ndarray, np.ndarray] | None = None
-    """Amplitudes of the recorded loads of its lines on ground that does not move, and floors,
+    """Amplitudes of the recorded loads of its lines on a fixed base, and floors,
     array's axes, (k, 6) [N, N m].
     """
     alternatives: tuple[Contribution, ...] = ()
@@ -683,7 +683,7 @@ def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
 def contribution_of_recording(
     name: str, scenario: Scenario, recording: Recording, harmonics: int
 ) -> Contribution:
-    """A drive by its loads on a force table, in the array's axes at angle 0, the short way to the
+    """A drive by its loads on a force table, in the array's axes at angle 0, the blocked-load method to the
     craft of the scenario.
     """
     axis, recording = "M" + scenario.array.drive_axis, recording.in_si()

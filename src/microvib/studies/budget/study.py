@@ -88,7 +88,7 @@ class Budget:
     judged: tuple[Assessment, ...]
     windows: tuple[Window, ...]
     short_way: tuple[Difference, ...] = ()
-    """The short way against the coupled run of the first drive, line by line, where that was asked
+    """The blocked-load method against the coupled run of the first drive, line by line, where that was asked
     for.
     """
     angles: tuple[float, ...] = ()
@@ -220,7 +220,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     measured = None
     if recording is not None:
         measured = contribution_of_recording(first.name, first.scenario, recording, harmonics)
-        # of the settled drive; the run beside it tells what the short way misses
+        # of the settled drive; the run beside it tells what the blocked-load method misses
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
     runs = _runs(drives, harmonics, progress)
@@ -464,7 +464,7 @@ def _second_wing_drive(name: str) -> str:
 
 
 def with_method_error(recorded: Contribution, compared: Sequence[Difference]) -> Contribution:
-    """Lines of a recording, doubted besides by what the short way misses in each of the scenario's
+    """Lines of a recording, doubted besides by what the blocked-load method misses in each of the scenario's
     own; of others by the most.
     """
     missed = {d.line: d.los_error * d.los[1] / max(d.los[0], 1e-300) for d in compared}
