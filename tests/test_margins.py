@@ -57,7 +57,7 @@ def test_above_the_passband_counts_what_the_model_has_there(table, scenario):
     slow = only(replace(table, samples=1600, sample_rate=100.0), "full_step_1")
     verdict = judge(slow, limit_of(0.060), scenario)
     assert verdict.verdict == "not judged"
-    assert "what is above 35 Hz (record.sample_rate >= " in str(verdict)
+    assert "lines above 35 Hz (record.sample_rate >= " in str(verdict)
     assert judge(slow, limit_of(0.060, 0.0, 35.0), scenario).verdict == "pass"
     assert (
         judge(slow, limit_of(10.0), scenario).verdict == "pass"
@@ -90,7 +90,7 @@ def test_every_line_above_the_passband_is_asked_for(state_1):
         hidden = judge(shown, limit, low)
         assert hidden.verdict == "not judged"
         assert (
-            "what is above 14 Hz (record.sample_rate >= 286 Hz), such as a full-step line at 16.67 Hz"
+            "lines above 14 Hz (record.sample_rate >= 286 Hz), such as a full-step line at 16.67 Hz"
             in str(hidden)
         )
     assert judge(shown, limit_of(100.0, *band), low).verdict == "pass"  # no model has that much

@@ -50,7 +50,7 @@ def test_a_whole_number_is_given_as_those_that_may_be(short):
         (f"{DAC_BITS}=10:8", "LOW below HIGH"),
         ("friction.slip_ring.contact_pairs=1:100", "at most 32 of them"),
         (f"{DAC_BITS}=8:30", "30 is not allowed"),
-        ("driver.microsteps=8:32", "moves the step clock"),
+        ("driver.microsteps=8:32", "sets the step clock"),
     ],
 )
 def test_a_range_of_whole_numbers_that_cannot_be_is_refused(short, text, said):

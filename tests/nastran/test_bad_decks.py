@@ -214,7 +214,7 @@ def test_op2_without_what_is_needed(tmp_path, frame, write_op2):
 
 def test_model_that_is_held_elsewhere(tmp_path, frame, write_op2):
     path = write_op2(tmp_path / "a.op2", frame(also=(31,)), count=4)
-    refused(path, "grid 31 is held, too .1 grids beside 1001.")
+    refused(path, "grid 31 is constrained, too .1 grids beside 1001.")
 
 
 @pytest.mark.parametrize("shapes", [True, False])
@@ -223,7 +223,7 @@ def test_another_grid_than_the_one_that_is_held(tmp_path, frame, write_op2, rout
     if shapes or "mass" not in route:
         path = write_op2(tmp_path / "a.op2", frame(), shapes=shapes, **route)
         with pytest.raises(
-            ModalError, match=r"interface: grid 58 (moves in mode \d|is not held, but 1001)"
+            ModalError, match=r"interface: grid 58 (moves in mode \d|is not constrained, but 1001)"
         ):
             read_modal_model(path, options(interface=58))
 

@@ -68,7 +68,7 @@ def test_a_loose_grid_is_no_interface(tmp_path, frame, write_op2, route):
     )
     with pytest.raises(
         ModalError,
-        match=rf"interface: grid 7777 is not held, but {INTERFACE}: it carries no forces",
+        match=rf"interface: grid 7777 is not constrained, but {INTERFACE}: it carries no forces",
     ):
         read_modal_model(path, options(interface=7777))
     read_modal_model(path, options())

@@ -134,7 +134,7 @@ def test_firm_ground_gets_a_sentence(visit: Callable[..., Any]) -> None:
     page = visit("#base=state-1")
     shapes(page, "Craft, hinges locked")
     api.expect(page.locator("#modes .error")).to_have_text(
-        "spacecraft: missing; a scenario on a craft is expected, as examples/spacecraft.yaml"
+        "spacecraft: missing; a scenario on a spacecraft is expected, as examples/spacecraft.yaml"
     )
 
 

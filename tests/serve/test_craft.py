@@ -69,7 +69,11 @@ def test_a_sweep_is_that_of_the_command_line(client):
         ({"angles": "0:1e308:1e-308"}, "angles", "at most 361 angles"),
         ({"angles": "0:360:0.1"}, "angles", "at most 361 angles"),
         ({"angles": "0:10:5 kg"}, "angles", "wrong dimension"),
-        ({"angles": "0,45", "scenario": spec()}, "spacecraft", "a scenario on a craft is expected"),
+        (
+            {"angles": "0,45", "scenario": spec()},
+            "spacecraft",
+            "a scenario on a spacecraft is expected",
+        ),
     ],
 )
 def test_a_sweep_that_cannot_be(client, asked, key, words):

@@ -491,7 +491,7 @@ def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None)
     if near:
         apart, line = min(near, key=lambda one: one[0])
         yield (
-            f"what {line.name} at {line.place:.5g} Hz may hide in the band"
+            f"lines in the band masked by {line.name} at {line.place:.5g} Hz"
             f" (record.duration >= {rounded_up(SEPARATION / apart)} s)"
         )
 
@@ -513,7 +513,7 @@ def _unresolved_ringing_gaps(
         by_control = LineName.parse(mode.name).family == CONTROL_MODE
         if mode.frequency < table.rest.resolution and not by_control:
             yield (
-                f"lines that friction makes of {mode.name}, which may still ring and which the"
+                f"friction lines excited by {mode.name}, which may still ring and which the"
                 " record is too short to show; record.duration >="
                 f" {rounded_up(SEPARATION / mode.frequency)} s, or a longer record.settle"
             )
@@ -524,7 +524,7 @@ def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
     for x in table:
         outside = not limit.holds(*_frequency_with_bound(x))
         if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.torque:
-            yield f"what {x.name} makes while it grows within the record (increase record.settle)"
+            yield f"lines caused by {x.name}, which grows within the record (increase record.settle)"
 
 
 def _certainly_within(one: Margin, limit: Limit) -> Margin:
@@ -550,7 +550,7 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
         return []
     start = max(top, limit.low)
     if scenario is None:
-        return [f"what is above {start:.4g} Hz (increase record.sample_rate)"]
+        return [f"lines above {start:.4g} Hz (increase record.sample_rate)"]
     large = [
         (one, np.flatnonzero(one.most > limit.torque))
         for one in out_of_band_lines(scenario, table, start, limit.high)
@@ -566,7 +566,7 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
         for what in list(dict.fromkeys(one.what for one, _ in large))[:2]
     )
     return [
-        f"what is above {start:.4g} Hz (record.sample_rate >= {rounded_up(reaches / PASSBAND)} Hz),"
+        f"lines above {start:.4g} Hz (record.sample_rate >= {rounded_up(reaches / PASSBAND)} Hz),"
         f" such as {named}"
     ]
 

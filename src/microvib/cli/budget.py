@@ -90,8 +90,8 @@ def budget(
     orbit: bool, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is the drive on its craft;
-    further ones are other drives on the same craft."""
+    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is "
+    "the drive on its spacecraft; further ones are other drives on the same spacecraft."""
     from microvib.io.recordings import read_prepared
     from microvib.reports.budget import budget_outcome
     from microvib.studies.angles import angles_in

@@ -50,7 +50,8 @@ _KINDS = (".html", ".pdf")  # files of a report
 @click.option(
     "--angles",
     metavar="FIRST:LAST:STEP",
-    help="One run at each angle of the array on its craft, e.g. 0:180:15 (degrees), or a list, 0,45,90; one table and picture.",
+    help="One run at each angle of the array on its spacecraft, e.g. 0:180:15 (degrees), or "
+    "a list, 0,45,90; one table and picture.",
 )
 @click.option(
     "--orbit",

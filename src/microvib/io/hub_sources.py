@@ -88,7 +88,7 @@ def _source_of(name: str, has_interface: bool) -> _Source:
     raise ScenarioError(
         f"spacecraft.hub.modes: {quoted_value(name)} is not a source of a hub's modes; allowed"
         f" are {', '.join(hub_names())}, a"
-        f" description of a craft ({', '.join(DESCRIPTIONS)}), a table of free-free modes"
+        f" description of a spacecraft ({', '.join(DESCRIPTIONS)}), a table of free-free modes"
         " (.csv), results of Nastran"
         f" ({', '.join(_FREE)}), and with the key interface modes with the interface clamped,"
         " from what an array is read"
@@ -107,7 +107,7 @@ def _check_keys(group: dict[str, Any], name: str, source: _Source) -> None:
 
 def _described(name: str, files: FileAccess, count: int) -> FreeModes:
     text = named_text(
-        name, files, kind="description of a craft", published=hub_names(), within="hubs/"
+        name, files, kind="description of a spacecraft", published=hub_names(), within="hubs/"
     )
     design = validate_part(HubDesign, parse_yaml(text, name), origin=name)
     with elements_of(name):

@@ -434,6 +434,6 @@ def require_craft(scenario: Scenario) -> Craft:
     """The craft of a scenario; MicrovibError where it stands on a fixed base."""
     if scenario.craft is None:
         raise MicrovibError(
-            "spacecraft: missing; a scenario on a craft is expected, as examples/spacecraft.yaml"
+            "spacecraft: missing; a scenario on a spacecraft is expected, as examples/spacecraft.yaml"
         )
     return scenario.craft

@@ -173,7 +173,7 @@ class Craft:
     def second_loads(self) -> OutputMatrix:
         """Loads of the second wing at its interface point."""
         if self.second is None:
-            raise ValueError("this craft has no second wing")
+            raise ValueError("this spacecraft has no second wing")
         there, before = self.at(SECOND_INTERFACE), 6 + len(self.spacecraft.hub.modes)
         acceleration = -self.second.mass @ there
         acceleration[:, before : before + self.second.G.shape[1]] -= self.second.G
@@ -188,7 +188,7 @@ class Craft:
             self.spacecraft.line_of_sight,
         )
         if los is None:
-            raise ValueError("this craft has no line of sight")
+            raise ValueError("this spacecraft has no line of sight")
         if los.rows is None:
             return move(los.point).through(np.hstack([np.zeros((2, 3)), los.axes()]))
         parts = [

@@ -403,7 +403,7 @@ class GearStage(Part):
             if term is None or (at > 0 and not term[1]) or term[3] not in self.orders:
                 raise ValueError(
                     f"'{text}' is not an order of this stage; the orders are"
-                    f" {', '.join(self.orders)}, to be multiplied and added such as"
+                    f" {', '.join(self.orders)}, which may be multiplied and added, such as"
                     f" '2 mesh + {'carrier' if 'carrier' in self.orders else next(iter(self.orders))}'"
                 )
             total += int(term[2] or 1) * self.orders[term[3]].cycles * (-1 if term[1] == "-" else 1)

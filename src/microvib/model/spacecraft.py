@@ -392,7 +392,7 @@ class Spacecraft(Part):
         """
         wing = self.second_wing
         if wing is None:
-            raise ValueError("this craft has no second wing")
+            raise ValueError("this spacecraft has no second wing")
         held = wing.model_copy(
             update={
                 **first,

@@ -550,7 +550,7 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
     if rest.slow > 0.0:
         for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):
             yield RateLine(
-                "what the record is too short for",
+                "lines that the record is too short to resolve",
                 "other",
                 f / f_d,
                 float(f),
@@ -563,7 +563,7 @@ def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Ite
     f_d = scenario.driving_frequency or math.nan
     for x in table:
         if x.status == "growing":  # nothing bounds its multiples, wherever they are
-            what = f"what {x.name} makes while it grows"
+            what = f"lines caused by {x.name} while it grows"
             most = GROWTH_FACTOR * x.amplitude
             yield RateLine(what, "other", x.place / f_d, x.place, most, away=math.inf)
         if x in seen:

@@ -356,9 +356,9 @@ def _check_held(forces: Vectors, options: ImportOptions) -> None:
     )
     if others:
         raise ModalError(
-            f"grid {others[0]} is held, too ({len(others)} grids beside {options.interface}); modes"
-            " with nothing but the"
-            " interface clamped are expected, and where that is several grids, its coordinates"
+            f"grid {others[0]} is constrained, too ({len(others)} grids beside "
+            f"{options.interface}); modes with only the interface clamped are expected, and "
+            "where that is several grids, its coordinates"
         )
 
 
@@ -460,7 +460,7 @@ def _check_carries(results: _Results, grid: int) -> None:
     held = sorted(set(ids[size > MAX_CLAMPED_MOTION * max(size.max(initial=0.0), 1e-300)].tolist()))
     if grid not in held:
         raise ModalError(
-            f"interface: grid {grid} is not held, but {_listed(held)}: it carries no forces of"
+            f"interface: grid {grid} is not constrained, but {_listed(held)}: it carries no forces of"
             " constraint in any mode; the grid"
             " that is clamped is expected, and where several are, coordinates"
         )

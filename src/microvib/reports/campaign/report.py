@@ -275,7 +275,7 @@ def _against_limit(s: Summary) -> Iterator[str]:
 
 
 def why_not_judged(s: Summary) -> str:
-    """Why cases could not be judged, the commonest reason first; empty where all were."""
+    """Why cases could not be judged, the most common reason first; empty where all were."""
     if s.limit is None or not any(row.unknown for row in s.by_level):
         return ""
     own = limit_of(s.results.campaign.design.study)
@@ -288,7 +288,7 @@ def why_not_judged(s: Summary) -> str:
     reasons = Counter(text for text in s.results.gaps if text)
     total = count_text(reasons.total(), "case")
     if reasons:
-        return f"{reasons.most_common(1)[0][0]} (of {total}, the commonest reason)"
+        return f"{reasons.most_common(1)[0][0]} (of {total}, the most common reason)"
     return ""
 
 

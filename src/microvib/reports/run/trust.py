@@ -77,7 +77,7 @@ def invariants(result: RunResult) -> Iterator[Item]:
 def _of_drive(whose: str, one: Motion | RunResult, fails: list[str]) -> Iterator[Item]:
     values = one.invariants
     if fails:
-        yield Text(f"Invariants{whose}: NOT to be used, {', '.join(fails)} above the bar.")
+        yield Text(f"Invariants{whose}: NOT to be used, {', '.join(fails)} above tolerance.")
     else:
         yield Text(f"All invariants{whose} hold.")
     rows = (

@@ -591,7 +591,7 @@ def _above_passband_gaps(scenario: Scenario, table: LineTable, top: float) -> It
         )
     for what, gap in found:
         remedy = f"record.sample_rate >= {rounded_up(reaches[what] / PASSBAND)} Hz"
-        yield replace(gap, why=f"what is above {top:.4g} Hz{few}, such as {what} ({remedy})")
+        yield replace(gap, why=f"lines above {top:.4g} Hz{few}, such as {what} ({remedy})")
 
 
 def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobserved]:
@@ -602,7 +602,9 @@ def _low_frequency_gaps(scenario: Scenario, table: LineTable) -> Iterator[Unobse
     f = np.geomspace(1e-3, 1.0, 31) * lowest
     most = _los_over_torque(scenario, f) * ABOVE_PASSBAND_FACTOR * table.rest.slow
     known = f >= receiver_of(scenario).lowest
-    why = f"what is below {lowest:.3g} Hz, for which the record is too short (increase record.duration)"
+    why = (
+        f"lines below {lowest:.3g} Hz, for which the record is too short (increase record.duration)"
+    )
     k = int(np.argmax(np.hypot(*np.where(known[:, None], most, 0.0).T)))
     yield Unobserved(why, 0.0, lowest, f[[k]], most[[k]])
 

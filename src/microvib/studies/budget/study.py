@@ -338,7 +338,7 @@ def _drives(
     if not each:
         raise OptionError(
             "scenario",
-            "missing; the drive on its craft is expected, such as examples/spacecraft.yaml",
+            "missing; the drive on its spacecraft is expected, such as examples/spacecraft.yaml",
         )
     found: list[_Drive] = []
     whole: list[Scenario] = []

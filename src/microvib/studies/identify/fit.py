@@ -394,7 +394,7 @@ def _craft_warnings(
             raise MicrovibError(
                 f"{one.name}: spacecraft.second_wing.drive: driven is not supported by "
                 "identification, which simulates one drive; hold it "
-                f"({one.name}@spacecraft.second_wing.drive=held), or leave the craft out"
+                f"({one.name}@spacecraft.second_wing.drive=held), or leave the spacecraft out"
                 f" ({one.name}@spacecraft=null)"
             )
         if tested.spacecraft is not None:

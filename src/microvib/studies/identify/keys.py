@@ -266,9 +266,8 @@ def _check_fittable(scenario: Scenario, key: str, value: object) -> None:
         )
     if changes_clock_rate(scenario, key, value):
         text = (
-            "moves the step clock, which the recording's own lines give far better than a fit"
-            " could: the clock is measured and"
-            " set, and this key is not fitted; change it instead"
+            "sets the step clock, which the recording's lines give far more precisely "
+            "than a fit: the clock is measured, and this key is not fitted; change it instead"
         )
         raise OptionError("fit", text, key, remedy="set")
 
