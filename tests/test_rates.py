@@ -125,7 +125,7 @@ def test_a_best_rate_at_the_end_of_the_range_is_flagged(plan):
     assert plan.is_at_end(first)
     assert not plan.is_at_end(plan.of(16)[1])
     end = limited(plan, cases=(first, replace(plan.of(16)[1], lines=())), limit=None)
-    assert "at the end of the range" in best_text(end)
+    assert "this is the end of the range" in best_text(end)
 
 
 def test_how_cases_were_found_is_counted(plan):

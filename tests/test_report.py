@@ -535,7 +535,7 @@ def test_a_named_file_is_never_replaced_unasked(folder, tmp_path):
             "nowhere.yaml: there is no such file",
         ),
         (["run", "state-1", "--lines-only", "--pdf"], "--lines-only makes no report"),
-        (["compare", "state-1:measured", "state-1:model", "--pdf"], "name one (--out)"),
+        (["compare", "state-1:measured", "state-1:model", "--pdf"], "give one (--out)"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, complaint, folder, tmp_path, monkeypatch):

@@ -212,7 +212,7 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     Target(folder / "report", True, form).present(campaign_outcome(summary))
     if (worst := summary.worst_case) is not None:
         again = f"microvib campaign case {shlex.quote(str(folder))} {worst} --out worst.yaml"
-        echo(f"Worst case again: {again}")
+        echo(f"To recompute the worst case: {again}")
 
 
 @campaign.command()

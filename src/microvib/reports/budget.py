@@ -337,8 +337,8 @@ def _blocked_loads(budget: Budget) -> Table:
         (d.line, d.frequency, *d.los, d.los_error, d.load_error, d.share) for d in budget.short_way
     )
     caption = (
-        "Blocked loads and apparent masses against the coupled run: differences of complex"
-        " amplitudes, part of the latter."
+        "Blocked loads and apparent masses against the coupled run: differences of "
+        "complex amplitudes, relative to the coupled run."
     )
     return Table("blocked_loads", columns, rows, rows[:COMPARED], caption=caption)
 

@@ -146,7 +146,7 @@ def _claims(checks: list[Check]) -> Table:
 def _failing(checks: list[Check]) -> tuple[Text | Table, ...]:
     fails = [[*_cells(c)[:9], c.status] for c in checks if c.holds is False]
     if fails:
-        return (Text("What does not hold:"), table([*_HEADER[:9], "status"], fails))
+        return (Text("Claims that do not hold:"), table([*_HEADER[:9], "status"], fails))
     return ()
 
 

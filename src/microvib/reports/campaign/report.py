@@ -180,11 +180,11 @@ def campaign_outcome(s: Summary) -> Outcome:
             Part("", (*(_levels(s) if s.several else lines), *map(Text, _against_limit(s)))),
             Part("Lines", lines if s.several else (), new_page=True),
             Part("Worst cases", tuple(_worst(s)), new_page=True, report_only=True),
-            Part("What is varied", (_varied(campaign), Text(_sampling(campaign, s)))),
+            Part("Varied parameters", (_varied(campaign), Text(_sampling(campaign, s)))),
             Part("How to read the figures", (Text(_how_to_read(s)),), report_only=True),
             Part("Distributions", tuple(_distributions(s))),
             Part("Over the levels", tuple(_over_levels(s))),
-            Part("What moves the lines", tuple(_effects(s))),
+            Part("Sensitivity of the lines", tuple(_effects(s))),
             Part("Sobol indices", tuple(_sobol(s))),
             Part("Cases", tuple(_scatter(s))),
             Part("Failed cases", tuple(_failed(s)), report_only=True),
@@ -449,7 +449,7 @@ def _effects(s: Summary) -> Iterator[Item]:
         " to highest mean."
     )
     draw = partial(figures.tornados, s.tornados)
-    yield Picture("tornado", draw, "What moves the lines", caption)
+    yield Picture("tornado", draw, "Sensitivity of the lines", caption)
 
 
 def _sobol(s: Summary) -> Iterator[Item]:
