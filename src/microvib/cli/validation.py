@@ -20,12 +20,12 @@ _TEST = "solar-array-simulator"
 def validate(test: str, target: Target) -> None:
     """Compare the claims of a published TEST with the results of its scenarios: a catalog "
     "name or a YAML file [default: solar-array-simulator]."""
-    from microvib.validation.report import validation_folder, validation_text
+    from microvib.validation.report import validation_outcome
     from microvib.validation.study import validate as run_validation
 
     with progress_bar() as progress:
         found = run_validation(test, lambda text: progress.say(f"running {text}"))
-    target.deliver(validation_text(found.checks), validation_folder, found)
+    target.present(validation_outcome(found))
 
 
 @click.command()

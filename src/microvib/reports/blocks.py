@@ -69,11 +69,6 @@ OVERLAY_CAPTION = (
 )
 
 
-def overlay_block(sides: Sequence[tuple[str, np.ndarray, float]], what: str) -> Figure:
-    """Spectra of several torques in one picture."""
-    return figure_block(draw_overlay(sides), f"Spectra: {what}", f"{what}. {OVERLAY_CAPTION}")
-
-
 def draw_overlay(sides: Sequence[tuple[str, np.ndarray, float]]) -> Drawing:
     """Spectra of several torques: the low end as curves, lines to 200 Hz as stems side by side."""
     drawing, axes = sheets.plain_sheet(3.5, 1, 2)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from microvib.analysis.reference import compare_with_reference, is_calibrated
 from microvib.errors import MicrovibError
 from microvib.io.tables import rows_csv
 from microvib.model.scenario import Scenario
+from microvib.results import Column, Measure
 from microvib.signals.line_table import LineTable
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -39,6 +41,8 @@ CENTRAL_BAR = 0.05
 most.
 """
 CONVERGENCE_BAR = 0.01
+_FIGURE = Measure(form=".5g")
+_PART = Measure("%", 0.01, ".0f")
 
 
 @dataclass(frozen=True)
@@ -50,21 +54,28 @@ class Check:
     fails.
     """
 
-    item: str
-    source: str
-    paper: float
-    test: float
-    ours: float
-    error_percent: float
-    bar: str
+    item: Annotated[str, Column("item", "item")]
+    source: Annotated[str, Column("source", "source", report_only=True)]
+    paper: Annotated[float, Column("paper", "published", _FIGURE)]
+    test: Annotated[float, Column("test", "test", _FIGURE)]
+    ours: Annotated[float, Column("ours", "ours", _FIGURE)]
+    error_percent: Annotated[float, Column("error_percent", "error", Measure("%", form=".3g"))]
+    bar: Annotated[str, Column("bar", "bar")]
     holds: bool | None
-    status: str
-    over_spread: float = math.nan
+    status: Annotated[str, Column("status", "status", role="group")]
+    over_spread: Annotated[float, Column("over_spread", "over spread", _PART)] = math.nan
     """Part of the draws of the assumptions in which a prediction holds on the means over the noise."""
-    single_records: float = math.nan
+    single_records: Annotated[float, Column("single_records", "single records", _PART)] = math.nan
     """Part of single records, as the test was, in which it holds."""
-    without: float = math.nan
+    without: Annotated[float, Column("without", "without", Measure(form=".4g"))] = math.nan
     """Value from the scenarios alone, without the assumptions."""
+
+    @property
+    def verdict(self) -> Annotated[str, Column("holds", "verdict", role="verdict")]:
+        """Whether it holds, in words; empty where it claims nothing."""
+        if self.holds is None:
+            return ""
+        return "pass" if self.holds else "fail"
 
 
 @dataclass(frozen=True)
