@@ -13,6 +13,7 @@ import microvib as mv
 from microvib.analysis.limits import Judgement, judge, transient_warnings
 from microvib.analysis.start import not_moving_reason, wind_up
 from microvib.analysis.stream import lines_of_stream
+from microvib.model.linear import sliding_growth
 from microvib.model.tracking import Leg, Tracking
 from microvib.signals.line_fit import estimate_lines
 from microvib.signals.line_table import BELOW_FLOOR, LineTable, ResidualPeaks
@@ -360,11 +361,17 @@ def test_a_line_of_a_recording_that_may_be_in_the_band_is_judged(table):
     assert judge(near, limit_of(0.005, 0.5, 29.9)).margins == ()
 
 
-def test_a_record_shorter_than_a_full_step_passes_nothing(state_1):
+def test_a_record_of_fewer_than_two_full_steps_passes_nothing(state_1):
     """Between two slips of a slow drive nothing stands out."""
-    slow = state_1.with_({"tracking.rate": "0.001 deg/s", "tracking.clock_ratio": 1.0})
+    slow = state_1.with_(
+        {
+            "tracking.rate": "0.001 deg/s",
+            "tracking.clock_ratio": 1.0,
+            "record.settle": "200 s",
+        }
+    )
     full_step = 18.0
-    for duration, verdict in ((0.9 * full_step, "not judged"), (1.1 * full_step, "pass")):
+    for duration, verdict in ((1.9 * full_step, "not judged"), (2.1 * full_step, "pass")):
         samples = int(duration * 4096.0)
         peaks = ResidualPeaks(np.array([5.0]), np.array([0.002]))
         quiet = LineTable((), 1.0, 0.0, samples, 4096.0, rest=peaks)
@@ -482,3 +489,49 @@ def test_a_small_line_is_known_no_better_than_the_motion_about_it(table, scenari
     near, far = limit_of(2.5e-5, 1.0, 10.0), limit_of(4e-5, 1.0, 10.0)
     assert judge(both, near, scenario).verdict == "not judged"
     assert judge(both, far, scenario).verdict == "pass"
+
+
+GROWING = {
+    "tracking.rate": "0.00594 deg/s",
+    "friction.coulomb": "0.106 N*m",
+    "friction.breakaway": "0.235 N*m",
+    "friction.stribeck_rate": "0.003 rad/s",
+    "friction.presliding": {"stiffness": "82 N*m/rad"},
+    "record.duration": "20 s",
+}
+"""State 1 with friction that falls with the rate: sliding is unstable, presliding hides it for long."""
+
+
+def test_a_drive_that_cannot_slide_evenly_passes_nothing_before_its_modes_are_at_rest(state_1):
+    """A self-excited mode grew from a thousandth of the limit to 600 times it after the record."""
+    drive = state_1.with_(GROWING | {"record.settle": "6 s"})
+    assert sliding_growth(state_1) == 0.0
+    assert sliding_growth(drive) > 0.1
+    quiet = LineTable(
+        (), 1.0, 0.0, 81920, 4096.0, rest=ResidualPeaks(np.array([5.0]), np.array([1e-6]))
+    )
+    judged = judge(quiet, limit_of(1.0, 0.5, 100.0), drive)
+    assert judged.verdict == "not judged"
+    assert "stick-slip" in str(judged)
+    settled = drive.with_({"record.settle": "200 s", "record.duration": "40 s"})
+    assert judge(quiet, limit_of(1.0, 0.5, 100.0), settled).verdict == "pass"
+
+
+def test_friction_slope_is_that_of_its_torque(state_1):
+    friction = state_1.with_(GROWING).friction
+    for rate in (1e-4, 1e-3, 3e-3, 0.02):
+        step = 1e-6 * rate
+        by_difference = (friction.torque(rate + step) - friction.torque(rate - step)) / (2.0 * step)
+        assert friction.slope(rate) == pytest.approx(by_difference, rel=1e-5)
+
+
+def test_a_line_smeared_by_what_rings_is_not_passed_before_the_ringing_has_fallen(state_1):
+    """A side line of position friction passed at two thirds of what it lasts with."""
+    quiet = LineTable(
+        (), 1.0, 0.0, 81920, 4096.0, rest=ResidualPeaks(np.array([5.0]), np.array([1e-6]))
+    )
+    for settle, verdict in (("5 s", "not judged"), ("30 s", "pass")):
+        drive = state_1.with_({"record.settle": settle, "record.duration": "20 s"})
+        judged = judge(quiet, limit_of(1.0, 20.0, 60.0), drive)
+        assert judged.verdict == verdict
+        assert ("still rings" in str(judged)) == (verdict == "not judged")

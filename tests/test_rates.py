@@ -23,7 +23,7 @@ from microvib.studies.rates import (
     ABOVE_PASSBAND,
     BEYOND_LINEAR_MODEL,
     HIDDEN_LINE,
-    SHORT_RECORD,
+    RECORD_GAP,
     RateCase,
     RateLine,
     at_rate,
@@ -174,7 +174,8 @@ def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
     """Without a steady state a record tells the lines: what it does not resolve, or its floor hides, may be above the limit."""
     noise = {"density": "1e-5 N^2*m^2/Hz", "highest": "200 Hz"}
     noisy = state_1.with_(
-        {"friction.torque_noise": noise, "record.settle": "4 s", "record.duration": "4 s"}
+        {"friction.torque_noise": noise, "record.settle": "16 s", "record.duration": "4 s"}
+        | {"friction.breakaway": Si(state_1.friction.coulomb)}
     )
     slow = full_case(noisy, Si(0.0025 * DEG), 16)
     lines = {x.line: x.amplitude for x in slow.hidden}
@@ -197,7 +198,7 @@ def test_a_plan_records_full_steps_where_there_is_no_steady_state(state_1):
     noisy = state_1.with_(
         {
             "friction.torque_noise": noise,
-            "record.settle": "70 s",
+            "record.settle": "200 s",
             "record.duration": "4 s",
         }
     )
@@ -206,14 +207,14 @@ def test_a_plan_records_full_steps_where_there_is_no_steady_state(state_1):
     assert slow.largest((0.05, 0.06)) is not None  # its first full-step line
     too_slow = full_case(noisy, Si(0.0001 * DEG), 16)
     top = too_slow.largest((0.0, math.inf)).amplitude
-    assert too_slow.verdict((0.0, math.inf), 5.0 * top) == SHORT_RECORD
+    assert too_slow.verdict((0.0, math.inf), 5.0 * top) == RECORD_GAP
     assert too_slow.verdict((0.0, math.inf), 0.5 * top) == ABOVE_LIMIT
     rates = [Si(0.0001 * DEG), Si(0.00011 * DEG)]
     planned = plan_rates(noisy, rates, (16,), limit=Si(5.0 * top))
     assert planned.best() is None
     assert [x.why for x in planned.forbidden] == [
-        "not judged: lines of a motion that repeats with each full step, which is longer than the"
-        " record (record.duration >= 180 s)"
+        "not judged: lines of a motion that slips once in a full step, of which the record holds"
+        " fewer than two (record.duration >= 360 s)"
     ]
 
 

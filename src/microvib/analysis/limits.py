@@ -31,7 +31,6 @@ from microvib.analysis.margins import (
     unseen_ringing_modes,
 )
 from microvib.analysis.start import (
-    FAR_ABOVE_RECORD,
     RecordGap,
     mode_has_decayed,
     record_gap,
@@ -52,6 +51,9 @@ from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, with
 
 _SETTLED_RATIO = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
+_FAR_ABOVE_RECORD = 10.0
+"""Times the largest line of a record above which a limit is passed although modes that the record
+does not resolve may ring."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
@@ -304,7 +306,7 @@ def judge(
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     record = record_gap_of_table(table, scenario)
     gaps = [
-        *([record.why] if record and record.opens(limit.torque, table.largest) else []),
+        *([] if record is None else [record.why]),
         *(m.why for m in margins if m.verdict == "not judged"),
         *_hidden_line_gaps(unknown, limit, scenario),
         *_record_gaps(table, limit, scenario),
@@ -506,7 +508,7 @@ def _unresolved_ringing_gaps(
         return
     if max(scenario.friction.largest_torque, scenario.motor.friction.largest_torque) == 0.0:
         return
-    if limit.torque > FAR_ABOVE_RECORD * table.largest:
+    if limit.torque > _FAR_ABOVE_RECORD * table.largest:
         return
     for mode in unseen_ringing_modes(table, scenario, _STRONG_RINGING_EFOLDINGS):
         # Attitude control hardly moves the shaft against its friction.

@@ -51,7 +51,13 @@ from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTab
 from microvib.signals.tones import HannSpectrum
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, method_of, simulate_from_rest
-from microvib.solve.motion import Invariants, Motion, scalar_channel, unit_of
+from microvib.solve.motion import (
+    SECOND_RUN_CHANNELS,
+    Invariants,
+    Motion,
+    scalar_channel,
+    unit_of,
+)
 from microvib.solve.steady.state import SteadyState, find_steady
 from microvib.testdata.recording import Recording, RecordingError, require_usable_channel
 from microvib.units import Si
@@ -204,6 +210,8 @@ def find_lines(
         )
     if isinstance(source, Steady):
         source = source.source
+    if isinstance(source, SteadyState) and _adds_second_drive(source.scenario, channel):
+        source = source.motion()  # of two drives, which have no period in common
     if isinstance(source, SteadyState):
         return lines_of_steady_state(source, channel or "T_d", harmonics)
     if isinstance(source, Recording):
@@ -230,6 +238,11 @@ def lines_of_motion(source: Motion | Torque, channel: str, harmonics: int) -> Li
         broken=broken,
         find_error=ErrorOfIntegration(source, channel == "T_d"),
     )
+
+
+def _adds_second_drive(scenario: Scenario, channel: str) -> bool:
+    """Whether the second wing's drive adds to a channel, as it does to what the hub feels."""
+    return scenario.driven_wing is not None and channel in SECOND_RUN_CHANNELS
 
 
 def _solve(scenario: Scenario, channel: str) -> tuple[Motion | SteadyState, str]:

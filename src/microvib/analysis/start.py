@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from microvib.model.linear import coupled_modes
+from microvib.model.line_names import CONTROL_MODE, LineName
+from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line
 
@@ -166,9 +167,10 @@ def with_full_steps(scenario: Scenario, count: int) -> Scenario:
     return scenario.with_si({"record.duration": wanted})
 
 
-FAR_ABOVE_RECORD = 10.0
-"""Times the largest line of a record above which a limit is passed although the record leaves open
-what comes and goes."""
+_FULL_STEPS_SEEN = 2.0
+"""Full steps from which a record shows a motion that slips but once in each."""
+_ONSET_EFOLDINGS = 1.0
+"""e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
 
 @dataclass(frozen=True)
@@ -180,32 +182,62 @@ class RecordGap:
     turns: bool
     """Whether the array turns: then what the record shows is there, although not all of it."""
 
-    def opens(self, limit: Any, largest: Any) -> Any:
-        """Whether it leaves a limit [N m] open beside the ``largest`` line [N m]; scalars or
-        arrays.
-        """
-        far_above = (limit > FAR_ABOVE_RECORD * largest) & (largest > 0.0)
-        return np.logical_not(self.turns & far_above)
-
 
 def record_gap(
     scenario: Scenario | None, duration: float, *, simulated: bool = True
 ) -> RecordGap | None:
     """Reason why a record of ``duration`` [s] does not show the lines of tracking; None where it does.
 
-    The array does not turn yet, or the record is shorter than a full step, in which a slow drive may
-    slip but once. Limits, budgets, rate plans and campaigns all ask here. Of a recording that is not
-    ``simulated`` the start is not known.
+    The array does not turn yet; the motion is not yet the lasting one; or the record is shorter than
+    two full steps, of which a slow drive may slip but once in each. Limits, budgets, rate plans and
+    campaigns all ask here. Of a recording that is not ``simulated`` the start is not known.
     """
     if scenario is None:
         return None
     if simulated and (held := not_moving_reason(scenario)):
         return RecordGap(held, turns=False)
-    full_step = full_step_time(scenario)
-    if duration >= full_step:
+    if simulated and (why := _not_lasting_reason(scenario)):
+        return RecordGap(why, turns=True)
+    wanted = _FULL_STEPS_SEEN * full_step_time(scenario)
+    if duration >= wanted:
         return None
     return RecordGap(
-        "lines of a motion that repeats with each full step, which is longer than the record"
-        f" (record.duration >= {rounded_up(full_step)} s)",
+        "lines of a motion that slips once in a full step, of which the record holds fewer than"
+        f" two (record.duration >= {rounded_up(wanted)} s)",
         turns=True,
     )
+
+
+def _not_lasting_reason(scenario: Scenario) -> str:
+    """Why lines of a run in time may change by more than what rings in it; empty where they do not.
+
+    Nothing in a drive is quite linear: while a mode rings, its angles shift the phases at which
+    friction, detent torque and the motor's spring act, and lines are smeared. Where friction falls
+    with the rate by more than the damping, modes grow until they stick.
+    """
+    slowest = min(_ringing_modes(scenario), key=lambda mode: mode.decay, default=None)
+    if slowest is None:
+        return ""
+    needed = _ONSET_EFOLDINGS / slowest.decay
+    what = f"lines while {slowest.name} still rings with more than a third of what it began with"
+    growth = sliding_growth(scenario)
+    if growth > 0.0:
+        needed = SETTLED_EFOLDINGS / min(growth, slowest.decay)
+        what = (
+            "stick-slip that has not come to its end, as friction falls with the rate by more than"
+            " the damping"
+        )
+    settled = time_to_settle(scenario)
+    if settled >= needed:
+        return ""
+    longer = rounded_up(scenario.record.settle - settled + needed)
+    return f"{what} (record.settle >= {longer} s{steady_start_advice(scenario)})"
+
+
+def _ringing_modes(scenario: Scenario) -> list[CoupledMode]:
+    """Modes that the start may make ring; attitude control hardly moves the shaft."""
+    return [
+        mode
+        for mode in coupled_modes(scenario)
+        if mode.decay > 0.0 and LineName.parse(mode.name).family != CONTROL_MODE
+    ]

@@ -193,7 +193,7 @@ def read_run(folder: Path | str) -> Run:
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
         left = said.get("left_by_lines")
         table = LineTable(
-            _lines(path), said.get("clock_ratio_found"), None, record["samples"], record["sample_rate_hz"],
+            _lines(path), said.get("clock_ratio_found"), 0.0, record["samples"], record["sample_rate_hz"],
             rest=left and _rest(left),
             own_error=_error_of(said.get("own_error")), broken=tuple(said.get("broken_invariants", first[0].broken)),
             harmonics=said.get("harmonics", 8),

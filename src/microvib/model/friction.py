@@ -158,6 +158,14 @@ class Friction(Part):
         )
         return math.copysign(self.sliding_torque + stribeck + self.viscous * abs(omega), omega)
 
+    def slope(self, omega: float) -> float:
+        """Slope of the friction torque [N m s/rad] at the rate ``omega`` != 0 [rad/s]: negative
+        where a shaft that slides faster is held less.
+        """
+        ratio, shape = abs(omega) / self.stribeck_rate, self.stribeck_shape
+        falling = shape * ratio ** (shape - 1.0) / self.stribeck_rate * math.exp(-(ratio**shape))
+        return self.viscous - self.stribeck_torque * falling
+
 
 def _derived_seed(seed: int) -> int:
     """A seed far from those that studies count up to."""

@@ -19,6 +19,7 @@ from microvib.model.array import Array
 from microvib.model.craft import craft_of, shaft_load
 from microvib.model.drive_matrices import drive_matrices
 from microvib.model.friction import Friction
+from microvib.model.load import Load
 from microvib.model.mode_names import mode_names
 from microvib.model.motor import Motor
 from microvib.model.reducer import Reducer
@@ -264,18 +265,8 @@ def _coupled_modes(
     names = (
         [f"array_mode_{k + 1}" for k in range(len(locked))] if craft is None else mode_names(craft)
     )
-    M, C, K = drive_matrices(motor, reducer, friction, load)
-    n, s = M.shape[0], len(locked)
-    # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none
-    # of a current loop
-    windings = (
-        np.eye(n)[0] * motor.axis_torque_constant * voltage,
-        motor.winding_resistance,
-        motor.winding_inductance,
-    )
-    values, vectors = (_eigenvalues_large if s > MAX_DENSE_MODES else _eigenvalues)(
-        M, C, K, windings
-    )
+    values, vectors, K = _damped_eigenvalues(motor, reducer, friction, load, voltage)
+    n, s = K.shape[0], len(locked)
     keep = values.imag > 1e-9 * np.abs(values)
     values, vectors = values[keep], vectors[:, keep]
     elastic = np.sum(vectors.conj() * _product(K, vectors), axis=0).real
@@ -293,6 +284,70 @@ def _coupled_modes(
     rest = sorted((values[c] for c in by_share[len(order) :]), key=abs)
     drive = [_mode(f"drive_resonance_{i + 1}", value, None) for i, value in enumerate(rest)]
     return (*(modes[k] for k in sorted(modes)), *drive)
+
+
+def _damped_eigenvalues(
+    motor: Motor, reducer: Reducer, friction: Friction, load: Load, voltage: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues [1/s] of drive and load, their shapes (n, ...), and the stiffness (n, n)."""
+    M, C, K = drive_matrices(motor, reducer, friction, load)
+    # torque of the rotor's motion through the windings, K_m i with L di/dt = -R i - K_m omega: none
+    # of a current loop
+    windings = (
+        np.eye(M.shape[0])[0] * motor.axis_torque_constant * voltage,
+        motor.winding_resistance,
+        motor.winding_inductance,
+    )
+    if load.Lambda.size > MAX_DENSE_MODES:
+        return *_eigenvalues_large(M, C, K, windings), K
+    return *_eigenvalues(M, C, K, windings), K
+
+
+_GROWTH_NOISE = 10.0
+"""Times the largest real part of eigenvalues that, but for rounding, have none above zero."""
+
+
+def sliding_growth(scenario: Scenario) -> float:
+    """Rate [1/s] at which the fastest deviation from smooth sliding grows, both shafts at the rate
+    that is commanded; 0 where all die away.
+
+    Friction that falls with the rate takes damping away. Where it takes away more than there is,
+    the drive cannot slide evenly: it goes on to a motion of its own, with stick or reversals.
+    """
+    rate, friction, on_rotor = scenario.rate, scenario.friction, scenario.motor.friction
+    if not rate or on_rotor.stribeck_torque == friction.stribeck_torque == 0.0:
+        return 0.0
+    falling = friction.model_copy(update={"viscous": friction.slope(rate)})
+    rotor_rate = rate * scenario.reducer.ratio
+    falling_on_rotor = on_rotor.model_copy(update={"viscous": on_rotor.slope(rotor_rate)})
+    growth, rounding = (
+        _largest_real_part(
+            scenario.motor.model_copy(update={"friction": rotor}),
+            scenario.reducer,
+            output,
+            scenario.array,
+            scenario.mounted,
+            scenario.driver.drive == "voltage",
+        )
+        for output, rotor in ((falling, falling_on_rotor), (friction, on_rotor))
+    )
+    return growth if growth > _GROWTH_NOISE * max(rounding, 0.0) + 1e-9 else 0.0
+
+
+@lru_cache(maxsize=16)
+def _largest_real_part(
+    motor: Motor,
+    reducer: Reducer,
+    friction: Friction,
+    array: Array,
+    spacecraft: Spacecraft | None,
+    voltage: bool,
+) -> float:
+    """Largest real part of the eigenvalues of drive and load [1/s]."""
+    J_m = motor.rotor_inertia + reducer.input_inertia
+    load = shaft_load(array, spacecraft, reducer.output_inertia, J_m)
+    values, _, _ = _damped_eigenvalues(motor, reducer, friction, load, voltage)
+    return float(np.max(values.real))
 
 
 Windings = tuple[np.ndarray, float, float]

@@ -116,7 +116,7 @@ class Motion:
 
     def __getitem__(self, name: str) -> np.ndarray:
         own = channel_of(self.channels, name, self.scenario, self.time)
-        there = _SECOND_RUN_CHANNELS.get(name)
+        there = SECOND_RUN_CHANNELS.get(name)
         if self.second_wing is None or there is None:
             return own
         return own + self.second_wing[there]
@@ -238,7 +238,7 @@ class Motion:
         )
 
 
-_SECOND_RUN_CHANNELS = {
+SECOND_RUN_CHANNELS = {
     **dict(zip(COMPONENTS, SECOND_LOADS, strict=True)),
     **dict(zip(SECOND_LOADS, COMPONENTS, strict=True)),
     **{name: name for name in LINE_OF_SIGHT},

@@ -59,7 +59,7 @@ BISECTIONS = 8
 ABOVE_LIMIT = "a line is above the limit"
 HIDDEN_LINE = "unknown: a line hidden by the noise floor may exceed the limit"
 ABOVE_PASSBAND = "not judged: lines above the passband may exceed the limit"
-SHORT_RECORD = "not judged: the record is shorter than a full step"
+RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
     "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
     " model judges them)"
@@ -144,18 +144,13 @@ class RateCase:
             return ABOVE_LIMIT
         if hidden is not None and hidden.amplitude > limit:
             return HIDDEN_LINE
-        if self.gap is not None and self.gap.opens(limit, self._largest_of_all):
-            return SHORT_RECORD
+        if self.gap is not None:
+            return RECORD_GAP
         if not any(np.any(one.most > limit) for one in self.unseen_in(band)):
             return ""
         if self.shown > 0.0:
             return ABOVE_PASSBAND
         return BEYOND_LINEAR_MODEL
-
-    @property
-    def _largest_of_all(self) -> float:
-        """Largest amplitude of its lines, at any frequency [N m]; 0 without one."""
-        return max((x.amplitude for x in self.lines), default=0.0)
 
     def unseen_in(self, band: tuple[float, float]) -> list[OutOfBandLines]:
         """Bounds on unseen lines within ``band`` [Hz]."""
@@ -813,7 +808,7 @@ def _forbidden_band(
     top = max(found, key=lambda line: line.amplitude, default=None)
     if why == "failed":
         why = cases[0].reason
-    elif why == SHORT_RECORD:
+    elif why == RECORD_GAP:
         slowest = next(case.gap for case in cases if case.gap is not None)
         why = f"not judged: {slowest.why}"
     elif why == ABOVE_PASSBAND:

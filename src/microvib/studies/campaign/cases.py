@@ -42,9 +42,9 @@ a compiler (docs/design.md).
 """
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
-RECORDS = ("shows tracking", "is shorter than a full step", "begins before the array turns")
+RECORDS = ("shows tracking", "does not show all lines of it", "begins before the array turns")
 """Kinds of a case's record, by their numbers."""
-SHORT_RECORD, HELD_RECORD = 1, 2
+LEAVES_OPEN, HELD_RECORD = 1, 2
 SCALARS = ("peak", "rms", "stuck_output")
 """Stored figures of every case: largest and RMS torque of the record [N m], part of the time that the
 shaft sticks.
@@ -386,7 +386,7 @@ def _record_number(table: LineTable, scenario: Scenario) -> int:
     gap = record_gap_of_table(table, scenario)
     if gap is None:
         return 0
-    return SHORT_RECORD if gap.turns else HELD_RECORD
+    return LEAVES_OPEN if gap.turns else HELD_RECORD
 
 
 _MAX_SEEN_ERROR = 0.25

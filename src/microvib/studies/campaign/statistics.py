@@ -12,12 +12,11 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
-from microvib.analysis.start import RecordGap
 from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import NOT_SEPARABLE
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN
-from microvib.studies.campaign.cases import HELD_RECORD, SHORT_RECORD, VERDICTS
+from microvib.studies.campaign.cases import HELD_RECORD, LEAVES_OPEN, VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.units import Si, within_band
@@ -274,16 +273,9 @@ def line_verdicts(
     )
     verdict[results.state == FAILED] = UNKNOWN
     verdict[(verdict != ABSENT) & (results.records == HELD_RECORD)] = UNKNOWN
-    verdict[(verdict == BELOW) & _left_open_by_short_record(results, limit)] = UNKNOWN
+    verdict[(verdict == BELOW) & (results.records == LEAVES_OPEN)] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
-
-
-def _left_open_by_short_record(results: Results, limit: float) -> np.ndarray:
-    """Cases (cases,) whose records are shorter than a full step, where that leaves a limit open."""
-    largest = np.nan_to_num(largest_line(results, (0.0, math.inf)))
-    gap = RecordGap("", turns=True)
-    return (results.records == SHORT_RECORD) & gap.opens(limit, largest)
 
 
 def governing_levels(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
