@@ -56,7 +56,7 @@ def test_a_line_peaks_where_it_meets_the_mode(plan, state_1):
     assert meeting.frequency == pytest.approx(
         at_rate(state_1, meeting.rate, 16).driving_frequency / 16, rel=1e-9
     )
-    others = [x.amplitude for c in plan.of(16) for x in c.lines if x.line == "full_step_1"]
+    others = [x.amplitude for c in plan.of(16) for x in c.lines if x.name == "full_step_1"]
     assert meeting.amplitude == max(others)
     assert meeting.amplitude > 5.0 * np.median(others)
 
@@ -178,15 +178,15 @@ def test_a_rate_is_not_allowed_for_lines_that_are_hidden(plan, state_1):
         | {"friction.breakaway": Si(state_1.friction.coulomb)}
     )
     slow = full_case(noisy, Si(0.0025 * DEG), 16)
-    lines = {x.line: x.amplitude for x in slow.hidden}
+    lines = {x.name: x.amplitude for x in slow.hidden}
     assert "full_step_1" in lines
-    assert not set(lines) & {x.line for x in slow.lines}
+    assert not set(lines) & {x.name for x in slow.lines}
     assert slow.verdict((0.0, math.inf), 2.0 * max(lines.values())) == ""
     assert (
         slow.verdict((0.0, math.inf), 1.01 * slow.largest((0.0, math.inf)).amplitude) == HIDDEN_LINE
     )
     best, top = limited(plan).best()
-    hidden = (replace(best.lines[0], line="full_step_3", frequency=1.0, amplitude=1.0),)
+    hidden = (replace(best.lines[0], name="full_step_3", frequency=1.0, amplitude=1.0),)
     cases = tuple(replace(case, hidden=hidden) if case is best else case for case in plan.cases)
     assert limited(plan, cases=cases).best()[1] >= top
     assert limited(plan, cases=cases).best(best.microsteps)[0].rate != best.rate
@@ -269,7 +269,7 @@ def test_a_rate_at_which_the_array_does_not_turn_yet_is_not_the_best(state_1):
 
 def test_a_line_at_the_end_of_the_band_is_in_it(plan):
     case = plan.of(16)[0]
-    line = next(x for x in case.lines if x.line == "drive_1")
+    line = next(x for x in case.lines if x.name == "drive_1")
     alone, end = replace(case, lines=(line,)), round(line.frequency, 9)
     assert end != line.frequency
     assert alone.largest((0.0, end)) == line

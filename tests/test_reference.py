@@ -38,17 +38,21 @@ def test_lines_of_a_reference_stand_beside_a_run(scenario, table) -> None:
     rows = {row.line: row for row in compare_with_reference(scenario, table)}
     assert list(rows) == ["array_mode_1", "drive_1", "drive_2", "drive_3"]
     one = rows["drive_1"]
-    assert (one.measured_hz, one.measured_n_m, one.model_n_m) == (53.0, 0.04344, 0.03661)
-    assert one.run_n_m == table["drive_1"].bin_amplitude
-    assert one.run_error == pytest.approx(one.run_n_m / 0.04344 - 1.0)
+    assert (one.measured_frequency, one.measured_amplitude, one.model_amplitude) == (
+        53.0,
+        0.04344,
+        0.03661,
+    )
+    assert one.run_amplitude == table["drive_1"].bin_amplitude
+    assert one.run_error == pytest.approx(one.run_amplitude / 0.04344 - 1.0)
 
 
 def test_a_reference_of_the_users_own_is_compared_by_fitted_lines(scenario, table) -> None:
     own = scenario.with_({"reference": OWN})
     (row,) = compare_with_reference(own, table)
-    assert row.run_n_m == table["drive_1"].amplitude
-    assert row.measured_n_m == pytest.approx(0.04)
-    assert math.isnan(row.model_n_m)
+    assert row.run_amplitude == table["drive_1"].amplitude
+    assert row.measured_amplitude == pytest.approx(0.04)
+    assert math.isnan(row.model_amplitude)
     assert mv.load_scenario("state-2").reference is None
 
 

@@ -737,7 +737,7 @@ def test_a_rate_plan_judges_both_drives(linear: bool) -> None:
     solve = linear_case if linear else full_case
     case, alone = (solve(x, Si(rate), microsteps) for x in (craft, craft.alone))
     assert not case.failed
-    sizes = {x.line: x.amplitude for x in case.lines}
+    sizes = {x.name: x.amplitude for x in case.lines}
     second = max(x for name, x in sizes.items() if name.startswith("wing_2 "))
     first = max(x.amplitude for x in alone.lines)
     own = max(x for name, x in sizes.items() if not name.startswith("wing_2 "))

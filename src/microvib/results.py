@@ -23,10 +23,11 @@ A result's dataclass annotates the fields, and properties, that its table has, i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Any, Literal, get_type_hints
+from warnings import warn
 
 Mark = Literal["", "strong", "group", "pass", "fail", "off"]
 """How a row is marked; its last cell has the words of ``pass``, ``fail`` and (less loudly)
@@ -298,10 +299,24 @@ MICROSTEPS = Column("microsteps", "microsteps", COUNT)
 
 
 def file_record(record: Any) -> dict[str, Any]:
-    """A record of a dataclass with columns as it stands in files, by their keys."""
+    """Fields of a dataclass with columns as they stand in files, by the columns' keys."""
     kind: type = type(record)
     declared = columns_of(kind)
-    return {column.key: column.in_file(getattr(record, of)) for of, column in declared.items()}
+    own = [(each.name, declared[each.name]) for each in fields(record) if each.name in declared]
+    return {column.key: column.in_file(getattr(record, name)) for name, column in own}
+
+
+def former_field(record: Any, name: str, former: Mapping[str, str]) -> Any:
+    """The field that the release before called ``name``: by ``former``, which gives new names, or as
+    its column is called still; FutureWarning. It goes with the release after this one.
+    """
+    kind: type = type(record)
+    new = former.get(name) or {x.key: of for of, x in columns_of(kind).items()}.get(name, name)
+    if new == name:
+        raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
+    text = f"{kind.__name__}.{name} is called {new}; the old name goes with the next release"
+    warn(text, FutureWarning, stacklevel=3)
+    return getattr(record, new)
 
 
 @cache

@@ -37,7 +37,7 @@ def test_a_run_has_the_reference_lines_of_its_scenario(client, finished, motion)
     found, table = result(client, finished)["reference"], mv.find_lines(motion)
     rows = compare_with_reference(motion.scenario, table)
     assert [row["line"] for row in found["rows"]] == [row.line for row in rows] != []
-    assert found["rows"][0]["measured_n_m"] == rows[0].measured_n_m
+    assert found["rows"][0]["measured_n_m"] == rows[0].measured_amplitude
     assert found["source"] == "Appl. Sci. 2021, 11, 9076, Tables 5 and 6"
     assert "nearest bin" in found["estimator"]
 

@@ -21,26 +21,26 @@ class ReferenceRow:
     """One reference line, as measured and by the publication's own model, and that of a run."""
 
     line: Annotated[str, Column("line", "line")]
-    measured_hz: Annotated[float, Column("measured_hz", "measured", _FREQUENCY)]
-    model_hz: Annotated[float, Column("model_hz", "model", _FREQUENCY)]
-    run_hz: Annotated[float, Column("run_hz", "this run", _FREQUENCY)]
-    measured_n_m: Annotated[float, Column("measured_n_m", "measured", TORQUE)]
-    model_n_m: Annotated[float, Column("model_n_m", "model", TORQUE)]
-    run_n_m: Annotated[float, Column("run_n_m", "this run", TORQUE)]
+    measured_frequency: Annotated[float, Column("measured_hz", "measured", _FREQUENCY)]
+    model_frequency: Annotated[float, Column("model_hz", "model", _FREQUENCY)]
+    run_frequency: Annotated[float, Column("run_hz", "this run", _FREQUENCY)]
+    measured_amplitude: Annotated[float, Column("measured_n_m", "measured", TORQUE)]
+    model_amplitude: Annotated[float, Column("model_n_m", "model", TORQUE)]
+    run_amplitude: Annotated[float, Column("run_n_m", "this run", TORQUE)]
 
     @property
     def model_error(
         self,
     ) -> Annotated[float, Column("model_error", "model over measured", DIFFERENCE)]:
         """Relative error of the publication's model against the measured amplitude."""
-        return self.model_n_m / self.measured_n_m - 1.0
+        return self.model_amplitude / self.measured_amplitude - 1.0
 
     @property
     def run_error(
         self,
     ) -> Annotated[float, Column("run_error", "this run over measured", DIFFERENCE)]:
         """Relative error of the run against the measured amplitude."""
-        return self.run_n_m / self.measured_n_m - 1.0
+        return self.run_amplitude / self.measured_amplitude - 1.0
 
 
 def compare_with_reference(scenario: Scenario, table: LineTable) -> list[ReferenceRow]:
@@ -60,16 +60,16 @@ def compare_with_reference(scenario: Scenario, table: LineTable) -> list[Referen
             continue
         if abs(line.place / one.frequency - 1.0) > SAME_LINE:
             continue
-        run_hz, run_n_m = _by_estimator(line, reference)
+        run_frequency, run_amplitude = _by_estimator(line, reference)
         rows.append(
             ReferenceRow(
                 one.line,
                 one.frequency,
                 _known(one.model_frequency),
-                run_hz,
+                run_frequency,
                 one.amplitude,
                 _known(one.model_amplitude),
-                run_n_m,
+                run_amplitude,
             )
         )
     return rows

@@ -115,10 +115,10 @@ def _mean(tables: list[LineTable], bins: list[tuple[float, float]]) -> LineTable
     nearest bin of the whole record.
     """
     lines = []
-    for first, (bin_hz, bin_amplitude) in zip(tables[0], bins, strict=True):
+    for first, (bin_frequency, bin_amplitude) in zip(tables[0], bins, strict=True):
         in_blocks = [_matching_line(table, first) for table in tables]
         mean = _mean_line([line for line in in_blocks if line is not None])
-        lines.append(replace(mean, bin_frequency=bin_hz, bin_amplitude=bin_amplitude))
+        lines.append(replace(mean, bin_frequency=bin_frequency, bin_amplitude=bin_amplitude))
     ratios = [t.clock_ratio for t in tables if t.clock_ratio is not None]
     spreads = [t.clock_ratio_uncertainty for t in tables if t.clock_ratio_uncertainty is not None]
     return replace(

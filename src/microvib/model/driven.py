@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import dynamic_stiffness, momentum_row
 from microvib.model.scenario import Scenario
+from microvib.results import former_field
 
 MAX_E_FOLDINGS = 4.0
 """e-foldings of a mode within a record up to which one decaying tone describes it; beyond, its line
@@ -36,6 +38,11 @@ class NoiseDrivenLine:
     deviation: float
     quantile: float
     """95 % of the draws are below it."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            return former_field(self, name, {"line": "name"})
 
 
 def noise_density(scenario: Scenario, frequency: np.ndarray) -> np.ndarray:

@@ -204,7 +204,7 @@ def best_text(plan: RatePlan) -> str:
     else:
         beyond = case.largest_unseen(plan.band)
     if beyond is not None and beyond.amplitude > top:
-        in_time += f"; above {case.shown:.4g} Hz, the passband, there may be larger ones, such as {beyond.line}"
+        in_time += f"; above {case.shown:.4g} Hz, the passband, there may be larger ones, such as {beyond.name}"
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {TORQUE.figure(top)}{away}{in_time}{end}."
     if found:
         return f"Best: {what}"
@@ -300,7 +300,7 @@ def _lines_at_rates(plan: RatePlan) -> Iterator[LineAtRate]:
             yield LineAtRate(
                 case.rate,
                 case.microsteps,
-                x.line,
+                x.name,
                 x.kind,
                 x.order,
                 x.frequency,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Annotated, Any
-from warnings import warn
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from microvib.results import (
     TORQUE_UNCERTAINTY,
     Column,
     columns_of,
+    former_field,
 )
 from microvib.text_tables import counted, text_table
 from microvib.units import pretty
@@ -70,20 +70,6 @@ def _equal_with_nan(one: Line | LineTable, other: Line | LineTable) -> bool:
 
 _FORMER = {"place_hz": "place", "hidden_n_m": "hidden", "noise_scatter_n_m": "noise_scatter"}
 """Properties of a line by their names of the release before."""
-
-
-def _former_field(record: Line | SeedLine, name: str) -> Any:
-    """The field or property that the release before called ``name``, as its column is called still;
-    FutureWarning. It goes with the release after this one.
-    """
-    kind: type = type(record)
-    former = _FORMER | {column.key: field for field, column in columns_of(kind).items()}
-    if former.get(name, name) == name:
-        raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
-    new = former[name]
-    text = f"{kind.__name__}.{name} is called {new}; the old name goes with the next release"
-    warn(text, FutureWarning, stacklevel=3)
-    return getattr(record, new)
 
 
 @dataclass(frozen=True)
@@ -135,7 +121,7 @@ class Line(LineKindProperties):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            return _former_field(self, name)
+            return former_field(self, name, _FORMER)
 
     @property
     def seen(self) -> bool:
@@ -327,7 +313,7 @@ class SeedLine:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            return _former_field(self, name)
+            return former_field(self, name, {})
 
 
 @dataclass(frozen=True)

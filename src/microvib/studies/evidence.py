@@ -53,7 +53,7 @@ class Observation:
     uncertainty: float
     against: str = ""
     """Line that a phase or branch is relative to."""
-    bin_hz: float = math.nan
+    bin_frequency: float = math.nan
     """Bin of a nearest_bin figure: the test's bin, whichever bin is nearest to the line of a
     simulation.
     """
@@ -166,7 +166,7 @@ def select_evidence(
         at = {
             line.name: line.frequency for line in expected_lines(its, Si(math.inf), one.harmonics)
         } | {"": ends[0][0] if ends else 0.0}
-        at |= {o.line: o.bin_hz for o in one.observations if o.bins}
+        at |= {o.line: o.bin_frequency for o in one.observations if o.bins}
         wanted = {
             name
             for name, f in at.items()
@@ -350,7 +350,13 @@ def _levels(
             at = float(np.mean(f[k]))
             found.append(
                 Observation(
-                    name, "level", level, uncertainty, bin_hz=at, bins=tuple(k.tolist()), less=less
+                    name,
+                    "level",
+                    level,
+                    uncertainty,
+                    bin_frequency=at,
+                    bins=tuple(k.tolist()),
+                    less=less,
                 )
             )
     return found
@@ -427,8 +433,8 @@ def predicted(lines: Simulated, wanted: Observation) -> float:
     figures: dict[str, float] = {
         "amplitude": line.amplitude,
         "nearest_bin": line.bin_amplitude
-        if math.isnan(wanted.bin_hz)
-        else lines.bin_amplitude(wanted.bin_hz),
+        if math.isnan(wanted.bin_frequency)
+        else lines.bin_amplitude(wanted.bin_frequency),
         "frequency": line.frequency,
         "decay": line.decay,
         "turn": line.phase,
@@ -450,7 +456,9 @@ def _of_reference(source: ReferenceLines, scenario: Scenario) -> Evidence:
             spread = 0.5 * one.resolution / math.sqrt(3.0)
         if reference.estimator == "nearest bin":
             found.append(
-                Observation(one.line, "nearest_bin", one.amplitude, spread, bin_hz=one.frequency)
+                Observation(
+                    one.line, "nearest_bin", one.amplitude, spread, bin_frequency=one.frequency
+                )
             )
         else:
             found.append(Observation(one.line, "amplitude", one.amplitude, spread))

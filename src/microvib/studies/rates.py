@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, groupby, pairwise
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from microvib.model.line_names import SECOND_DRIVE, driving_line, full_step_line
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.results import FREQUENCY, MICROSTEPS, RATE, TORQUE, Column
+from microvib.results import FREQUENCY, MICROSTEPS, RATE, TORQUE, Column, former_field
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
@@ -71,7 +71,7 @@ NEAR_RESONANCE = "too close to a resonance:"
 class RateLine:
     """One line at one rate."""
 
-    line: str
+    name: str
     kind: str
     order: float
     """Frequency over the driving frequency."""
@@ -79,6 +79,11 @@ class RateLine:
     amplitude: float
     away: float = 0.0
     """How far from its frequency [Hz] another line may lie that it stands for."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            return former_field(self, name, {"line": "name"})
 
 
 @dataclass(frozen=True)
@@ -617,7 +622,7 @@ def _combine_drives(first: RateCase, second: RateCase) -> RateCase:
             return replace(first, lines=(), hidden=(), unseen=(), reason=f"{whose}{case.reason}")
 
     def called(lines: Iterable[RateLine]) -> tuple[RateLine, ...]:
-        return tuple(replace(x, line=of_second_wing(x.line)) for x in lines)
+        return tuple(replace(x, name=of_second_wing(x.name)) for x in lines)
 
     reasons = [first.reason] if first.reason else []
     if second.reason:
@@ -648,10 +653,10 @@ def linear_error(plan: RatePlan, count: int = 5) -> dict[int, tuple[float, float
         cases, errors = plan.of(n), []
         for k in np.unique(np.linspace(0, len(cases) - 1, count).astype(int)):
             full = {
-                x.line: x.amplitude for x in full_case(plan.scenario, Si(cases[k].rate), n).lines
+                x.name: x.amplitude for x in full_case(plan.scenario, Si(cases[k].rate), n).lines
             }
             errors += [
-                abs(x.amplitude / full[x.line] - 1.0) for x in cases[k].lines[:3] if x.line in full
+                abs(x.amplitude / full[x.name] - 1.0) for x in cases[k].lines[:3] if x.name in full
             ]
         values = errors or [math.nan]
         result[n] = (float(np.median(values)), float(np.max(values)), len(errors))
@@ -741,7 +746,7 @@ def _strongest_crossing(meeting: Resonance, cases: Sequence[RateCase]) -> Resona
     small to be one.
     """
     found = [
-        (x, case.rate) for case in cases for x in _significant_lines(case) if x.line == meeting.line
+        (x, case.rate) for case in cases for x in _significant_lines(case) if x.name == meeting.line
     ]
     if not found:
         if all(case.failed for case in cases):
@@ -812,11 +817,11 @@ def _forbidden_band(
         slowest = next(case.gap for case in cases if case.gap is not None)
         why = f"not judged: {slowest.why}"
     elif why == ABOVE_PASSBAND:
-        such = f", such as {top.line}" if top else ""
+        such = f", such as {top.name}" if top else ""
         why = f"{why} ({_required_sample_rate(cases, band, limit)}){such}"
     if top is None:
         return Forbidden(cases[0].microsteps, low, high, math.nan, "", why)
-    return Forbidden(cases[0].microsteps, low, high, top.amplitude, top.line, why)
+    return Forbidden(cases[0].microsteps, low, high, top.amplitude, top.name, why)
 
 
 def _required_sample_rate(

@@ -219,22 +219,22 @@ def _lines_of_state(test: PublishedTest, number: int, state: SimulatedState) -> 
         yield _check(
             f"{r.line} line{whose}, frequency [Hz]",
             test.lines.frequencies,
-            r.run_hz,
+            r.run_frequency,
             f"the test's bin, {resolution:g} Hz wide",
-            abs(r.run_hz - r.measured_hz) < 0.5 * resolution,
+            abs(r.run_frequency - r.measured_frequency) < 0.5 * resolution,
             status,
-            paper=r.model_hz,
-            test=r.measured_hz,
+            paper=r.model_frequency,
+            test=r.measured_frequency,
         )
     for r in rows:
         yield check_near(
             f"{r.line} line{whose}, {estimator} [N m]",
             test.lines.amplitudes,
-            r.run_n_m,
+            r.run_amplitude,
             test.lines.within,
             status,
-            paper=r.model_n_m,
-            test=r.measured_n_m,
+            paper=r.model_amplitude,
+            test=r.measured_amplitude,
         )
 
 

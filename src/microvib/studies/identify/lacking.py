@@ -176,7 +176,7 @@ def _observation_change(
     if o.form in TORQUE_FORMS:
         return math.log(
             abs(
-                complex(1.0 / np.polyval(poles[:-1], 1j * o.bin_hz / poles[-1]))
+                complex(1.0 / np.polyval(poles[:-1], 1j * o.bin_frequency / poles[-1]))
                 if o.bins
                 else gain(o.line)
             )

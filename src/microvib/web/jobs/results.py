@@ -96,7 +96,7 @@ def _reference(scenario: Scenario, table: LineTable) -> dict[str, Any] | None:
         "source": scenario.reference.source,
         "estimator": estimator_text(scenario.reference),
         "worth": comparison_worth(scenario),
-        "rows": [asdict(row) for row in rows],
+        "rows": [file_record(row) for row in rows],
     }
 
 
@@ -231,7 +231,7 @@ def rates_result(plan: RatePlan) -> dict[str, Any]:
             "rate": case.rate,
             "microsteps": case.microsteps,
             "lines": [
-                {"line": x.line, "frequency": x.frequency, "amplitude": x.amplitude}
+                {"line": x.name, "frequency": x.frequency, "amplitude": x.amplitude}
                 for x in case.lines
             ],
         }
