@@ -212,7 +212,7 @@ def test_a_run_says_it_everywhere(tmp_path, off, monkeypatch):
     done = CliRunner().invoke(main, ["run", str(tmp_path / "set.yaml"), "--out", str(out)])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
-    assert f"Integration: {estimate}." in said
+    assert f"Integration: {estimate}" in said
     summary = json.loads((out / "summary.json").read_text())
     assert summary["solver"]["error_estimate"]["refinement"] == 2
     assert (
@@ -243,7 +243,9 @@ def test_no_estimate_where_no_step_is_finer_or_the_state_is_not_known(state_1):
 
 def test_without_an_estimate_nothing_is_judged(state_1):
     """With a refinement of 32 no run is finer: an error of 0 would be too good."""
-    short = state_1.with_si({"record.settle": 1.0, "record.duration": 2.0, "solver.refinement": 32})
+    short = state_1.with_si(
+        {"record.settle": 16.0, "record.duration": 3.0, "solver.refinement": 32}
+    )
     for finest, verdicts in ((32, {"not judged"}), (16, {"pass"})):
         scenario = short.with_({"solver.refinement": finest})
         table = mv.find_lines(mv.simulate(scenario, channels=("T_d",)))
@@ -268,7 +270,8 @@ def test_lines_of_every_origin_are_judged_by_how_far_they_are_off(door, off):
         "saved": lambda: mv.find_lines(replace(motion, beginning=None)),
         "lines alone": lambda: mv.run_scenario(steady, lines_only=True).table,
     }[door]()
-    table = replace(table, lines=tuple(x for x in table if x.status == "ok"))  # nothing rings
+    steady_lines = tuple(x for x in table if x.status == "ok" and x.kind != "other")
+    table = replace(table, lines=steady_lines)  # nothing rings, nor has side lines by what rings
     line = min(table, key=lambda x: x.amplitude_uncertainty / x.amplitude)
     band = line.frequency - 0.01, line.frequency + 0.01
     limit = limit_of(line.amplitude * (1.0 + 0.5 * estimate.line), *band)

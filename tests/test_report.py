@@ -63,7 +63,7 @@ def folder(tmp_path_factory):
     """The folder of a short run."""
     out = tmp_path_factory.mktemp("report") / "run"
     run_to_folder(
-        baseline().with_si({"record.settle": 1.0, "record.duration": 6.0}),
+        baseline().with_si({"record.settle": 16.0, "record.duration": 6.0}),
         out,
         limit=limit_of(0.010, 0.5, 60.0),
     )
@@ -451,7 +451,7 @@ def test_a_folder_reads_back_as_it_was_written(folder):
     summary = json.loads((folder / "summary.json").read_text())
     assert run.motion.invariants.energy == summary["invariants"]["energy"]
     assert run.versions == summary["versions"]
-    assert run.motion.time[0] == 1.0
+    assert run.motion.time[0] == 16.0
     assert run.motion["T_d"].size == run.table.samples == 6 * 4096
     assert np.abs(run.motion["T_d"] - run.motion["T_d_force"]).max() < 1e-14
     assert run.table["drive_1"].kind == "drive"

@@ -727,7 +727,7 @@ def test_a_table_is_evidence_of_the_lines_that_a_simulation_has():
     """Members beyond the eighth count; lines that nobody expects, which tables number by size, do not."""
     scenario = mv.load_scenario("state-1", {"record.settle": "40 s", "record.duration": "8 s"})
     table = mv.find_lines(scenario, start="steady", harmonics=12)
-    stray = replace(table["drive_10"], line="other_1", kind="other")
+    stray = replace(table["drive_10"], name="other_1", kind="other")
     evidence = evidence_of(replace(table, lines=(*table, stray)), scenario)
     lines = [o.line for o in evidence.observations]
     assert {"drive_9", "drive_12"} < set(lines)

@@ -110,7 +110,7 @@ def test_the_ranking_is_that_of_the_command_line(client):
     assert found == page_answer(ranking_outcome(expected, drive))
     first, *each, left_out = found["parts"]
     lines = [(x["line"], x["amplitude_n_m"]) for x in first["tables"][0]["rows"]]
-    assert lines == [(x.name, f"{1e3 * x.amplitude:#.4g}".rstrip(".")) for x in expected]
+    assert lines == [(x.line, f"{1e3 * x.amplitude:#.4g}".rstrip(".")) for x in expected]
     for part, line in zip(each, expected, strict=True):
         rows = part["tables"][0]["rows"]
         assert [row["key"] for row in rows] == [e.key for e in line.effects]
