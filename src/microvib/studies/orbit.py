@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -113,6 +113,8 @@ class Orbit:
     """Size of what the turning changes in each line of the line of sight [rad], (n, k, 2), of
     ``sweep.lines``.
     """
+    los_at: Callable[[float], np.ndarray]
+    """The same lines of the line of sight at any angle [rad] between, (k, 2), complex [rad]."""
 
     @property
     def rate(self) -> float:
@@ -288,7 +290,15 @@ def analyse_orbit(
     rates = [abs(one.rate or 0.0) for one in _drives(scenario)]
     turning = _rotation_effect(psi, moved, max(rates), between.frequency)
     sweep = AngleSweep(scenario, psi, lines, ("",) * psi.size)
-    return Orbit(sweep, runs, np.abs(psi - psi[0]) / rates[0], halvings, off, turning)
+    return Orbit(
+        sweep,
+        runs,
+        np.abs(psi - psi[0]) / rates[0],
+        halvings,
+        off,
+        turning,
+        lambda angle: between(angle).los,
+    )
 
 
 def check_orbit(scenario: Scenario, angles: Sequence[GivenQuantity] | None = None) -> np.ndarray:

@@ -14,9 +14,11 @@ from microvib.analysis.margins import Verdict
 from microvib.errors import OptionError
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.solve.integration import Progress
-from microvib.studies.budget.figures import evaluate_metric
+from microvib.studies.budget.angle_search import WorstAngle, worst_angles
 from microvib.studies.budget.files import Requirements, read_file
-from microvib.studies.budget.study import Budget, pointing_budget
+from microvib.studies.budget.other_sources import contribution_of_other, excitation_of
+from microvib.studies.budget.sources import Contribution
+from microvib.studies.budget.study import Budget, pointing_budget, read_sources
 from microvib.studies.budget.sums import Assessment
 from microvib.studies.orbit import Orbit, analyse_orbit
 from microvib.units import GivenQuantity, Si, quantity
@@ -74,10 +76,21 @@ def budget_over_angles(
         required = requirements
     else:
         required = read_file(Path(requirements), Requirements)
+    listed_sources, files = read_sources(keys.get("sources"))
     turned: Orbit | None = None
+    worst: list[WorstAngle | None] = []
     if orbit:
+        excitations = [excitation_of(source, files) for source in listed_sources]
+
+        def others(angle: float) -> list[Contribution]:
+            there = first.at_angle(Si(angle)).alone
+            return [contribution_of_other(one, there, files) for one in listed_sources]
+
         turned = analyse_orbit(first, angles, harmonics=keys.get("harmonics", 8))
-        each = _angles_of(turned, required)
+        asked = () if required is None else required.requirements
+        rule = keys.get("rule", "rss")
+        worst = worst_angles(asked, first, turned, others, excitations, rule)
+        each = _angles_of(turned, worst)
     else:
         each = np.array(
             [quantity("angles", angle, "rad", example="deg") for angle in angles or ()], dtype=float
@@ -92,7 +105,7 @@ def budget_over_angles(
         there = [first.at_angle(Si(angle)), *listed[1:]]
         tell = _part_of(progress, k, each.size)
         found.append(pointing_budget(there, required, names=names, progress=tell, **keys))
-    return _worst(found, each, turned)
+    return _worst(found, each, turned, worst)
 
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
@@ -106,20 +119,12 @@ def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
     return tell
 
 
-def _angles_of(orbit: Orbit, required: Requirements | None) -> np.ndarray:
+def _angles_of(orbit: Orbit, worst: Sequence[WorstAngle | None]) -> np.ndarray:
     """Angles [rad] of an orbit that are judged, each once, ascending."""
     dense, whole = orbit.sweep.angles, [*orbit.runs.angles.tolist()]
     steps = math.ceil(abs(dense[-1] - dense[0]) / _MAX_ANGLE_STEP)
     whole += np.linspace(dense[0], dense[-1], steps + 1).tolist()
-    for r in () if required is None else required.requirements:
-        if r.incomplete:
-            continue
-        if r.statistic == "level" or r.curve:
-            plain = r.model_copy(update={"statistic": "rms", "curve": None})
-        else:
-            plain = r
-        sizes = [evaluate_metric(plain, one.frequency, one.amplitude) for one in orbit.sweep.lines]
-        whole.append(float(dense[int(np.argmax(sizes))]))
+    whole += [one.angle for one in worst if one is not None]
     turn = 2.0 * math.pi
     kept: list[float] = []
     for angle in sorted(whole):
@@ -128,8 +133,15 @@ def _angles_of(orbit: Orbit, required: Requirements | None) -> np.ndarray:
     return np.array(kept)
 
 
-def _worst(found: Sequence[Budget], angles: np.ndarray, orbit: Orbit | None) -> Budget:
-    """Angle with the worst verdict for each requirement, and of those the one with the largest possible ratio to the limit."""
+def _worst(
+    found: Sequence[Budget],
+    angles: np.ndarray,
+    orbit: Orbit | None,
+    worst: Sequence[WorstAngle | None],
+) -> Budget:
+    """Of each requirement the angle with the worst verdict, and of those the one whose figure may
+    be largest over its limit.
+    """
 
     def rank(one: Assessment) -> tuple[int, float, float]:
         return (
@@ -139,8 +151,11 @@ def _worst(found: Sequence[Budget], angles: np.ndarray, orbit: Orbit | None) -> 
         )
 
     judged = []
-    for rows in zip(*(one.judged for one in found), strict=True):
-        each = [_with_interpolation_error(one, orbit) for one in rows]
+    for number, rows in enumerate(zip(*(one.judged for one in found), strict=True)):
+        if orbit is None:
+            each = list(rows)
+        else:
+            each = [_with_what_lies_between(one, orbit, worst[number]) for one in rows]
         k = max(range(len(each)), key=lambda k: rank(each[k]))
         judged.append(replace(each[k], angle=float(angles[k])))
     decides = max(judged, key=rank, default=None)
@@ -166,13 +181,24 @@ def _limit_ratio(value: float, limit: float) -> float:
     return value / limit
 
 
-def _with_interpolation_error(one: Assessment, orbit: Orbit | None) -> Assessment:
-    """Assessments at an angle of an orbit, with an allowance for the interpolation between angles."""
-    if orbit is None or one.verdict == "fail" or not math.isfinite(one.most):
+def _with_what_lies_between(one: Assessment, orbit: Orbit, worst: WorstAngle | None) -> Assessment:
+    """What was found at an angle of an orbit, with what figures between the angles may be above it."""
+    if worst is None or one.verdict == "fail" or not math.isfinite(one.most):
         return one
     turning = max((w.turning for w in orbit.windows), default=0.0)
-    most = one.most * (1.0 + orbit.interpolation + turning)
+    factor = 1.0 + orbit.interpolation + turning
+    most = factor * max(one.most * (1.0 + worst.excess), _bound_of_orbit(one, worst))
     if most <= one.limit:
         return replace(one, most=most)
-    why = f"between the angles that were run the line of sight is known to {100 * (orbit.interpolation + turning):.2g} % only"
+    part = 100 * (most / one.most - 1.0) if one.most > 0.0 else math.inf
+    why = f"between the angles that were judged the figure may be {part:.2g} % larger"
     return replace(one, most=most, verdict="not judged", why=(*one.why, why))
+
+
+def _bound_of_orbit(one: Assessment, worst: WorstAngle) -> float:
+    """Above which the figure is at no angle [rad]; a level is not told by it."""
+    if one.requirement.curve is not None:
+        return worst.most * one.limit
+    if one.requirement.statistic == "level":
+        return 0.0
+    return worst.most

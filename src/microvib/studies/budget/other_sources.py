@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,42 @@ def contribution_of_other(
         if source.lines:
             return _of_lines(source, scenario, files)
         return _of_density(source, scenario, files)
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Where over frequency the loads of a source act on the hub; what is given as motion of the line
+    of sight does not act on it.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    """Between which frequencies [Hz] each of its lines may be, (k,)."""
+    density: tuple[np.ndarray, np.ndarray] | None = None
+    """Frequencies (n,) [Hz] and densities of the loads (n, 6)."""
+
+
+def excitation_of(source: OtherSource, files: FileAccess) -> Excitation:
+    """Where over frequency the loads of a source act, whose tables are taken from ``files``."""
+    with error_context(f"sources: {source.name}"):
+        if source.wheel is not None:
+            turns = np.unique([h.order for h in source.wheel.harmonics]) / (2.0 * math.pi)
+            speed = source.wheel.speed
+            return Excitation(speed * turns, (source.wheel.speed_to or speed) * turns)
+        none = np.zeros(0)
+        if source.lines:
+            path = files.under("lines").path(source.lines)
+            rows, chosen = _line_table(path)
+            if chosen != LOAD_COLUMNS:
+                return Excitation(none, none)
+            f = _columns(path, rows, ("frequency_hz",))[:, 0]
+            return Excitation(f, f)
+        path = files.under("density").path(source.density)
+        rows, chosen = _table(path, "densities", (_LOAD_DENSITIES, _LOS_DENSITIES))
+        if chosen != _LOAD_DENSITIES:
+            return Excitation(none, none)
+        f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
+        return Excitation(none, none, (f, S))
 
 
 def _load_point_motion(source: OtherSource, scenario: Scenario) -> np.ndarray:
@@ -130,15 +167,20 @@ def _cell(k: int, row: dict[str, str], name: str) -> float:
     return parse_finite(f"row {k}: {name}", row[name])
 
 
-def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
-    path = files.under("lines").path(source.lines)
-    rows, chosen = _table(
+def _line_table(path: Path) -> tuple[list[dict[str, str]], tuple[str, ...]]:
+    """Rows of a table of lines, and whether loads or angles of the line of sight are given."""
+    return _table(
         path,
         "lines",
         (LOAD_COLUMNS, LOS_COLUMNS),
         ("line", "source", "settled", *_PHASES),
         _METRIC_COLUMNS,
     )
+
+
+def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
+    path = files.under("lines").path(source.lines)
+    rows, chosen = _line_table(path)
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
     if np.any(sizes < 0.0):
         row, column = np.argwhere(sizes < 0.0)[0]

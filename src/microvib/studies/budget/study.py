@@ -22,7 +22,7 @@ from microvib.analysis.short_way import (
 )
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, quoted_value
-from microvib.io.file_access import WORKING_FOLDER
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.model.coupling import blocked_load_method as short_way_of_loads
 from microvib.model.coupling import require_craft, rotation_to_hub_axes, source_of
 from microvib.model.line_names import SECOND_DRIVE, is_unlisted
@@ -432,30 +432,37 @@ def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> Non
                 )
 
 
+def read_sources(
+    sources: str | Path | Sequence[OtherSource] | None,
+) -> tuple[list[OtherSource], FileAccess]:
+    """What moves the line of sight besides: of a file, whose own files are relative to it, or of a
+    list; and where its tables are.
+    """
+    if sources is None:
+        return [], WORKING_FOLDER
+    if isinstance(sources, str | Path):
+        path = Path(sources)
+        return list(read_file(path, Sources).sources), WORKING_FOLDER.beside(str(path))
+    expect_list(
+        sources,
+        "sources",
+        "[OtherSource(name='wheel', wheel=...)], or the name of a file of sources",
+    )
+    for source in sources:
+        if not isinstance(source, OtherSource):
+            raise ObjectError(
+                f"sources: {quoted_value(source)} is not an OtherSource; one for each source is"
+                " expected"
+            )
+    return list(sources), WORKING_FOLDER
+
+
 def _other_contributions(
     sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario
 ) -> list[Contribution]:
-    """Contributions of other sources: of a file, whose own files are relative to it, or of a list."""
-    if sources is None:
-        return []
-    if not isinstance(sources, str | Path):
-        expect_list(
-            sources,
-            "sources",
-            "[OtherSource(name='wheel', wheel=...)], or the name of a file of sources",
-        )
-        for source in sources:
-            if not isinstance(source, OtherSource):
-                raise ObjectError(
-                    f"sources: {quoted_value(source)} is not an OtherSource; one for each source is"
-                    " expected"
-                )
-        return [contribution_of_other(source, scenario, WORKING_FOLDER) for source in sources]
-    path = Path(sources)
-    return [
-        contribution_of_other(source, scenario, WORKING_FOLDER.in_folder_of(str(path)))
-        for source in read_file(path, Sources).sources
-    ]
+    """What other sources do to the line of sight of a ``scenario``."""
+    listed, files = read_sources(sources)
+    return [contribution_of_other(source, scenario, files) for source in listed]
 
 
 def _second_wing_drive(name: str) -> str:

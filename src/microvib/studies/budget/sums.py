@@ -420,6 +420,19 @@ def worst_alternative(requirement: Requirement, one: Contribution) -> Contributi
     )
 
 
+def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule: Rule) -> float:
+    """The most that lines and densities of sources make of what a requirement asks for; of a curve
+    their largest part of it, of a level the rms, which takes less time and grows with it.
+    """
+    chosen = [worst_alternative(r, one) for one in contributions]
+    tones = combine_lines(chosen, rule)
+    if r.curve is not None:
+        return float(_ratio_to_curve(r, tones.frequency, tones.most).max(initial=0.0))
+    plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
+    densities = [one.density for one in chosen if one.density is not None]
+    return evaluate_metric(plain, tones.frequency, tones.most, densities)
+
+
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
     """Metric of the lines of one source; for a curve, the largest ratio to it."""
     if r.curve is not None:
