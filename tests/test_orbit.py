@@ -19,6 +19,7 @@ from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.studies.angles import angles_in, sweep_angles
+from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.orbit import MAX_QUASI_STATIC_CHANGE, TOLERANCE, analyse_orbit
 from microvib.units import Si
 
@@ -218,3 +219,41 @@ def test_friction_over_the_angle_turns_with_the_array():
     back = there.at_angle(Si(first.spacecraft.array_angle))
     for before, after in zip(harmonics, back.friction.position.harmonics, strict=True):
         assert math.remainder(after.phase - before.phase, math.tau) == pytest.approx(0.0, abs=1e-12)
+
+
+SOURCES = {
+    "line": "lines: lines.csv",
+    "wheel": "wheel: {speed: 192.793242 rpm, axis: [0, 0, 1],"
+    " harmonics: [{order: 1, radial_torque: 2.453e-6 N*m*s^2/rad^2}]}",
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_an_orbit_looks_for_other_sources_between_its_angles(tmp_path: Path, source: str) -> None:
+    """A mode that moves with the angle meets the source at 48.75 degrees, between those judged."""
+    example = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+    light = {
+        "tracking.rate": "0.0041667 deg/s",
+        "friction.coulomb": "0 N*m",
+        "friction.breakaway": "0 N*m",
+        "motor.detent_torque": "0 N*m",
+        "array.modes.2.frequency": "2.849645 Hz",
+        "array.modes.2.damping": 0.0006,
+        "spacecraft.hub.inertia": [f"{x} kg*m^2" for x in (90, 150, 210, 4, -6, 3)],
+        "record.start": "steady",
+    }
+    craft = mv.load_scenario(str(example)).with_(light)
+    (tmp_path / "lines.csv").write_text("frequency_hz,mx_n_m,mx_phase_rad\n3.2132207,0.001,0\n")
+    files = tmp_path / "sources.yaml"
+    files.write_text(f"sources: [{{name: a, position: [0 m, 0 m, 0 m], {SOURCES[source]}}}]")
+    asked = tmp_path / "asked.yaml"
+    asked.write_text(
+        "requirements: [{name: x, metric: ape, axis: x, lowest: 3.21272 Hz, highest: 3.21372 Hz,"
+        " limit: 0.15 urad}]"
+    )
+    angles = ["30 deg", "45 deg", "60 deg"]
+    [over] = budget_over_angles(craft, asked, angles=angles, orbit=True, sources=files).judged
+    [there] = mv.pointing_budget(craft.at_angle("48.75 deg"), asked, sources=files).judged
+    assert there.value == pytest.approx(190e-9, rel=0.02)
+    assert over.verdict == "fail"
+    assert there.value <= over.most

@@ -114,7 +114,7 @@ class Orbit:
     ``sweep.lines``.
     """
     los_at: Callable[[float], np.ndarray]
-    """The same lines of the line of sight at any angle [rad] between, (k, 2), complex [rad]."""
+    """Lines of the line of sight at any angle [rad] between, (k, 2), complex [rad]."""
 
     @property
     def rate(self) -> float:

@@ -132,7 +132,7 @@ class _Paths:
         return np.asarray(1.0 + _RISE_FACTOR * (rise.max(axis=1) - 1.0))
 
     def rise_of_density(self, f: np.ndarray, S: np.ndarray, low: float, high: float) -> float:
-        """The same of the root mean square of densities (n, c) at frequencies (n,) [Hz], from
+        """Rise of the root mean square of densities (n, c) at frequencies (n,) [Hz], from
         ``low`` to ``high``.
         """
         low, high = max(low, float(f[0])), min(high, float(f[-1]))

@@ -139,8 +139,8 @@ def _worst(
     orbit: Orbit | None,
     worst: Sequence[WorstAngle | None],
 ) -> Budget:
-    """Of each requirement the angle with the worst verdict, and of those the one whose figure may
-    be largest over its limit.
+    """Angle with the worst verdict for each requirement, and of those the one with the largest
+    possible ratio to the limit.
     """
 
     def rank(one: Assessment) -> tuple[int, float, float]:
@@ -182,7 +182,7 @@ def _limit_ratio(value: float, limit: float) -> float:
 
 
 def _with_what_lies_between(one: Assessment, orbit: Orbit, worst: WorstAngle | None) -> Assessment:
-    """What was found at an angle of an orbit, with what figures between the angles may be above it."""
+    """Assessments at an angle of an orbit, with an allowance for the angles between those judged."""
     if worst is None or one.verdict == "fail" or not math.isfinite(one.most):
         return one
     turning = max((w.turning for w in orbit.windows), default=0.0)
@@ -191,7 +191,7 @@ def _with_what_lies_between(one: Assessment, orbit: Orbit, worst: WorstAngle | N
     if most <= one.limit:
         return replace(one, most=most)
     part = 100 * (most / one.most - 1.0) if one.most > 0.0 else math.inf
-    why = f"between the angles that were judged the figure may be {part:.2g} % larger"
+    why = f"between the angles that were judged the value may be {part:.2g} % larger"
     return replace(one, most=most, verdict="not judged", why=(*one.why, why))
 
 

@@ -435,14 +435,14 @@ def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> Non
 def read_sources(
     sources: str | Path | Sequence[OtherSource] | None,
 ) -> tuple[list[OtherSource], FileAccess]:
-    """What moves the line of sight besides: of a file, whose own files are relative to it, or of a
-    list; and where its tables are.
+    """Other sources of a file, whose own files are relative to it, or of a list, and the folder of
+    their tables.
     """
     if sources is None:
         return [], WORKING_FOLDER
     if isinstance(sources, str | Path):
         path = Path(sources)
-        return list(read_file(path, Sources).sources), WORKING_FOLDER.beside(str(path))
+        return list(read_file(path, Sources).sources), WORKING_FOLDER.in_folder_of(str(path))
     expect_list(
         sources,
         "sources",
@@ -460,7 +460,7 @@ def read_sources(
 def _other_contributions(
     sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario
 ) -> list[Contribution]:
-    """What other sources do to the line of sight of a ``scenario``."""
+    """Contributions of other sources to the line of sight of a ``scenario``."""
     listed, files = read_sources(sources)
     return [contribution_of_other(source, scenario, files) for source in listed]
 
