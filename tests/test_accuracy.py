@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.line_errors import worst_change
-from support.scenarios import limit_of, random_scenario
+from support.scenarios import limit_of, random_scenario, scenario_of_any_kind
 
 import microvib as mv
 from microvib.analysis.accuracy import (
@@ -25,6 +25,7 @@ from microvib.cli.main import main
 from microvib.io.runs import read_run
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import rerun_refined
+from microvib.solve.steady.state import steady_state
 
 OFF, WANDERS, REMEMBERS = 13, 186, 18
 """Random sets whose lines need finer steps than an accuracy of 3 percent asks for, whose motion depends on the smallest detail,
@@ -303,3 +304,18 @@ def test_the_error_is_sought_once_and_only_for_a_verdict(off, monkeypatch):
     assert calls == [2, 4]
     assert table.find_error(table) == pytest.approx(estimate.relative_error)
     assert pickle.loads(pickle.dumps(table)).find_error(table) == table.find_error(table)
+
+
+def test_a_steady_state_beside_others_neither_passes_nor_fails():
+    scenario = scenario_of_any_kind(47).with_si(
+        {"reducer.backlash": 0.00011359277888394826, "motor.detent_torque": 0.022308329154971083}
+    )
+    finer = scenario.with_si({"solver.refinement": 2})
+    found, other = (mv.find_lines(steady_state(one)) for one in (scenario, finer))
+    size = {x.frequency: x.amplitude for x in other if x.status == "ok"}
+    steady = [x for x in found if x.status == "ok" and x.frequency in size]
+    differs = max(steady, key=lambda x: abs(x.amplitude - size[x.frequency]))
+    between = 0.5 * (differs.amplitude + size[differs.frequency])
+    assert abs(differs.amplitude / between - 1.0) > 0.03
+    assert found.find_error(found) > 0.1
+    assert mv.judge(found, limit_of(between), scenario).of(differs).verdict == "not judged"

@@ -107,6 +107,18 @@ class SteadyState:
     beside = FormerName("second_wing")
 
     @property
+    def subharmonic(self) -> bool:
+        """Whether the motion repeats only after several periods of the command; then there are
+        others beside it.
+        """
+        return self.microsteps > common_period(self.scenario)[0]
+
+    @property
+    def driving_frequency(self) -> float:
+        """Microsteps per second [Hz]."""
+        return self.frequency * self.microsteps
+
+    @property
     def channels(self) -> dict[str, np.ndarray]:
         """All channels by name, (n,) each, from one more run over the period, made when they are
         first needed.
