@@ -20,7 +20,9 @@ from microvib.io.scenario_file import dump_scenario
 from microvib.model.scenario import Scenario
 from microvib.studies.angles import angles_in, sweep_angles
 from microvib.studies.budget.angles import budget_over_angles
+from microvib.studies.budget.files import Requirements
 from microvib.studies.orbit import MAX_QUASI_STATIC_CHANGE, TOLERANCE, analyse_orbit
+from microvib.testdata.recording import Recording
 from microvib.units import Si
 
 SHORT = {"record.settle": Si(2.0), "record.duration": Si(4.0)}
@@ -257,3 +259,23 @@ def test_an_orbit_looks_for_other_sources_between_its_angles(tmp_path: Path, sou
     assert there.value == pytest.approx(190e-9, rel=0.02)
     assert over.verdict == "fail"
     assert there.value <= over.most
+
+
+def test_an_orbit_of_a_recording_looks_where_the_recording_is_worst() -> None:
+    """Recorded slower than the scenario says, full steps meet a mode at another angle, 50.4 degrees."""
+    light = whole.FullCraft(bandwidth=0.02, damping=np.full(4, 5e-5))
+    keys = {"tracking.rate": Si(math.radians(0.0626)), "record.start": "steady"}
+    scenario = scenario_of(light, **SHORT, **keys)
+    slower = {"tracking.rate": 0.9975 * scenario.rate, "spacecraft": None, "record.duration": 40.0}
+    ground = mv.simulate(scenario.with_si(slower))
+    units = {"Fx": "N", "Fy": "N", "Fz": "N", "Mx": "N*m", "My": "N*m", "Mz": "N*m"}
+    channels = {name: ground[name] for name in units}
+    recording = Recording(channels, scenario.record.sample_rate, units, "table")
+    band = {"metric": "ape", "lowest": "3.2 Hz", "highest": "3.8 Hz", "limit": "1 rad"}
+    asked = Requirements(requirements=[band])
+    over = budget_over_angles(
+        scenario, asked, angles=["42 deg", "70 deg"], orbit=True, recording=recording
+    )
+    [there] = mv.pointing_budget(scenario.at_angle("50.4 deg"), asked, recording=recording).judged
+    assert min(abs(math.degrees(angle) - 50.4) for angle in over.angles) < 0.3
+    assert over.judged[0].most > there.value == pytest.approx(3.49e-5, rel=0.01)

@@ -24,7 +24,6 @@ from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.other_sources import Excitation
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.sums import Rule, most_of_sources, worst_alternative
-from microvib.studies.orbit import Orbit
 from microvib.units import Si
 
 TOLERANCE = 0.01
@@ -66,12 +65,12 @@ class WorstAngle:
 def worst_angles(
     requirements: Sequence[Requirement],
     scenario: Scenario,
-    orbit: Orbit,
-    others: Contributions,
+    ends: tuple[float, float],
+    sources: Contributions,
     excitations: Sequence[Excitation],
     rule: Rule,
 ) -> list[WorstAngle | None]:
-    """The worst angle of an ``orbit`` for each requirement; None for one that says too little.
+    """The worst angle for each requirement; None for one that says too little.
 
     Parameters
     ----------
@@ -79,10 +78,10 @@ def worst_angles(
         What is required.
     scenario : Scenario
         The first drive on its craft.
-    orbit : Orbit
-        Its lines, and those of a second wing's drive.
-    others : callable
-        What other sources do at an angle [rad], one ``Contribution`` each.
+    ends : pair of float
+        The lowest and the highest angle [rad] between which is looked.
+    sources : callable
+        What the drives and the other sources do at an angle [rad], one ``Contribution`` each.
     excitations : sequence of Excitation
         Where their loads act, in the same order.
     rule : {"rss", "coherent", "bound"}
@@ -91,14 +90,7 @@ def worst_angles(
     judged = [plain_statistic(r) for r in requirements if not r.incomplete]
     if not judged:
         return [None for _ in requirements]
-    names, f = orbit.sweep.lines[0].names, orbit.sweep.lines[0].frequency
-
-    def sources(angle: float) -> list[Contribution]:
-        return [Contribution("drives", "", names, f, orbit.los_at(angle)), *others(angle)]
-
-    search = _Search(judged, scenario, sources, [Excitation(f, f), *excitations], rule)
-    first, last = sorted((float(orbit.sweep.angles[0]), float(orbit.sweep.angles[-1])))
-    found = iter(search.run(first, last))
+    found = iter(_Search(judged, scenario, sources, excitations, rule).run(*ends))
     return [None if r.incomplete else next(found) for r in requirements]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,20 @@ from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands
 from microvib.solve.integration import Progress
 from microvib.studies.budget.angle_search import WorstAngle, worst_angles
 from microvib.studies.budget.files import Requirements, read_file
-from microvib.studies.budget.other_sources import contribution_of_other, excitation_of
-from microvib.studies.budget.sources import Contribution
+from microvib.studies.budget.other_sources import (
+    Excitation,
+    contribution_of_other,
+    excitation_of,
+)
+from microvib.studies.budget.sources import (
+    Contribution,
+    contribution_of_recording,
+    recording_at_angle,
+)
 from microvib.studies.budget.study import Budget, pointing_budget, read_sources
 from microvib.studies.budget.sums import Assessment
 from microvib.studies.orbit import Orbit, analyse_orbit
+from microvib.testdata.recording import Recording
 from microvib.units import GivenQuantity, Si, quantity
 
 _MAX_ANGLE_STEP = math.radians(30.0)
@@ -80,16 +89,24 @@ def budget_over_angles(
     turned: Orbit | None = None
     worst: list[WorstAngle | None] = []
     if orbit:
-        excitations = [excitation_of(source, files) for source in listed_sources]
+        harmonics = keys.get("harmonics", 8)
+        turned = analyse_orbit(first, angles, harmonics=harmonics)
+        drives = _drives_at_angles(first, turned, keys.get("recording"), harmonics)
 
-        def others(angle: float) -> list[Contribution]:
+        def sources(angle: float) -> list[Contribution]:
             there = first.at_angle(Si(angle)).alone
-            return [contribution_of_other(one, there, files) for one in listed_sources]
+            others = [contribution_of_other(one, there, files) for one in listed_sources]
+            return [*(drive(angle) for drive in drives), *others]
 
-        turned = analyse_orbit(first, angles, harmonics=keys.get("harmonics", 8))
+        low, high = sorted((float(turned.sweep.angles[0]), float(turned.sweep.angles[-1])))
+        of_drives = [drive(low).frequency for drive in drives]
+        excitations = [
+            *(Excitation(f, f) for f in of_drives),
+            *(excitation_of(source, files) for source in listed_sources),
+        ]
         asked = () if required is None else required.requirements
         rule = keys.get("rule", "rss")
-        worst = worst_angles(asked, first, turned, others, excitations, rule)
+        worst = worst_angles(asked, first, (low, high), sources, excitations, rule)
         each = _angles_of(turned, worst)
     else:
         each = np.array(
@@ -106,6 +123,32 @@ def budget_over_angles(
         tell = _part_of(progress, k, each.size)
         found.append(pointing_budget(there, required, names=names, progress=tell, **keys))
     return _worst(found, each, turned, worst)
+
+
+def _drives_at_angles(
+    first: Scenario, orbit: Orbit, recording: Recording | None, harmonics: int
+) -> list[Callable[[float], Contribution]]:
+    """Contributions of the drives at any angle [rad] between those of an orbit.
+
+    A recording takes the place of the first drive. Where a second wing steps, the orbit has the lines
+    of both together, which then count beside the recording.
+    """
+    names, f = orbit.sweep.lines[0].names, orbit.sweep.lines[0].frequency
+
+    def simulated(angle: float) -> Contribution:
+        return Contribution("drives", "", names, f, orbit.los_at(angle))
+
+    if recording is None:
+        return [simulated]
+    start = first.at_angle(Si(float(orbit.sweep.angles[0]))).alone
+    measured = contribution_of_recording("recording", start, recording, harmonics)
+
+    def recorded(angle: float) -> Contribution:
+        return recording_at_angle(measured, first.at_angle(Si(angle)).alone)
+
+    if first.driven_wing is None:
+        return [recorded]
+    return [recorded, simulated]
 
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:

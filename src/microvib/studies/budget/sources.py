@@ -189,7 +189,7 @@ class Contribution:
     cases_lack: str = ""
     """Reason why the campaign's cases give no percentile, in words; no percentile is judged then."""
     recorded: tuple[np.ndarray, np.ndarray] | None = None
-    """Amplitudes of the recorded loads of its lines on a fixed base, and floors,
+    """Recorded loads of its lines on a fixed base, complex, and floors of their amplitudes, in the
     array's axes, (k, 6) [N, N m].
     """
     alternatives: tuple[Contribution, ...] = ()
@@ -740,7 +740,21 @@ def contribution_of_recording(
         gaps=tuple(gaps),
         relative_error=np.broadcast_to(relative_error, beside.shape) + beside,
         scenario=scenario,
-        recorded=(np.abs(loads[kept]), floors[kept]),
+        recorded=(loads[kept], floors[kept]),
+    )
+
+
+def recording_at_angle(measured: Contribution, scenario: Scenario) -> Contribution:
+    """Lines of a recording as the craft of a ``scenario``, at the angle that its array has there,
+    shows them; nothing else of the contribution.
+    """
+    assert measured.recorded is not None
+    loads, _ = measured.recorded
+    in_hub_axes = loads @ rotation_to_hub_axes(scenario).T
+    los = blocked_load_method(scenario, measured.frequency, in_hub_axes).los
+    assert los is not None
+    return Contribution(
+        measured.source, measured.how, measured.names, measured.frequency, np.nan_to_num(los)
     )
 
 

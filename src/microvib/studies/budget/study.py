@@ -520,7 +520,7 @@ def with_load_check(recorded: Contribution, own: BlockedLines) -> Contribution:
     by_load = np.linalg.norm(
         np.nan_to_num(each), axis=2
     ).T  # (k, 6), of the line of sight by one of each load
-    amplitude, floor = (x[mine] for x in lines)
+    amplitude, floor = np.abs(lines[0][mine]), lines[1][mine]
     wanted = np.abs(own.loads[theirs] @ turn)
     large, small, size = (
         np.linalg.norm(by_load * x, axis=0)
