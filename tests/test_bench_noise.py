@@ -209,6 +209,15 @@ def test_the_bench_and_the_preparation_move_torques_alike():
     np.testing.assert_allclose(back.six(), loads[:, first::4][:, : bench.samples], atol=1e-12)
 
 
+def test_torques_are_not_moved_twice():
+    bench = bench_of(offset=[0.0, 0.0, 0.1], torques_about="interface")
+    recording = no_load(bench_of(noise_rms={"highest": 500.0, **PUBLISHED}))
+    with pytest.raises(mv.MicrovibError, match="offset: the bench records torques about the inter"):
+        in_si(Preparation, bench=bench.model_dump(), offset=(0.0, 0.0, 0.1)).apply(recording)
+    told = no_load(bench_of(offset=[0.0, 0.0, 0.1])).notes
+    assert any("write offset: [0.0, 0.0, 0.1] in the preparation file" in note for note in told)
+
+
 def test_noise_that_fills_a_part_of_the_band_is_told_when_it_is_moved():
     """Noise of a force up to 256 of 2048 Hz: the median of the whole record does not show it."""
     rng = np.random.default_rng(5)

@@ -19,7 +19,9 @@ from microvib.signals.line_table import (
 from microvib.testdata.force_table import ForceTable
 from microvib.testdata.recording import Recording
 
-_MOST_TOLD = 6
+_MOST_TOLD = 3
+"""Lines near a resonance of which each has a sentence, those of the drive first."""
+_MOST_NAMED = 6
 """Lines that one sentence names."""
 
 
@@ -61,15 +63,15 @@ def force_table_notes(table: LineTable, recording: Recording, channel: str) -> I
     if known is None:
         return
     near = [line for line in table if line.status == NEAR_RESONANCE]
-    for line in sorted(near, key=lambda x: -x.amplitude)[:_MOST_TOLD]:
+    for line in sorted(near, key=lambda x: (x.kind == "other", -x.amplitude))[:_MOST_TOLD]:
         why = known.objection(channel, line.frequency)
         yield f"{line.name} at {line.frequency:.5g} Hz is not judged: {why}"
     if len(near) > _MOST_TOLD:
         yield f"{len(near) - _MOST_TOLD} further lines near the table's resonances are not judged"
     beyond = [line for line in table if line.status == BEYOND_USABLE]
     if beyond:
-        names = ", ".join(line.name for line in beyond[:_MOST_TOLD])
-        more = " ..." if len(beyond) > _MOST_TOLD else ""
+        names = ", ".join(line.name for line in beyond[:_MOST_NAMED])
+        more = " ..." if len(beyond) > _MOST_NAMED else ""
         why = known.objection(channel, beyond[0].frequency)
         yield f"{names}{more} not judged: {why}"
 

@@ -353,9 +353,14 @@ def _as_recording(bench: Bench, readings: np.ndarray, notes: list[str]) -> Recor
     recording = Recording(
         channels, bench.sample_rate, units, bench.title, tuple(notes), table=at_table
     )
-    if bench.torques_about == "interface" and bench.offset is not None:
+    if bench.offset is None:
+        return recording
+    if bench.torques_about == "interface":
         return with_moved_torques(recording, bench.offset)
-    return recording
+    return recording.noted(
+        "torques are about the table's origin; to move them to the interface, write offset:"
+        f" {list(bench.offset)} in the preparation file"
+    )
 
 
 class _Stages:

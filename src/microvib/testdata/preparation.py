@@ -109,6 +109,11 @@ class Preparation(Part):
         if self.cross_talk is not None:
             recording = recording.without_cross_talk(np.array(self.cross_talk))
         if self.offset is not None:
+            if self.bench is not None and self.bench.torques_about == "interface":
+                raise RecordingError(
+                    f"{recording.title}: offset: the bench records torques about the interface"
+                    " (torques_about); leave offset out, or they are moved twice"
+                )
             recording = with_moved_torques(recording, self.offset)
         if self.axes is not None:
             recording = _turned(recording, self.axes)
