@@ -14,6 +14,7 @@ from microvib.io.named import bench_names
 from microvib.io.recordings import Prepared, load_preparation, read_prepared, write_recording
 from microvib.io.scenario_file import load_bench
 from microvib.model.rigid import COMPONENTS
+from microvib.reports.comparison import verdict_sentence
 from microvib.signals.spectrum import tone_amplitude
 from microvib.signals.tones import HannSpectrum
 from microvib.studies.analyse import analyse
@@ -389,6 +390,8 @@ def test_a_bench_in_the_preparation_file_reaches_every_answer(tmp_path):
     verdicts = {row.line: row.verdict for row in compare(prepared, scenario).rows}
     assert verdicts["drive_7"] == "not judged"
     assert verdicts["drive_1"] != "not judged"
+    compared = compare(prepared, scenario)
+    assert "beyond the usable band of the force table" in verdict_sentence(compared.rows)
     unknown = analyse(Prepared(prepared.recording), scenario=scenario)
     assert unknown.table["drive_7"].status == "beyond the usable band"
     bare = analyse(read_prepared(tmp_path / "test.uff"), scenario=scenario)

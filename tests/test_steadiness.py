@@ -26,6 +26,8 @@ from microvib.studies.budget.files import Requirements
 from microvib.studies.budget.study import pointing_budget
 from microvib.studies.compare import compare
 from microvib.studies.measure import measure
+from microvib.testdata.bench_parts import Resonance
+from microvib.testdata.force_table import ForceTable
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
 from microvib.units import Si
@@ -277,3 +279,25 @@ def test_a_steady_recording_is_judged_against_a_budget(
     several = Requirements(requirements=[{**band, "limit": f"{limit} rad"} for limit in limits])
     found = pointing_budget(craft, several, recording=recording).judged
     assert [one.verdict for one in found] == list(limits.values())
+
+
+def test_a_budget_judges_nothing_that_the_force_table_does_not_show(
+    craft: mv.Scenario, loads: dict[str, np.ndarray]
+) -> None:
+    """Usable beyond the band it is judged; with an end in it, or a resonance of a force, it is not."""
+    band = {"axis": "x", "lowest": "10 Hz", "highest": "60 Hz", "limit": "1 rad"}
+    recording = on_a_table({name: x + _noise(x) for name, x in loads.items()})
+    verdicts = {}
+    for name, table in {
+        "usable": ForceTable("table", usable=(5.0, 100.0)),
+        "cut": ForceTable("table", usable=(5.0, 50.0)),
+        "resonance": ForceTable(
+            "table",
+            (Resonance(component="Fy", frequency="200 Hz", damping="1 percent"),),
+            usable=(5.0, 100.0),
+        ),
+    }.items():
+        asked = Requirements(requirements=[band])
+        found = pointing_budget(craft, asked, recording=replace(recording, table=table))
+        verdicts[name] = found.judged[0].verdict
+    assert verdicts == {"usable": "pass", "cut": "not judged", "resonance": "not judged"}

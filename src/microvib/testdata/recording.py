@@ -36,6 +36,9 @@ OUTLIER = (
 GLITCH_RATIO = (
     10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
 )
+SMALL_PART = (
+    0.01  # part of a component, or lever arm [m], that brings no faults or resonances along
+)
 MAX_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
@@ -380,7 +383,7 @@ class Recording:
         seen = self.looked_at()
         six, told, single = self.six(), dict(seen.faults or {}), dict(seen.alone or {})
         after = A @ six
-        large = np.abs(A) * np.ptp(six, axis=1) > 0.01 * np.ptp(after, axis=1)[:, None]
+        large = np.abs(A) * np.ptp(six, axis=1) > SMALL_PART * np.ptp(after, axis=1)[:, None]
         faults, alone = (
             {n: x for n, x in known.items() if n not in COMPONENTS} for known in (told, single)
         )
@@ -399,7 +402,7 @@ class Recording:
         table = self.table
         if table is not None:
             said += table.raised_noise(A)
-            table = table.combined(A, large)
+            table = table.combined(A, large | (np.abs(A) > SMALL_PART))
         return self.noted(
             "; ".join(said), channels=channels, faults=faults, alone=alone, table=table
         )

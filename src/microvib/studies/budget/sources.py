@@ -688,6 +688,18 @@ def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
     return gaps
 
 
+def _table_error(recording: Recording, frequency: np.ndarray) -> np.ndarray:
+    """Largest part by which the force table's resonances change a channel at each ``frequency`` (m,)
+    [Hz], (m,); 0 where the table is not known.
+    """
+    error = np.zeros(frequency.size)
+    if recording.table is not None:
+        for channel in COMPONENTS:
+            if channel in recording.channels:
+                error = np.maximum(error, recording.table.departure(channel, frequency))
+    return error
+
+
 def contribution_of_recording(
     name: str, scenario: Scenario, recording: Recording, harmonics: int
 ) -> Contribution:
@@ -734,6 +746,7 @@ def contribution_of_recording(
         BLOCKED_LOAD_UNCERTAINTY
         + 2.0 * float(np.max(spread[kept], initial=0.0))
         + noise[kept] / np.abs(los[kept])
+        + _table_error(recording, f[kept])[:, None]
     )
     beside = _drive_uncertainty(held_drive_variants(scenario), f[kept])
     return Contribution(
