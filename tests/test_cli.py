@@ -205,6 +205,8 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
         "measure", "state-1", *SHORT, "--bench", "force-table", "-o", "test.uff", cwd=tmp_path
     )
     assert measured.exit_code == 0, measured.stderr
+    assert "no usable band is declared; from 151.5 Hz up" in measured.stdout
+    assert "bench: force-table in the preparation file" in measured.stdout
     analysed = microvib(
         "analyse",
         "test.uff",

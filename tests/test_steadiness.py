@@ -26,6 +26,8 @@ from microvib.studies.budget.files import Requirements
 from microvib.studies.budget.study import pointing_budget
 from microvib.studies.compare import compare
 from microvib.studies.measure import measure
+from microvib.testdata.bench_parts import Resonance
+from microvib.testdata.force_table import ForceTable
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
 from microvib.units import Si
@@ -140,6 +142,12 @@ def test_a_recording_of_the_bench_stays_judged() -> None:
     recording = measure(scenario, load_bench("force-table"))
     table = mv.find_lines(recording, "Mz", scenario=scenario)
     size = table["drive_1"].amplitude
+    assert judge(table, limit_of(1.1 * size, 5.0, 150.0), scenario).verdict == "pass"
+    whole = judge(table, limit_of(1.1 * size, 5.0, 1000.0), scenario)
+    assert whole.verdict == "not judged"
+    assert any("the table's resonance" in gap for gap in whole.gaps)
+    without = replace(recording, table=None)
+    table = mv.find_lines(without, "Mz", scenario=scenario)
     assert judge(table, limit_of(1.1 * size, 5.0, 1000.0), scenario).verdict == "pass"
     assert not any(
         "steady" in note for note in recording_warnings(recording, "Mz", scenario, table)
@@ -271,3 +279,25 @@ def test_a_steady_recording_is_judged_against_a_budget(
     several = Requirements(requirements=[{**band, "limit": f"{limit} rad"} for limit in limits])
     found = pointing_budget(craft, several, recording=recording).judged
     assert [one.verdict for one in found] == list(limits.values())
+
+
+def test_a_budget_judges_nothing_that_the_force_table_does_not_show(
+    craft: mv.Scenario, loads: dict[str, np.ndarray]
+) -> None:
+    """Usable beyond the band it is judged; with an end in it, or a resonance of a force, it is not."""
+    band = {"axis": "x", "lowest": "10 Hz", "highest": "60 Hz", "limit": "1 rad"}
+    recording = on_a_table({name: x + _noise(x) for name, x in loads.items()})
+    verdicts = {}
+    for name, table in {
+        "usable": ForceTable("table", usable=(5.0, 100.0)),
+        "cut": ForceTable("table", usable=(5.0, 50.0)),
+        "resonance": ForceTable(
+            "table",
+            (Resonance(component="Fy", frequency="200 Hz", damping="1 percent"),),
+            usable=(5.0, 100.0),
+        ),
+    }.items():
+        asked = Requirements(requirements=[band])
+        found = pointing_budget(craft, asked, recording=replace(recording, table=table))
+        verdicts[name] = found.judged[0].verdict
+    assert verdicts == {"usable": "pass", "cut": "not judged", "resonance": "not judged"}

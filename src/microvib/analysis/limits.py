@@ -39,6 +39,7 @@ from microvib.analysis.start import (
 )
 from microvib.analysis.steadiness import may_be_larger
 from microvib.analysis.unseen import out_of_band_lines
+from microvib.analysis.usable import undecided_reason, unusable_gaps
 from microvib.errors import OptionError, expect
 from microvib.model.line_names import CONTROL_MODE, SECOND_DRIVE, LineName, of_second_wing
 from microvib.model.record import PASSBAND
@@ -301,7 +302,7 @@ def judge(
     within = [x for x in table if limit.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     known = [x for x in within if math.isfinite(x.amplitude)]
-    each = (margin(x, limit.torque, table, ringing, scenario) for x in known)
+    each = (_margin(x, limit, table, ringing, scenario) for x in known)
     margins = sorted((_certainly_within(one, limit) for one in each), key=lambda m: m.factor)
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     record = record_gap_of_table(table, scenario)
@@ -322,6 +323,21 @@ def judge(
     return _combine_drives(judged, second, scenario.driven_wing.alone)
 
 
+def _margin(
+    line: Line,
+    limit: Limit,
+    table: LineTable,
+    ringing: Sequence[Line],
+    scenario: Scenario | None,
+) -> Margin:
+    """The margin of a line, undecided where the force table does not show it as it is."""
+    found = margin(line, limit.torque, table, ringing, scenario)
+    why = undecided_reason(line)
+    if why:
+        return _undecided(found, why)
+    return found
+
+
 def _hidden_line_gaps(
     unknown: Sequence[Line], limit: Limit, scenario: Scenario | None
 ) -> Iterator[str]:
@@ -340,6 +356,7 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit.low, limit.high, limit.torque)
+    yield from unusable_gaps(table, limit.low, limit.high)
     if scenario is not None and scenario.rate is None:
         yield (
             "lines of the step clock, because the rate changes during the record (use a record at"

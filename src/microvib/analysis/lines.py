@@ -21,6 +21,7 @@ from microvib.analysis.accuracy import ErrorOfIntegration
 from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import has_decayed, time_to_settle, with_full_steps
 from microvib.analysis.steadiness import steadiness_notes, with_excess
+from microvib.analysis.usable import force_table_notes, with_force_table
 from microvib.errors import OptionError, expect_channel, whole_number
 from microvib.model.driven import (
     NoiseDrivenLine,
@@ -47,7 +48,7 @@ from microvib.signals.line_fit import (
     lines_at_known_clock,
     with_background,
 )
-from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable
+from microvib.signals.line_table import BELOW_FLOOR, DISTORTED, NOISE_DRIVEN, Line, LineTable
 from microvib.signals.tones import HannSpectrum
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, method_of, simulate_from_rest
@@ -267,7 +268,8 @@ def _of_recording(
     table = lines_of_samples(
         recording[name], recording.sample_rate, scenario, harmonics, measured=True
     )
-    return replace(table, unit=recording.units[name], source=f"{name} of {recording.name}")
+    table = replace(table, unit=recording.units[name], source=f"{name} of {recording.name}")
+    return with_force_table(table, recording, name)
 
 
 def lines_of_samples(
@@ -527,10 +529,10 @@ def lines_of_recording(
     table = lines_of_samples(
         recording[channel], recording.sample_rate, scenario, harmonics, measured=True
     )
-    if background is None:
-        return table
-    require_usable_channel(background, channel, _MIN_DURATION)
-    return with_background(table, background[channel])
+    if background is not None:
+        require_usable_channel(background, channel, _MIN_DURATION)
+        table = with_background(table, background[channel])
+    return with_force_table(table, recording, channel)
 
 
 _MIN_COMB_LINES = 3
@@ -648,16 +650,20 @@ def channel_warnings(
 
 
 def _count_clock_lines(table: LineTable) -> int:
-    return sum(line.of_clock and line.kind != "other" and line.seen for line in table)
+    return sum(
+        line.of_clock and line.kind != "other" and (line.seen or line.status in DISTORTED)
+        for line in table
+    )
 
 
 def recording_warnings(
     recording: Recording, channel: str, scenario: Scenario | None, table: LineTable
 ) -> Iterator[str]:
-    """``clock_and_mains_warnings``, whether the recording is steady, and what speaks against the
-    channel.
+    """``clock_and_mains_warnings``, which lines the force table does not show, whether the recording
+    is steady, and what speaks against the channel.
     """
     yield from clock_and_mains_warnings(table)
+    yield from force_table_notes(table, recording, channel)
     if scenario is not None:
         yield from steadiness_notes(table)
         yield from channel_warnings(recording, channel, scenario, table)

@@ -144,15 +144,18 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
     from microvib.studies.measure import measure as run_bench
 
     check_output(output)
+    tested = load(scenario, settings)
     with progress_bar() as progress:
-        recording = run_bench(
-            load(scenario, settings), load_bench(bench), seed=seed, progress=progress
-        )
+        recording = run_bench(tested, load_bench(bench), seed=seed, progress=progress)
     write_recording(recording, output)
     for name, x in recording.channels.items():
         echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
-    for note in recording.notes:
+    for note in recording.notes_on(f"M{tested.array.drive_axis}"):
         echo(note)
+    echo(
+        f"The file does not say so: where it is analysed, bench: {bench} in the preparation file"
+        " does (--prepare)."
+    )
     echo(f"Written: {output}, {recording.samples} samples at {recording.sample_rate:g} Hz")
 
 

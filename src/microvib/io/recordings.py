@@ -17,6 +17,7 @@ from microvib.io.files import as_read_errors, check_file, library
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.named import read_text
+from microvib.io.scenario_file import load_bench
 from microvib.io.tables import dict_rows
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
@@ -91,9 +92,14 @@ def load_preparation(path: Path | str) -> Preparation:
     """
     path = Path(path)
     data = parse_yaml(read_text(path, "preparation", ()), str(path))
-    preparation = validate_part(Preparation, data if data is not None else {}, origin=str(path))
-    tables = [stage for stage in preparation.response if stage.file is not None]
     files = WORKING_FOLDER.in_folder_of(str(path))
+    bench = None
+    if isinstance(data, dict) and isinstance(data.get("bench"), str):
+        bench = load_bench(data.pop("bench"), files.under("bench"))
+    preparation = validate_part(Preparation, data if data is not None else {}, origin=str(path))
+    if bench is not None:
+        preparation = preparation.model_copy(update={"bench": bench})
+    tables = [stage for stage in preparation.response if stage.file is not None]
     chain = tuple(
         _with_table(stage, files) if stage in tables else stage for stage in preparation.response
     )

@@ -123,14 +123,12 @@ def _with_changes(
     return data
 
 
-def load_bench(source: str | Path) -> Bench:
-    """A virtual test bench from a catalog name or a YAML file; ScenarioError with one sentence per
-    problem.
+def load_bench(source: str | Path, files: FileAccess = WORKING_FOLDER) -> Bench:
+    """A virtual test bench from a catalog name or a YAML file, one of ``files``; ScenarioError with
+    one sentence per problem.
     """
     name = str(source)
-    text = named_text(
-        name, WORKING_FOLDER, kind="bench", published=bench_names(), within="benches/"
-    )
+    text = named_text(name, files, kind="bench", published=bench_names(), within="benches/")
     return validate_part(Bench, parse_yaml(text, name), origin=name)
 
 

@@ -214,12 +214,18 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
     ):
         if of[v]:
             rest += f" {count_text(len(of[v]), 'line')} {text}{_names(of[v])}."
-    unsteady = [r for r in of[UNJUDGED] if not (r.a.steady and r.b.steady)]
+    unusable = [r for r in of[UNJUDGED] if not r.usable]
+    if unusable:
+        rest += (
+            f" {count_text(len(unusable), 'line')} beyond the usable band of the force table or"
+            f" near its resonances{_names(unusable)}."
+        )
+    unsteady = [r for r in of[UNJUDGED] if r.usable and not r.steady]
     if unsteady:
         rest += (
             f" {count_text(len(unsteady), 'line')} in bands that are not steady{_names(unsteady)}."
         )
-    others = [r for r in of[UNJUDGED] if r not in unsteady]
+    others = [r for r in of[UNJUDGED] if r not in (*unusable, *unsteady)]
     if others and judged:
         rest += f" {count_text(len(others), 'line')} without uncertainties{_names(others)}."
     return rest

@@ -41,6 +41,9 @@ BELOW_FLOOR = "below the floor"  # status of a line that was looked for and not 
 NOISE_DRIVEN = (
     "driven by noise"  # status of a line that is another one with every draw of the noise
 )
+BEYOND_USABLE = "beyond the usable band"  # status of a line that the force table is not used at
+NEAR_RESONANCE = "near a table resonance"  # status of a line that the force table distorts
+DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE)
 _DETECTED_STATUSES = ("ok", "decaying", "growing", NOISE_DRIVEN)
 """Statuses of detected lines, whose values were estimated."""
 
@@ -166,6 +169,22 @@ class Line(LineKindProperties):
         return self.amplitude
 
     starting = FormerName("amplitude_at_start")
+
+
+@dataclass(frozen=True)
+class UnusableRange:
+    """Frequencies [Hz] at which the channel of a recording does not show its load, and why."""
+
+    low: float
+    high: float
+    why: str
+
+    def sentence(self, low: float, high: float) -> str:
+        """A clause on the part of a band [Hz] that lies in it."""
+        first, last = max(self.low, low), min(self.high, high)
+        if math.isinf(last):
+            return f"from {first:.4g} Hz up, because {self.why}"
+        return f"from {first:.4g} to {last:.4g} Hz, because {self.why}"
 
 
 UNFITTED_FACTOR = 3.0
@@ -339,6 +358,8 @@ class LineTable:
     """Residual peaks; None where they were not determined."""
     excess: tuple[Excess, ...] = field(default=(), compare=False)
     """Excess of a recording over its lines and its floor, band by band."""
+    unusable: tuple[UnusableRange, ...] = field(default=(), compare=False)
+    """Where the force table of a recording does not show its loads; empty where it is not known."""
     own_error: float = field(default=0.0, compare=False)
     """Part of every amplitude that the record itself is known to be off, as by its integration; nan
     where that is not known.

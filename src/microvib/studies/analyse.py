@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from microvib.analysis import spectra
 from microvib.analysis.lines import lines_of_recording, lines_of_samples, recording_warnings
+from microvib.analysis.usable import force_table_notes
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source, open_source
@@ -169,7 +170,10 @@ def _of_recording(
         return recording, background, None, 1.0
     table = lines_of_recording(recording, channel, guide, background)
     if guide is None:
-        return recording.noted(NO_SCENARIO_NOTE), background, table, 1.0
+        recording = recording.noted(NO_SCENARIO_NOTE)
+        for note in force_table_notes(table, recording, channel):
+            recording = recording.noted(note)
+        return recording, background, table, 1.0
     for note in recording_warnings(recording, channel, guide, table):
         recording = recording.noted(note)
     return recording, background, table, guide.tracking.clock_ratio

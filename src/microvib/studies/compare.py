@@ -20,7 +20,7 @@ from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
 from microvib.model.line_names import is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.signals.line_table import Line, LineTable
+from microvib.signals.line_table import DISTORTED, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -62,6 +62,9 @@ class SideLine:
     decay_uncertainty: float = 0.0
     steady: bool = True
     """Whether the record is so where the line is: of one that is not the amplitude is not known."""
+
+    usable: bool = True
+    """Whether the force table shows it: outside its usable band and near its resonances it does not."""
 
     @property
     def place(self) -> float:
@@ -135,6 +138,16 @@ class Row:
         return math.nan
 
     @property
+    def steady(self) -> bool:
+        """Whether the records of both sides are so where the line is."""
+        return self.a.steady and self.b.steady
+
+    @property
+    def usable(self) -> bool:
+        """Whether the force tables of both sides show the line."""
+        return self.a.usable and self.b.usable
+
+    @property
     def verdict(self) -> str:
         """Whether the amplitudes agree within their uncertainties; where one is not known they are
         not judged.
@@ -143,7 +156,7 @@ class Row:
             if self.a.known:
                 return ONLY_A
             return ONLY_B
-        if math.isnan(self.significance) or not (self.a.steady and self.b.steady):
+        if math.isnan(self.significance) or not (self.steady and self.usable):
             return UNJUDGED
         larger = max(self.a, self.b, key=lambda side: side.amplitude)
         if self.significance > COVERAGE and larger.seen:
@@ -452,6 +465,7 @@ def _figures(table: LineTable) -> dict[str, SideLine]:
         x.name: SideLine(
             x.frequency, x.amplitude, x.amplitude_uncertainty, x.bin_frequency, x.bin_amplitude,
             x.seen or not x.status, x.frequency_uncertainty, *_decay_with_uncertainty(x), not blurred(table, x),
+            x.status not in DISTORTED,
         )
         for x in table
     }  # fmt: skip

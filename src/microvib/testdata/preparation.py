@@ -5,12 +5,14 @@ trimming, filters.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from microvib.model.part import Part, Six
+from microvib.testdata.bench import Bench
 from microvib.testdata.channels import (
     COUNTS,
     FULL_SCALE,
@@ -20,6 +22,7 @@ from microvib.testdata.channels import (
     is_unit,
     load_per,
 )
+from microvib.testdata.moved import with_moved_torques
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
 from microvib.units import Quantity
@@ -48,6 +51,11 @@ class Preparation(Part):
     channels: dict[str, str] = Field(
         default_factory=dict,
         description="component: channel of the file, with a minus sign to reverse it",
+    )
+    bench: Bench | None = Field(
+        default=None,
+        description="force table that recorded it: a name of the catalog or a bench file, whose noise, resonances and"
+        " usable band then count",
     )
     response: Chain = Field(
         default=(),
@@ -89,6 +97,8 @@ class Preparation(Part):
         if self.channels:
             recording = recording.mapped(self.channels)
         recording = recording.in_si()
+        if self.bench is not None:
+            recording = replace(recording, table=self.bench.force_table)
         ends = [
             None if at is None else round(at * recording.sample_rate)
             for at in (self.start, self.stop)
@@ -99,7 +109,12 @@ class Preparation(Part):
         if self.cross_talk is not None:
             recording = recording.without_cross_talk(np.array(self.cross_talk))
         if self.offset is not None:
-            recording = _moved(recording, np.array(self.offset))
+            if self.bench is not None and self.bench.torques_about == "interface":
+                raise RecordingError(
+                    f"{recording.title}: offset: the bench records torques about the interface"
+                    " (torques_about); leave offset out, or they are moved twice"
+                )
+            recording = with_moved_torques(recording, self.offset)
         if self.axes is not None:
             recording = _turned(recording, self.axes)
         if self.start is not None or self.stop is not None:
@@ -163,14 +178,6 @@ def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
     if not given:
         return recording
     return recording.noted(f"sensitivity {given}", channels=channels, units=units)
-
-
-def _moved(recording: Recording, r: np.ndarray) -> Recording:
-    """Torques about the point ``r`` [m] of the table's frame instead of its origin: M - r x F."""
-    x, y, z = r
-    A = np.eye(6)
-    A[3:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    return recording.combined(A, f"torques about {r.tolist()} m")
 
 
 def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:

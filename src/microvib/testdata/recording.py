@@ -25,6 +25,8 @@ from microvib.testdata.channels import (
     plain_load,
     yaml_quoted,
 )
+from microvib.testdata.floors import raised_floors
+from microvib.testdata.force_table import ForceTable
 from microvib.text_tables import counted
 from microvib.units import Si, quantity
 
@@ -34,10 +36,9 @@ OUTLIER = (
 GLITCH_RATIO = (
     10.0  # bend at a sample, over the largest of 999 in a thousand, from which it may stand alone
 )
-# floor after torques were moved or cross-talk was taken out, over that before, from which it is
-# told
-MAX_FLOOR_RATIO = 1.1
-LONGEST_FLOOR = 2**20  # samples of which a floor is computed
+SMALL_PART = (
+    0.01  # part of a component, or lever arm [m], that brings no faults or resonances along
+)
 MAX_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
 
 
@@ -69,6 +70,8 @@ class Recording:
         What was wrong with samples of channels, and which stood alone, before they were changed.
     axes : frozenset of str
         What the file holds beside the channels.
+    table : ForceTable, optional
+        What is known of the force table: its resonances, its usable band and its channels' noise.
 
     Raises
     ------
@@ -96,6 +99,8 @@ class Recording:
     """Which samples of channels stood alone before they were changed, likewise."""
     axes: frozenset[str] = frozenset()
     """Names of what the file holds beside the channels: time axes, and channels that were left out."""
+    table: ForceTable | None = None
+    """The force table that made it, where it is known."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")
@@ -197,10 +202,13 @@ class Recording:
         tuple of str
             Notes, a sentence each.
         """
+        notes = [*self.notes]
+        if self.table is not None:
+            notes += self.table.notes(name)
         stands = self.glitch(name)
         if stands:
-            return (*self.notes, f"channel {name} {stands}; it stays in")
-        return self.notes
+            notes.append(f"channel {name} {stands}; it stays in")
+        return tuple(notes)
 
     told = FormerName("notes_on")
 
@@ -375,7 +383,7 @@ class Recording:
         seen = self.looked_at()
         six, told, single = self.six(), dict(seen.faults or {}), dict(seen.alone or {})
         after = A @ six
-        large = np.abs(A) * np.ptp(six, axis=1) > 0.01 * np.ptp(after, axis=1)[:, None]
+        large = np.abs(A) * np.ptp(six, axis=1) > SMALL_PART * np.ptp(after, axis=1)[:, None]
         faults, alone = (
             {n: x for n, x in known.items() if n not in COMPONENTS} for known in (told, single)
         )
@@ -388,21 +396,16 @@ class Recording:
                     else:
                         made[name] = f"is made of {of}, which {known[of]}"
         channels = {**self.channels, **dict(zip(COMPONENTS, after, strict=True))}
-        raised = "".join(self._raised(six, after) if np.all(np.abs(np.diag(A)) > 0.5) else ())
-        return self.noted(note + raised, channels=channels, faults=faults, alone=alone)
-
-    def _raised(self, before: np.ndarray, after: np.ndarray) -> Iterator[str]:
-        """Sentences on the components whose noise floor is higher after than before, (6, n) each."""
-        for name, x, y in zip(COMPONENTS, before, after, strict=True):
-            low, high = _floor(x, self.sample_rate), _floor(y, self.sample_rate)
-            if high > MAX_FLOOR_RATIO * low > 0.0:
-                unit = "N" if name.startswith("F") else "N*m"
-                yield (
-                    f"; it raises the floor of {name} from {low:.3g} to {high:.3g} {unit}/Hz^0.5,"
-                    f" {high / low:.3g} times, by"
-                    " the noise of the other channels: what was below the new floor can no longer"
-                    " be seen"
-                )
+        said = [note]
+        if np.all(np.abs(np.diag(A)) > 0.5):
+            said += raised_floors(six, after, self.sample_rate)
+        table = self.table
+        if table is not None:
+            said += table.raised_noise(A)
+            table = table.combined(A, large | (np.abs(A) > SMALL_PART))
+        return self.noted(
+            "; ".join(said), channels=channels, faults=faults, alone=alone, table=table
+        )
 
     def mapped(self, names: Mapping[str, str]) -> Recording:
         """Give channels other names.
@@ -436,8 +439,14 @@ class Recording:
             }
             for told in (self.faults, self.alone)
         )
+        table = None if self.table is None else self.table.renamed(names)
         return self.noted(
-            f"channels {dict(names)}", channels=channels, units=units, faults=faults, alone=alone
+            f"channels {dict(names)}",
+            channels=channels,
+            units=units,
+            faults=faults,
+            alone=alone,
+            table=table,
         )
 
     def without_cross_talk(self, matrix: np.ndarray) -> Recording:
@@ -625,18 +634,6 @@ def _in_samples(x: np.ndarray, rate: float) -> Iterator[str]:
     dropped = int(np.max(_runs(np.diff(x) == 0.0), initial=0))
     if dropped >= 8:
         yield f"repeats one value for {dropped + 1} samples; samples were dropped and held"
-
-
-def _floor(x: np.ndarray, rate: float) -> float:
-    """Root of the median spectral density of a channel [unit/Hz^0.5], that of noise where lines are
-    few; 0 if not known.
-    """
-    x = x[:LONGEST_FLOOR]
-    if x.size < 64 or not np.all(np.isfinite(x)):
-        return 0.0
-    w = np.hanning(x.size)
-    power = np.abs(np.fft.rfft((x - x.mean()) * w)[3:]) ** 2
-    return math.sqrt(2.0 * float(np.median(power)) / math.log(2.0) / (rate * float(w @ w)))
 
 
 def _find_glitches(x: np.ndarray, rate: float) -> str:

@@ -51,6 +51,7 @@ from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import (
     BELOW_FLOOR,
     DETECTION_RATIO,
+    DISTORTED,
     NOISE_DRIVEN,
     Line,
     LineTable,
@@ -679,7 +680,24 @@ def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
     for check in (partial(channel_fault, recording), recording.glitch):
         faults = {channel: check(channel) for channel in given}
         told += [f"channel {channel} {fault}" for channel, fault in faults.items() if fault]
-    return [open_gap(why) for why in (*told, *clock_warnings(table))]
+    gaps = [open_gap(why) for why in (*told, *clock_warnings(table))]
+    if recording.table is not None:
+        for channel in given:
+            for one in recording.table.unusable(channel):
+                gaps.append(open_gap(f"channel {channel}: {one.why}", one.low, one.high))
+    return gaps
+
+
+def _table_error(recording: Recording, frequency: np.ndarray) -> np.ndarray:
+    """Largest part by which the force table's resonances change a channel at each ``frequency`` (m,)
+    [Hz], (m,); 0 where the table is not known.
+    """
+    error = np.zeros(frequency.size)
+    if recording.table is not None:
+        for channel in COMPONENTS:
+            if channel in recording.channels:
+                error = np.maximum(error, recording.table.departure(channel, frequency))
+    return error
 
 
 def contribution_of_recording(
@@ -712,6 +730,8 @@ def contribution_of_recording(
         )
     for k in np.flatnonzero(~(seen | faint)):
         why = f"{expected[k].name} ({status[k]}; a longer recording)"
+        if status[k] in DISTORTED:
+            why = f"{expected[k].name} ({status[k]})"
         gaps.append(open_gap(why, expected[k].frequency, expected[k].frequency))
     gaps += low_frequency_gap(not np.all(known))
     gaps += list(_above_passband_gaps(scenario, table, PASSBAND * recording.sample_rate))
@@ -726,6 +746,7 @@ def contribution_of_recording(
         BLOCKED_LOAD_UNCERTAINTY
         + 2.0 * float(np.max(spread[kept], initial=0.0))
         + noise[kept] / np.abs(los[kept])
+        + _table_error(recording, f[kept])[:, None]
     )
     beside = _drive_uncertainty(held_drive_variants(scenario), f[kept])
     return Contribution(
