@@ -52,9 +52,9 @@ MIN_TRANSIENT_PART = 0.01
 def craft_parts(motion: Motion, hub: HubLines) -> Iterator[Part]:
     """Sections on the spacecraft in a run's report."""
     yield Part("The spacecraft", tuple(_craft(motion.scenario)), new_page=True, report_only=True)
-    yield Part("Loads on the hub", tuple(_loads(motion, hub)), report_only=True)
+    yield Part("Loads on the hub", tuple(_loads(motion, hub)), not_on_terminal=True)
     if hub.los is not None:
-        yield Part("Line of sight", tuple(_line_of_sight(motion, hub)), report_only=True)
+        yield Part("Line of sight", tuple(_line_of_sight(motion, hub)), not_on_terminal=True)
 
 
 def pointing_angle(hub: HubLines) -> Measure:

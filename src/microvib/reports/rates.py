@@ -139,7 +139,7 @@ def _resonances(plan: RatePlan) -> tuple[Item, ...]:
         for r in strongest_resonances(plan.resonances, _MAX_RESONANCES)
         if not r.amplitude < _MIN_RELATIVE * top
     ]
-    caption = "The strongest, to a hundredth of the largest; all are in `resonances.csv`."
+    caption = "The strongest, to a hundredth of the largest; a plan's `resonances.csv` has all."
     return (
         Table.of(
             "resonances",
