@@ -107,7 +107,7 @@ def test_where_no_rate_meets_the_limit_there_is_no_best(plan):
     assert forbidden.least() == plan.least()
     said = best_text(forbidden)
     assert said.startswith("Best: none for a limit of")
-    assert "The lowest largest line:" in said
+    assert "The rate with the smallest maximum line:" in said
 
 
 def test_the_best_rate_keeps_away_from_resonances_as_asked(plan):
