@@ -131,4 +131,4 @@ def test_the_ranking_is_that_of_the_command_line(client):
 def test_a_scenario_without_ranges_is_not_ranked(client):
     answer = client.post("/api/sensitivity", json={"scenario": {"base": "state-1"}})
     assert answer.status_code == 422
-    assert answer.json()["error"].startswith("sources: none notes a range")
+    assert answer.json()["error"].startswith("sources: no value of this scenario has a range")

@@ -145,7 +145,7 @@ def _craft(scenario: Scenario) -> Iterator[Item]:
     rows = {
         "Craft": craft_words(craft),
         "Principal moments": f"{moments} kg m², about the hub's centre of mass",
-        "Interface": f"[{position}] m from there",
+        "Interface": f"at [{position}] m from the hub's centre of mass",
         **({} if craft.second_wing is None else {"Second wing": _second(scenario)}),
         "Modes with locked hinges": f"{frequencies} Hz",
     }

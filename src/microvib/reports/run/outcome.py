@@ -137,7 +137,7 @@ def _of_motion(result: RunResult) -> Iterator[Part]:
         "",
         partial(_draw_zoom, motion, lines),
         "Amplitude spectrum about the array's modes",
-        "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped"
+        "Seen through the compliant drive, a mode below the drive resonance lies below its clamped"
         " frequency.",
     )
     stretch = Picture(
