@@ -17,7 +17,7 @@ P = TypeVar("P", bound=BaseModel)
 _KINDS_OF_YAML: Mapping[type, str] = MappingProxyType(
     {list: "a list", str: "plain text", type(None): "nothing"}
 )
-"""What stands in a file that should hold keys, in words."""
+"""Contents of a file that should hold keys, in words."""
 MAX_SENTENCES = 8  # problems that are told, at most; of the others their number
 
 

@@ -20,7 +20,6 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports.analysis import analysis_outcome
 from microvib.reports.angles import angles_outcome
-from microvib.reports.comparison import comparison_outcome
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_outcome
 from microvib.reports.modes import mode_kinds
@@ -35,8 +34,6 @@ from microvib.reports.outcome import page_answer, text_files
 from microvib.reports.rates import rates_outcome
 from microvib.reports.rendering import address
 from microvib.reports.run.outcome import run_outcome
-from microvib.reports.sas import sizing_outcome
-from microvib.reports.sensitivity import ranking_outcome
 from microvib.reports.sheets import svg
 from microvib.results import file_record
 from microvib.signals.screen import decimate_spectrum
@@ -44,11 +41,8 @@ from microvib.solve.channels import CHANNELS
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.angles import AngleSweep
-from microvib.studies.compare import Row, Side
 from microvib.studies.identify import Fit
 from microvib.studies.rates import RatePlan
-from microvib.studies.sensitivity import Ranking
-from microvib.studies.sizing import SizingResult
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
@@ -156,11 +150,6 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
     }
 
 
-def comparison_result(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
-    """Result of a comparison: its lines with their verdicts."""
-    return page_answer(comparison_outcome(a, b, rows))
-
-
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
     """Result of an identification, and the changes to take over."""
     quantities = {key: quantity for key, _, quantity in fit.scenario.entries()}
@@ -247,13 +236,3 @@ def _elements(array: Array, structure: str | None) -> ModalSource | None:
     if same:
         return source
     return None
-
-
-def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
-    """Result of a ranking: lines with their verdicts, then the effects on each."""
-    return page_answer(ranking_outcome(found, scenario))
-
-
-def sas_result(result: SizingResult) -> dict[str, Any]:
-    """Result of a sizing, and its drawing."""
-    return page_answer(sizing_outcome(result), pictures=True)

@@ -25,10 +25,13 @@ from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
+from microvib.reports.comparison import comparison_outcome
 from microvib.reports.identification import values_text
-from microvib.reports.outcome import page_facts, page_part, report
+from microvib.reports.outcome import page_answer, page_facts, page_part, report
 from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run_outcome
+from microvib.reports.sas import sizing_outcome
+from microvib.reports.sensitivity import ranking_outcome
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse
@@ -190,7 +193,7 @@ def comparison(
         Prepared(_read(*recording)), scenario, names=(recording[1], run_title), channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
-    _write(folder, results.comparison_result(*found))
+    _write(folder, page_answer(comparison_outcome(*found)))
 
 
 def identification(  # noqa: PLR0913 - what a process is sent
@@ -250,15 +253,12 @@ def sensitivity(folder: str, scenario: Scenario, tell: ProgressCallback) -> None
     found = sensitivities(
         scenario, progress=lambda done, total: tell(done, total, "runs", "simulating")
     )
-    _write(folder, results.ranking_result(found, scenario))
+    _write(folder, page_answer(ranking_outcome(found, scenario)))
 
 
 def sas(folder: str, options: dict[str, Any], tell: ProgressCallback) -> None:
     """A simulator's sizing."""
     tell(0, None, "", "sizing, and checking with finite elements")
-    _write(
-        folder,
-        results.sas_result(
-            size_simulator(**{key: value for key, value in options.items() if value is not None})
-        ),
-    )
+    given = {key: value for key, value in options.items() if value is not None}
+    outcome = sizing_outcome(size_simulator(**given))
+    _write(folder, page_answer(outcome, pictures=True))
