@@ -177,7 +177,7 @@ def test_catalog_benches_are_sound():
         ),
         ("gain: 2", "gain: unknown key"),
         ("duration: 1e9 s", "too much"),
-        ("[1, 2]", "a mapping of keys is expected"),
+        ("[1, 2]", "keys with their values are expected"),
     ],
 )
 def test_bad_benches_are_named(tmp_path, text, words):

@@ -48,7 +48,7 @@ def rows(folder: Path) -> dict[str, dict[str, str]]:
 
 def test_a_run_writes_its_five_files(finished):
     folder, printed = finished
-    assert sorted(p.name for p in folder.iterdir()) == BOLTED
+    assert sorted(p.name for p in folder.glob("[!.]*")) == BOLTED
     assert "drive_1" in printed
     assert "Tables 5 and 6" in printed
 
@@ -108,7 +108,7 @@ def test_lines_only_gives_the_same_lines(finished, tmp_path):
         "run", str(finished[0] / "scenario.yaml"), "--lines-only", "--out", "lean", cwd=tmp_path
     )
     assert done.exit_code == 0, done.stderr
-    assert sorted(p.name for p in (tmp_path / "lean").iterdir()) == [
+    assert sorted(p.name for p in (tmp_path / "lean").glob("[!.]*")) == [
         "lines.csv",
         "scenario.yaml",
         "summary.json",
@@ -228,7 +228,7 @@ def test_measured_analysed_and_never_overwritten(tmp_path):
         "density.csv", "density.png", "lines.csv", "report.html", "spectrum.csv", "spectrum.png",
         "third_octaves.csv", "waterfall.png",
     ]  # fmt: skip
-    assert sorted(p.name for p in (tmp_path / "seen").iterdir()) == names
+    assert sorted(p.name for p in (tmp_path / "seen").glob("[!.]*")) == names
     before = (tmp_path / "test.uff").read_bytes()
     again = microvib("measure", "state-1", *SHORT, "-o", "test.uff", cwd=tmp_path)
     assert again.exit_code == 1
@@ -346,7 +346,7 @@ def test_modes_of_the_reference_array(tmp_path):
     done = microvib("modes", "reference-array", "--count", "4", "--out", "out", cwd=tmp_path)
     assert done.exit_code == 0, done.stderr
     assert "90 % of the inertia about x is reached with 3 modes" in done.stdout
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+    assert {p.name for p in (tmp_path / "out").glob("[!.]*")} == {
         "modes.csv",
         "modes.png",
         "report.html",
@@ -364,7 +364,7 @@ def test_modes_of_the_reference_array(tmp_path):
     again = microvib("modes", "out/modes.csv", "--count", "3", "--out", "table", cwd=tmp_path)
     assert again.exit_code == 0, again.stderr
     assert "Mx" in again.stdout
-    assert {p.name for p in (tmp_path / "table").iterdir()} == {"modes.csv", "report.html"}
+    assert {p.name for p in (tmp_path / "table").glob("[!.]*")} == {"modes.csv", "report.html"}
     full = microvib("modes", "reference-array", "--out", "out", cwd=tmp_path)
     assert full.exit_code == 1
     assert "(--overwrite)" in full.stderr
@@ -405,7 +405,7 @@ def test_a_steady_run_starts_in_its_steady_state(tmp_path):
     done = microvib("run", "drive.yaml", *SHORT, "--steady", "--out", "steady", cwd=tmp_path)
     assert done.exit_code == 0, done.stderr
     assert "Steady state: repeats every 0.3 s (16 microsteps)" in done.stdout
-    assert sorted(p.name for p in (tmp_path / "steady").iterdir()) == BOLTED
+    assert sorted(p.name for p in (tmp_path / "steady").glob("[!.]*")) == BOLTED
     lines = rows(tmp_path / "steady")
     assert float(lines["drive_1"]["amplitude_n_m"]) == pytest.approx(0.05422, rel=0.01)
     assert lines["array_mode_1"]["status"] == "not in a steady state"

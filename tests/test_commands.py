@@ -111,7 +111,7 @@ REFUSED = {
     "serve": (["serve", "--no-browser", "--port", "0", "--host", "0.0.0.0"], "--allow-remote"),
     "show": (["show", "state-1", "--set", "a=b"], "a: "),
     "new": (["new", "study.yaml"], "already exists"),
-    "sensitivity": (["sensitivity", "state-1"], "none notes a range"),
+    "sensitivity": (["sensitivity", "state-1"], "no value of this scenario has a range"),
     "budget": (["budget", "state-1"], "spacecraft: missing"),
 }
 """A command line that is refused, and words of the sentence that says why."""

@@ -183,7 +183,7 @@ def test_what_rings_at_the_start_is_not_judged_but_told_how_long_to_settle(table
         math.log((start + 2 * ringing["array_mode_1"].amplitude_uncertainty + 2e-5) / 0.010) / 0.05
     )
     assert verdict.verdict == "not judged"
-    assert verdict.gaps[0].startswith("array_mode_1 (not settled; settle >= ")
+    assert verdict.gaps[0].startswith("array_mode_1 (not settled; record.settle >= ")
     assert float(verdict.gaps[0].split()[-2]) == pytest.approx(30.0 + longer, rel=0.01)
     assert judge(ringing, limit_of(0.035), scenario).verdict == "pass"
     assert (
@@ -205,7 +205,7 @@ def test_a_line_near_the_limit_is_not_judged_while_something_rings(table, scenar
     band = (20.0, 100.0)
     assert judge(both, limit_of(0.0102, *band), scenario).verdict == "not judged"
     assert (
-        "until the transient has decayed; not settled; settle >="
+        "until the transient has decayed; not settled; record.settle >="
         in judge(both, limit_of(0.0102, *band), scenario).gaps[0]
     )
     assert judge(both, limit_of(0.0105, *band), scenario).verdict == "pass"

@@ -141,7 +141,7 @@ def test_report_and_page_show_the_same_cells(outcome):
     [_, lines, *_] = [report.first_page, *(s.blocks for s in report.sections)]
     [shown] = lines
     answer = page_answer(outcome)
-    [given] = answer["parts"][1]["tables"]
+    [given] = answer["parts"][1]["items"]
     assert [row.cells for row in shown.rows] == [tuple(row.values()) for row in given["rows"]]
     assert given["rows"][0] == {"rate_deg_s": "0.06", "amplitude_n_m": "12.10", "line": "drive_1"}
     assert given["rows"][1] == {"rate_deg_s": "none", "amplitude_n_m": "", "line": "drive_2"}
@@ -197,6 +197,19 @@ def test_columns_of_properties_stand_last_and_small_uncertainties_are_only_less(
     assert few.marks() == ["off", "pass"]
 
 
+def test_the_page_has_what_a_terminal_is_too_narrow_for_and_the_rows_that_a_report_leaves_out():
+    kept, left_out = Compared("a", "k", "", 1e-5, "agrees"), Compared("b", "k", "", 1e-9, "differs")
+    some = Table.of("", Compared, [kept, left_out], for_readers=[kept]).only(("line", "verdict"))
+    of_reports = Table("", some.columns, some.rows, brief=0)
+    part = Part("Lines", (some, of_reports), not_on_terminal=True)
+    found = Outcome("Study", "A study", "Said.", "", (), (Part("", ()), part))
+    assert terminal_text(found) == "Said."
+    [shown] = page_answer(found)["parts"][1]["items"]
+    assert shown["rows"] == [{"line": "a", "verdict": "agrees"}]
+    assert shown["all_rows"] == [*shown["rows"], {"line": "b", "verdict": "differs"}]
+    assert some.texts() == [["a", "agrees"]]
+
+
 def test_what_is_for_a_report_alone_is_in_no_other_form(state_1):
     found = Outcome(
         "Study",
@@ -216,7 +229,10 @@ def test_what_is_for_a_report_alone_is_in_no_other_form(state_1):
     assert "Sensitivities" not in said
     answer = page_answer(found)
     assert [part["title"] for part in answer["parts"]] == [""]
-    assert answer["parts"][0]["texts"] == ["A: a.csv", "B: b.csv"]
+    named, compared = answer["parts"][0]["items"]
+    assert named == {"kind": "pairs", "rows": [["A", "a.csv"], ["B", "b.csv"]]}
+    [verdict] = [x for x in compared["columns"] if x["key"] == "verdict"]
+    assert (verdict["marks"]["differs"], verdict["marks"]["FAIL"]) == ("off", "fail")
     files, report = study_contents(found)
     assert sorted(files) == ["compared.csv", "simulator.yaml"]
     assert report.sections[0].title == "Matrix"

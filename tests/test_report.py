@@ -582,7 +582,7 @@ def test_other_commands_write_a_pdf_of_the_same_look(tmp_path):
         main, ["compare", "state-1:measured", "state-1:model", "--out", str(out), "--pdf"]
     )
     assert done.exit_code == 0, done.output
-    assert sorted(p.name for p in out.iterdir()) == ["compare.csv", "report.html", "report.pdf"]
+    assert sorted(p.name for p in out.glob("[!.]*")) == ["compare.csv", "report.html", "report.pdf"]
     (text,) = pages((out / "report.pdf").read_bytes())
     assert "Comparison of disturbance lines" in text
     assert "microvib compare state-1:measured state-1:model" in text

@@ -340,7 +340,7 @@ def test_sas_size_writes_a_source_of_modes(tmp_path):
     )
     assert done.exit_code == 0, done.output
     assert "state 5" in done.output
-    assert sorted(p.name for p in out.iterdir()) == [
+    assert sorted(p.name for p in out.glob("[!.]*")) == [
         "drawing.png", "report.html", "sas.csv", "sas.json", "simulator.yaml", "tolerances.csv",
     ]  # fmt: skip
     rows = list(csv.DictReader((out / "sas.csv").read_text().splitlines()))

@@ -61,7 +61,7 @@ def test_effects_are_those_of_changed_scenarios(scenario):
 
 
 def test_a_scenario_that_notes_no_range_is_told_how():
-    with pytest.raises(MicrovibError, match="sources: none notes a range, such as 'assumed: "):
+    with pytest.raises(MicrovibError, match="sources: no value of this scenario has a range"):
         sensitivities(mv.load_scenario("state-1", BRIEF))
 
 

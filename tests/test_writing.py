@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from microvib import reports
 from microvib.errors import OutputError
 from microvib.io.writing import (
+    LISTING,
     RUN_FILES,
     STUDY_FILES,
     check_folder,
@@ -83,7 +82,7 @@ def test_an_empty_folder_that_was_being_filled_is_empty_again(tmp_path):
     check_folder(mount)
     assert names(mount) == []
     write_folder(mount, {"lines.csv": "a"})
-    assert names(mount) == ["lines.csv"]
+    assert names(mount) == [LISTING, "lines.csv"]
 
 
 @posix
@@ -151,21 +150,26 @@ def test_a_file_that_cannot_be_written_keeps_the_old_one(tmp_path):
     assert (tmp_path / "one.csv").read_text() == "old"
 
 
-def test_a_folder_may_hold_every_file_that_a_report_writes() -> None:
-    """Else what wrote it could not replace it."""
-    sources = Path(reports.__file__).parent.rglob("*.py")
-    texts = [path.read_text(encoding="utf-8") for path in sources]
-    named = {
-        f"{name}{ending}"
-        for text in texts
-        for pattern, ending in (
-            (r'"(\w+\.(?:csv|json|png|nc))"', ""),
-            (r'[tT]able(?:\.of)?\(\s*"(\w+)",', ".csv"),
-            (r'[Pp]icture\(\s*"([a-z]\w+)",', ".png"),
-            (r'data=\{"(\w+)":', ".json"),
-        )
-        for name in re.findall(pattern, text)
-    }
-    assert {"seeds.csv", "loads.csv", "best.csv", "orbit_lines.csv"} <= named
-    assert {"orbit.json", "campbell.png", "orbit_windows.csv", "summary.csv"} <= named
-    assert named <= {*RUN_FILES, *STUDY_FILES}
+def test_a_folder_lists_its_files_and_others_are_not_replaced(tmp_path):
+    out = tmp_path / "run"
+    write_folder(out, {"new_study.csv": "a\n", "report.html": "first"})
+    (out / "report.pdf").write_bytes(b"made later")
+    write_folder(out, {"new_study.csv": "b\n"}, overwrite=True)
+    assert names(out) == [LISTING, "new_study.csv"]
+    (out / "spectrum.png").write_bytes(b"mine, though studies have files of this name")
+    with pytest.raises(OutputError, match=r"holds other content \(spectrum.png\)"):
+        write_folder(out, {"new_study.csv": "c\n"}, overwrite=True)
+    assert (out / "new_study.csv").read_text() == "b\n"
+
+
+def test_a_folder_of_before_there_were_listings_is_replaced(tmp_path):
+    out = tmp_path / "run"
+    out.mkdir()
+    for name in (*RUN_FILES, *STUDY_FILES):
+        (out / name).write_text("old")
+    write_folder(out, {"lines.csv": "new"}, overwrite=True)
+    assert names(out) == [LISTING, "lines.csv"]
+    (out / LISTING).unlink()
+    (out / "mine.csv").write_text("mine")
+    with pytest.raises(OutputError, match=r"holds other content \(mine.csv\)"):
+        write_folder(out, {"lines.csv": "newer"}, overwrite=True)

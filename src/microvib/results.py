@@ -174,7 +174,7 @@ class Table:
     for_readers: tuple[tuple[Any, ...], ...] | None = None
     """The rows that a report shows, what matters most first; None for all."""
     brief: int | None = None
-    """How many of these a terminal shows; None for all, 0 for no table."""
+    """How many of these a terminal shows; None for all, 0 for a table of reports alone."""
     caption: str = ""
     """A sentence below it in a report."""
 
@@ -266,18 +266,33 @@ class Table:
 
     def texts(self, most: int | None = None) -> list[list[str]]:
         """Cells as readers see them, of the first ``most`` rows that they do."""
+        return self._texts_of(self.rows_shown[:most])
+
+    def all_texts(self) -> list[list[str]]:
+        """Cells of all rows as readers would see them."""
+        return self._texts_of(self.rows)
+
+    def _texts_of(self, rows: Iterable[tuple[Any, ...]]) -> list[list[str]]:
         return [
             [column.text(row[k]) for k, column in zip(self._kept, self.shown, strict=True)]
-            for row in self.rows_shown[:most]
+            for row in rows
         ]
 
     def only(self, keys: Sequence[str]) -> Table:
-        """The rows for readers under the columns with some ``keys``, in their order, for readers alone."""
+        """The table under the columns with some ``keys``, in their order, for readers alone."""
         by_key = {column.key: k for k, column in enumerate(self.columns)}
         kept = [by_key[key] for key in keys if key in by_key]
-        rows = tuple(tuple(row[k] for k in kept) for row in self.rows_shown)
-        columns = tuple(self.columns[k] for k in kept)
-        return replace(self, name="", columns=columns, rows=rows, for_readers=None)
+
+        def under_them(rows: Iterable[tuple[Any, ...]]) -> tuple[tuple[Any, ...], ...]:
+            return tuple(tuple(row[k] for k in kept) for row in rows)
+
+        return replace(
+            self,
+            name="",
+            columns=tuple(self.columns[k] for k in kept),
+            rows=under_them(self.rows),
+            for_readers=None if self.for_readers is None else under_them(self.for_readers),
+        )
 
     def marks(self) -> list[Mark]:
         """Marks of the rows that readers see, by the words of their verdicts."""

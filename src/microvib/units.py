@@ -159,30 +159,28 @@ def convert(text: str, unit: str, example: str = "") -> float:
     """
     if len(text) > 200:
         raise ValueError("is too long for a quantity")
-    match = _NUMBER.match(text.replace("\u2212", "-"))  # the sign of minus
-    if match:
-        written = text[match.end() :].strip()
-    else:
-        written = ""
-    if written in _COMMON.get(unit, ()):
-        plain = written
-    else:
-        plain = plain_unit(written)
-    if match is None or (written and not _UNIT.fullmatch(plain)):
-        if "," in text:
-            comma = "; write a decimal point, not a comma"
-        else:
-            comma = ""
-        raise ValueError(f"{_no_quantity(example or unit)}{comma}")
-    number = float(match[1])
+    digits, written, plain = _number_and_unit(text, unit, example)
+    number = float(digits)
     if not written and unit and number != 0.0:  # nought is nought in every unit
         raise ValueError(f"needs a unit, such as '{text.strip()} {example or unit}'")
     value = number * (_factor(plain, written, unit) if written else 1.0)
     if not math.isfinite(value):
         raise ValueError("is not finite")
-    if value == 0.0 and re.search("[1-9]", re.split("[eE]", match[1])[0]):
+    if value == 0.0 and re.search("[1-9]", re.split("[eE]", digits)[0]):
         raise ValueError("is too small for a number")
     return value
+
+
+def _number_and_unit(text: str, unit: str, example: str) -> tuple[str, str, str]:
+    """Number, and unit as written and in plain letters, of a quantity; ValueError where it is none."""
+    match = _NUMBER.match(text.replace("\u2212", "-"))  # the sign of minus
+    if match is not None:
+        written = text[match.end() :].strip()
+        plain = written if written in _COMMON.get(unit, ()) else plain_unit(written)
+        if not written or _UNIT.fullmatch(plain):
+            return match[1], written, plain
+    comma = "; write a decimal point, not a comma" if "," in text else ""
+    raise ValueError(f"{_no_quantity(example or unit)}{comma}")
 
 
 def unit_of(text: str) -> str:

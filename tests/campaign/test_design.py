@@ -205,7 +205,7 @@ def test_arrays_of_several_sources():
     ("keys", "sentence"),
     [
         ({"vary": {}}, "vary: missing; at least one key"),
-        ({"vary": {"reducer.stifness": [1]}}, "vary.reducer.stifness: is not a key of the scenario; allowed are reducer.ratio"),
+        ({"vary": {"reducer.stifness": [1]}}, "vary.reducer.stifness: is not a key of the scenario; did you mean reducer.stiffness? allowed are reducer.ratio"),
         ({"vary": {"reducer.stiffness": []}}, "the list is empty"),
         ({"vary": {"x": {"scale": ["friction.slip_ring.contact_pairs"], "values": [1]}}}, "contact_pairs is 320, not a number"),
         ({"vary": {"x": {"scale": [], "values": [1]}}}, "vary.x.scale: [] is not allowed; a list of keys"),

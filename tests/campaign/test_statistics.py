@@ -401,6 +401,6 @@ def test_the_command_says_the_verdict_last_and_replaces_its_report(tmp_path, mon
         assert "above 1 mN m" in said.split("\n\n")[-1]
         files = written.splitlines()[0].split(", ")
         assert {Path(name).name for name in files} == {
-            p.name for p in (folder / "report").iterdir()
+            p.name for p in (folder / "report").glob("[!.]*")
         }
         assert f"campaign case {folder} {worst} --out" in written.replace("'", "")

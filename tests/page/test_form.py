@@ -103,7 +103,7 @@ def test_upload_a_scenario(visit: Callable[..., Any], tmp_path: Path) -> None:
     write(page, "motor.current", "0.45 A")  # mended
     run(page)
     table = mv.find_lines(mv.simulate(mine))
-    assert amplitude(page, "drive_1") == f"{1e3 * table['drive_1'].amplitude:#.5g}"
+    assert amplitude(page, "drive_1") == f"{1e3 * table['drive_1'].amplitude:#.4g}"
 
 
 def test_a_link_restores_the_scenario(visit: Callable[..., Any]) -> None:

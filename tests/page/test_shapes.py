@@ -173,7 +173,7 @@ def test_lines_over_seeds(visit: Callable[..., Any]) -> None:
     write(page, "friction.torque_noise", "{density: 1e-7 N^2*m^2/Hz, highest: 200 Hz}")
     page.click("#go")
     drawn(page, 1)
-    card = page.locator("#run .card", has_text="Lines over the draws of the noise")
+    card = page.locator("#run .card", has_text="Lines over draws of the noise")
     api.expect(card).to_contain_text("3 draws")
     page.get_by_text("Download", exact=True).click()
     with page.expect_download() as coming:

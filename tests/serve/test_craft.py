@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from support.server import SHORT, result, spec, wait
+from support.server import SHORT, items, result, spec, wait
 
 import microvib as mv
 from microvib.io.modal_sources import modal_source
@@ -50,13 +50,13 @@ def test_a_sweep_is_that_of_the_command_line(client):
         pytest.approx(sweep.lines[0].amplitude[0, 1]),
     )
     first, every = told["parts"]
-    [table] = every["tables"]
+    [table] = items(every, "table")
     assert [(x["title"], x["unit"]) for x in table["columns"][:2]] == [
         ("angle", "deg"),
         ("largest line", ""),
     ]
     assert [row["angle_deg"] for row in table["rows"]] == ["0", "45", "all", "worst"]
-    [picture] = first["pictures"]
+    [picture] = items(first, "picture")
     assert picture["source"].startswith("data:image/svg+xml;base64,")
     assert json.loads(told["files"]["angles.json"])["angles_deg"] == [0.0, 45.0]
 
@@ -195,10 +195,14 @@ def test_lines_over_seeds_are_those_of_the_command_line(client, tmp_path):
     path = tmp_path / "noisy.yaml"
     path.write_text(shown, encoding="utf-8")
     table = mv.run_scenario(mv.load_scenario(path), seeds=3).table
-    assert [(x["line"], x["draws"]) for x in told["seeds"]] == [
-        (x.name, x.draws) for x in table.seeds
-    ]
-    assert [x["mean_n_m"] for x in told["seeds"]] == pytest.approx([x.mean for x in table.seeds])
+    [lines] = [part for part in told["parts"] if part["title"] == "Lines over draws of the noise"]
+    text, over_seeds = lines["items"]
+    assert text["text"].startswith("Over 3 draws of the noise")
+    shown = {row["line"]: float(row["mean_n_m"]) for row in over_seeds["rows"]}
+    assert {"drive_1", "drive_2"} <= set(shown)
+    means = {x.name: 1e3 * x.mean for x in table.seeds}
+    assert shown == pytest.approx({line: means[line] for line in shown}, rel=1e-3)
+    assert "seeds.csv" in told["files"]
 
 
 @pytest.mark.parametrize("seeds", [1, 1001, 2.5, "many", "", True])
@@ -227,7 +231,7 @@ def test_files_of_a_driven_second_wing(client):
     answer = client.post("/api/runs", json={"scenario": {**CRAFT, "text": yaml.safe_dump(data)}})
     assert answer.status_code == 202, answer.text
     id = answer.json()["id"]
-    assert result(client, id)["craft"]["driven_wing"] is True
+    assert {"loads_wing_2.csv", "lines_wing_2.csv"} <= set(result(client, id)["files"])
     for name, first in (
         ("loads_wing_2.csv", "line,frequency_hz,fx_n"),
         ("lines_wing_2.csv", "line,expected_hz"),

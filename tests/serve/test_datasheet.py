@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.server import SHORT, result
+from support.server import SHORT, items, result
 
 import microvib as mv
 from microvib.io.data_sheet import DataSheet
@@ -109,10 +109,10 @@ def test_the_ranking_is_that_of_the_command_line(client):
     expected = sensitivities(drive)
     assert found == page_answer(ranking_outcome(expected, drive))
     first, *each, left_out = found["parts"]
-    lines = [(x["line"], x["amplitude_n_m"]) for x in first["tables"][0]["rows"]]
+    lines = [(x["line"], x["amplitude_n_m"]) for x in items(first, "table")[0]["rows"]]
     assert lines == [(x.line, f"{1e3 * x.amplitude:#.4g}".rstrip(".")) for x in expected]
     for part, line in zip(each, expected, strict=True):
-        rows = part["tables"][0]["rows"]
+        rows = items(part, "table")[0]["rows"]
         assert [row["key"] for row in rows] == [e.key for e in line.effects]
         ends = [
             [math.nan if x == "unknown" else 1e-3 * float(x) for x in (row["at_low_n_m"], row["at_high_n_m"])]
@@ -120,10 +120,10 @@ def test_the_ranking_is_that_of_the_command_line(client):
         ]  # fmt: skip
         np.testing.assert_allclose(ends, [e.amplitudes for e in line.effects], rtol=5.1e-4)
     assert np.isfinite(ends).any()
-    shown = {row["key"]: row["range"] for row in each[0]["tables"][0]["rows"]}
+    shown = {row["key"]: row["range"] for row in items(each[0], "table")[0]["rows"]}
     quantity = next(quantity for key, _, quantity in drive.entries() if key == keys[0])
     assert shown[keys[0]] == f"{quantity.show(2.0)} to {quantity.show(20.0)}"
-    assert left_out["tables"][0]["rows"] == [
+    assert items(left_out, "table")[0]["rows"] == [
         {"key": "driver.microsteps", "reason": "not a continuous value"}
     ]
 
@@ -131,4 +131,4 @@ def test_the_ranking_is_that_of_the_command_line(client):
 def test_a_scenario_without_ranges_is_not_ranked(client):
     answer = client.post("/api/sensitivity", json={"scenario": {"base": "state-1"}})
     assert answer.status_code == 422
-    assert answer.json()["error"].startswith("sources: none notes a range")
+    assert answer.json()["error"].startswith("sources: no value of this scenario has a range")

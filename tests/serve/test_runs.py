@@ -14,8 +14,11 @@ from support.server import SHORT, result, start
 
 import microvib as mv
 from microvib.analysis.reference import compare_with_reference
+from microvib.analysis.run import RunResult
 from microvib.io.writing import RUN_FILES
+from microvib.reports.outcome import page_answer
 from microvib.reports.run.folder import run_to_folder
+from microvib.reports.run.outcome import run_outcome
 from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
 from microvib.web.routes import results
@@ -34,12 +37,15 @@ def test_a_run_gives_the_numbers_of_the_command_line(client, finished, tmp_path)
 
 
 def test_a_run_has_the_reference_lines_of_its_scenario(client, finished, motion):
-    found, table = result(client, finished)["reference"], mv.find_lines(motion)
+    found, table = result(client, finished), mv.find_lines(motion)
     rows = compare_with_reference(motion.scenario, table)
-    assert [row["line"] for row in found["rows"]] == [row.line for row in rows] != []
-    assert found["rows"][0]["measured_n_m"] == rows[0].measured_amplitude
-    assert found["source"] == "Appl. Sci. 2021, 11, 9076, Tables 5 and 6"
-    assert "nearest bin" in found["estimator"]
+    assert [row["line"] for row in found["measured"]] == [row.line for row in rows] != []
+    assert found["measured"][0]["measured_n_m"] == rows[0].measured_amplitude
+    [part] = [part for part in found["parts"] if part["title"] == "Beside measured lines"]
+    text, shown = part["items"]
+    assert "Appl. Sci. 2021, 11, 9076, Tables 5 and 6" in text["text"]
+    assert "nearest bin" in text["text"]
+    assert [row["line"] for row in shown["rows"]] == [row.line for row in rows]
 
 
 def test_the_drive_train_balances(client, finished, motion):
@@ -129,6 +135,10 @@ def test_a_verdict_is_that_of_the_report(client, finished, motion):
         assert found["text"] == str(judged)
         assert found["verdict"] == judged.verdict
         assert [m["line"] for m in found["margins"]] == [m.line.name for m in judged.margins]
+        shown = page_answer(run_outcome(RunResult.of_motion(motion, table), limit))
+        first, lines = found["parts"]
+        assert [first["title"], lines] == ["", shown["parts"][1]]
+        assert found["facts"] == shown["facts"]
     page = client.get(f"/api/runs/{finished}/files/report.html", params={"limit": "30 mN*m"}).text
     assert "limit 30" in page
     assert "limit 30" not in client.get(f"/api/runs/{finished}/files/report.html").text
@@ -164,7 +174,10 @@ def test_a_steady_run_says_that_it_is_steady(client):
     found = result(client, run)
     lines = {line["line"]: line for line in found["lines"]}
     assert lines["array_mode_1"]["status"] == "not in a steady state"
-    assert found["solver"]["multiplier"] < 1.0
+    simulated = dict(found["parts"][0]["items"][0]["rows"])
+    assert simulated["Steady state"].startswith("repeats every ")
+    report = client.get(f"/api/runs/{run}/files/report.html").text
+    assert "deviations fall to" in report  # as in the command line's
     assert "start: steady" in client.get(f"/api/runs/{run}/files/scenario.yaml").text
 
 

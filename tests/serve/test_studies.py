@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import savemat
-from support.server import SHORT, result, spec, wait
+from support.server import SHORT, items, result, spec, wait
 
 import microvib as mv
 from microvib.io.formats import READERS
@@ -77,7 +77,7 @@ def test_a_recording_is_analysed_as_the_command_line_does(client, loaded, record
         result(client, id),
         analyse(open_source(str(recording)), scenario=mv.load_scenario("state-1")),
     )
-    assert found["parts"][0]["texts"][0] == "Source: my bench.uff, channel Mz"
+    assert items(found["parts"][0], "pairs")[0]["rows"][0] == ["Source", "my bench.uff, channel Mz"]
     assert found["clock_ratio"] == expected.clock_ratio
     assert [x["amplitude_n_m"] for x in found["lines"] if x["line"] == "drive_1"] == [
         expected.table["drive_1"].amplitude
@@ -104,7 +104,7 @@ def test_a_recording_beside_a_run(client, loaded, finished):
     ]
     found = result(client, id)
     assert found["summary"].endswith("against my bench.uff (recording).")
-    rows = found["parts"][0]["tables"][0]["rows"]
+    rows = items(found["parts"][0], "table")[0]["rows"]
     row = next(row for row in rows if row["line"] == "drive_1")
     assert float(row["relative_error"]) == pytest.approx(0.0, abs=1.0)
 
@@ -127,7 +127,9 @@ def test_a_parameter_is_identified_from_the_page(client, loaded):
     job = wait(client, id)
     assert job["state"] == "done", job
     found = client.get(f"/api/jobs/{id}/result").json()
-    (parameter,) = next(x["rows"] for x in found["parts"][0]["tables"] if x["name"] == "parameters")
+    (parameter,) = next(
+        x["rows"] for x in items(found["parts"][0], "table") if x["name"] == "parameters"
+    )
     assert float(parameter["start"]) == 0.02
     assert float(parameter["estimate"]) == pytest.approx(0.01442, rel=0.05)
     assert found["scenario_changes"]["motor.friction.viscous"].endswith("N*m*s/rad")
@@ -195,7 +197,7 @@ def test_a_rate_plan_and_its_bad_options(client):
         "linear": True,
     }
     found = result(client, client.post("/api/rates", json=asked).json()["id"])
-    [best] = found["parts"][0]["tables"][0]["rows"]
+    [best] = items(found["parts"][0], "table")[0]["rows"]
     smallest = min(max(x["amplitude"] for x in case["lines"]) for case in found["cases"])
     assert float(best["largest_n_m"]) == pytest.approx(1e3 * smallest, rel=1e-3)
     assert found["verdict"] == ""
@@ -203,7 +205,7 @@ def test_a_rate_plan_and_its_bad_options(client):
         client, client.post("/api/rates", json={**asked, "limit": "30 mN*m"}).json()["id"]
     )
     assert limited["verdict"] == "not judged"  # the linearised drive has driving lines only
-    assert limited["parts"][0]["tables"][0]["rows"][0]["best_rate_deg_s"] == "none"
+    assert items(limited["parts"][0], "table")[0]["rows"][0]["best_rate_deg_s"] == "none"
     for more, key in (
         ({"from": "1 m"}, "from"), ({"to": "0.01 deg/s"}, "from"), ({"limit": "-1 N*m"}, "limit"), ({"band": "5"}, "band"),
         ({"count": 2000, "microsteps": [8, 16, 32]}, "count"), ({"microsteps": [0]}, "microsteps.0"),
@@ -216,9 +218,9 @@ def test_a_rate_plan_and_its_bad_options(client):
 def test_a_simulator_is_sized(client):
     asked = {"inertia": "8.18 kg*m^2", "frequency": "1.19 Hz", "states": ["1.39:8.18"]}
     found = result(client, client.post("/api/sas", json=asked).json()["id"])
-    target = found["parts"][0]["tables"][0]["rows"][0]
+    target = items(found["parts"][0], "table")[0]["rows"][0]
     assert float(target["elements_frequency_hz"]) == pytest.approx(1.19, rel=0.01)
-    [drawing] = [x for part in found["parts"] for x in part["pictures"]]
+    [drawing] = [x for part in found["parts"] for x in items(part, "picture")]
     assert drawing["source"].startswith("data:image/svg+xml;base64,")
     bad = client.post("/api/sas", json={**asked, "inertia": "8 m"}).json()["id"]
     assert wait(client, bad)["error"].startswith("inertia: '8 m' has the wrong dimension")

@@ -71,3 +71,8 @@ def result(client: TestClient, id: str) -> dict:
         str(client.app._app.state.store.root) not in answer.text
     )  # nothing of where the server keeps its files
     return answer.json()
+
+
+def items(part: dict, kind: str) -> list[dict]:
+    """The items of one kind, ``"table"`` for one, in a part of a result."""
+    return [item for item in part["items"] if item["kind"] == kind]

@@ -316,7 +316,7 @@ def settling_advice(line: Line, too_large: float, scenario: Scenario | None) -> 
     longer = math.log(max(too_large, 1.0)) / line.decay
     if scenario is None:
         return f"not settled for another {rounded_up(longer)} s"
-    return f"not settled; settle >= {rounded_up(scenario.record.settle + longer)} s"
+    return f"not settled; record.settle >= {rounded_up(scenario.record.settle + longer)} s"
 
 
 def _judge_seed_quantile(line: Line, seeds: SeedLine, most: float, own_error: float) -> _Judged:

@@ -40,8 +40,8 @@ def check_seeds(scenario: Scenario, number: int) -> None:
     if not seeds_of(scenario, 0):
         raise OptionError(
             "seeds",
-            "sets the number of noise draws, but this scenario has no noise"
-            " (friction.torque_noise)",
+            "sets the number of noise draws, but this scenario has no noise; give it some"
+            " (friction.torque_noise), or leave this option out",
         )
     if not 2 <= number <= MAX_SEEDS:
         raise OptionError("seeds", f"{number} is not allowed; 2 to {MAX_SEEDS} draws are expected")

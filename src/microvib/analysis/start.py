@@ -106,7 +106,7 @@ def not_moving_reason(scenario: Scenario) -> str:
         return ""
     if math.isinf(needed):
         return "the array does not turn: the breakaway torque of its friction exceeds the motor torque (increase motor.current)"
-    remedy = f"settle >= {rounded_up(end + (needed - turned) / abs(rate))} s"
+    remedy = f"record.settle >= {rounded_up(end + (needed - turned) / abs(rate))} s"
     held = f"static friction holds the output shaft until wind-up reaches {math.degrees(needed):.3g} deg"
     return f"the array does not turn yet: {held} ({remedy})"
 

@@ -14,6 +14,7 @@ from microvib.cli.common import PATH, Target, options, print_scenario_warnings, 
 from microvib.cli.progress import progress_bar
 from microvib.cli.streams import INTERRUPTED, echo
 from microvib.errors import MicrovibError, OptionError
+from microvib.text_tables import counted
 
 if TYPE_CHECKING:
     from microvib.reports.document import Form
@@ -47,7 +48,8 @@ def create(study: Path, folder: Path, chunk: int | None) -> None:
     design = read_design(study)
     print_scenario_warnings(design.base, str(study))
     made = campaigns.create(design, folder, chunk)
-    echo(f"{design.cases} cases in {made.chunks} chunks of {made.chunk_size}.")
+    chunks = counted(made.chunks, "chunk")
+    echo(f"{counted(design.cases, 'case')} in {chunks} of up to {made.chunk_size}.")
     for levels in design.levels:
         echo(
             f"  {levels.key}: {len(levels.values)} levels, {levels.labels[0]} to"

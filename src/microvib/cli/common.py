@@ -174,8 +174,6 @@ def target_options(
 
             if out is None and folder is not None:
                 out = free_folder(folder(options))
-            else:
-                out = out
             if out is not None:
                 check_folder(out, overwrite)
             elif form.pdf:

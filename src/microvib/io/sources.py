@@ -106,7 +106,8 @@ def open_source(name: str, preparation: Preparation | None = None) -> Source:
 def _reference(name: str, scenario: Scenario, column: str) -> ReferenceLines:
     if scenario.reference is None:
         raise MicrovibError(
-            f"{name}: the scenario has no reference lines; give it some (reference)"
+            f"{name}: the scenario has no reference lines; add measured lines to its file, under the"
+            " key reference"
         )
     if column == "model" and not any(x.model_amplitude for x in scenario.reference.lines):
         raise MicrovibError(

@@ -190,11 +190,17 @@ def _locked(path: Path) -> int | None:
     return None
 
 
+LISTING = ".microvib-files"
+"""A result folder's list of the files that were written with it, a name a line."""
+
+_REPORTS = ("report.html", "report.pdf")
+"""Files that a later command may add to a result folder, or make again."""
+
 RUN_FILES = (
     "motion.nc", "lines.csv", "loads.csv", "pointing.csv", "summary.json", "scenario.yaml", "report.html",
     "motion_wing_2.nc", "lines_wing_2.csv", "loads_wing_2.csv", "densities.csv",
 )  # fmt: skip
-"""Files of a run's folder; only a folder that holds nothing else may be replaced."""
+"""Files of a run's folder."""
 
 STUDY_FILES = (
     "compare.csv", "fit.json", "validation.csv", "spectrum.csv", "density.csv", "third_octaves.csv", "modes.csv", "modes.png",
@@ -209,7 +215,7 @@ STUDY_FILES = (
     "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
     "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
 )  # fmt: skip
-"""Further files of the folders of studies."""
+"""Further files of the folders of studies that were written before folders had a listing; closed."""
 
 
 def check_folder(out: Path, overwrite: bool = False) -> None:
@@ -231,11 +237,8 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
     content = sorted(p.name for p in out.iterdir())
     if not content:
         return
-    foreign = [
-        name
-        for name in content
-        if name not in (*RUN_FILES, *STUDY_FILES) or not (out / name).is_file()
-    ]
+    own = _own_files(out)
+    foreign = [name for name in content if name not in own or not (out / name).is_file()]
     if foreign:
         raise OutputError(
             f"{out}: holds other content ({foreign[0]}); nothing was written; choose an empty or"
@@ -247,6 +250,16 @@ def check_folder(out: Path, overwrite: bool = False) -> None:
             " them to be replaced",
             remedy="overwrite",
         )
+
+
+def _own_files(out: Path) -> set[str]:
+    """Names of the files in a result folder that may be replaced: those that it lists; where it has
+    no listing, those that folders had before there was one.
+    """
+    listing = out / LISTING
+    if not listing.is_file():
+        return {*RUN_FILES, *STUDY_FILES}
+    return {LISTING, *_REPORTS, *listing.read_text(encoding="utf-8", errors="replace").splitlines()}
 
 
 def free_folder(stem: str) -> Path:
@@ -280,6 +293,8 @@ def check_room(out: Path, size: float) -> None:
 def write_folder(
     out: Path, files: Mapping[str, str | bytes | Writer], overwrite: bool = False
 ) -> None:
-    """Write a folder of results, whole or not at all, where ``check_folder`` allows it."""
+    """Write a folder of results with its listing, whole or not at all, where ``check_folder`` allows
+    it.
+    """
     check_folder(out, overwrite)
-    write_files(out, files)
+    write_files(out, {**files, LISTING: "".join(f"{name}\n" for name in sorted(files))})

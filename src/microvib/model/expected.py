@@ -287,7 +287,7 @@ def _array_lines(scenario: Scenario, highest: float) -> list[ExpectedLine]:
         low, high = sorted((mode.frequency, mode.fixed_frequency))
         if (
             high > 1.1 * low
-        ):  # above the hub's resonance they lie far apart, with other lines between
+        ):  # above the drive resonance they lie far apart, with other lines between
             low = high = mode.frequency
         origin = f"clamped {mode.fixed_frequency:.4g} Hz, seen through the drive"
         lines.append(

@@ -45,9 +45,15 @@ class Record(Part):
         samples = self.duration * self.sample_rate
         product = f"duration: {self.duration:g} s at {self.sample_rate:g} Hz is"
         if samples < 8:
-            yield f"{product} {samples:g} samples; at least 8 are needed"
+            yield (
+                f"{product} {samples:g} samples; at least 8 are needed: lengthen duration or raise"
+                " sample_rate"
+            )
         if samples > MAX_SAMPLES:
-            yield f"{product} {samples:.3g} samples; at most {MAX_SAMPLES:.0e}"
+            yield (
+                f"{product} {samples:.3g} samples, more than the {MAX_SAMPLES:.0e} that are allowed;"
+                " shorten duration or lower sample_rate"
+            )
 
     @property
     def samples(self) -> int:

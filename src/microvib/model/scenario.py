@@ -671,11 +671,11 @@ def _index(node: Any, part: str, walked: list[str], key: str) -> Any:
     if isinstance(node, dict):
         return part
     if not part.isdigit() or int(part) >= len(node):
-        if node:
-            allowed = f"0 to {len(node) - 1}"
+        if len(node) > 1:
+            has = f"has entries 0 to {len(node) - 1}"
+        elif node:
+            has = "has the one entry 0"
         else:
-            allowed = "none, the list is empty"
-        raise ScenarioError(
-            f"{key}: '{part}' is not an index of {'.'.join(walked)}; allowed is {allowed}"
-        )
+            has = "is empty"
+        raise ScenarioError(f"{key}: there is no entry '{part}'; {'.'.join(walked)} {has}")
     return int(part)

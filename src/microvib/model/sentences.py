@@ -14,6 +14,10 @@ from microvib.errors import ScenarioError, did_you_mean, quoted_value
 from microvib.model.fields import integer_range_text, part_type_of, quantity_in
 
 P = TypeVar("P", bound=BaseModel)
+_KINDS_OF_YAML: Mapping[type, str] = MappingProxyType(
+    {list: "a list", str: "plain text", type(None): "nothing"}
+)
+"""Contents of a file that should hold keys, in words."""
 MAX_SENTENCES = 8  # problems that are told, at most; of the others their number
 
 
@@ -29,8 +33,8 @@ def validate_part(part: type[P], data: Any, *, si: bool = False, origin: str = "
             "title",
         )
         raise ScenarioError(
-            f"{origin or name}: a mapping of keys is expected, such as '{first}:', not"
-            f" {type(data).__name__}"
+            f"{origin or name}: keys with their values are expected, such as '{first}:', but there"
+            f" is {_KINDS_OF_YAML.get(type(data), 'one value')} instead"
         )
     try:
         return part.model_validate(data, context={"si": si})
@@ -38,6 +42,10 @@ def validate_part(part: type[P], data: Any, *, si: bool = False, origin: str = "
         before = f"{origin}: " if origin else ""
         lines = _sentences(part, error.errors(include_url=False))
         raise ScenarioError("\n".join(before + line for line in lines)) from None
+
+
+_ORDER = {"extra_forbidden": 0, "missing": 2}
+"""Unknown keys first, for a misspelt one is the cause of a missing one; by types of errors."""
 
 
 def _sentences(part: type[BaseModel], items: list[ErrorDetails]) -> list[str]:
@@ -49,6 +57,7 @@ def _sentences(part: type[BaseModel], items: list[ErrorDetails]) -> list[str]:
         for item in items
         if item["type"] != "literal_error" or item["loc"][:-1] not in quantities
     ]
+    items.sort(key=lambda item: _ORDER.get(item["type"], 1))
     lines = list(dict.fromkeys(_sentence(part, item) for item in items[: 10 * MAX_SENTENCES]))
     if len(lines) <= MAX_SENTENCES:
         return lines

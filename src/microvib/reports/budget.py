@@ -27,6 +27,7 @@ from microvib.results import (
     Table,
 )
 from microvib.signals.pointing import Metric, mean_square_of_density, metric_name, metric_weight
+from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Assessment, Share, combine_lines
 from microvib.studies.campaign.statistics import NO_ESTIMATE
@@ -158,7 +159,7 @@ def _name(one: Assessment) -> str:
 def _decision(budget: Budget) -> str:
     said = _verdict_counts(budget)
     if budget.judged:
-        said = f"{_WORDS[budget.verdict]} ({said})"
+        said = f"{_WORDS[budget.verdict]}: {said}"
     return f"{said[0].upper()}{said[1:]}, {budget.holds_at}."
 
 
@@ -169,7 +170,7 @@ def _verdict_counts(budget: Budget) -> str:
         v: sum(one.verdict == v for one in budget.judged) for v in _WORDS
     }
     said = ", ".join(f"{n} {v}" for v, n in verdicts.items() if n)
-    return f"{said}, of {count_text(len(budget.judged), 'requirement')}"
+    return f"of {count_text(len(budget.judged), 'requirement')}, {said}"
 
 
 def _requirements(budget: Budget) -> Table:
@@ -418,33 +419,9 @@ def _draw_lines(ax: Axes, budget: Budget, angle: Measure) -> None:
     seen = sorted({"radial", *(one.requirement.axis for one in curves)}, key=list(_SIZE).index)
     for k, one in enumerate(budget.contributions):
         for axis in seen:
-            size = _SIZE[axis](np.abs(one.los))
-            shown, colour = one.settled & (size > 1e-5 * top), sheets.COLOURS[k % 7]
-            if axis == "radial":
-                ax.vlines(
-                    one.frequency[shown],
-                    1e-3 * top,
-                    size[shown] / angle.size,
-                    color=colour,
-                    linewidth=0.8,
-                )
-            label = one.source if axis == "radial" else "_"
-            style: dict[str, Any] = {
-                "marker": _MARKERS[axis][0],
-                "color": colour,
-                "markersize": 3,
-                "linestyle": "",
-                "label": label,
-            }
-            ax.plot(one.frequency[shown], size[shown] / angle.size, **style)
+            _draw_source(ax, one, axis, angle, top, sheets.COLOURS[k % 7])
     for required in curves:
-        curve, axis = required.requirement.curve or (), required.requirement.axis
-        f, allowed = [p.frequency for p in curve], [p.amplitude / angle.size for p in curve]
-        if axis == "radial":
-            label = _name(required)
-        else:
-            label = f"{_name(required)}: los_{axis} ({_MARKERS[axis][2]})"
-        ax.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
+        _draw_curve(ax, required, angle)
     if seen == ["radial"]:
         what = f"amplitude, radial [{angle.unit}]"
     else:
@@ -459,6 +436,36 @@ def _draw_lines(ax: Axes, budget: Budget, angle: Measure) -> None:
         ax.set_ylim(1e-5 * top / angle.size, 60 * top / angle.size)  # with room for names
         sheets.name_points(ax, _governing_lines(budget, angle))
     ax.legend(fontsize=6.5, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+
+
+def _draw_source(
+    ax: Axes, one: Contribution, axis: str, angle: Measure, top: float, colour: str
+) -> None:
+    """Settled lines of a source on one axis of the line of sight, down to a part of ``top`` [rad]."""
+    size = _SIZE[axis](np.abs(one.los))
+    shown = one.settled & (size > 1e-5 * top)
+    f, shown_size = one.frequency[shown], size[shown] / angle.size
+    if axis == "radial":
+        ax.vlines(f, 1e-3 * top, shown_size, color=colour, linewidth=0.8)
+    ax.plot(
+        f,
+        shown_size,
+        marker=_MARKERS[axis][0],
+        color=colour,
+        markersize=3,
+        linestyle="",
+        label=one.source if axis == "radial" else "_",
+    )
+
+
+def _draw_curve(ax: Axes, required: Assessment, angle: Measure) -> None:
+    """The curve that limits lines on one axis."""
+    curve, axis = required.requirement.curve or (), required.requirement.axis
+    f, allowed = [p.frequency for p in curve], [p.amplitude / angle.size for p in curve]
+    label = _name(required)
+    if axis != "radial":
+        label = f"{label}: los_{axis} ({_MARKERS[axis][2]})"
+    ax.plot(f, allowed, color="black", linestyle=_MARKERS[axis][1], linewidth=0.9, label=label)
 
 
 def _governing_lines(budget: Budget, angle: Measure) -> list[tuple[float, float, str, bool]]:

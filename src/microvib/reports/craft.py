@@ -52,9 +52,9 @@ MIN_TRANSIENT_PART = 0.01
 def craft_parts(motion: Motion, hub: HubLines) -> Iterator[Part]:
     """Sections on the spacecraft in a run's report."""
     yield Part("The spacecraft", tuple(_craft(motion.scenario)), new_page=True, report_only=True)
-    yield Part("Loads on the hub", tuple(_loads(motion, hub)), report_only=True)
+    yield Part("Loads on the hub", tuple(_loads(motion, hub)), not_on_terminal=True)
     if hub.los is not None:
-        yield Part("Line of sight", tuple(_line_of_sight(motion, hub)), report_only=True)
+        yield Part("Line of sight", tuple(_line_of_sight(motion, hub)), not_on_terminal=True)
 
 
 def pointing_angle(hub: HubLines) -> Measure:
@@ -145,7 +145,7 @@ def _craft(scenario: Scenario) -> Iterator[Item]:
     rows = {
         "Craft": craft_words(craft),
         "Principal moments": f"{moments} kg m², about the hub's centre of mass",
-        "Interface": f"[{position}] m from there",
+        "Interface": f"at [{position}] m from the hub's centre of mass",
         **({} if craft.second_wing is None else {"Second wing": _second(scenario)}),
         "Modes with locked hinges": f"{frequencies} Hz",
     }

@@ -95,13 +95,13 @@ class EstimateRow:
 class FigureRow:
     """A fitted figure of a test, in the unit that readers see."""
 
-    name: Annotated[str, Column("figure", "figure")]
+    name: Annotated[str, Column("figure", "quantity")]
     unit: Annotated[str, Column("unit", "unit")]
     test: Annotated[str, Column("test", "test", _TEXT)]
     before: Annotated[str, Column("before", "before", _TEXT)]
     after: Annotated[str, Column("after", "after", _TEXT)]
-    before_difference: Annotated[float, Column("before_difference", "before off", DIFFERENCE)]
-    after_difference: Annotated[float, Column("after_difference", "after off", DIFFERENCE)]
+    before_difference: Annotated[float, Column("before_difference", "before, off by", DIFFERENCE)]
+    after_difference: Annotated[float, Column("after_difference", "after, off by", DIFFERENCE)]
     sigma: Annotated[float, Column("sigma", "sigma", _SIGMA)]
 
 
@@ -154,7 +154,7 @@ def fit_outcome(fit: Fit, start: Scenario | None = None) -> Outcome:
                 (every_figure, *map(Text, _prepared(fit))),
                 new_page=True,
             ),
-            Part("What is left", tuple(_residuals(fit))),
+            Part("Residuals", tuple(_residuals(fit))),
             Part("Dependence on parameters not fitted", _dependences(fit)),
             Part(
                 "Correlation of the estimates",

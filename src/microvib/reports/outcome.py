@@ -18,7 +18,7 @@ from microvib.reports import document, sheets
 from microvib.reports.blocks import figure_block, study_report
 from microvib.reports.document import Block, Code, Contents, Document, Fact, Section, Text
 from microvib.reports.rendering import address
-from microvib.results import Column, Measure, Table
+from microvib.results import MARKS, Column, Measure, Table
 from microvib.text_tables import text_table
 
 if TYPE_CHECKING:
@@ -65,6 +65,8 @@ class Part:
     new_page: bool = False
     report_only: bool = False
     """Whether neither terminal nor page shows it."""
+    not_on_terminal: bool = False
+    """Whether a terminal leaves it out, where a page, on which one can scroll, has it."""
 
     def in_units(self, chosen: Sequence[Measure]) -> Part:
         """The part with all its tables in the units that were chosen."""
@@ -147,7 +149,7 @@ def terminal_text(outcome: Outcome) -> str:
     blocks = [outcome.summary]
     first, *others = outcome.parts
     for part in (*others, first) if outcome.verdict else outcome.parts:
-        if part.report_only:
+        if part.report_only or part.not_on_terminal:
             continue
         texts = [text for item in part.shown if (text := _terminal_item(item))]
         if texts and part.title:
@@ -252,52 +254,68 @@ def _report_column(column: Column) -> document.Column:
 
 
 def page_answer(outcome: Outcome, *, pictures: bool = False) -> dict[str, Any]:
-    """The outcome for the page: texts and tables by parts, cells as texts.
+    """The outcome for the page: the items of its parts, cells as texts.
 
     The ``pictures`` are given where the page does not draw them itself.
     """
     return {
         "summary": outcome.summary,
         "verdict": outcome.verdict,
-        "facts": [{"value": x.value, "label": x.label, "status": x.status} for x in outcome.facts],
+        "facts": page_facts(outcome.facts),
         "parts": [
-            _page_part(part, pictures)
+            page_part(part, pictures)
             for k, part in enumerate(outcome.parts)
             if k == 0 or (part.shown and not part.report_only)
         ],
     }
 
 
-def _page_part(part: Part, pictures: bool) -> dict[str, Any]:
-    return {
-        "title": part.title,
-        "texts": [text for item in part.shown for text in _page_texts(item)],
-        "tables": [_page_table(item) for item in part.shown if isinstance(item, Table)],
-        "pictures": [
-            {"title": x.title, "caption": x.caption, "source": address(sheets.svg(x.draw()))}
-            for x in part.shown
-            if pictures and isinstance(x, Picture)
-        ],
-    }
+def page_facts(facts: Iterable[Fact]) -> list[dict[str, str]]:
+    """Leading figures for the page."""
+    return [{"value": x.value, "label": x.label, "status": x.status} for x in facts]
 
 
-def _page_texts(item: Item) -> list[str]:
+def page_part(part: Part, pictures: bool = False) -> dict[str, Any]:
+    """A part for the page."""
+    items = (_page_item(item, pictures) for item in part.shown)
+    return {"title": part.title, "items": [item for item in items if item]}
+
+
+def _page_item(item: Item, pictures: bool) -> dict[str, Any]:
+    """One item by its kind; empty where the page has no use for it."""
     if isinstance(item, Text):
-        return [_plain(item)]
-    return item.lines if isinstance(item, Pairs) else []
+        return {"kind": "text", "text": _plain(item), "note": item.note}
+    if isinstance(item, Pairs):
+        return {"kind": "pairs", "rows": [list(row) for row in item.rows]}
+    if isinstance(item, Table):
+        return {} if item.brief == 0 else _page_table(item)
+    if not pictures:
+        return {}
+    source = address(sheets.svg(item.draw()))
+    return {"kind": "picture", "title": item.title, "caption": item.caption, "source": source}
 
 
 def _page_table(table: Table) -> dict[str, Any]:
-    shown = table.shown
+    def by_key(rows: list[list[str]]) -> list[dict[str, str]]:
+        return [dict(zip((x.key for x in table.shown), row, strict=True)) for row in rows]
+
+    left_out = table.for_readers is not None and len(table.rows_shown) < len(table.rows)
     return {
+        "kind": "table",
         "name": table.name,
-        "caption": table.caption,
-        "columns": [
-            {"key": x.key, "title": x.heading, "unit": x.measure.unit if x.measure else ""}
-            for x in shown
-        ],
-        "rows": [
-            {column.key: text for column, text in zip(shown, row, strict=True)}
-            for row in table.texts()
-        ],
+        "caption": table.caption.replace("`", ""),
+        "columns": [_page_column(column) for column in table.shown],
+        "rows": by_key(table.texts()),
+        "all_rows": by_key(table.all_texts()) if left_out else None,
+    }
+
+
+def _page_column(column: Column) -> dict[str, Any]:
+    """A column for the page; of verdicts with the marks of their words."""
+    marks = {column.text(word): mark for word, mark in MARKS.items()}
+    return {
+        "key": column.key,
+        "title": column.heading,
+        "unit": column.measure.unit if column.measure else "",
+        "marks": marks if column.role == "verdict" else {},
     }

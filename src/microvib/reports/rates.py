@@ -5,7 +5,7 @@ bands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,19 +17,19 @@ from microvib.reports.numbers import count_text, plain_number
 from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
 from microvib.results import (
     COUNT,
-    FREQUENCY,
     MICROSTEPS,
-    ORDER,
     RATE,
     TORQUE,
     TORQUE_LIMIT,
     Column,
     Table,
+    columns_of,
 )
 from microvib.studies.rates import (
     ABOVE_LIMIT,
     Forbidden,
     RateCase,
+    RateLine,
     RatePlan,
     Resonance,
     linear_error,
@@ -48,20 +48,6 @@ SHOWN = 12
 
 def _deg(rate: float) -> str:
     return f"{math.degrees(rate):.5g}"
-
-
-@dataclass(frozen=True)
-class LineAtRate:
-    """One line at one rate of a plan, or a case that failed."""
-
-    rate: Annotated[float, Column("rate_deg_s", measure=RATE)]
-    microsteps: Annotated[int, Column("microsteps", measure=COUNT)]
-    line: Annotated[str, Column("line")]
-    kind: Annotated[str, Column("kind")]
-    order: Annotated[float, Column("order", measure=ORDER)]
-    frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
-    amplitude: Annotated[float, Column("amplitude_n_m", measure=TORQUE)]
-    status: Annotated[str, Column("status")]
 
 
 @dataclass(frozen=True)
@@ -101,7 +87,7 @@ def rates_outcome(plan: RatePlan, note: str = "") -> Outcome:
             Part("Without a steady state", tuple(map(Text, _unsolved(plan)))),
         ),
         plan.scenario,
-        files=(Table.of("rates", LineAtRate, _lines_at_rates(plan), for_readers=()),),
+        files=(_lines_at_rates(plan),),
     )
 
 
@@ -139,7 +125,7 @@ def _resonances(plan: RatePlan) -> tuple[Item, ...]:
         for r in strongest_resonances(plan.resonances, _MAX_RESONANCES)
         if not r.amplitude < _MIN_RELATIVE * top
     ]
-    caption = "The strongest, to a hundredth of the largest; all are in `resonances.csv`."
+    caption = "The strongest, to a hundredth of the largest; a plan's `resonances.csv` has all."
     return (
         Table.of(
             "resonances",
@@ -190,7 +176,7 @@ def best_text(plan: RatePlan) -> str:
             far = f"{100 * near[1]:.2g} % of the rate"
         else:
             far = "more than its own rate"
-        away = f"; {near[0].line} on {near[0].mode} is {far} away"
+        away = f"; the nearest resonance, {near[0].line} on {near[0].mode}, is {far} away"
     if plan.is_at_end(case):
         end = "; this is the end of the range, and rates beyond it may be better"
     else:
@@ -208,7 +194,7 @@ def best_text(plan: RatePlan) -> str:
     what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {TORQUE.figure(top)}{away}{in_time}{end}."
     if found:
         return f"Best: {what}"
-    return f"Best: none {_criteria(plan)}. The lowest largest line: {what}"
+    return f"Best: none {_criteria(plan)}. The rate with the smallest maximum line: {what}"
 
 
 def _criteria(plan: RatePlan) -> str:
@@ -291,22 +277,23 @@ def linear_text(plan: RatePlan) -> str:
     return "Linear against full model, drive_1 to drive_3 at five rates: " + "; ".join(parts) + "."
 
 
-def _lines_at_rates(plan: RatePlan) -> Iterator[LineAtRate]:
+def _lines_at_rates(plan: RatePlan) -> Table:
+    """Every line at every rate, with a row without a line for a case that failed."""
+    of_line = columns_of(RateLine)
+    nothing = RateLine("", "", math.nan, math.nan, math.nan)
+    columns = (
+        Column("rate_deg_s", measure=RATE),
+        Column("microsteps", measure=COUNT),
+        *of_line.values(),
+        Column("status"),
+    )
+    rows = []
     for case in plan.cases:
-        if case.failed:
-            nothing = ("", "", math.nan, math.nan, math.nan)
-            yield LineAtRate(case.rate, case.microsteps, *nothing, f"failed: {case.reason}")
-        for x in case.lines:
-            yield LineAtRate(
-                case.rate,
-                case.microsteps,
-                x.name,
-                x.kind,
-                x.order,
-                x.frequency,
-                x.amplitude,
-                _how_solved(plan, case),
-            )
+        status = f"failed: {case.reason}" if case.failed else _how_solved(plan, case)
+        for line in (nothing,) if case.failed else case.lines:
+            figures = (getattr(line, field) for field in of_line)
+            rows.append((case.rate, case.microsteps, *figures, status))
+    return Table("rates", columns, tuple(rows), for_readers=())
 
 
 def _how_solved(plan: RatePlan, case: RateCase) -> str:
@@ -342,7 +329,9 @@ def _facts(plan: RatePlan) -> list[Fact]:
             facts.append(Fact("Pass", "no line at the best rate", "pass"))
     elif least := plan.least():
         case, top = least
-        where = f"lowest largest line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
+        where = (
+            f"smallest maximum line, at {_deg(case.rate)} deg/s with {case.microsteps} microsteps"
+        )
         facts = [
             Fact(
                 "None",

@@ -287,23 +287,31 @@ def _reassign_unlisted_to_modes(
             for i in unlisted
             if any(abs(mode.frequency - tones.frequency[i]) * duration < 0.5 for mode in group)
         ]
-        if not any(left.get(name, "").startswith(NOT_SEPARABLE) for name in names) or not 0 < len(
-            there
-        ) <= len(group):
+        refused_one = any(left.get(name, "").startswith(NOT_SEPARABLE) for name in names)
+        if not refused_one or not 0 < len(there) <= len(group):
             continue
         there.sort(key=lambda i: float(tones.frequency[i]))
         chosen = _nearest(tones.frequency[there], group)
         for i, mode in zip(there, chosen, strict=True):
             lines[i] = mode
             left.pop(mode.name, None)
-        for mode in group:
-            if mode not in chosen and (
-                mode.name not in left or left[mode.name].partition(";")[0].split()[-1] in names
-            ):
-                left[mode.name] = _too_near(
-                    mode, min(chosen, key=lambda x: abs(x.frequency - mode.frequency))
-                )
+        _refuse_others(group, chosen, left)
     return replace(tones, lines=tuple(lines)), left
+
+
+def _refuse_others(
+    group: Sequence[ExpectedLine], chosen: Sequence[ExpectedLine], refused: dict[str, str]
+) -> None:
+    """Say of the modes of a group that were not ``chosen`` which of these they are too near to, unless
+    another reason is told already.
+    """
+    names = [mode.name for mode in group]
+    for mode in group:
+        why = refused.get(mode.name)
+        if mode in chosen or (why is not None and why.partition(";")[0].split()[-1] not in names):
+            continue
+        nearest = min(chosen, key=lambda x: abs(x.frequency - mode.frequency))
+        refused[mode.name] = _too_near(mode, nearest)
 
 
 def _nearest(frequency: np.ndarray, modes: Sequence[ExpectedLine]) -> list[ExpectedLine]:

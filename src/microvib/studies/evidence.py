@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -161,31 +161,41 @@ def select_evidence(
             )
     ends = [band(given) for given in bands]
     each = [scenario] * len(evidence) if isinstance(scenario, Scenario) else scenario
+    frequencies = [_frequencies_of(one, its) for one, its in zip(evidence, each, strict=True)]
     kept = []
-    for one, its in zip(evidence, each, strict=True):
-        at = {
-            line.name: line.frequency for line in expected_lines(its, Si(math.inf), one.harmonics)
-        } | {"": ends[0][0] if ends else 0.0}
-        at |= {o.line: o.bin_frequency for o in one.observations if o.bins}
-        wanted = {
-            name
-            for name, f in at.items()
-            if not ends or any(within_band(f, *pair) for pair in ends)
-        } - set(without)
-        kept.append([o for o in one.observations if {o.line, o.against} <= wanted])
-    if not any(kept):
-        require_lines(evidence)
-        seen_at = sorted(at[o.line] for one in evidence for o in one.observations if o.line in at)
-        if seen_at:
-            where = f"; its lines are from {seen_at[0]:.4g} to {seen_at[-1]:.4g} Hz"
-        else:
-            where = ""
-        raise OptionError(
-            "without" if without else "band", f"leaves no line of the evidence{where}"
+    for one, at in zip(evidence, frequencies, strict=True):
+        wanted = {name for name, f in at.items() if _in_any_band(f, ends)} - set(without)
+        wanted.add("")  # against nothing
+        kept.append(
+            replace(
+                one,
+                observations=tuple(o for o in one.observations if {o.line, o.against} <= wanted),
+            )
         )
-    return [
-        replace(one, observations=tuple(left)) for one, left in zip(evidence, kept, strict=True)
-    ]
+    if not any(one.observations for one in kept):
+        require_lines(evidence)
+        option = "without" if without else "band"
+        raise OptionError(option, f"leaves no line of the evidence{_range_of(seen, frequencies)}")
+    return kept
+
+
+def _frequencies_of(one: Evidence, scenario: Scenario) -> dict[str, float]:
+    """Frequencies [Hz] by line: those expected, or of the bins that were read."""
+    expected = expected_lines(scenario, Si(math.inf), one.harmonics)
+    of_bins = {o.line: o.bin_frequency for o in one.observations if o.bins}
+    return {line.name: line.frequency for line in expected} | of_bins
+
+
+def _in_any_band(frequency: float, ends: Sequence[tuple[float, float]]) -> bool:
+    return not ends or any(within_band(frequency, *pair) for pair in ends)
+
+
+def _range_of(lines: Iterable[str], frequencies: Sequence[Mapping[str, float]]) -> str:
+    """Where some lines are, as the end of a sentence; empty where that is not known."""
+    found = sorted(at[line] for line in lines for at in frequencies if line in at)
+    if not found:
+        return ""
+    return f"; its lines are from {found[0]:.4g} to {found[-1]:.4g} Hz"
 
 
 def require_lines(evidence: Sequence[Evidence]) -> None:

@@ -32,7 +32,7 @@ from microvib.model.line_names import SECOND_DRIVE, driving_line, full_step_line
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.results import FREQUENCY, MICROSTEPS, RATE, TORQUE, Column, former_field
+from microvib.results import FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, former_field
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
@@ -71,12 +71,12 @@ NEAR_RESONANCE = "too close to a resonance:"
 class RateLine:
     """One line at one rate."""
 
-    name: str
-    kind: str
-    order: float
+    name: Annotated[str, Column("line")]
+    kind: Annotated[str, Column("kind")]
+    order: Annotated[float, Column("order", measure=ORDER)]
     """Frequency over the driving frequency."""
-    frequency: float
-    amplitude: float
+    frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", measure=TORQUE)]
     away: float = 0.0
     """How far from its frequency [Hz] another line may lie that it stands for."""
 
@@ -378,11 +378,7 @@ def plan_rates(  # noqa: PLR0913 - keyword options
                 solve_case, ((scenario, Si(rate), n, confirmed) for rate, n, confirmed in wanted)
             )
 
-        wanted = {(float(rate), count) for count in counts for rate in grid}
-        beyond = set[tuple[float, int]]()
-        for resonance, examined in crossings:
-            kept = wanted if min(grid) <= resonance.rate <= max(grid) else beyond
-            kept |= {(rate, resonance.microsteps) for rate in examined}
+        wanted, beyond = _wanted_cases(grid, counts, crossings)
         found = _solved_cases(wanted | beyond, within, solve)
         rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in counts]
         forbidden = []
@@ -418,6 +414,20 @@ def _checked_grid(
         if not given:
             raise OptionError(key, "the list is empty; at least one is expected")
     return grid, counts
+
+
+def _wanted_cases(
+    grid: Sequence[Si], counts: Iterable[int], crossings: Iterable[_Crossing]
+) -> tuple[set[tuple[float, int]], set[tuple[float, int]]]:
+    """Rates [rad/s] and microstep counts of the plan's cases: those of the grid and about the
+    resonances in its range; and those about resonances just beyond.
+    """
+    wanted = {(float(rate), count) for count in counts for rate in grid}
+    beyond = set[tuple[float, int]]()
+    for resonance, examined in crossings:
+        kept = wanted if min(grid) <= resonance.rate <= max(grid) else beyond
+        kept |= {(rate, resonance.microsteps) for rate in examined}
+    return wanted, beyond
 
 
 def _may_resonate(mode: CoupledMode) -> bool:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -40,7 +40,9 @@ factor by which one must exceed the ends to be run."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
 NOT_RANKED = (
-    "sources: none notes a range, such as 'assumed: ...; range 1 N*m to 2 N*m' of a dotted key"
+    "sources: no value of this scenario has a range to vary it over; note the range of a value that"
+    " is not well known, such as  sources: {reducer.stiffness: 'assumed; range 8000 N*m/rad to"
+    " 10000 N*m/rad'}"
 )
 _RANGE = re.compile(r"; range (.+) to (.+)$")
 
@@ -231,15 +233,22 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     ]
     each = iter({} if isinstance(found, str) else found for found in runs)
     found = [[next(each) for _ in scan.points] for scan in scans]
-    lines = []
-    for line in main:
-        effects = [
-            _effect(scan, line.amplitude, [run.get(line.name, math.nan) for run in its])
-            for scan, its in zip(scans, found, strict=True)
-        ]
-        ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude)))
-        lines.append(LineEffects(line.name, line.frequency, line.amplitude, ranked))
-    return Ranking(tuple(lines), tuple(failed), unranked_values(scenario))
+    lines = tuple(_effects_on(line, scans, found) for line in main)
+    return Ranking(lines, tuple(failed), unranked_values(scenario))
+
+
+def _effects_on(
+    line: Line, scans: Sequence[_Scan], found: Sequence[Sequence[Mapping[str, float]]]
+) -> LineEffects:
+    """Effects on one line, the largest first; ``found`` are amplitudes by line at the values of each
+    scan.
+    """
+    effects = [
+        _effect(scan, line.amplitude, [run.get(line.name, math.nan) for run in its])
+        for scan, its in zip(scans, found, strict=True)
+    ]
+    ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude)))
+    return LineEffects(line.name, line.frequency, line.amplitude, ranked)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,10 @@ def size_simulator(  # noqa: PLR0913 - keyword options
     if (array is None) == (inertia is None and frequency is None) or (inertia is None) != (
         frequency is None
     ):
-        raise MicrovibError("give what is to be simulated: inertia and frequency, or array alone")
+        raise MicrovibError(
+            "what the simulator stands for is not clear; give both inertia and frequency, or"
+            " instead of them an array"
+        )
     if states and file is not None:
         raise OptionError("state", "cannot be combined with a table of states; give one of them")
     model = None

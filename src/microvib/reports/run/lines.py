@@ -20,7 +20,7 @@ from microvib.model.scenario import Scenario
 from microvib.reports.document import Text
 from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item
-from microvib.results import DECIBEL, TORQUE, Column, Measure, Table
+from microvib.results import DECIBEL, TORQUE, TORQUE_UNCERTAINTY, Column, Measure, Table
 from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable, SeedLine
 
 MAX_LINES = 10
@@ -38,8 +38,11 @@ class LineRow:
     expected: Annotated[float, Column("expected_hz", "expected", _FREQUENCY)]
     frequency: Annotated[float, Column("frequency_hz", "frequency", _FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
+    amplitude_uncertainty: Annotated[
+        float,
+        Column("amplitude_uncertainty_n_m", "± (1σ)", TORQUE_UNCERTAINTY, report_only=True),
+    ]
     phase: Annotated[float, Column("phase_rad", "phase", _PHASE, report_only=True)]
-    bin_frequency: Annotated[float, Column("bin_frequency_hz", "nearest bin", _FREQUENCY)]
     bin_amplitude: Annotated[float, Column("bin_amplitude_n_m", "nearest bin", TORQUE)]
     origin: Annotated[str, Column("origin", "what it is", report_only=True)]
     margin: Annotated[float, Column("margin_db", "margin", DECIBEL)]
@@ -53,8 +56,8 @@ _MAIN = ("line", "frequency_hz", "amplitude_n_m", "origin", "status")
 _JUDGED = ("line", "frequency_hz", "amplitude_n_m", "margin_db", "factor", "verdict", "status")
 """Columns of the first page, without a limit and with one."""
 _ALL = (
-    "line", "expected_hz", "frequency_hz", "amplitude_n_m", "phase_rad", "bin_frequency_hz",
-    "bin_amplitude_n_m", "origin", "margin_db", "verdict", "status",
+    "line", "expected_hz", "frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m",
+    "phase_rad", "bin_amplitude_n_m", "origin", "margin_db", "verdict", "status",
 )  # fmt: skip
 
 
@@ -66,8 +69,8 @@ def line_row(line: Line, judged: Judgement | None) -> LineRow:
         line.expected,
         line.frequency,
         line.amplitude,
+        line.amplitude_uncertainty if math.isfinite(line.amplitude) else math.nan,
         line.phase,
-        line.bin_frequency,
         line.bin_amplitude,
         line.origin,
         math.nan if found is None else found.decibel,
@@ -89,15 +92,8 @@ def _verdict(line: Line, judged: Judgement | None) -> str:
     return "outside"
 
 
-def _table(
-    lines: Iterable[Line],
-    judged: Judgement | None,
-    keys: Sequence[str],
-    caption: str,
-    brief: int | None = None,
-) -> Table:
-    rows = [line_row(line, judged) for line in lines]
-    return Table.of("", LineRow, rows, brief=brief, caption=caption).only(keys)
+def _rows(lines: Iterable[Line], judged: Judgement | None) -> list[LineRow]:
+    return [line_row(line, judged) for line in lines]
 
 
 def largest_lines(lines: LineTable) -> list[Line]:
@@ -122,32 +118,41 @@ def main_table(lines: LineTable, judged: Judgement | None) -> Table:
     if len(shown) < len(lines):
         which = f"The {len(shown)} of {len(lines)} lines with the {most}. "
     keys = _MAIN if judged is None else _JUDGED
-    return _table(shown, judged, keys, f"{which}Amplitudes 0-to-peak.", brief=0)
+    caption = f"{which}Amplitudes 0-to-peak."
+    return Table.of("", LineRow, _rows(shown, judged), brief=0, caption=caption).only(keys)
 
 
 _READING = (
-    "Amplitudes are 0-to-peak and do not depend on where the bins fall. Nearest bin is the"
-    " figure of a rectangular window, which reads up to 36 % low between bins. A decaying line is"
+    "Amplitudes are 0-to-peak and do not depend on where the bins fall; ± is how well the line of"
+    " this record is known. Nearest bin is the figure of a rectangular window, which reads up to"
+    " 36 % low between bins. A decaying line is"
     " quoted with its mean over the record. Phases are those of a cosine at the first sample."
 )
 
 
 def all_lines(lines: LineTable, judged: Judgement | None) -> Iterator[Item]:
-    """The lines worth a row and those that fail, what was left out, and lines over draws of the
-    noise.
-    """
-    worth = {x.name for x in lines.notable()}
-    if judged is not None:
-        worth |= {m.line.name for m in judged.margins if m.fails}
-    shown = [x for x in lines if x.name in worth]
-    yield _table(shown, judged, _ALL, _READING)
+    """The lines worth a row and those that fail, and what was left out."""
+    shown = _worth_a_row(lines, judged)
+    yield Table.of(
+        "",
+        LineRow,
+        _rows(lines, judged),
+        for_readers=_rows(shown, judged),
+        caption=_READING,
+    ).only(_ALL)
     if not any(x.seen for x in lines):
         yield Text(
             "No line above the noise floor: the record is too short, its sample rate too low, or nothing"
             " moves."
         )
     yield from map(Text, _left_out(lines, shown))
-    yield from _over_seeds(lines, shown)
+
+
+def _worth_a_row(lines: LineTable, judged: Judgement | None) -> list[Line]:
+    worth = {x.name for x in lines.notable()}
+    if judged is not None:
+        worth |= {m.line.name for m in judged.margins if m.fails}
+    return [x for x in lines if x.name in worth]
 
 
 def _left_out(lines: LineTable, shown: Sequence[Line]) -> Iterator[str]:
@@ -160,8 +165,9 @@ def _left_out(lines: LineTable, shown: Sequence[Line]) -> Iterator[str]:
         yield f"Expected, but not above the floor: {', '.join(faint)}."
 
 
-def _over_seeds(lines: LineTable, shown: Sequence[Line]) -> Iterator[Item]:
-    """The lines over many draws of the noise."""
+def lines_over_seeds(lines: LineTable, judged: Judgement | None) -> Iterator[Item]:
+    """The lines worth a row over many draws of the noise."""
+    shown = _worth_a_row(lines, judged)
     found = [seed for x in shown if (seed := lines.over_seeds(x.name))]
     if not found:
         return

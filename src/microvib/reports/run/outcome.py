@@ -13,18 +13,18 @@ import numpy as np
 
 from microvib.analysis.accuracy import ERROR_ESTIMATE_KEY
 from microvib.analysis.budget import torque_budget
-from microvib.analysis.limits import Limit, judge
+from microvib.analysis.limits import Judgement, Limit, judge
 from microvib.analysis.run import RunResult, lines_of_second
 from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports import figures, sheets
 from microvib.reports.craft import craft_parts, pointing_facts
-from microvib.reports.document import Code, Text
+from microvib.reports.document import Code, Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.parameters import derived_table, parameter_items, status_sentence
 from microvib.reports.run.first_page import first_page, leading_figures
-from microvib.reports.run.lines import all_lines, beside_reference
+from microvib.reports.run.lines import all_lines, beside_reference, lines_over_seeds
 from microvib.reports.run.trust import invariants
 from microvib.results import Column, Measure, Table
 from microvib.signals.line_table import Line, LineTable
@@ -60,21 +60,22 @@ def run_outcome(
     today's.
     """
     scenario = result.scenario
-    judged = None if limit is None else judge(result.table, limit, scenario, _second(result))
+    judged = None if limit is None else judge_run(result, limit)
+    first, *of_lines = judged_parts(result, judged)
     return Outcome(
         "Run report",
         scenario.title or "microvib run",
         "Disturbance torque T_d of the solar array drive on the spacecraft, about the drive axis"
         f" ({scenario.array.drive_axis}).",
         "" if judged is None else judged.verdict,
-        (*leading_figures(result, judged), *pointing_facts(result.hub)),
+        run_facts(result, judged),
         (
-            Part("", tuple(first_page(result, judged))),
-            Part("All lines", tuple(all_lines(result.table, judged)), new_page=True),
+            first,
+            *of_lines,
             *_of_craft(result),
             Part("Beside measured lines", tuple(beside_reference(scenario, result.table))),
             *_of_motion(result),
-            Part("Natural frequencies", (_frequencies(scenario),), report_only=True),
+            Part("Natural frequencies", (_frequencies(scenario),), not_on_terminal=True),
             Part(
                 "Parameters",
                 (Text(status_sentence(scenario)), *parameter_items(scenario)),
@@ -83,7 +84,7 @@ def run_outcome(
             ),
             Part("Derived values", (derived_table(scenario),), report_only=True),
             Part("Method", tuple(_method(result)), report_only=True),
-            Part("Can it be trusted?", tuple(invariants(result)), report_only=True),
+            Part("Can it be trusted?", tuple(invariants(result)), not_on_terminal=True),
         ),
         scenario,
         again=(
@@ -91,6 +92,25 @@ def run_outcome(
             Code("microvib run scenario.yaml --out again"),
         ),
         versions=versions,
+    )
+
+
+def judge_run(result: RunResult, limit: Limit) -> Judgement:
+    """The lines of a run, and of its second wing's drive, against a limit."""
+    return judge(result.table, limit, result.scenario, _second(result))
+
+
+def run_facts(result: RunResult, judged: Judgement | None) -> tuple[Fact, ...]:
+    """Leading figures of a run."""
+    return (*leading_figures(result, judged), *pointing_facts(result.hub))
+
+
+def judged_parts(result: RunResult, judged: Judgement | None) -> tuple[Part, ...]:
+    """The parts of a run's outcome that a limit changes: the first page, and its lines."""
+    return (
+        Part("", tuple(first_page(result, judged))),
+        Part("All lines", tuple(all_lines(result.table, judged)), new_page=True),
+        Part("Lines over draws of the noise", tuple(lines_over_seeds(result.table, judged))),
     )
 
 
@@ -117,7 +137,7 @@ def _of_motion(result: RunResult) -> Iterator[Part]:
         "",
         partial(_draw_zoom, motion, lines),
         "Amplitude spectrum about the array's modes",
-        "Seen through the compliant drive, a mode below the hub's resonance lies below its clamped"
+        "Seen through the compliant drive, a mode below the drive resonance lies below its clamped"
         " frequency.",
     )
     stretch = Picture(
@@ -129,7 +149,7 @@ def _of_motion(result: RunResult) -> Iterator[Part]:
     )
     yield Part("About the array's modes", (zoom,), report_only=True)
     yield Part("Through the microsteps", (stretch,), report_only=True)
-    yield Part("Torque budget", tuple(_torque_budget(motion, lines)), report_only=True)
+    yield Part("Torque budget", tuple(_torque_budget(motion, lines)), not_on_terminal=True)
     if motion.scenario.friction.memory:
         loop = Picture(
             "",

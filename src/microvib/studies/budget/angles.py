@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,28 +85,10 @@ def budget_over_angles(
         required = requirements
     else:
         required = read_file(Path(requirements), Requirements)
-    listed_sources, files = read_sources(keys.get("sources"))
     turned: Orbit | None = None
     worst: list[WorstAngle | None] = []
     if orbit:
-        harmonics = keys.get("harmonics", 8)
-        turned = analyse_orbit(first, angles, harmonics=harmonics)
-        drives = _drives_at_angles(first, turned, keys.get("recording"), harmonics)
-
-        def sources(angle: float) -> list[Contribution]:
-            there = first.at_angle(Si(angle)).alone
-            others = [contribution_of_other(one, there, files) for one in listed_sources]
-            return [*(drive(angle) for drive in drives), *others]
-
-        low, high = sorted((float(turned.sweep.angles[0]), float(turned.sweep.angles[-1])))
-        of_drives = [drive(low).frequency for drive in drives]
-        excitations = [
-            *(Excitation(f, f) for f in of_drives),
-            *(excitation_of(source, files) for source in listed_sources),
-        ]
-        asked = () if required is None else required.requirements
-        rule = keys.get("rule", "rss")
-        worst = worst_angles(asked, first, (low, high), sources, excitations, rule)
+        turned, worst = _over_orbit(first, required, angles, keys)
         each = _angles_of(turned, worst)
     else:
         each = np.array(
@@ -123,6 +105,35 @@ def budget_over_angles(
         tell = _part_of(progress, k, each.size)
         found.append(pointing_budget(there, required, names=names, progress=tell, **keys))
     return _worst(found, each, turned, worst)
+
+
+def _over_orbit(
+    first: Scenario,
+    required: Requirements | None,
+    angles: Sequence[GivenQuantity] | None,
+    keys: Mapping[str, Any],
+) -> tuple[Orbit, list[WorstAngle | None]]:
+    """An orbit, and the angle between those that it runs that is worst for each requirement, by the
+    lines of the drives and of the other sources; ``keys`` as for ``budget_over_angles``.
+    """
+    listed_sources, files = read_sources(keys.get("sources"))
+    harmonics = keys.get("harmonics", 8)
+    turned = analyse_orbit(first, angles, harmonics=harmonics)
+    drives = _drives_at_angles(first, turned, keys.get("recording"), harmonics)
+
+    def sources(angle: float) -> list[Contribution]:
+        there = first.at_angle(Si(angle)).alone
+        others = [contribution_of_other(one, there, files) for one in listed_sources]
+        return [*(drive(angle) for drive in drives), *others]
+
+    low, high = sorted((float(turned.sweep.angles[0]), float(turned.sweep.angles[-1])))
+    excitations = [
+        *(Excitation(f, f) for f in (drive(low).frequency for drive in drives)),
+        *(excitation_of(source, files) for source in listed_sources),
+    ]
+    asked = () if required is None else required.requirements
+    rule = keys.get("rule", "rss")
+    return turned, worst_angles(asked, first, (low, high), sources, excitations, rule)
 
 
 def _drives_at_angles(

@@ -60,7 +60,8 @@ class Study(Part):
         description="per key a list of values, a grid {from, to, count, spacing} or a distribution",
     )
     cases: tuple[dict[str, Any], ...] = Field(
-        default=(), description="combinations of values, each key: value"
+        default=(),
+        description="combinations of values, each key: value; how many are drawn says sampling.count",
     )
     sampling: Sampling = Sampling()
     correlations: tuple[Correlation, ...] = Field(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from microvib.errors import ScenarioError, quoted_value
+from microvib.errors import ScenarioError, did_you_mean, quoted_value
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
@@ -200,7 +200,10 @@ def _matching(found: _ScenarioEntries, pattern: str, where: str) -> tuple[str, .
     if keys:
         return tuple(keys)
     near = [name for name in found if name.split(".")[0] == steps[0]] or list(found)
-    raise ScenarioError(f"{where}: is not a key of the scenario; allowed are {', '.join(near)}")
+    suggestion = did_you_mean(pattern, found)
+    raise ScenarioError(
+        f"{where}: is not a key of the scenario; {suggestion}allowed are {', '.join(near)}"
+    )
 
 
 def keys_of(scenario: Scenario, pattern: str) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from microvib.errors import MicrovibError, OptionError
+from microvib.errors import MicrovibError, OptionError, did_you_mean
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, convert
 
@@ -205,8 +205,10 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
             remedy="set",
         )
     if key not in entries:
+        allowed = fittable(scenario)
+        near = did_you_mean(key, allowed)
         raise OptionError(
-            "fit", f"is not a key of the scenario; allowed are {', '.join(fittable(scenario))}", key
+            "fit", f"is not a key of the scenario; {near}allowed are {', '.join(allowed)}", key
         )
     value, quantity = entries[key]
     if quantity is None or not isinstance(value, float):

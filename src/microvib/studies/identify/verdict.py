@@ -210,6 +210,8 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
     key, x = findings.problem.keys[k], float(findings.best.x[k])
     fit = goodness(findings.problem, findings.best.r)
     if refused := not_identifiable_reason(findings):
+        if key.stated and not key.interior(x):
+            refused += "; it is at the end of its range: a wider one may explain them"
         return False, refused
     assert findings.intervals is not None
     if not key.interior(x):

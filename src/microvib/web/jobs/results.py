@@ -10,19 +10,16 @@ import numpy as np
 
 from microvib.analysis.budget import TorqueContribution, torque_budget
 from microvib.analysis.pointing import HubLines
-from microvib.analysis.reference import (
-    compare_with_reference,
-    comparison_worth,
-    estimator_text,
-)
+from microvib.analysis.reference import compare_with_reference
+from microvib.analysis.run import RunResult
 from microvib.errors import MicrovibError
 from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
-from microvib.model.line_names import SECOND_DRIVE, driving_line
+from microvib.model.line_names import driving_line
+from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.reports.analysis import analysis_outcome
 from microvib.reports.angles import angles_outcome
-from microvib.reports.comparison import comparison_outcome
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_outcome
 from microvib.reports.modes import mode_kinds
@@ -36,49 +33,37 @@ from microvib.reports.moving import (
 from microvib.reports.outcome import page_answer, text_files
 from microvib.reports.rates import rates_outcome
 from microvib.reports.rendering import address
-from microvib.reports.sas import sizing_outcome
-from microvib.reports.sensitivity import ranking_outcome
+from microvib.reports.run.outcome import run_outcome
 from microvib.reports.sheets import svg
 from microvib.results import file_record
-from microvib.signals.line_table import LineTable
 from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.angles import AngleSweep
-from microvib.studies.compare import Row, Side
 from microvib.studies.identify import Fit
 from microvib.studies.rates import RatePlan
-from microvib.studies.sensitivity import Ranking
-from microvib.studies.sizing import SizingResult
 from microvib.web.routes.forms import values_of
 
 _POINTS = 6000
 _MAX_MODES = 40
 
 
-def run_result(
-    motion: Motion, table: LineTable, summed: dict[str, Any], hub: HubLines | None
-) -> dict[str, Any]:
-    """Everything of a run but its samples; ``summed`` is its ``summary.json``, ``hub`` the lines of
-    a craft's hub.
+def run_result(result: RunResult, motion: Motion) -> dict[str, Any]:
+    """Everything of a run but the samples of its ``motion``: its outcome, and what the page draws
+    of it.
     """
-    scenario = motion.scenario
+    scenario, table, hub = result.scenario, result.table, result.hub
     first = [x.frequency for x in table if x.name == driving_line(1) and math.isfinite(x.frequency)]
     shares = torque_budget(motion, first)
-    return {
+    return page_answer(run_outcome(result)) | {
         "title": scenario.title,
         "values": values_of(scenario),
         "lines": [file_record(line) for line in table],
-        "notable": [line.name for line in table.notable()],
-        "seeds": [file_record(line) for line in table.seeds],
-        "facts": _facts(motion, shares["T_d"], summed),
         "budget": [_budget_row(name, share) for name, share in shares.items()],
-        "invariants": {whose: one["invariants"] for whose, one in (("", summed), *_second(summed))},
-        "solver": summed["solver"],
-        "reference": _reference(scenario, table),
+        "measured": [file_record(row) for row in compare_with_reference(scenario, table)],
         "drivetrain": _drivetrain(motion, shares),
-        "modes": summed["natural_frequencies"],
+        "modes": [asdict(mode) for mode in coupled_modes(scenario)],
         "craft": None if hub is None else _craft(hub),
         "channels": [asdict(channel) for channel, x in motion.variables() if x.ndim == 1],
         "t0": float(motion.time[0]),
@@ -87,68 +72,29 @@ def run_result(
     }
 
 
-def _reference(scenario: Scenario, table: LineTable) -> dict[str, Any] | None:
-    """Reference lines of the scenario beside those of the run; None where there are none."""
-    rows = compare_with_reference(scenario, table)
-    if scenario.reference is None or not rows:
-        return None
-    return {
-        "source": scenario.reference.source,
-        "estimator": estimator_text(scenario.reference),
-        "worth": comparison_worth(scenario),
-        "rows": [file_record(row) for row in rows],
-    }
-
-
-def _second(summed: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Second wing's drive in a summary, where it is driven."""
-    if SECOND_DRIVE in summed:
-        return [(", second wing", summed[SECOND_DRIVE])]
-    return []
-
-
 def _craft(hub: HubLines) -> dict[str, Any]:
-    """The craft's drawing, lines of loads and of the line of sight, and what its pixels are."""
+    """The craft's drawing, lines of the line of sight, and what its pixels are."""
     spacecraft, locked = hub.scenario.spacecraft, hub.scenario.craft
     assert spacecraft is not None
     assert locked is not None
     los = spacecraft.line_of_sight
-    lines = zip(
-        hub.names,
-        hub.frequency.tolist(),
-        np.abs(hub.loads).tolist(),
-        hub.amplitude.tolist(),
-        strict=True,
-    )
+    lines = zip(hub.names, hub.frequency.tolist(), hub.amplitude.tolist(), strict=True)
     return {
         "words": craft_words(spacecraft),
         "drawing": address(svg(draw_craft(hub.scenario))),
         "lines": [
             {
-                "line": name, "frequency_hz": f, "loads": loads, "los": angles if los is not None else None,
-                "rings": name in hub.rings, "noise": name in hub.driven,
+                "line": name,
+                "frequency_hz": f,
+                "los": angles if los is not None else None,
+                "rings": name in hub.rings,
+                "noise": name in hub.driven,
             }
-            for name, f, loads, angles in lines
+            for name, f, angles in lines
         ],
         "noise": hub.density is not None,
         "windows": list(hub.windows),
         "pixel": None if los is None else los.pixel,
-        "driven_wing": hub.scenario.driven_wing is not None,
-    }  # fmt: skip
-
-
-def _facts(motion: Motion, T_d: TorqueContribution, summed: dict[str, Any]) -> dict[str, Any]:
-    solver = summed["solver"]
-    return {
-        **{f"T_d_{name}": value for name, value in _statistics(T_d).items()},
-        "rate": motion.scenario.rate,
-        "f_d": motion.scenario.driving_frequency,
-        "clock_ratio": summed["clock_ratio_found"],
-        "samples": motion.time.size,
-        "simulated_s": solver.get("simulated_s"),
-        "wall_s": solver.get("wall_s"),
-        "steady": solver.get("steady"),
-        "scenario_sha256": summed["scenario_sha256"],
     }
 
 
@@ -202,11 +148,6 @@ def analysis_result(a: Analysis) -> dict[str, Any]:
         "unit": a.unit,
         "run_channel": a.channel if a.table is None else "T_d",  # what a run has of the same load
     }
-
-
-def comparison_result(a: Side, b: Side, rows: list[Row]) -> dict[str, Any]:
-    """Result of a comparison: its lines with their verdicts."""
-    return page_answer(comparison_outcome(a, b, rows))
 
 
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:
@@ -295,13 +236,3 @@ def _elements(array: Array, structure: str | None) -> ModalSource | None:
     if same:
         return source
     return None
-
-
-def ranking_result(found: Ranking, scenario: Scenario) -> dict[str, Any]:
-    """Result of a ranking: lines with their verdicts, then the effects on each."""
-    return page_answer(ranking_outcome(found, scenario))
-
-
-def sas_result(result: SizingResult) -> dict[str, Any]:
-    """Result of a sizing, and its drawing."""
-    return page_answer(sizing_outcome(result), pictures=True)

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.limits import Limit, judge
-from microvib.analysis.run import RunResult, lines_of_second, run_scenario
+from microvib.analysis.limits import Limit
+from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
@@ -25,11 +25,13 @@ from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
+from microvib.reports.comparison import comparison_outcome
 from microvib.reports.identification import values_text
-from microvib.reports.outcome import report
+from microvib.reports.outcome import page_answer, page_facts, page_part, report
 from microvib.reports.run.folder import run_summary, run_texts
-from microvib.reports.run.outcome import run_outcome
-from microvib.signals.line_table import LineTable
+from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run_outcome
+from microvib.reports.sas import sizing_outcome
+from microvib.reports.sensitivity import ranking_outcome
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse
@@ -69,14 +71,14 @@ def run(folder: str, scenario: Scenario, tell: ProgressCallback, seeds: int = 0)
     )
     motion = result.motion
     assert motion is not None
-    summed = run_summary(result)
-    _keep(Path(folder), motion, result.table)
-    for name, text in run_texts(result, summed).items():
+    texts = run_texts(result, run_summary(result))
+    _keep(Path(folder), result, motion)
+    for name, text in texts.items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
-    _write(folder, results.run_result(motion, result.table, summed, result.hub))
+    _write(folder, results.run_result(result, motion) | {"files": list(texts)})
 
 
-def _keep(where: Path, motion: Motion, table: LineTable) -> None:
+def _keep(where: Path, result: RunResult, motion: Motion) -> None:
     for name, x in motion.channels.items():
         np.save(where / f"{name}.npy", x)
     loads = motion.interface_loads()
@@ -84,14 +86,20 @@ def _keep(where: Path, motion: Motion, table: LineTable) -> None:
         np.save(where / "loads.npy", loads)
     axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
     (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
-    (where / "run.pickle").write_bytes(pickle.dumps((replace(motion, channels={}), table)))
+    bare = replace(result, motion=replace(motion, channels={}))
+    (where / "run.pickle").write_bytes(pickle.dumps(bare))
 
 
-def _kept(where: Path) -> tuple[Motion, LineTable]:
-    """A run without its samples."""
-    return pickle.loads(
-        (where / "run.pickle").read_bytes()
-    )  # written by a worker of this very server
+def _kept(where: Path) -> RunResult:
+    """A run that ``_keep`` kept; its samples are mapped from their files."""
+    # written by a worker of this very server
+    result: RunResult = pickle.loads((where / "run.pickle").read_bytes())
+    assert result.motion is not None
+    files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
+    channels = {
+        name: np.load(file, mmap_mode="r") for name, file in files.items() if file.is_file()
+    }
+    return replace(result, motion=replace(result.motion, channels=channels))
 
 
 def file(
@@ -101,16 +109,13 @@ def file(
     for, as ``mark`` and its name.
     """
     where = Path(folder)
-    bare, table = _kept(where)
-    files = {channel: where / f"{channel}.npy" for channel in (*CHANNELS, *MODAL)}
-    motion = replace(
-        bare, channels={channel: np.load(file) for channel, file in files.items() if file.is_file()}
-    )
+    result = _kept(where)
     new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
     if name == "motion.nc":
-        write_motion(motion, new)
+        assert result.motion is not None
+        write_motion(result.motion, new)
     else:
-        document = report(run_outcome(RunResult.of_motion(motion, table), limit))
+        document = report(run_outcome(result, limit))
         if name == "report.pdf":
             new.write_bytes(rendering.pdf(document))
         else:
@@ -120,22 +125,19 @@ def file(
 
 def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]:
     """Lines of a run against a limit."""
-    motion, table = _kept(Path(folder))
-    judged = judge(table, limit, motion.scenario, lines_of_second(motion, table))
-    margins = [
-        {"line": m.line.name, "decibel": _finite(m.decibel), "verdict": m.verdict, "why": m.why}
-        for m in judged.margins
-    ]
+    result = _kept(Path(folder))
+    judged = judge_run(result, limit)
     return {
-        "text": str(judged), "verdict": judged.verdict, "gaps": judged.gaps, "torque": limit.torque, "low": limit.low,
-        "high": _finite(limit.high), "margins": margins,
-    }  # fmt: skip
-
-
-def _finite(x: float) -> float | None:
-    if math.isfinite(x):
-        return x
-    return None
+        "text": str(judged),
+        "verdict": judged.verdict,
+        "gaps": judged.gaps,
+        "torque": limit.torque,
+        "low": limit.low,
+        "high": limit.high if math.isfinite(limit.high) else None,
+        "margins": [{"line": m.line.name, "verdict": m.verdict} for m in judged.margins],
+        "facts": page_facts(run_facts(result, judged)),
+        "parts": [page_part(part) for part in judged_parts(result, judged) if part.items],
+    }
 
 
 def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:
@@ -191,7 +193,7 @@ def comparison(
         Prepared(_read(*recording)), scenario, names=(recording[1], run_title), channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
-    _write(folder, results.comparison_result(*found))
+    _write(folder, page_answer(comparison_outcome(*found)))
 
 
 def identification(  # noqa: PLR0913 - what a process is sent
@@ -251,15 +253,12 @@ def sensitivity(folder: str, scenario: Scenario, tell: ProgressCallback) -> None
     found = sensitivities(
         scenario, progress=lambda done, total: tell(done, total, "runs", "simulating")
     )
-    _write(folder, results.ranking_result(found, scenario))
+    _write(folder, page_answer(ranking_outcome(found, scenario)))
 
 
 def sas(folder: str, options: dict[str, Any], tell: ProgressCallback) -> None:
     """A simulator's sizing."""
     tell(0, None, "", "sizing, and checking with finite elements")
-    _write(
-        folder,
-        results.sas_result(
-            size_simulator(**{key: value for key, value in options.items() if value is not None})
-        ),
-    )
+    given = {key: value for key, value in options.items() if value is not None}
+    outcome = sizing_outcome(size_simulator(**given))
+    _write(folder, page_answer(outcome, pictures=True))

@@ -259,31 +259,42 @@ def scenario(spec: Spec) -> Scenario:
 def view_of(spec: Spec) -> dict[str, Any]:
     """A scenario as the form shows it, also one that is wrong."""
     base, errors = _load_or_errors(spec.model_copy(update={"changes": {}}))
+    base_values = {} if base is None else values_of(base)
+    found = base
     if spec.changes:
         found, errors = _load_or_errors(spec)
-    else:
-        found, errors = (base, errors)
-    base_values = {} if base is None else values_of(base)
-    if found:
-        values = values_of(found)
-    else:
-        values = base_values or _written(spec)
-    if found:
-        changed = [key for key in values if base_values.get(key) != values[key]]
-    else:
-        changed = []
-    typed = {key: text for key, text in spec.changes.items() if found is None or key in changed}
-    shown = found or base
+    if found is None:
+        return _view_of_wrong(spec, base, base_values) | {"errors": errors}
+    values = values_of(found)
+    changed = [key for key in values if base_values.get(key) != values[key]]
+    typed = {key: text for key, text in spec.changes.items() if key in changed}
     return {
-        "title": shown.title if shown else "",
+        "title": found.title,
         "values": values | typed,
         "base_values": base_values,
-        "sources": {key: shown.source_of(key) for key in values} if shown else {},
-        "changed": changed or list(typed),
+        "sources": {key: found.source_of(key) for key in values},
+        "changed": changed,
         "errors": errors,
-        "derived": derived(found) if found else [],
-        "unusual": list(found.unusual_values()) if found else [],
-        "yaml": dump_scenario(found) if found else None,
+        "derived": derived(found),
+        "unusual": list(found.unusual_values()),
+        "yaml": dump_scenario(found),
+    }
+
+
+def _view_of_wrong(
+    spec: Spec, base: Scenario | None, base_values: dict[str, str]
+) -> dict[str, Any]:
+    """The form's values, of which some are wrong: what was typed, over those of the ``base``."""
+    values = base_values or _written(spec)
+    return {
+        "title": base.title if base else "",
+        "values": values | spec.changes,
+        "base_values": base_values,
+        "sources": {key: base.source_of(key) for key in values} if base else {},
+        "changed": list(spec.changes),
+        "derived": [],
+        "unusual": [],
+        "yaml": None,
     }
 
 

@@ -292,10 +292,7 @@ class MarginOf(BaseModel):
     """One line against a limit."""
 
     line: str
-    decibel: float | None
-    """Null where the line has no amplitude."""
     verdict: Literal["pass", "fail", "not judged"]
-    why: str
 
 
 class Verdict(BaseModel):
@@ -309,6 +306,10 @@ class Verdict(BaseModel):
     low: float
     high: float | None
     margins: list[MarginOf]
+    facts: list[dict[str, str]]
+    """Leading figures of the run against the limit."""
+    parts: list[dict[str, Any]]
+    """The parts of the run's result that the limit changes, by their titles."""
 
 
 class RecordedSpectrum(BaseModel):

@@ -1,11 +1,9 @@
-// The craft of a run: its picture, what a window of any length sees of its line of sight, which lines cost that, loads on the hub.
+// The craft of a run: its picture, what a window of any length sees of its line of sight, which lines cost that.
 
 import { h, number, quantity } from "./dom.js";
 import { keep, kept } from "./kept.js";
-import { shortTable } from "./tables.js";
 
 const METRICS = { rpe: "RPE", smear: "smear", jitter: "jitter", mpe: "MPE", pde: "PDE", stability: "stability", ape: "APE" };
-const LOADS = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 const RANKS = 8;
 const view = { metric: "rpe", decade: -2, ...kept("craft", {}) };
 
@@ -62,7 +60,6 @@ export function craftOf(run) {
       h("div", { class: "bar" }, h("h2", {}, "Spacecraft"), h("span", { class: "soft note" }, craft.words)),
       h("img", { src: craft.drawing, alt: "Hub, array at its angle, drive axis and line of sight" }),
       craft.lines.some(({ los }) => los) && windowOf(craft),
-      loads(craft),
     ),
   ];
 }
@@ -136,27 +133,4 @@ function windowOf(craft) {
     said,
     ranking,
   );
-}
-
-function loads(craft) {
-  const rows = craft.lines.map(({ line, frequency_hz, loads }) => ({
-    line,
-    frequency_hz,
-    ...Object.fromEntries(LOADS.map((name, k) => [name, loads[k]])),
-  }));
-  const tops = LOADS.map((name) => Math.max(...rows.map((row) => row[name] ?? 0)));
-  const matters = (row) => LOADS.some((name, k) => row[name] >= 0.05 * tops[k]);
-  const columns = [
-    { key: "line", title: "line" },
-    { key: "frequency_hz", title: "frequency", unit: "Hz", show: (value) => number(value, 6) },
-    ...LOADS.map((key) => ({
-      key,
-      title: key,
-      unit: key[0] === "F" ? "mN" : "mN m",
-      show: (value) => number(value === null ? null : 1e3 * value, 4),
-    })),
-  ];
-  const ringing = craft.lines.filter(({ rings }) => rings).map(({ line }) => line);
-  const mean = ringing.length > 0 && `Of ${ringing.join(", ")}, which ring after the start, the mean over the record.`;
-  return [h("h3", {}, "Loads on the hub"), mean && h("p", { class: "soft" }, mean), shortTable(columns, rows, matters, { caption: "Loads on the hub at the interface point" })];
 }

@@ -99,12 +99,11 @@ async function identify(evidence) {
 
 function shown({ summary, parts: [first, ...others], scenario_changes: changes, usable }) {
   const take = h("button", { type: "button", class: "primary", disabled: !usable, onclick: () => over(changes) }, "Take over into the form");
-  const content = ({ texts, tables }) => texts.length > 0 || tables.length > 0;
   return [
     h("p", { class: "soft" }, summary),
     ...partContent(first),
     take,
-    ...others.filter(content).map((part) => h("details", {}, h("summary", {}, part.title), ...partContent(part))),
+    ...others.filter(({ items }) => items.length).map((part) => h("details", {}, h("summary", {}, part.title), ...partContent(part))),
   ];
 }
 

@@ -30,7 +30,6 @@ export const query = () => ({ limit: limit.value.trim() || undefined, band: band
 
 /** What was said of a run against the limit as it is now; null where nothing was. */
 export const verdictOf = (run) => (found?.run === run ? found.verdict : null);
-export const marginOf = (run, line) => verdictOf(run)?.margins.find((margin) => margin.line === line) ?? null;
 
 export function makeLimit(listener) {
   listeners.add(listener);

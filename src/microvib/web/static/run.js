@@ -1,17 +1,17 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
 import { craftOf } from "./craft.js";
-import { announce, fixed, h, number, quantity, s } from "./dom.js";
+import { announce, h, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
 import * as history from "./history.js";
 import * as limit from "./limit.js";
 import { latest } from "./latest.js";
 import { progressRow } from "./progress.js";
-import { tablesOf } from "./result.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { makeSlowMotion } from "./slow.js";
 import * as spectrum from "./spectrum.js";
+import { partCards } from "./tables.js";
 
 const bars = new Map();
 const drawing = latest();
@@ -192,51 +192,28 @@ function showProgress() {
   }
 }
 
-/** The numbers that a run is for: verdict, largest lines with their uncertainty, largest torque. */
+/** The leading figures of a run: verdict or largest lines, largest torque. */
 function headOf(run) {
-  const { result } = run;
-  const T_d = result.drivetrain.T_d;
-  const top = result.lines
-    .filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor")
-    .sort((a, b) => b.amplitude_n_m - a.amplitude_n_m);
-  const facts = [
-    ...verdict(run),
-    ...top.slice(0, 2).map((line) => [
-      quantity(line.amplitude_n_m, "N*m", 4),
-      `${line.line} at ${number(line.frequency_hz, 5)} Hz`,
-      `± ${quantity(line.amplitude_uncertainty_n_m, "N*m", 2)} (1σ)`,
-    ]),
-    [quantity(T_d.peak, "N*m", 4), "largest T_d", `RMS ${quantity(T_d.rms, "N*m", 4)}`],
-  ];
-  const fact = ([value, words, more, kind = ""]) =>
-    h("div", { class: kind }, h("b", {}, value), h("span", {}, words), more && h("span", {}, more));
+  const { facts } = limit.verdictOf(run) ?? run.result;
+  const fact = ({ value, label, status }) => h("div", { class: status, title: label }, h("b", {}, value.replaceAll("-", "−")), h("span", {}, label));
   return [
-    h("div", { class: "facts" }, h("h2", {}, result.title || run.name), facts.map(fact), run.state === "done" && menu(run)),
+    h("div", { class: "facts" }, h("h2", {}, run.result.title || run.name), facts.map(fact), run.state === "done" && menu(run)),
   ];
 }
 
-function verdict(run) {
-  const said = limit.verdictOf(run);
-  if (!said?.margins.length) return [];
-  const { decibel, line } = said.margins.find((margin) => margin.verdict !== "not judged") ?? said.margins[0];
-  const margin = decibel === null ? "" : `margin ${decibel > 0 ? "+" : ""}${fixed(decibel, 1)} dB, ${line}`;
-  const words = { pass: "Pass", fail: "FAIL", "not judged": "Not judged" }[said.verdict];
-  return [[words, `limit ${quantity(said.torque, "N*m", 3)}`, margin, limit.KINDS[said.verdict]]];
+/** Cards of the run's parts; those that the limit changes as they are against it. */
+function tablesOf(run) {
+  const judged = new Map(limit.verdictOf(run)?.parts.map((part) => [part.title, part]));
+  const parts = run.result.parts.map((part) => judged.get(part.title) ?? part);
+  const [first, ...others] = parts;
+  return partCards([...others, { ...first, title: "What was simulated" }]);
 }
 
 function menu(run) {
   const asked = Object.entries(limit.query()).filter(([, value]) => value);
   const search = limit.verdictOf(run) ? `?${new URLSearchParams(asked)}` : "";
   const address = (file) => `/api/runs/${run.id}/files/${file}${file.startsWith("report.") ? search : ""}`;
-  const craft = run.result.craft;
-  const lacks = {
-    "seeds.csv": !run.result.seeds?.length,
-    "loads.csv": !craft,
-    "densities.csv": !craft,
-    "pointing.csv": !craft?.lines.some(({ los }) => los),
-    "lines_wing_2.csv": !craft?.driven_wing,
-    "loads_wing_2.csv": !craft?.driven_wing,
-  };
-  const links = FILES.filter(([file]) => !lacks[file]).map(([file, words]) => h("a", { href: address(file), download: file }, words));
+  const there = ([file]) => run.result.files.includes(file) || !file.endsWith(".csv");
+  const links = FILES.filter(there).map(([file, words]) => h("a", { href: address(file), download: file }, words));
   return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
 }

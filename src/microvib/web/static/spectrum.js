@@ -134,7 +134,7 @@ function dots(run) {
 }
 
 function referenceDots(shown) {
-  const rows = shown.find((run) => run.result.reference)?.result.reference.rows ?? [];
+  const rows = shown.find((run) => run.result.measured.length)?.result.measured ?? [];
   if (!rows.length) return [];
   return [
     {

@@ -56,12 +56,18 @@ export function table(columns, rows, { caption, sort } = {}) {
   );
 }
 
-/** What stands in one part of a study's outcome, as `page_answer` gives it. */
-export const partContent = ({ title, texts, tables, pictures }) => [
-  ...pictures.map(picture),
-  ...texts.map((text) => h("p", {}, text)),
-  ...tables.filter(({ rows }) => rows.length).map(({ columns, rows }) => textTable(columns, rows, title)),
-];
+const ITEMS = {
+  text: ({ text, note }) => [h("p", { class: note ? "soft" : null }, text)],
+  pairs: ({ rows }) => [h("dl", {}, ...rows.map(([name, words]) => h("div", {}, h("dt", {}, name), h("dd", {}, words))))],
+  picture: ({ title, caption, source }) => [
+    h("div", { class: "wide" }, h("img", { src: source, alt: title })),
+    caption && h("p", { class: "soft" }, caption),
+  ],
+  table: (item, title) => (item.rows.length ? [textTable(item, title), item.caption && h("p", { class: "soft" }, item.caption)] : []),
+};
+
+/** What stands in one part of a study's outcome, as `page_part` gives it. */
+export const partContent = ({ title, items }) => items.flatMap((item) => ITEMS[item.kind](item, title)).filter(Boolean);
 
 /** Parts that are not empty, a card each. */
 export const partCards = (parts) =>
@@ -73,37 +79,34 @@ export const partCards = (parts) =>
 export const card = (title, words, ...content) =>
   h("section", { class: "card" }, h("h2", {}, title), words && h("p", { class: "soft" }, words), ...content);
 
-const picture = ({ title, caption, source }) => [
-  h("div", { class: "wide" }, h("img", { src: source, alt: title })),
-  caption && h("p", { class: "soft" }, caption),
-];
+const MARKS = { pass: "pass", fail: "fail", off: "unclear" };
 
-/** A table whose cells are texts by the columns' keys; those that are numbers sort as numbers. */
-function textTable(columns, rows, caption) {
-  const values = rows.map((row) =>
-    Object.fromEntries(columns.map(({ key }) => [key, isNumber(row[key]) ? Number(row[key]) : row[key]])),
-  );
-  const texts = new Map(values.map((value, k) => [value, rows[k]]));
-  return table(
-    columns.map((column) => ({ ...column, show: (value, row) => minus(value, texts.get(row)[column.key]) })),
-    values,
-    { caption },
-  );
-}
-
-const minus = (value, text) => (typeof value === "number" ? text.replaceAll("-", "−") : text);
-const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
-
-/** The rows that matter, with a button that shows all. */
-export function shortTable(columns, rows, matters, options) {
+/** A table whose cells are texts by the columns' keys, with a button for the rows that it leaves out. */
+function textTable({ columns, rows, all_rows: all }, caption) {
   const place = h("div", {});
-  const few = rows.filter(matters);
-  const all = () => place.replaceChildren(table(columns, rows, options));
-  const more =
-    few.length < rows.length && h("button", { type: "button", class: "quiet", onclick: all }, `Show all ${rows.length} lines`);
-  place.append(table(columns, few, options), more || "");
+  const show = (some) => table(columns.map(textColumn), some.map(valuesOf), { caption });
+  const every = () => place.replaceChildren(show(all));
+  place.append(show(rows), all ? h("button", { type: "button", class: "quiet", onclick: every }, `Show all ${all.length} rows`) : "");
   return place;
 }
+
+/** A row of texts; those that are numbers sort as numbers. */
+const valuesOf = (texts) => ({
+  ...Object.fromEntries(Object.entries(texts).map(([key, text]) => [key, isNumber(text) ? Number(text) : text])),
+  texts,
+});
+
+/** A column of texts; words of verdicts are coloured by their marks. */
+const textColumn = (column) => ({
+  ...column,
+  show: (value, { texts }) => {
+    const text = texts[column.key];
+    if (typeof value === "number") return text.replaceAll("-", "−");
+    return MARKS[column.marks[text]] ? h("span", { class: MARKS[column.marks[text]] }, text) : text;
+  },
+});
+
+const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
 
 // What is not known stands last, whichever way.
 function compare(a, b) {
