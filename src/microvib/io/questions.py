@@ -30,6 +30,9 @@ QUESTIONS = {
     "detent": Question(
         "DETENT", "Detent torque, or its fraction of the holding torque", "5 percent"
     ),
+    "third_harmonic": Question(
+        "FRACTION", "Third harmonic of the back-EMF over its fundamental", "2 percent"
+    ),
     "step_angle": Question("ANGLE", "Full step at the output", "0.018 deg"),
     "ratio": Question("NUMBER", "Reduction ratio", "100"),
     "resistance": Question("RESISTANCE", "Resistance of one winding", "6 ohm"),

@@ -31,6 +31,11 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
 TEXT_KEYS = ("title", "source", "sources", "reference")  # fields that hold no parameters
+ASSUMED_UNLESS_SOURCED = ("motor.eddy_damping", "friction.harness")
+"""Keys and groups that hardly any data sheet gives: assumed, unless ``sources`` says where they come
+from, whatever the source of the scenario is.
+"""
+ASSUMED_SOURCE = "assumed: no source is given"
 USER_SOURCE = "set by the user"
 """Source of a value that was changed: it no longer comes from where the scenario's does."""
 
@@ -364,12 +369,16 @@ class Scenario(Part):
 
     @property
     def has_memory(self) -> bool:
-        """Whether a friction or the gear remembers how it got there (``presliding``,
+        """Whether a friction, the gear or the harness remembers how it got there (``presliding``,
         ``hysteresis``, ``backlash``).
         """
-        reducer = self.reducer
+        reducer, harness = self.reducer, self.friction.harness
         return bool(
-            self.motor.friction.memory or self.friction.memory or reducer.memory or reducer.backlash
+            self.motor.friction.memory
+            or self.friction.memory
+            or reducer.memory
+            or reducer.backlash
+            or (harness is not None and harness.memory)
         )
 
     @property
@@ -586,13 +595,16 @@ class Scenario(Part):
         Returns
         -------
         str
-            Its own source, or that of the closest group above it, or the scenario's.
+            Its own source, or that of the closest group above it, or the scenario's; of
+            eddy-current damping and of a harness ``assumed`` in place of the scenario's.
         """
         parts = key.split(".")
         for n in range(len(parts), 0, -1):
             text = self.sources.get(".".join(parts[:n]))
             if text is not None:
                 return text
+        if any(key == name or key.startswith(f"{name}.") for name in ASSUMED_UNLESS_SOURCED):
+            return ASSUMED_SOURCE
         return self.source
 
 
