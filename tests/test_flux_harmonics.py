@@ -75,7 +75,7 @@ def test_lines_are_those_of_windings_integrated_phase_by_phase(phases, seed):
     turn = 2 * math.pi / (scenario.motor.rotor_teeth * scenario.reducer.ratio * abs(scenario.rate))
     count = 2048
     times = turn * (1.0 + np.arange(count) / count)
-    expected = Phases(scenario, "star").run(times)[:, 4]
+    expected = Phases(scenario, "star" if phases > 2 else "apart").run(times)[:, 4]
     found = rows_at(scenario, times)[0][:, kernel.CHANNELS.index("T_d")]
     wanted, got = np.fft.rfft(expected) / count, np.fft.rfft(found) / count
     strong = np.abs(wanted) > 1e-3 * np.max(np.abs(wanted))
@@ -111,18 +111,19 @@ def test_what_no_current_of_the_two_axes_meets_makes_no_torque(phases, orders):
     assert np.array_equal(a, b)
     times = np.linspace(0.0, 0.1, 41)[1:]
     expected = Phases(with_them, "star").run(times)[:, 4]
-    found = rows_at(with_them, times)[0][:, kernel.CHANNELS.index("T_d")]
+    fine = with_them.with_si({"solver.accuracy": 2.5e-7})
+    found = rows_at(fine, times)[0][:, kernel.CHANNELS.index("T_d")]
     # By its back-EMF the second plane has currents of the order a K_m omega_m/(R + K_P), and so a
     # torque of the order of the amplitude's square.
-    assert np.max(np.abs(found - expected)) < 1e-5 * np.max(np.abs(expected))
+    assert np.max(np.abs(found - expected)) < (1e-8 if phases == 3 else 1e-4) * np.max(
+        np.abs(expected)
+    )
 
 
 def test_flux_rates_are_those_of_the_contract_for_two_phases():
     """k_A = -K_m [sin p + a sin(3p + phi)] and k_B = K_m [cos p - a cos(3p + phi)], by the kernel's T_e."""
     a, phi, I = 0.1, 0.7, 0.6
-    scenario = baseline().with_si(
-        {**motor_of(2, (3,), a, phi), "motor.detent_torque": 0.0}
-    )
+    scenario = baseline().with_si({**motor_of(2, (3,), a, phi), "motor.detent_torque": 0.0})
     packed, K_m = pack(scenario), scenario.motor.torque_constant
     for p in np.linspace(0.0, 6.0, 25):
         for current, rate in (
@@ -173,7 +174,9 @@ def test_the_other_integration_agrees(rigid):
     }
     scenario = baseline().with_si(changes)
     motion = mv.simulate(scenario)["T_d"]
-    reference = rodas4.simulate(scenario.with_si({"solver.refinement": 2}), channels=("T_d",))["T_d"]
+    reference = rodas4.simulate(scenario.with_si({"solver.refinement": 2}), channels=("T_d",))[
+        "T_d"
+    ]
     assert np.std(motion - reference) < 2e-3 * np.std(reference)
 
 
@@ -288,6 +291,8 @@ def test_keys_of_harmonics_are_used_as_those_of_other_lists(tmp_path):
         ({"motor.detent": [{"order": 0, "amplitude": 0.1}]}, "motor.detent.0.order: 0"),
         ({"motor.detent": [{"order": 8, "amplitude": -0.1}]}, "motor.detent.0.amplitude: -0.1"),
         ({"motor.eddy_damping": -1.0}, "motor.eddy_damping: -1"),
+        ({**motor_of(5, (3,)), "driver.imperfections.gain_b": 0.01}, "order 3 of five phases acts on currents in their second plane, which errors of the driver"),
+        ({**motor_of(5, (9, 7)), **VOLTAGE}, "order 7 of five phases acts on currents in their second plane, which voltages"),
     ],
 )  # fmt: skip
 def test_what_a_motor_cannot_have_is_a_sentence(changes, said):

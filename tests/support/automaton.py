@@ -45,7 +45,9 @@ class Automaton:
     def limits(self, omega, angle):
         """Torque at which each element slides."""
         own = self.nu * self.curve(omega) * self.grip(angle)
-        return np.where(self.of_harness, self.nu * self.harness.friction, own) if self.harness else own
+        return (
+            np.where(self.of_harness, self.nu * self.harness.friction, own) if self.harness else own
+        )
 
     def friction(self, angle, omega, F):
         slides = self.mode * self.limits(omega, angle)

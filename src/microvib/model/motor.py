@@ -17,6 +17,7 @@ from microvib.model.harmonics import (
     FluxHarmonic,
     axis_harmonics,
     repeated_order,
+    sequence,
 )
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -181,6 +182,17 @@ class Motor(Part):
     def axis_flux_harmonics(self) -> tuple[AxisHarmonic, ...]:
         """Flux harmonics that make torque with the currents of the two axes."""
         return axis_harmonics(self.flux_harmonics, self.phases)
+
+    @property
+    def second_plane_orders(self) -> tuple[int, ...]:
+        """Orders of flux harmonics of five phases that act on currents in their second plane."""
+        if self.phases != 5:
+            return ()
+        return tuple(
+            h.order
+            for h in self.flux_harmonics
+            if h.amplitude and h.order % 5 and not sequence(h.order, 5)
+        )
 
     @property
     def detent_orders(self) -> dict[int, float]:

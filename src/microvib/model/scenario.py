@@ -13,7 +13,7 @@ from pydantic import Field
 from microvib.errors import ScenarioError, did_you_mean, expect, expect_mapping
 from microvib.model.array import Array
 from microvib.model.craft import Craft, craft_of, shaft_load
-from microvib.model.driver import Driver
+from microvib.model.driver import NO_IMPERFECTIONS, Driver
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
@@ -140,6 +140,7 @@ class Scenario(Part):
                 " multiple of their number is expected,"
                 f" such as {motor.full_steps} for full steps"
             )
+        yield from self._second_plane_errors()
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
         if driver.supply_voltage is not None and driver.supply_voltage < needed:
@@ -148,6 +149,25 @@ class Scenario(Part):
                 " through"
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
+
+    def _second_plane_errors(self) -> Iterator[str]:
+        """Flux harmonics of five phases with currents in their second plane that are more than the
+        back-EMF makes.
+        """
+        driver = self.driver
+        orders = self.motor.second_plane_orders
+        if not orders:
+            return
+        if driver.drive == "voltage":
+            made = "voltages without a current loop (driver.drive: voltage) let flow"
+        elif driver.imperfections != NO_IMPERFECTIONS:
+            made = "errors of the driver (driver.imperfections) make"
+        else:
+            return
+        yield (
+            f"motor.flux_harmonics: order {orders[0]} of five phases acts on currents in their second"
+            f" plane, which {made} and the two-axis equations cannot represent; leave out one of both"
+        )
 
     def _wing_errors(self) -> Iterator[str]:
         other, craft = self.other_wing, self.spacecraft

@@ -13,6 +13,7 @@ import numpy as np
 from microvib.compiled import Cube, Matrix, Unit, Vector
 from microvib.solve.kernel import (
     COMPILE,
+    HARNESS,
     IA,
     IB,
     INLINE,
@@ -23,7 +24,6 @@ from microvib.solve.kernel import (
     WM,
     XA,
     XB,
-    HARNESS,
     Drive,
     State,
     body_of,
