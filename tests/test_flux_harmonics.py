@@ -122,17 +122,17 @@ def test_what_no_current_of_the_two_axes_meets_makes_no_torque(phases, orders):
 
 def test_flux_rates_are_those_of_the_contract_for_two_phases():
     """k_A = -K_m [sin p + a sin(3p + phi)] and k_B = K_m [cos p - a cos(3p + phi)], by the kernel's T_e."""
-    a, phi, I = 0.1, 0.7, 0.6
+    a, phi, current = 0.1, 0.7, 0.6
     scenario = baseline().with_si({**motor_of(2, (3,), a, phi), "motor.detent_torque": 0.0})
     packed, K_m = pack(scenario), scenario.motor.torque_constant
     for p in np.linspace(0.0, 6.0, 25):
-        for current, rate in (
-            ((I, 0.0), -(math.sin(p) + a * math.sin(3 * p + phi))),
-            ((0.0, I), math.cos(p) - a * math.cos(3 * p + phi)),
+        for currents, rate in (
+            ((current, 0.0), -(math.sin(p) + a * math.sin(3 * p + phi))),
+            ((0.0, current), math.cos(p) - a * math.cos(3 * p + phi)),
         ):
-            packed.state.y[[kernel.TM, kernel.IA, kernel.IB]] = p / 50, *current
+            packed.state.y[[kernel.TM, kernel.IA, kernel.IB]] = p / 50, *currents
             T_e = packed.snapshot()[kernel.CHANNELS.index("T_e")]
-            assert T_e == pytest.approx(K_m * I * rate, abs=1e-12)
+            assert T_e == pytest.approx(K_m * current * rate, abs=1e-12)
 
 
 @pytest.mark.parametrize("phases", [2, 3, 5])
@@ -195,8 +195,8 @@ H3 = {**NO_DETENT, "motor.flux_harmonics": [{"order": 3, "amplitude": 0.0556}]}
 
 
 def test_a_third_harmonic_keeps_its_line_whatever_the_current_and_detent_torque_goes_as_its_inverse():
-    by_flux = [steady_lines({**H3, "motor.current": I}) for I in CURRENTS]
-    by_detent = [steady_lines({"motor.current": I}) for I in CURRENTS]
+    by_flux = [steady_lines({**H3, "motor.current": amplitude}) for amplitude in CURRENTS]
+    by_detent = [steady_lines({"motor.current": amplitude}) for amplitude in CURRENTS]
     flux, detent = (np.array([x["full_step_1"] for x in each]) for each in (by_flux, by_detent))
     assert np.max(flux) / np.min(flux) < 1.01
     np.testing.assert_allclose(detent * [0.3, 0.6, 1.2] / (0.6 * detent[1]), 1.0, rtol=0.02)

@@ -238,17 +238,14 @@ def _motor_families(
     motor: Motor, harmonics: int
 ) -> list[tuple[str, Kind, int, Sequence[int], str]]:
     """Families of those torques of the motor that lie beyond the members of the others."""
+    z, steps = motor.rotor_teeth, motor.full_steps
     families: list[tuple[str, Kind, int, Sequence[int], str]] = []
     for order in _motor_makers(motor):
-        times, rest = divmod(order, motor.full_steps)
-        if rest:
-            found = (ELECTRICAL, "electrical", motor.rotor_teeth, order, "electrical period")
-        else:
-            of_steps = motor.full_steps * motor.rotor_teeth
-            found = (FULL_STEP, "full step", of_steps, times, "detent period")
-        stem, kind, unit, member, origin = found
-        if member > harmonics:
-            families.append((stem, kind, unit, (member,), origin))
+        times, rest = divmod(order, steps)
+        if rest and order > harmonics:
+            families.append((ELECTRICAL, "electrical", z, (order,), "electrical period"))
+        elif not rest and times > harmonics:
+            families.append((FULL_STEP, "full step", steps * z, (times,), "detent period"))
     return families
 
 
