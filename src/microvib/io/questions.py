@@ -30,9 +30,6 @@ QUESTIONS = {
     "detent": Question(
         "DETENT", "Detent torque, or its fraction of the holding torque", "5 percent"
     ),
-    "third_harmonic": Question(
-        "FRACTION", "Third harmonic of the back-EMF over its fundamental", "2 percent"
-    ),
     "step_angle": Question("ANGLE", "Full step at the output", "0.018 deg"),
     "ratio": Question("NUMBER", "Reduction ratio", "100"),
     "resistance": Question("RESISTANCE", "Resistance of one winding", "6 ohm"),
@@ -44,6 +41,9 @@ QUESTIONS = {
     "microsteps": Question("NUMBER", "Microsteps per full step", "16"),
     "gear": Question(
         "GEAR", "A harmonic gear of the catalog, planetary, or none", "size 14 ratio 100"
+    ),
+    "third_harmonic": Question(
+        "FRACTION", "Third harmonic of the back-EMF over its fundamental", "2 percent"
     ),
 }
 """In the order in which it is asked for; the keys are those of ``io.data_sheet.DataSheet``."""
