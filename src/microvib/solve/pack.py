@@ -10,6 +10,8 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
+from microvib.model.harness import Harness
+from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, nodes, propagate, propagators
 from microvib.solve.noise import roughness, torque_noise
@@ -248,12 +250,14 @@ def _moments(n: int, inputs: int) -> Any:
 
 
 def _linear_part(drive: Any, state: Any) -> np.ndarray:
-    """Derivative of the equations of motion by the state, without modes, detent, dry friction and
-    supply limit, at rest.
+    """Derivative of the equations of motion by the state, without modes, detent, flux harmonics, dry
+    friction and supply limit, at rest.
     """
     none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,
+        flux=none,
+        detent_harmonics=none,
         m_slide=0.0,
         m_stribeck=0.0,
         l_slide=0.0,
@@ -339,7 +343,13 @@ def _drive(scenario: Scenario) -> Any:
     J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
     noise, noise_rate = torque_noise(scenario)
     rough, rough_rate = roughness(scenario)
-    memories = motor.friction.memory, scenario.friction.memory, reducer.memory
+    harness = scenario.friction.harness or Harness()
+    memories = (
+        motor.friction.memory,
+        scenario.friction.memory,
+        reducer.memory,
+        harness.memory,
+    )
     elements = [np.array(memory, dtype=float).reshape(-1, 2) for memory in memories]
     gap = 0.5 * (reducer.backlash or 0.0)
     fast = driver.time_constant(motor)
@@ -352,6 +362,8 @@ def _drive(scenario: Scenario) -> Any:
         K_m=motor.axis_torque_constant,
         K_d=motor.detent_torque,
         detent=motor.detent_periods,
+        flux=_flux(motor),
+        detent_harmonics=_detent_harmonics(motor),
         R=motor.winding_resistance,
         L=L,
         K_P=driver.proportional_gain,
@@ -371,7 +383,7 @@ def _drive(scenario: Scenario) -> Any:
         m_stribeck=rotor[1],
         m_inv_rate=rotor[2],
         m_shape=rotor[3],
-        m_viscous=rotor[4],
+        m_viscous=motor.viscous,
         l_slide=output[0],
         l_stribeck=output[1],
         l_inv_rate=output[2],
@@ -390,6 +402,10 @@ def _drive(scenario: Scenario) -> Any:
         m_elements=len(elements[0]),
         l_elements=len(elements[1]),
         g_elements=len(elements[2]),
+        harness_elements=len(elements[3]),
+        harness_limit=harness.friction,
+        harness_stiffness=harness.stiffness,
+        harness_angle=harness.neutral_angle,
         g_limit=reducer.hysteresis_torque,
         gap=gap,
         elements=np.concatenate([*elements, np.zeros((1 if gap > 0.0 else 0, 2))]),
@@ -406,6 +422,28 @@ def _drive(scenario: Scenario) -> Any:
         Lam=load.Lambda,
         te=_transmission_error(scenario),
     )
+
+
+def _flux(motor: Motor) -> np.ndarray:
+    """Factors of sine and cosine of the odd multiples of the electrical angle, from the third to the
+    highest that acts: two of phase A's flux rate and two of phase B's each (``kernel.flux_shapes``).
+    """
+    acting = motor.axis_flux_harmonics
+    highest = max((h.order for h in acting), default=1)
+    factors = np.zeros(((highest - 1) // 2, 4))
+    for h in acting:
+        s, c = h.amplitude * math.sin(h.phase), h.amplitude * math.cos(h.phase)
+        factors[(h.order - 3) // 2] += c, s, -h.sequence * s, h.sequence * c
+    return factors.ravel()
+
+
+def _detent_harmonics(motor: Motor) -> np.ndarray:
+    rows = [
+        [float(h.order), h.amplitude * math.cos(h.phase), h.amplitude * math.sin(h.phase)]
+        for h in motor.detent
+        if h.amplitude
+    ]
+    return np.array(rows, dtype=float).ravel()
 
 
 def _harmonics(friction: Friction) -> np.ndarray:

@@ -13,6 +13,7 @@ from microvib.solve.kernel import (
     BACKLASH,
     COMPILE,
     FORCED,
+    HARNESS,
     INLINE,
     MODES,
     NOW,
@@ -53,7 +54,7 @@ def _margin_of(which, x, p, w):
     if which < 2:
         return w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
     body = body_of(which - 2, p)
-    if body >= 2 or (body == 1 and p.rigid):
+    if body == 2 or body == BACKLASH or (body != 0 and p.rigid):
         sign = 0.0
     else:
         sign = x.stick[which]
@@ -383,6 +384,8 @@ def end_at_event(u, which, level, x, p, t, w):
     if body >= 2:
         if body == 2:
             limit = p.g_limit
+        elif body == HARNESS:
+            limit = p.harness_limit
         else:
             limit = p.K_g * p.gap
     # rates that are left are set to 0: momentum lost, where elements come to rest often
