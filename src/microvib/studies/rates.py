@@ -367,6 +367,10 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         Where a name stands for no scenario.
     """
     scenario = as_scenario(scenario)
+    if scenario.driver.pulsed and linear:
+        raise OptionError(
+            "linear", "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out"
+        )
     grid, counts = _checked_grid(scenario, rates, microsteps)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
