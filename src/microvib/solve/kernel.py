@@ -56,6 +56,9 @@ N_POWERS = N_CHANNELS - POWERS
 # Bodies with elements of friction with memory: 0 rotor, 1 output, 2 gear; and
 HARNESS, BACKLASH = 3, 4
 
+STEP_COLUMNS = 10
+"""Columns of a row that describes a step (``samples.record_step``)."""
+
 ROUNDED = 1e-12
 """Times that differ by less, over themselves, are the same."""
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
@@ -186,7 +189,8 @@ class State(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Where samples go: interval means, one row each; with a width of 0 none are taken.
+    """Where samples go: interval means, one row each; with a width of 0 the steps themselves, as many
+    as there are rows.
 
     They are of all channels; of sums of channels, ``mix``; or, in two columns, of the torque and
     the output's stick alone.

@@ -44,7 +44,11 @@ class Packed:
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
         """Advance to the time ``stop`` [s]; see ``propagate.advance``."""
         n, columns = samples.rows.shape
-        assert n == 0 or columns in (self.torque_columns, whole_lanes(columns))
+        assert n == 0 or columns in (
+            self.torque_columns,
+            kernel.STEP_COLUMNS,
+            whole_lanes(columns),
+        )
         samples = self._remembered(samples)
         own = self.state, self.drive, self.propagators
         return int(

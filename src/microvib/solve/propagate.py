@@ -71,7 +71,7 @@ from microvib.solve.propagators import (
     N,
     Propagators,
 )
-from microvib.solve.samples import record_samples
+from microvib.solve.samples import record_samples, record_step
 from microvib.solve.step_events import (
     end_at_event,
     end_of_whole_step,
@@ -302,6 +302,36 @@ def _move(event, x, p, t, w):
         to_command_frame(x, p, t, w)
 
 
+@code.inner(**FORCED)
+def _command(reference, x, p):
+    """Take a microstep that is due, or start the pulse of a step."""
+    if p.windings > 0:
+        start_pulse(reference, x, p)
+    else:
+        take_microstep(reference, x)
+
+
+@code.inner(**FORCED)
+def _record(u, end, level, x, p, t, w, out):
+    """Samples of the step that ends at the time ``end``, its fraction ``u``; or the step itself."""
+    if out.width > 0.0:
+        fit_momentum(level, p, t, w)
+        record_samples(u, end, level, x, p, t, w, out)
+    elif out.cursor[0] < out.rows.shape[0]:
+        fit_momentum(level, p, t, w)
+        record_step(u, t.longest * 0.5**level, x.clock[NOW], w, out)
+
+
+@code.inner(**INLINE)
+def _kind_after(event, u, kind, level):
+    """Kind of the step after one that took its fraction ``u``, and the level to go on from, or -1."""
+    if event >= 0:
+        return AFTER_EVENT, -1
+    if u < 1.0:
+        return FURTHER, -1
+    return kind + 2 if kind <= AFTER_EVENT else FURTHER, level
+
+
 @code.entry(**COMPILE)
 def advance(
     stop: float, x: State, p: Drive, t: Propagators, out: Samples, steps_t: Vector, steps_ref: Matrix,
@@ -339,10 +369,7 @@ def advance(
         if left <= 0.0:
             add_reference_offset(w.x, 0.0, x, p)
             from_command_frame(w.x, x.y, x, p, t)
-            if p.windings > 0:
-                start_pulse(steps_ref[coming], x, p)
-            else:
-                take_microstep(steps_ref[coming], x)
+            _command(steps_ref[coming], x, p)
             coming += 1
             s, c = to_command_frame(x, p, t, w)
             kind = AFTER_MICROSTEP
@@ -355,21 +382,14 @@ def advance(
         # A step that reaches its target ends there to the last digit, so that sample intervals
         # close where they should.
         end = target if event < 0 and left * (1.0 - 1e-12) <= T else clock[NOW] + u * T
-        if out.width > 0.0:
-            fit_momentum(level, p, t, w)
-            record_samples(u, end, level, x, p, t, w, out)
+        _record(u, end, level, x, p, t, w, out)
         x.counters[STEPS] += 1
         lasted = end - clock[NOW]
         ramp_ends = pass_time(end, clock)
         _move(event, x, p, t, w)
         if not p.ideal:
             references_in_command_frame(s, c, x, p)
-        if event >= 0:
-            kind, last_level = AFTER_EVENT, -1
-        elif u < 1.0:
-            kind, last_level = FURTHER, -1
-        else:
-            kind, last_level = kind + 2 if kind <= AFTER_EVENT else FURTHER, level
+        kind, last_level = _kind_after(event, u, kind, level)
         if p.windings > 0 and pulse_is_over(clock):
             from_command_frame(w.x, x.y, x, p, t)
             end_pulse(x, p)

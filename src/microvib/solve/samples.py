@@ -234,6 +234,19 @@ def record_samples(u, end, level, x, p, t, w, out):
 
 
 @code.inner(**FORCED)
+def record_step(u, T, now, w, out):
+    """A row of the step itself: its start, what it lasts, and the coefficients of the momentum over
+    the part of it that was taken, in powers of the fraction of that part.
+    """
+    row, power = out.rows[out.cursor[0]], 1.0
+    row[0], row[1] = now, u * T
+    for m in range(8):
+        row[2 + m] = w.poly[m] * power
+        power *= u
+    out.cursor[0] += 1
+
+
+@code.inner(**FORCED)
 def _balance(u, T, x, t, w):
     """Energies over the step, and the balance of momentum."""
     clock = x.clock

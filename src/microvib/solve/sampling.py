@@ -116,6 +116,18 @@ def sample_buffer(
     return kernel.Samples(first, width, rows, np.zeros(columns), cursor, mix, *shown)
 
 
+def step_buffer(rows: np.ndarray) -> Any:
+    """Samples that fill ``rows`` (n, ``kernel.STEP_COLUMNS``) with the steps themselves: start [s],
+    length [s] and the coefficients of the momentum in powers of the fraction of the step.
+
+    What does not fit is not recorded.
+    """
+    cursor = np.zeros(2, dtype=np.int64)
+    return kernel.Samples(
+        math.inf, 0.0, rows, np.zeros(0), cursor, np.zeros((0, 0)), *TORQUE_ERROR_WEIGHTS
+    )
+
+
 @lru_cache(maxsize=8)
 def decimation_filter(factor: int) -> np.ndarray:
     """Linear-phase low-pass at f_s/2 with the inverse of the boxcar's response in its passband, by
