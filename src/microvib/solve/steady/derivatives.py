@@ -127,7 +127,7 @@ class _End:
     """What a period leads to."""
 
     state: np.ndarray
-    """The state at its end, seen from the command, over what a microstep moves."""
+    """The state at its end, seen from the command."""
     harmonics: np.ndarray
 
 
@@ -159,7 +159,7 @@ class _Period:
             period.packed.state.y[None], period.turn([-period.microsteps]), state[None]
         )[0]
         gained = period.packed.momentum - before
-        return _End(end / period.sizes, self._harmonics(rows[:made], gained))
+        return _End(end, self._harmonics(rows[:made], gained))
 
     def _harmonics(self, steps: np.ndarray, gained: float) -> np.ndarray:
         """Fourier coefficients [N m] of the torque T_d = -dL/dt, by parts of those of the momentum L,
@@ -194,7 +194,8 @@ class _Differences:
     """Differences of a period in each state that moves, to both sides."""
 
     def __init__(self, period: _Period, state: np.ndarray, step: float) -> None:
-        self.state, self.orders, self.microsteps = state, period.orders, period.map.microsteps
+        self.state, self.sizes = state, period.sizes
+        self.orders, self.microsteps = period.orders, period.map.microsteps
         here = period.advance(state)
         at_rest = STICKING_STATES[here.state[STICKING_STATES] == 0.0]
         self.moving = np.setdiff1d(np.arange(state.size), [*period.map.idle, *at_rest])
@@ -209,10 +210,11 @@ class _Differences:
         self.central = self.forward.mean_with(self.backward)
 
     def slopes(self, end: _End, step: float) -> _Slopes:
-        """Slopes from here to another end by a ``step``."""
-        return _Slopes(
-            (end.state - self.end)[self.moving] / step, (end.harmonics - self.harmonics) / step
-        )
+        """Slopes from here to another end by a ``step``; of states over what a microstep moves, of
+        whichever drive the end is.
+        """
+        gained = (end.state - self.end) / self.sizes
+        return _Slopes(gained[self.moving] / step, (end.harmonics - self.harmonics) / step)
 
 
 @dataclass(frozen=True)
@@ -248,8 +250,7 @@ def _closed(period: _Period, state: np.ndarray, about: _Differences) -> np.ndarr
     """The state from which a period ends where it starts, by corrections with one set of slopes."""
     unit, moving = np.eye(about.moving.size), about.moving
     for _ in range(MAX_CLOSING_STEPS):
-        end = period.advance(state).state
-        gap = (end - state / period.sizes)[moving]
+        gap = ((period.advance(state).state - state) / period.sizes)[moving]
         if float(np.max(np.abs(gap))) < CLOSED:
             return state
         state = state.copy()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time as clock_time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -32,9 +33,10 @@ from microvib.solve.integration import (
 from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.sampling import sample_buffer
 from microvib.solve.steady.arrival import NotReached
+from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
-from microvib.solve.steady.search import NotReproducedByRun, Search, sample_rows
+from microvib.solve.steady.search import HARMONICS, NotReproducedByRun, Search, sample_rows
 from microvib.solve.steady.settling import Settling
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
@@ -175,6 +177,36 @@ class SteadyState:
         )
         result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
         return result
+
+    def derivatives(
+        self, keys: Sequence[str], orders: Sequence[int] | None = None
+    ) -> LineDerivatives:
+        """Derivatives of the torque's complex amplitudes by continuous parameters, in SI units.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            Dotted keys of numbers other than 0, such as ``reducer.stiffness``.
+        orders : sequence of int, optional
+            Harmonics of ``frequency``; as a rule those of the motion up to the eighth driving line.
+
+        Returns
+        -------
+        LineDerivatives
+            With nan where the lines have a kink.
+
+        Raises
+        ------
+        NotDifferentiable
+            Where frictions have a memory, or finer steps lead to another motion.
+        MicrovibError
+            Where a key is not a number other than 0.
+        """
+        if orders is None:
+            orders = range(1, HARMONICS * self.microsteps + 1)
+        return line_derivatives(
+            self.scenario, self.state, self.microsteps, keys, np.asarray(orders, dtype=int)
+        )
 
     def motion(
         self, *, channels: tuple[str, ...] | None = None, progress: Progress | None = None
