@@ -369,7 +369,8 @@ def plan_rates(  # noqa: PLR0913 - keyword options
     scenario = as_scenario(scenario)
     if scenario.driver.pulsed and linear:
         raise OptionError(
-            "linear", "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out"
+            "linear",
+            "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out",
         )
     grid, counts = _checked_grid(scenario, rates, microsteps)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
