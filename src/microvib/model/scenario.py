@@ -152,6 +152,23 @@ class Scenario(Part):
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
             )
 
+    def _pulse_errors(self) -> Iterator[str]:
+        driver, motor = self.driver, self.motor
+        if motor.phases != 2:
+            yield (
+                f"driver.drive: pulse is not known of a motor with {motor.phases} phases; 2 are"
+                " expected"
+            )
+        fastest = max(abs(float(rate)) for rate in self.tracking.breakpoints()[1])
+        per_second = driver.driving_frequency(motor, self.reducer.ratio * fastest)
+        on_time = driver.on_time or 0.0
+        if on_time * per_second > 1.0 + 1e-9:
+            yield (
+                f"driver.on_time: {1e3 * on_time:g} ms is longer than a step, which takes"
+                f" {1e3 / per_second:.6g} ms at the fastest rate of the command; shorten it, or lower"
+                " the rate"
+            )
+
     def _second_plane_errors(self) -> Iterator[str]:
         """Flux harmonics of five phases with currents in their second plane that are more than the
         back-EMF makes.
@@ -170,23 +187,6 @@ class Scenario(Part):
             f"motor.flux_harmonics: order {orders[0]} of five phases acts on currents in their second"
             f" plane, which {made} and the two-axis equations cannot represent; leave out one of both"
         )
-
-    def _pulse_errors(self) -> Iterator[str]:
-        driver, motor = self.driver, self.motor
-        if motor.phases != 2:
-            yield (
-                f"driver.drive: pulse is not known of a motor with {motor.phases} phases; 2 are"
-                " expected"
-            )
-        fastest = max(abs(float(rate)) for rate in self.tracking.breakpoints()[1])
-        per_second = driver.driving_frequency(motor, self.reducer.ratio * fastest)
-        on_time = driver.on_time or 0.0
-        if on_time * per_second > 1.0 + 1e-9:
-            yield (
-                f"driver.on_time: {1e3 * on_time:g} ms is longer than a step, which takes"
-                f" {1e3 / per_second:.6g} ms at the fastest rate of the command; shorten it, or lower"
-                " the rate"
-            )
 
     def _wing_errors(self) -> Iterator[str]:
         other, craft = self.other_wing, self.spacecraft
