@@ -249,13 +249,13 @@ class Driver(Part):
         return self.microstep_ramp == 0.0 and not self.distorted
 
     def repeats_after(self, motor: Motor) -> int:
-        """Microsteps after which references are as before, but turned, and the detent torque too.
+        """Microsteps after which references are as before, but turned, and the motor's torque too.
 
-        For an ideal driver a period of the detent torque, or its least multiple that is a whole
-        number of microsteps.
+        For an ideal driver a period of the detent torque and of what flux harmonics add to it, or its
+        least multiple that is a whole number of microsteps.
         """
         electrical = self.beats * self.microsteps
-        quarter = electrical // math.gcd(electrical, motor.detent_periods)
+        quarter = electrical // math.gcd(electrical, motor.repeats_per_turn)
         if self.distorted:
             turn = references_over_electrical_period(self, 1.0, motor.phases)
             vector = turn[:, 0] + 1j * turn[:, 1]

@@ -11,13 +11,22 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from microvib.model.friction import Friction
+from microvib.model.harmonics import (
+    AxisHarmonic,
+    DetentHarmonic,
+    FluxHarmonic,
+    axis_harmonics,
+    repeated_order,
+)
 from microvib.model.part import Part
 from microvib.units import Quantity
 
+MAX_HARMONICS = 50
+
 
 class Motor(Part):
-    """Hybrid stepping motor with two phases (Table 3), three or five, in balance and with
-    sinusoidal flux linkages.
+    """Hybrid stepping motor with two phases (Table 3), three or five, in balance; its flux linkages
+    are sinusoidal but for ``flux_harmonics``.
 
     The equations are those of two axes, into which currents and voltages of more phases are
     transformed with their power unchanged (Clarke): of the amplitudes of current and torque
@@ -52,6 +61,16 @@ class Motor(Part):
         default=None,
         description="periods of the detent torque per electrical turn; null is twice the phases",
     )
+    flux_harmonics: tuple[FluxHarmonic, ...] = Field(
+        default=(),
+        max_length=MAX_HARMONICS,
+        description="harmonics of each phase's torque constant over the electrical angle; odd orders",
+    )
+    detent: tuple[DetentHarmonic, ...] = Field(
+        default=(),
+        max_length=MAX_HARMONICS,
+        description="further harmonics of the detent torque, beside detent_torque",
+    )
     winding_resistance: Annotated[
         float, Quantity("ohm", "resistance of one winding", "R", gt=0, usual=(0.02, 2000.0))
     ]
@@ -73,6 +92,7 @@ class Motor(Part):
     friction: Friction = Field(description="friction on the rotor, against omega_m")
 
     def _consistency_errors(self) -> Iterator[str]:
+        yield from self._harmonics_errors()
         if self.friction.position is not None:
             yield "friction.position: slip ring and bearing are on the output; give it as friction.position of the scenario"
         if self.friction.torque_noise is not None:
@@ -85,6 +105,19 @@ class Motor(Part):
                 " step"
             )
 
+    def _harmonics_errors(self) -> Iterator[str]:
+        for name in ("flux_harmonics", "detent"):
+            order = repeated_order(getattr(self, name))
+            if order is not None:
+                yield f"{name}: order {order} is given more than once; each order once is expected"
+        if self.detent_torque > 0.0:
+            for k, harmonic in enumerate(self.detent):
+                if harmonic.order == self.detent_periods:
+                    yield (
+                        f"detent.{k}.order: {harmonic.order} is the order of detent_torque; set"
+                        " detent_torque to 0 N*m, or leave this harmonic out"
+                    )
+
     @property
     def electromagnetic_stiffness(self) -> float:
         """Stiffness of the electromagnetic spring, z K_m I of two phases [N m/rad], without detent
@@ -95,9 +128,10 @@ class Motor(Part):
     @property
     def detent_stiffness(self) -> float:
         """Largest stiffness of the detent torque [N m/rad], at every other of its zeros; at those
-        between it is as much below 0.
+        between it is as much below 0. Of more harmonics the sum of theirs, an upper bound.
         """
-        return self.rotor_teeth * self.detent_periods * self.detent_torque
+        own = self.rotor_teeth * self.detent_periods * self.detent_torque
+        return own + sum(self.rotor_teeth * h.order * h.amplitude for h in self.detent)
 
     @property
     def full_steps(self) -> int:
@@ -108,6 +142,41 @@ class Motor(Part):
     def detent_periods(self) -> int:
         """Periods of the detent torque per electrical turn."""
         return self.detent_order or self.full_steps
+
+    @property
+    def axis_flux_harmonics(self) -> tuple[AxisHarmonic, ...]:
+        """Flux harmonics that make torque with the currents of the two axes."""
+        return axis_harmonics(self.flux_harmonics, self.phases)
+
+    @property
+    def detent_orders(self) -> dict[int, float]:
+        """Amplitude of the detent torque [N m] by cycles per electrical turn; those that are not 0."""
+        orders = {self.detent_periods: self.detent_torque}
+        for harmonic in self.detent:
+            orders[harmonic.order] = orders.get(harmonic.order, 0.0) + harmonic.amplitude
+        return {order: size for order, size in orders.items() if size > 0.0}
+
+    @property
+    def torque_orders(self) -> dict[int, float]:
+        """Amplitudes of what the motor's torque has beside that of sinusoidal flux [N m], by cycles
+        per electrical turn: detent torque, and flux harmonics with the current I.
+
+        Amplitudes of one order are added up.
+        """
+        orders = dict(self.detent_orders)
+        full = self.axis_torque_constant * self.axis_current
+        for harmonic in self.axis_flux_harmonics:
+            order = harmonic.torque_order
+            orders[order] = orders.get(order, 0.0) + full * abs(harmonic.amplitude)
+        return orders
+
+    @property
+    def repeats_per_turn(self) -> int:
+        """How often per electrical turn the motor is as before, but for its phases."""
+        repeats = math.gcd(self.detent_periods, *self.detent_orders)
+        if self.axis_flux_harmonics:
+            return math.gcd(repeats, self.full_steps)
+        return repeats
 
     @property
     def axis_current(self) -> float:

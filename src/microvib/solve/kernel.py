@@ -83,6 +83,11 @@ class Drive(NamedTuple):
     K_m: float
     K_d: float
     detent: int  # periods of the detent torque per electrical turn
+    # factors of sine and cosine of each odd multiple of the electrical angle, from the third on: two
+    # of phase A's flux rate, two of phase B's
+    flux: Vector
+    # order, sine and cosine amplitude of each further harmonic of the detent torque
+    detent_harmonics: Vector
     R: float
     L: float
     K_P: float
@@ -411,6 +416,60 @@ def detent_sine(theta_m, s, c, p):
 
 
 @code.inner(**INLINE)
+def detent_harmonics_torque(theta_m, p):
+    """Torque of the further harmonics of the detent torque, against the rotor's motion where it is
+    positive.
+    """
+    torque = 0.0 * theta_m
+    for j in range(p.detent_harmonics.size // 3):
+        s, c = sincos(p.detent_harmonics[3 * j] * p.z * theta_m)
+        torque = torque + (p.detent_harmonics[3 * j + 1] * s + p.detent_harmonics[3 * j + 2] * c)
+    return torque
+
+
+@code.inner(**INLINE)
+def detent_harmonics_energy(theta_m, p):
+    """Potential of the further harmonics of the detent torque."""
+    energy = 0.0 * theta_m
+    for j in range(p.detent_harmonics.size // 3):
+        order = p.detent_harmonics[3 * j] * p.z
+        s, c = sincos(order * theta_m)
+        part = p.detent_harmonics[3 * j + 2] * s - p.detent_harmonics[3 * j + 1] * c
+        energy = energy + part / order
+    return energy
+
+
+@code.inner(**INLINE)
+def flux_shapes(s, c, p):
+    """Rates of the flux linkages of both phases by the electrical angle over K_m, from its sine and
+    cosine: -k_A / K_m and k_B / K_m, which are sine and cosine without harmonics.
+
+    Torque and back-EMF are both made of them, so that power is conserved. Odd multiples of the angle
+    follow one from another.
+    """
+    s_A, c_B = s, c
+    if p.flux.size > 0:
+        s_2, c_2 = 2.0 * s * c, c * c - s * s
+        s_n, c_n = s, c
+        for j in range(p.flux.size // 4):
+            s_n, c_n = s_n * c_2 + c_n * s_2, c_n * c_2 - s_n * s_2
+            s_A = s_A + (p.flux[4 * j] * s_n + p.flux[4 * j + 1] * c_n)
+            c_B = c_B + (p.flux[4 * j + 2] * s_n + p.flux[4 * j + 3] * c_n)
+    return s_A, c_B
+
+
+@code.inner(**INLINE)
+def motor_torque(y, s, c, s_A, c_B, p):
+    """Electromagnetic and detent torque (Eq. 4), by sine and cosine of the electrical angle and
+    ``flux_shapes``.
+    """
+    T_e = p.K_m * (y[IB] * c_B - y[IA] * s_A) - p.K_d * detent_sine(y[TM], s, c, p)
+    if p.detent_harmonics.size > 0:
+        T_e = T_e - detent_harmonics_torque(y[TM], p)
+    return T_e
+
+
+@code.inner(**INLINE)
 def output_rate(theta_m, omega_m, omega_l, p):
     """The output's rate, which a rigid reducer sets."""
     if p.rigid:
@@ -456,9 +515,10 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     """
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
-    u_A, f[IA], f[XA], _ = winding_rates(y[IA], y[XA], references[0], p.K_m * omega_m * s, p)
-    u_B, f[IB], f[XB], _ = winding_rates(y[IB], y[XB], references[1], -p.K_m * omega_m * c, p)
-    T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * detent_sine(theta_m, s, c, p)
+    s_A, c_B = flux_shapes(s, c, p)
+    u_A, f[IA], f[XA], _ = winding_rates(y[IA], y[XA], references[0], p.K_m * omega_m * s_A, p)
+    u_B, f[IB], f[XB], _ = winding_rates(y[IB], y[XB], references[1], -p.K_m * omega_m * c_B, p)
+    T_e = motor_torque(y, s, c, s_A, c_B, p)
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
     omega_l = G * omega_m if p.rigid else y[WL]
@@ -558,6 +618,8 @@ def channels(y, references, noise, stick, p, f, q, out):
     side = backlash_side(stick, p)
     bent = twist - p.gap * side if side != 0.0 else 0.0 * twist
     elastic = 0.5 * p.K_g * bent * bent - p.K_d / (p.detent * p.z) * c
+    if p.detent_harmonics.size > 0:
+        elastic = elastic + detent_harmonics_energy(theta_m, p)
     damping = p.C_g * slip * slip if side != 0.0 else 0.0 * slip
     if p.g_elements > 0:
         damping = damping + gear_hysteresis(twist, stick, p) * slip
@@ -716,7 +778,8 @@ def _holds(y, modal, on_rotor, stick, p):
     """
     theta_m = y[TM]
     s, c = sincos(p.z * theta_m)
-    T_e = p.K_m * (y[IB] * c - y[IA] * s) - p.K_d * detent_sine(theta_m, s, c, p)
+    s_A, c_B = flux_shapes(s, c, p)
+    T_e = motor_torque(y, s, c, s_A, c_B, p)
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     twist = e0 - theta_m * p.inv_h - y[TL]

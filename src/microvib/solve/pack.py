@@ -10,6 +10,7 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
+from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, nodes, propagate, propagators
 from microvib.solve.noise import roughness, torque_noise
@@ -248,12 +249,14 @@ def _moments(n: int, inputs: int) -> Any:
 
 
 def _linear_part(drive: Any, state: Any) -> np.ndarray:
-    """Derivative of the equations of motion by the state, without modes, detent, dry friction and
-    supply limit, at rest.
+    """Derivative of the equations of motion by the state, without modes, detent, flux harmonics, dry
+    friction and supply limit, at rest.
     """
     none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,
+        flux=none,
+        detent_harmonics=none,
         m_slide=0.0,
         m_stribeck=0.0,
         l_slide=0.0,
@@ -352,6 +355,8 @@ def _drive(scenario: Scenario) -> Any:
         K_m=motor.axis_torque_constant,
         K_d=motor.detent_torque,
         detent=motor.detent_periods,
+        flux=_flux(motor),
+        detent_harmonics=_detent_harmonics(motor),
         R=motor.winding_resistance,
         L=L,
         K_P=driver.proportional_gain,
@@ -406,6 +411,28 @@ def _drive(scenario: Scenario) -> Any:
         Lam=load.Lambda,
         te=_transmission_error(scenario),
     )
+
+
+def _flux(motor: Motor) -> np.ndarray:
+    """Factors of sine and cosine of the odd multiples of the electrical angle, from the third to the
+    highest that acts: two of phase A's flux rate and two of phase B's each (``kernel.flux_shapes``).
+    """
+    acting = motor.axis_flux_harmonics
+    highest = max((h.order for h in acting), default=1)
+    factors = np.zeros(((highest - 1) // 2, 4))
+    for h in acting:
+        s, c = h.amplitude * math.sin(h.phase), h.amplitude * math.cos(h.phase)
+        factors[(h.order - 3) // 2] += c, s, -h.sequence * s, h.sequence * c
+    return factors.ravel()
+
+
+def _detent_harmonics(motor: Motor) -> np.ndarray:
+    rows = [
+        [float(h.order), h.amplitude * math.cos(h.phase), h.amplitude * math.sin(h.phase)]
+        for h in motor.detent
+        if h.amplitude
+    ]
+    return np.array(rows, dtype=float).ravel()
 
 
 def _harmonics(friction: Friction) -> np.ndarray:

@@ -27,6 +27,7 @@ from microvib.solve.kernel import (
     XA,
     XB,
     derivative,
+    flux_shapes,
     follower,
     friction_angle_factor,
     friction_torque,
@@ -134,7 +135,8 @@ BY_TIME = np.array(
 #                                       alpha_A = pivot_A (r_i + b r_x + theta_A r_theta/g)
 #        u_x = (r_x - u_i) / g
 #    Where the supply limits the voltage, it is constant: L and R in place of L_D and K_P + R, b = 0, and the integral has a row
-#    of its own, (g + K_I/K_P) u_x = r_x. Phase B has -K_m c and z K_m omega_m s.
+#    of its own, (g + K_I/K_P) u_x = r_x. Phase B has -K_m c and z K_m omega_m s. With flux harmonics s and c are s_A and c_B of
+#    ``kernel.flux_shapes``, and c and s of theta_A and theta_B their slopes, the second with its sign changed.
 #
 # 3. Modes, from d eta/dt = w - H omega_l and dw/dt = -D (w - H omega_l) - Lam eta, with kappa = D + Lam/g, delta = g + kappa:
 #        u_eta = (r_eta + u_w - H u_l) / g
@@ -175,10 +177,13 @@ def linearise(x, p, w):
     ref_A, ref_B = references_after(0.0, x.clock)
     theta_m, omega_m = y[TM], y[WM]
     s, c = sincos(p.z * theta_m)
-    _, _, _, limited_A = winding_rates(y[IA], y[XA], ref_A, p.K_m * omega_m * s, p)
-    _, _, _, limited_B = winding_rates(y[IB], y[XB], ref_B, -p.K_m * omega_m * c, p)
+    s_A, c_B = flux_shapes(s, c, p)
+    rise_A, rise_B = _flux_slopes(p.z * theta_m, s, c, p)
+    _, _, _, limited_A = winding_rates(y[IA], y[XA], ref_A, p.K_m * omega_m * s_A, p)
+    _, _, _, limited_B = winding_rates(y[IB], y[XB], ref_B, -p.K_m * omega_m * c_B, p)
     _, detent = sincos(p.detent * p.z * theta_m)
-    stiffness = -p.z * p.K_m * (y[IB] * s + y[IA] * c) - p.detent * p.z * p.K_d * detent
+    stiffness = p.z * p.K_m * (y[IB] * rise_B - y[IA] * rise_A)
+    stiffness -= p.detent * p.z * p.K_d * detent + _detent_slope(theta_m, p)
     e0, e1, e2, e3 = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     _, slope_m = friction_torque(
@@ -207,8 +212,8 @@ def linearise(x, p, w):
     else:
         stiffness -= e2 * q[3]
     jac[0], jac[1], jac[2], jac[3], jac[4], jac[5], jac[6] = (
-        s,
-        c,
+        s_A,
+        c_B,
         stiffness,
         slope_m,
         slope_l,
@@ -217,6 +222,30 @@ def linearise(x, p, w):
     )
     jac[7], jac[8], jac[9] = where(limited_A, 1.0, 0.0), where(limited_B, 1.0, 0.0), omega_m
     jac[10] = by_angle
+    jac[11], jac[12] = rise_A, -rise_B
+
+
+@code.inner(**INLINE)
+def _flux_slopes(angle, s, c, p):
+    """Derivatives of ``flux_shapes`` by the electrical angle."""
+    rise_A, rise_B = c, -s
+    for j in range(p.flux.size // 4):
+        n = 2.0 * j + 3.0
+        s_n, c_n = sincos(n * angle)
+        rise_A += n * (p.flux[4 * j] * c_n - p.flux[4 * j + 1] * s_n)
+        rise_B += n * (p.flux[4 * j + 2] * c_n - p.flux[4 * j + 3] * s_n)
+    return rise_A, rise_B
+
+
+@code.inner(**INLINE)
+def _detent_slope(theta_m, p):
+    """Derivative of the further harmonics of the detent torque by the rotor's angle."""
+    slope = 0.0
+    for j in range(p.detent_harmonics.size // 3):
+        order = p.detent_harmonics[3 * j] * p.z
+        s, c = sincos(order * theta_m)
+        slope += order * (p.detent_harmonics[3 * j + 1] * c - p.detent_harmonics[3 * j + 2] * s)
+    return slope
 
 
 @code.inner(**INLINE)
@@ -247,7 +276,7 @@ def _factor(g, stick, p, w):
     pivot_A, weight_A, integral_A, coupling_A, inv_L_A = _winding_pivot(g, inv_g, jac[7] != 0.0, p)
     pivot_B, weight_B, integral_B, coupling_B, inv_L_B = _winding_pivot(g, inv_g, jac[8] != 0.0, p)
     back_emf = p.K_m * p.z * jac[9]
-    theta_A, theta_B = back_emf * c * inv_L_A, back_emf * s * inv_L_B
+    theta_A, theta_B = back_emf * jac[11] * inv_L_A, back_emf * jac[12] * inv_L_B
     beta_A = (p.K_m * s * inv_L_A + theta_A * inv_g) * pivot_A
     beta_B = (-p.K_m * c * inv_L_B + theta_B * inv_g) * pivot_B
     lu[0], lu[1], lu[2], lu[3], lu[4], lu[5] = (
