@@ -114,7 +114,9 @@ def statements(table: Path, name: str, draws: int | None, seeds: int | None) -> 
 
     test = load_published(name)
     if not isinstance(test, CasesTest):
-        _statements_of_states(test, table, _DRAWS_OF_STATES if draws is None else draws, seeds or 24)
+        _statements_of_states(
+            test, table, _DRAWS_OF_STATES if draws is None else draws, seeds or 24
+        )
         return
     if seeds is not None:
         raise OptionError("seeds", "belongs to tests with states; this one has cases")
@@ -132,7 +134,11 @@ def _statements_of_cases(test: CasesTest, name: str, table: Path, draws: int) ->
     kept = draws_of(test, rows)
     assert kept is not None
     for one in compare_with_kept(drive, kept.central, kept):
-        echo(f"{one.claim}: {one.verdict}, in {100 * one.share:.0f} % of {one.draws:.0f} draws")
+        if one.draws > 0.0:
+            share = f"in {100 * one.share:.0f} % of {one.draws:.0f} draws"
+            echo(f"{one.claim}: {one.verdict}, {share}; {one.where}")
+        else:
+            echo(f"{one.claim}: {one.verdict}; {one.where}")
 
 
 def _statements_of_states(test: PublishedTest, table: Path, draws: int, seeds: int) -> None:

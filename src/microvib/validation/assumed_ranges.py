@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from microvib.errors import ScenarioError, error_context
 from microvib.io.file_access import WORKING_FOLDER
 from microvib.io.named import catalog_names
@@ -35,7 +37,7 @@ class Assumption:
     central: float
     high: float
     factor: float = 1.0
-    """Of the unit, where it sets a key: the key is value times factor times the keys ``of``."""
+    """Size of the unit, where it sets a key: the key is value times factor times the keys ``of``."""
 
     def at(self, part: float) -> float:
         """Value at a part of the range, from 0 to 1."""
@@ -46,6 +48,19 @@ class Assumption:
     def show(self, value: float) -> str:
         """A value with its unit."""
         return self.quantity.show(value)
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """An assumption, or a combination of some, with its values over draws: it may decide what
+    holds.
+    """
+
+    name: str
+    quantity: Quantity
+    values: np.ndarray
+    """In SI, (draws,)."""
+    logarithmic: bool
 
 
 @dataclass(frozen=True)
@@ -94,7 +109,9 @@ class DescribedDrive:
                 f"unit: the product of {', '.join([*given.of, given.unit or 'a plain number'])}"
                 f" {error} ({given.sets})"
             ) from None
-        return Quantity(given.unit, f"{given.sets} over the product of {', '.join(given.of)}"), factor
+        return Quantity(
+            given.unit, f"{given.sets} over the product of {', '.join(given.of)}"
+        ), factor
 
     def _declared(self, key: str) -> Quantity:
         """Declaration of a key of the scenario or of a case; ScenarioError where it has none."""
@@ -141,6 +158,25 @@ class DescribedDrive:
             for point in points
         ]
 
+    def deciding(self, drawn: np.ndarray) -> list[Deciding]:
+        """Assumptions and their combinations over draws, whose values are ``drawn`` (draws,
+        assumptions).
+        """
+        columns = dict(zip(self.test.assumed, drawn.T, strict=True))
+        alone = [
+            Deciding(x.name, x.quantity, columns[x.name], x.range.spacing == "logarithmic")
+            for x in self.assumptions
+        ]
+        return alone + [
+            Deciding(
+                name,
+                Quantity(one.unit, ""),
+                one.factor * np.prod([columns[x] ** p for x, p in one.powers.items()], axis=0),
+                True,
+            )
+            for name, one in self.test.combined.items()
+        ]
+
     def scenario(self, name: str, values: Mapping[str, float]) -> Scenario:
         """Scenario of a case under values of the assumptions: what the case sets, then the
         assumptions in their order, then what it scales.
@@ -164,7 +200,9 @@ class DescribedDrive:
             for one in self.test.assumed.items()
             for pattern in (one[1].scale or (one[1].sets or one[0],))
         ]
-        set_in_cases = [key for case in self.test.cases.values() for key in (*case.set, *case.scale)]
+        set_in_cases = [
+            key for case in self.test.cases.values() for key in (*case.set, *case.scale)
+        ]
         told = [*self.test.given, *assumed, *set_in_cases]
         for key, value, quantity in self.base.entries():
             group = key.split(".")[0]

@@ -5,7 +5,7 @@ is assumed with its range, and what of it is compared.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -29,7 +29,7 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "lost steps": (),
 }
 """Keys that each kind of metric needs; it has no others but ``channel``."""
-COMPARED = ("figure", "bound", "ratio", "trend", "ranking", "stands_out", "not_comparable")
+COMPARED = ("figure", "bound", "ratio", "trend", "ranking", "exceeds", "not_comparable")
 """Keys of which a comparison has one."""
 
 
@@ -74,11 +74,22 @@ class AssumedRange(Part):
             yield "unit: belongs to sets; a key has its own unit, and a factor has none"
 
 
+class Combination(Part):
+    """A product of powers of assumptions, such as a ratio that decides: not drawn by itself, but
+    looked at where draws are parted.
+    """
+
+    powers: dict[str, float] = Field(description="names of assumptions and their powers")
+    factor: float = Field(default=1.0, description="factor, with the values of assumptions in SI")
+    unit: str = Field(default="", max_length=50, description="unit of the product, in words")
+
+
 class Case(Part):
     """One case: changes of the scenario."""
 
     set: dict[str, Any] = Field(
-        default_factory=dict, description="keys of the scenario and their values, before assumptions"
+        default_factory=dict,
+        description="keys of the scenario and their values, before assumptions",
     )
     scale: dict[str, float] = Field(
         default_factory=dict,
@@ -209,12 +220,12 @@ class RankingComparison(Part):
     )
 
 
-class StandsOutComparison(Part):
+class ExceedsComparison(Part):
     """Each of some metrics of a case is larger than each of others."""
 
     case: Name
     metrics: tuple[Name, ...] = Field(min_length=1, max_length=100)
-    above: tuple[Name, ...] = Field(min_length=1, max_length=100)
+    others: tuple[Name, ...] = Field(min_length=1, max_length=100)
     by: Annotated[float, Quantity("", "factor by which they are larger", gt=0)]
 
 
@@ -224,24 +235,19 @@ class Comparison(Part):
     claim: Text
     source: Text = ""
     published: Text = Field(default="", description="what the publication says, in words")
-    calibrated: Text = Field(
-        default="", description="what was fitted to it; empty of a prediction"
-    )
+    calibrated: Text = Field(default="", description="what was fitted to it; empty of a prediction")
     figure: FigureComparison | None = None
     bound: BoundComparison | None = None
     ratio: RatioComparison | None = None
     trend: TrendComparison | None = None
     ranking: RankingComparison | None = None
-    stands_out: StandsOutComparison | None = None
+    exceeds: ExceedsComparison | None = None
     not_comparable: Text = Field(default="", description="reason why nothing can be compared")
 
     def _consistency_errors(self) -> Iterator[str]:
         given = [name for name in COMPARED if getattr(self, name)]
         if not given:
-            yield (
-                "what is compared is missing; one of"
-                f" {', '.join(COMPARED)} is expected"
-            )
+            yield (f"what is compared is missing; one of {', '.join(COMPARED)} is expected")
         if len(given) > 1:
             yield f"{given[1]}: stands beside {given[0]}; a comparison has one of them"
 
@@ -259,9 +265,9 @@ class Comparison(Part):
             several = self.trend or self.ranking
             assert several is not None
             return tuple((case, several.metric) for case in several.cases)
-        if self.stands_out:
-            out = self.stands_out
-            return tuple((out.case, metric) for metric in (*out.metrics, *out.above))
+        if self.exceeds:
+            out = self.exceeds
+            return tuple((out.case, metric) for metric in (*out.metrics, *out.others))
         return ()
 
 
@@ -292,6 +298,9 @@ class CasesTest(Part):
     assumed: dict[str, AssumedRange] = Field(
         default_factory=dict, description="values that it does not give, with their ranges"
     )
+    combined: dict[str, Combination] = Field(
+        default_factory=dict, description="combinations of assumptions that may decide"
+    )
     cases: dict[str, Case] = Field(description="cases by name", min_length=1, max_length=200)
     metrics: dict[str, Metric] = Field(description="metrics by name", max_length=200)
     compare: tuple[Comparison, ...] = Field(
@@ -305,6 +314,13 @@ class CasesTest(Part):
         for k, shown in enumerate(self.shown):
             pairs = tuple((case, metric) for case in shown.cases for metric in shown.metrics)
             yield from self._missing(f"shown.{k}", pairs)
+        for name, combination in self.combined.items():
+            unknown = [x for x in combination.powers if x not in self.assumed]
+            if unknown:
+                yield (
+                    f"combined.{name}.powers: '{unknown[0]}' is not assumed; there are"
+                    f" {', '.join(self.assumed) or 'none'}"
+                )
         for name, case in self.cases.items():
             both = [key for key in case.set if key in self.assumed]
             if both:
@@ -324,22 +340,17 @@ class CasesTest(Part):
     @property
     def needs(self) -> dict[str, tuple[str, ...]]:
         """Metrics that the comparisons need of each case, in the order of the file."""
-        pairs = {pair for comparison in self.compare for pair in comparison.needs}
-        return self._in_order(pairs)
+        return self._in_order([pair for comparison in self.compare for pair in comparison.needs])
 
     @property
     def shows(self) -> dict[str, tuple[str, ...]]:
         """Metrics of each case that are compared or shown."""
-        pairs = {pair for comparison in self.compare for pair in comparison.needs}
-        pairs |= {
-            (case, metric)
-            for shown in self.shown
-            for case in shown.cases
-            for metric in shown.metrics
-        }
+        pairs = [pair for comparison in self.compare for pair in comparison.needs]
+        for shown in self.shown:
+            pairs += [(case, metric) for case in shown.cases for metric in shown.metrics]
         return self._in_order(pairs)
 
-    def _in_order(self, pairs: set[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
+    def _in_order(self, pairs: Sequence[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
         found = {
             case: tuple(metric for metric in self.metrics if (case, metric) in pairs)
             for case in self.cases

@@ -5,8 +5,9 @@ assumptions it holds, and all that it rests on.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,7 @@ from microvib.reports.document import Fact, Text
 from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item, Outcome, Part, Picture
 from microvib.results import TORQUE, Column, Measure, Table
+from microvib.units import pretty
 from microvib.validation.cases_study import (
     HOLDS,
     NOT_COMPARABLE,
@@ -26,6 +28,7 @@ from microvib.validation.cases_study import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 _INTRODUCTION = (
@@ -36,6 +39,8 @@ _INTRODUCTION = (
     " why."
 )
 _MAX_PANELS = 6
+SMALLEST_SHOWN = 1e-4
+"""Torque [mN m] below which it is only said that one is less."""
 _STATUSES = ("calibrated", "predicted", "not comparable")
 
 
@@ -121,9 +126,7 @@ def _measured(found: CasesValidation) -> Table:
 
 def _assumed(found: CasesValidation) -> Iterator[Item]:
     base = found.drive.base
-    given = [
-        GivenRow(key, _shown(found, key), source) for key, source in found.test.given.items()
-    ]
+    given = [GivenRow(key, _shown(found, key), source) for key, source in found.test.given.items()]
     yield Table.of("given", GivenRow, given)
     rows = [
         AssumedRow(
@@ -157,7 +160,9 @@ def _figures(found: CasesValidation) -> Iterator[Item]:
     test = found.test
     metrics = [x for x in test.metrics if any(x == metric for _, metric in found.figures)]
     columns = [Column("case", "case")]
-    columns += [Column(_key(test.metrics[x].unit, x), x, _measure(test.metrics[x].unit)) for x in metrics]
+    columns += [
+        Column(_key(test.metrics[x].unit, x), x, _measure(test.metrics[x].unit)) for x in metrics
+    ]
     cases = dict.fromkeys(case for case, _ in found.figures)
     rows = tuple(
         (case, *(found.figures.get((case, metric), math.nan) for metric in metrics))
@@ -174,7 +179,7 @@ def _key(unit: str, metric: str) -> str:
 
 def _measure(unit: str) -> Measure:
     if unit == "N*m":
-        return TORQUE
+        return replace(TORQUE, least=SMALLEST_SHOWN)
     return Measure(unit.replace("*", " "), form=".4g")
 
 
@@ -201,10 +206,8 @@ def draw_separations(found: CasesValidation, compared: list[Compared]) -> Figure
 def _draw_panel(ax: Axes, found: CasesValidation, one: Compared) -> None:
     assert found.kept is not None
     parted = one.separations[0]
-    names = [x.name for x in found.drive.assumptions]
-    assumption = found.drive.assumptions[names.index(parted.name)]
-    x = found.kept.values[:, names.index(parted.name)]
-    y = np.array(one.over_draws)
+    deciding = next(x for x in found.drive.deciding(found.kept.values) if x.name == parted.name)
+    x, y = deciding.values, np.array(one.over_draws)
     low, high = one.bounds
     held = (y >= low) & (y <= high)
     known = np.isfinite(y)
@@ -216,10 +219,22 @@ def _draw_panel(ax: Axes, found: CasesValidation, one: Compared) -> None:
         if math.isfinite(bound) and bound > 0.0:
             ax.axhline(bound, color="black", linewidth=0.9, linestyle="--")
     ax.axvline(parted.value, color=sheets.GREY, linewidth=0.9, linestyle=":")
-    if assumption.range.spacing == "logarithmic":
+    if deciding.logarithmic:
         ax.set_xscale("log")
+        _show_plain_numbers(ax.xaxis)
     if np.all(y[known] > 0.0):
         ax.set_yscale("log")
-    unit = assumption.quantity.unit.replace("*", " ")
-    ax.set_xlabel(f"{parted.name}{f' [{unit}]' if unit else ''}")
-    ax.set_title(one.claim, fontsize=7, wrap=True)
+        _show_plain_numbers(ax.yaxis)
+    unit = pretty(deciding.quantity.unit)
+    ax.set_xlabel(f"{parted.name} [{unit}]" if unit else parted.name)
+    ax.set_ylabel("value")
+    ax.set_title("\n".join(textwrap.wrap(one.claim, 55)), fontsize=7)
+
+
+def _show_plain_numbers(axis: Axis) -> None:
+    """Show plain numbers at a few ticks of a logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

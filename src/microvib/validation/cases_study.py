@@ -5,7 +5,7 @@ assumptions over which it holds, and over which part of their ranges.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -13,10 +13,12 @@ import numpy as np
 
 from microvib.errors import error_context
 from microvib.results import Column, Measure
-from microvib.validation.assumed_ranges import Assumption, DescribedDrive, described_drive
+from microvib.text_tables import counted
+from microvib.validation.assumed_ranges import Deciding, DescribedDrive, described_drive
 from microvib.validation.cases_file import CasesTest, Comparison
 from microvib.validation.comparisons import Bar, Figures, bar_of
 from microvib.validation.kept_figures import (
+    LOSS_OF_SYNCHRONISM,
     CaseFigures,
     KeptDraws,
     differs,
@@ -118,7 +120,7 @@ def compare_with_kept(
 
 
 def _notes(name: str, kept: KeptDraws | None, central: CaseFigures) -> Iterator[str]:
-    """What readers should know of the figures and the draws."""
+    """Notes on figures and draws that readers need."""
     for case, reason in central.failed.items():
         yield f"Case '{case}' has no figures under the central assumptions: {reason}."
     table = kept_table(name)
@@ -130,10 +132,15 @@ def _notes(name: str, kept: KeptDraws | None, central: CaseFigures) -> Iterator[
         )
         return
     failed = [reason for reason in kept.failed if reason]
+    other = [reason for reason in failed if LOSS_OF_SYNCHRONISM not in reason]
     if failed:
         yield (
-            f"In {len(failed)} of {len(kept.failed)} draws a case has no figures; the first:"
-            f" {failed[0]}."
+            f"In {len(failed) - len(other)} of {len(kept.failed)} draws the motor loses synchronism"
+            " in a case, which then has no figures."
+        )
+    if other:
+        yield (
+            f"In {counted(len(other), 'draw')} a case could not be simulated; the first: {other[0]}."
         )
     off = differs(kept.central, central.figures)
     if off:
@@ -171,13 +178,15 @@ def _compared(
     judged = [bar.holds(value) for value in values]
     known = np.array([one is not None for one in judged])
     held = np.array([one is True for one in judged])[known]
-    names = [one.name for one in drive.assumptions]
-    found = tuple(separations(kept.values[known], held, names)[:MAX_SEPARATIONS])
+    deciding = drive.deciding(kept.values)
+    columns = np.column_stack([one.values for one in deciding])[known]
+    names = [one.name for one in deciding]
+    found = tuple(separations(columns, held, names)[:MAX_SEPARATIONS])
     return replace(
         _row(comparison, verdict, ours=ours, bar=bar),
         share=float(held.mean()) if held.size else math.nan,
         draws=float(held.size),
-        where=_where(held, len(judged), found, drive.assumptions),
+        where=_where(held, len(judged), found, deciding),
         separations=found,
         over_draws=tuple(values),
     )
@@ -214,24 +223,25 @@ def _row(
 
 
 def _where(
-    held: np.ndarray, draws: int, found: tuple[Separation, ...], assumptions: tuple[Assumption, ...]
+    held: np.ndarray, draws: int, found: tuple[Separation, ...], deciding: Sequence[Deciding]
 ) -> str:
     """Over which part of the ranges a comparison holds, in words."""
-    texts = []
     if held.size == 0:
         return "no draw has a figure"
+    by_name = {one.name: one for one in deciding}
+    texts = []
+    for one in found:
+        limit = by_name[one.name].quantity.show(float(f"{one.value:.2g}"))
+        texts.append(
+            f"{one.name}: in {_percent(one.below)} of draws below {limit}, in {_percent(one.above)}"
+            " above"
+        )
     if held.all():
         texts.append("over all of the ranges")
     elif not held.any():
         texts.append("nowhere in the ranges")
-    by_name = {one.name: one for one in assumptions}
-    for one in found:
-        limit = by_name[one.name].show(one.value)
-        texts.append(
-            f"{one.name}: below {limit} in {_percent(one.below)}, above in {_percent(one.above)}"
-        )
-    if not texts:
-        texts.append("no single assumption decides")
+    elif not found:
+        texts.append("no assumption decides by itself")
     if held.size < draws:
         texts.append(f"no figure in {draws - held.size} of {draws} draws")
     return "; ".join(texts)

@@ -18,7 +18,7 @@ from microvib.validation.cases_file import (
     Metric,
     RankingComparison,
     RatioComparison,
-    StandsOutComparison,
+    ExceedsComparison,
     TrendComparison,
 )
 
@@ -30,7 +30,7 @@ _CLEAR = 1e-12
 
 @dataclass(frozen=True)
 class Bar:
-    """What a comparison comes to: a value of the figures, and where it has to lie."""
+    """Value of a comparison, and where it has to lie."""
 
     value: Callable[[Figures], float]
     unit: str
@@ -65,8 +65,8 @@ def bar_of(test: CasesTest, comparison: Comparison, where: str) -> Bar | None:
         return _trend(comparison.trend)
     if comparison.ranking:
         return _ranking(comparison.ranking)
-    if comparison.stands_out:
-        return _stands_out(comparison.stands_out)
+    if comparison.exceeds:
+        return _exceeds(comparison.exceeds)
     return None
 
 
@@ -150,9 +150,9 @@ def _ranking(ranking: RankingComparison) -> Bar:
     )
 
 
-def _stands_out(out: StandsOutComparison) -> Bar:
+def _exceeds(out: ExceedsComparison) -> Bar:
     first = [(out.case, metric) for metric in out.metrics]
-    second = [(out.case, metric) for metric in out.above]
+    second = [(out.case, metric) for metric in out.others]
     return Bar(
         lambda of: quotient(_least([of[key] for key in first]), _most([of[key] for key in second])),
         "",

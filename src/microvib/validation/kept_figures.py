@@ -12,7 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OutputError, SimulationError, error_context
+from microvib.errors import (
+    MicrovibError,
+    OutputError,
+    SimulationError,
+    SynchronismLost,
+    error_context,
+)
 from microvib.io.named import test_names
 from microvib.io.tables import dict_rows, read_table, rows_csv
 from microvib.io.writing import write_file
@@ -25,6 +31,7 @@ Row = dict[str, str]
 Progress = Callable[[int, int], None]
 CENTRAL_TOLERANCE = 1e-3
 """Part by which the figures of the kept central draw may differ from those of today."""
+LOSS_OF_SYNCHRONISM = "loss of synchronism"
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class KeptDraws:
     central: Figures
     """Figures under the central assumptions."""
     failed: tuple[str, ...] = ()
-    """Of each draw the cases that could not be simulated, and why; empty where all were."""
+    """Cases without figures of each draw, and why; empty where all have some."""
 
 
 def pairs_of(test: CasesTest) -> list[tuple[str, str]]:
@@ -91,9 +98,16 @@ def figures_under(
                 made = case_metrics(scenario, metrics)
             except SimulationError as error:
                 made = without_motion(metrics, error)
-                failed[case] = str(error)
+                failed[case] = reason_of(error)
         found |= {(case, name): figure for name, figure in made.items()}
     return CaseFigures(found, failed)
+
+
+def reason_of(error: SimulationError) -> str:
+    """Reason why a case has no figures, in a few words."""
+    if isinstance(error, SynchronismLost):
+        return LOSS_OF_SYNCHRONISM
+    return str(error).partition(";")[0]
 
 
 def extend_figures(
@@ -136,7 +150,7 @@ def _row(test: CasesTest, number: int, values: dict[str, float], found: CaseFigu
 
 
 def _problem(test: CasesTest, rows: list[Row]) -> str:
-    """What is wrong with a table of draws, in words; empty where nothing is."""
+    """Reason why a table of draws cannot be used; empty where it can."""
     if rows and list(rows[0]) != columns_of(test):
         return "is not a table of draws of this test"
     if any(row["test"] != digest_of(test) for row in rows):

@@ -24,5 +24,6 @@ def load_published(name: str) -> PublishedTest | CasesTest:
             f"{name}: has neither cases nor states; a published test has title, citation, measured,"
             " scenario, cases, metrics and compare"
         )
-    kind = PublishedTest if "states" in data else CasesTest
-    return validate_part(kind, data, origin=name)
+    if "states" in data:
+        return validate_part(PublishedTest, data, origin=name)
+    return validate_part(CasesTest, data, origin=name)

@@ -21,9 +21,7 @@ FILTER_ORDER = 4
 """Order of the Butterworth filter, run forwards and backwards, that limits a channel to a band."""
 
 
-def case_metrics(
-    scenario: Scenario, metrics: Mapping[str, Metric]
-) -> dict[str, float]:
+def case_metrics(scenario: Scenario, metrics: Mapping[str, Metric]) -> dict[str, float]:
     """Figures of a case by the names of its metrics, in SI.
 
     Parameters
@@ -71,9 +69,7 @@ def evaluate(metric: Metric, motion: Motion) -> float:
     rate = motion.sample_rate
     if metric.what == "order":
         assert metric.order is not None
-        return amplitude_at(
-            samples, rate, metric.order * electrical_frequency(motion.scenario)
-        )
+        return amplitude_at(samples, rate, metric.order * electrical_frequency(motion.scenario))
     low, high = metric.edges
     limited = band_limited(samples, rate, low, high)
     if metric.what == "rms":

@@ -26,11 +26,8 @@ class Separation:
     above: float
     chance: float
     """Chance of so different shares if the assumption had no effect, over all assumptions."""
-
-    @property
-    def accuracy(self) -> float:
-        """How clearly it parts the draws, from 0 to 1."""
-        return abs(self.below - self.above)
+    weight: float
+    """Difference of the shares, weighed by how evenly the value parts the draws."""
 
 
 def separations(values: np.ndarray, held: np.ndarray, names: list[str]) -> list[Separation]:
@@ -59,7 +56,7 @@ def separations(values: np.ndarray, held: np.ndarray, names: list[str]) -> list[
         chance = min(float(test.pvalue) * len(names), 1.0)
         if chance <= SIGNIFICANCE:
             found.append(_best_value(name, column, held, chance))
-    return sorted(found, key=lambda one: -one.accuracy)
+    return sorted(found, key=lambda one: -one.weight)
 
 
 def _best_value(name: str, column: np.ndarray, held: np.ndarray, chance: float) -> Separation:
@@ -70,8 +67,9 @@ def _best_value(name: str, column: np.ndarray, held: np.ndarray, chance: float) 
     below = np.cumsum(sorted_held)[:-1] / counts
     above = (sorted_held.sum() - np.cumsum(sorted_held)[:-1]) / (held.size - counts)
     both = np.minimum(counts, held.size - counts) >= MIN_DRAWS
-    # in terms of how well knowing the side tells the outcome, so that thin ends do not win
-    weight = np.sqrt(counts * (held.size - counts)) / held.size
-    k = int(np.argmax(np.where(both, np.abs(below - above) * weight, -math.inf)))
+    # proportional to the correlation of side and outcome, so that thin ends do not win
+    evenness = np.sqrt(counts * (held.size - counts)) / held.size
+    weights = np.where(both, np.abs(below - above) * evenness, -math.inf)
+    k = int(np.argmax(weights))
     value = 0.5 * float(column[order[k]] + column[order[k + 1]])
-    return Separation(name, value, float(below[k]), float(above[k]), chance)
+    return Separation(name, value, float(below[k]), float(above[k]), chance, float(weights[k]))
