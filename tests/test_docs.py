@@ -15,6 +15,8 @@ from microvib.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 EXECUTED = (
+    "validation-goniometer",
+    "validation-sentinel-4",
     "tutorial",
     "howto/rate",
     "theory/array",

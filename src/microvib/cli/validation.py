@@ -57,8 +57,15 @@ def _check_folders(target: Target, names: tuple[str, ...]) -> None:
     from microvib.io.writing import check_folder
 
     assert target.out is not None
+    if target.out.exists() and (not target.out.is_dir() or _foreign(target.out, names)):
+        check_folder(target.out, overwrite=False)
     for name in names:
         check_folder(target.out / name, target.overwrite)
+
+
+def _foreign(folder: Path, names: tuple[str, ...]) -> bool:
+    """Whether a folder holds anything but folders of the tests."""
+    return any(entry.name not in names or not entry.is_dir() for entry in folder.iterdir())
 
 
 def _outcome(name: str) -> tuple[Outcome, str]:
