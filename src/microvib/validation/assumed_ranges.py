@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.errors import ScenarioError, error_context
 from microvib.io.file_access import WORKING_FOLDER
-from microvib.io.named import catalog_names
+from microvib.io.named import test_names
 from microvib.io.scenario_file import load_scenario, scenario_of
 from microvib.model.scenario import Scenario
 from microvib.studies.campaign.variation import keys_of, number
@@ -259,7 +259,9 @@ def described_drive(test: CasesTest, name: str) -> DescribedDrive:
 
     Raises ScenarioError for a scenario, a case or an assumption that is not allowed: one sentence.
     """
-    where = WORKING_FOLDER if name in catalog_names() else WORKING_FOLDER.in_folder_of(name)
+    where = WORKING_FOLDER
+    if name not in test_names():
+        where = WORKING_FOLDER.in_folder_of(name)
     if isinstance(test.scenario, dict):
         base = scenario_of(dict(test.scenario), "scenario", dict(test.set), where)
     else:
