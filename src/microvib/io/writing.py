@@ -209,6 +209,7 @@ STUDY_FILES = (
     "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
     "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
     "measured.csv", "given.csv", "assumed.csv", "figures.csv", "separations.png",
+    "step_margin.csv",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

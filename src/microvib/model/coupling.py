@@ -123,9 +123,9 @@ def source_of(scenario: Scenario, *, powered: bool = True) -> Source:
     MicrovibError for a powered drive without a current loop, whose windings are no springs and
     dampers.
     """
-    if powered and scenario.driver.drive == "voltage":
+    if powered and scenario.driver.drive != "current":
         raise MicrovibError(
-            "driver.drive: closed-form coupling does not support voltage drive; run a time"
+            f"driver.drive: closed-form coupling does not support {scenario.driver.drive} drive; run a time"
             " simulation of the spacecraft instead"
         )
     spacecraft, s = require_craft(scenario).spacecraft, scenario

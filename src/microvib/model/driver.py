@@ -18,6 +18,9 @@ from microvib.units import Quantity
 
 MAX_TABLE = 16_384  # rows of a table of currents, at most
 _USUAL = (1e-5, 0.05)  # errors of a driver, over its current
+_SWITCHED_OFF = 1e-9  # a current over I up to which a pulse leaves its winding open
+PULSE_KEYS = ("on_time", "diode_voltage")
+"""Keys that a pulse drive has and no other."""
 _NOISE = 1e-14  # error of a computed reference over the current, by floating point
 
 
@@ -115,11 +118,15 @@ NO_IMPERFECTIONS = Imperfections()
 
 
 class Driver(Part):
-    """Microstepping current driver with one PI(D) loop per phase (Table 3)."""
+    """Microstepping current driver with one PI(D) loop per phase (Table 3); or voltages, lasting or in
+    pulses.
+    """
 
-    drive: Literal["current", "voltage"] = Field(
+    drive: Literal["current", "voltage", "pulse"] = Field(
         default="current",
-        description="current: closed current loop; voltage: phase voltages R times the current, no current loop",
+        description="current: closed current loop; voltage: phase voltages R times the current, no current loop;"
+        " pulse: the supply voltage on a phase for the on-time of each step, whatever motor.current is,"
+        " then open windings with diodes",
     )
     beats: Annotated[
         int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")
@@ -149,7 +156,38 @@ class Driver(Part):
         Annotated[
             float,
             Quantity(
-                "V", "limit of the phase voltage; null is none", "U", gt=0, usual=(1.0, 400.0)
+                "V",
+                "limit of the phase voltage; null is none; of a pulse drive the voltage of a pulse",
+                "U",
+                gt=0,
+                usual=(1.0, 400.0),
+            ),
+        ]
+        | None
+    ) = None
+    on_time: (
+        Annotated[
+            float,
+            Quantity(
+                "s",
+                "time of each step in which a pulse drive puts the supply voltage on the winding",
+                "t_on",
+                gt=0,
+                display="ms",
+                usual=(1e-3, 1.0),
+            ),
+        ]
+        | None
+    ) = None
+    diode_voltage: (
+        Annotated[
+            float,
+            Quantity(
+                "V",
+                "voltage of the diodes or clamp against which a winding conducts that no switch drives",
+                "U_d",
+                gt=0,
+                usual=(0.2, 400.0),
             ),
         ]
         | None
@@ -177,8 +215,17 @@ class Driver(Part):
 
     def _consistency_errors(self) -> Iterator[str]:
         gains = ("proportional_gain", "integral_gain", "derivative_gain")
-        if self.drive == "voltage" and any(getattr(self, gain) for gain in gains):
-            yield f"drive: voltage has no current loop; set {', '.join(gains)} to 0, or leave them out"
+        if self.drive != "current" and any(getattr(self, gain) for gain in gains):
+            yield (
+                f"drive: {self.drive} has no current loop; set {', '.join(gains)} to 0, or leave them"
+                " out"
+            )
+        if self.pulsed:
+            yield from self._pulse_errors()
+        else:
+            for name in PULSE_KEYS:
+                if getattr(self, name) is not None:
+                    yield f"{name}: only acts with drive: pulse; set that, or leave {name} out"
         rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
         if rows not in (0, turn):
             yield (
@@ -187,10 +234,47 @@ class Driver(Part):
                 f" beats x microsteps = {turn}"
             )
 
+    def _pulse_errors(self) -> Iterator[str]:
+        if self.microsteps != 1:
+            yield (
+                f"microsteps: {self.microsteps} is not allowed with drive: pulse, which switches whole"
+                " steps; 1 is expected"
+            )
+        if self.beats not in (4, 8):
+            yield (
+                f"beats: {self.beats} is not allowed with drive: pulse; 4, of full steps, or 8, of half"
+                " steps, is expected"
+            )
+        for name in ("microstep_ramp", "imperfections"):
+            if getattr(self, name) != type(self).model_fields[name].default:
+                yield (
+                    f"{name}: shapes currents, which a pulse drive has no control of; leave it out"
+                    " with drive: pulse"
+                )
+        if self.table is not None and not self.table.currents:
+            yield (
+                "table: an angle correction shapes currents, which a pulse drive has no control of;"
+                " give currents, of which the signs count, or leave it out"
+            )
+
     def _required_fields(self) -> tuple[str, ...]:
         if self.drive == "current":
             return ("proportional_gain", "integral_gain")
+        if self.drive == "pulse":
+            return ("supply_voltage", *PULSE_KEYS)
         return ()
+
+    @property
+    def pulsed(self) -> bool:
+        """Whether voltages come in pulses, between which windings are open."""
+        return self.drive == "pulse"
+
+    @property
+    def voltage_limit(self) -> float:
+        """Limit of the voltages that a loop may demand [V]; infinite where there is none."""
+        if self.supply_voltage is None or self.pulsed:
+            return math.inf
+        return self.supply_voltage
 
     def full_step(self, motor: Motor) -> float:
         """Full step of the rotor Delta theta [rad] (Eq. 25)."""
@@ -213,7 +297,14 @@ class Driver(Part):
     def reference_currents(self, motor: Motor, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reference currents i_A*, i_B* [A] after ``count`` microsteps (Eq. 1, corrected); of more
         phases, along the two axes.
+
+        Of a pulse drive those to which the voltages of the pulse would lead, U/R, -U/R or 0.
         """
+        if self.pulsed:
+            turn = references_over_electrical_period(self, 1.0)
+            sign = np.where(np.abs(turn) > _SWITCHED_OFF, np.sign(turn), 0.0)
+            at = np.asarray(count, dtype=np.int64) % len(turn)
+            return tuple(self.amplitude(motor) * sign[at].T)  # type: ignore[return-value]
         return self.references(motor, self.electrical_angle(count))
 
     def references(
@@ -231,6 +322,14 @@ class Driver(Part):
             np.int64
         ) % len(turn)
         return turn[count, 0], turn[count, 1]
+
+    def amplitude(self, motor: Motor) -> float:
+        """Amplitude of the currents of the two axes [A]; of a pulse drive that to which a pulse would
+        lead.
+        """
+        if self.pulsed and self.supply_voltage is not None:
+            return self.supply_voltage / motor.winding_resistance
+        return motor.axis_current
 
     def largest_reference(self, motor: Motor) -> float:
         """Largest reference current of a phase [A], of two."""

@@ -55,7 +55,7 @@ def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if
     rigid), modes (Eq. 16-18).
     """
-    return drive_matrices(scenario.motor, scenario.reducer, scenario.friction, scenario.load)
+    return drive_matrices(held_motor(scenario), scenario.reducer, scenario.friction, scenario.load)
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,11 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     Currents are assumed to follow instantly, those of voltages by their windings, about a rotor
     without load; friction is viscous only, and detent torque, stick and errors of the driver do not
     exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the
-    staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes.
+    staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes, and of a
+    pulse drive, between whose pulses nothing pulls.
     """
     f_d = scenario.driving_frequency
-    if not f_d:
+    if not f_d or scenario.driver.pulsed:
         return ()
     order, of_drive = np.arange(1, harmonics + 1), matrices(scenario)
     frequency, pull = order * f_d, staircase_torque(scenario, order)
@@ -242,8 +243,19 @@ def coupled_modes(scenario: GivenScenario) -> tuple[CoupledMode, ...]:
     """
     s = as_scenario(scenario)
     return _coupled_modes(
-        s.motor, s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage"
+        held_motor(s), s.reducer, s.friction, s.array, s.mounted, s.driver.drive == "voltage"
     )
+
+
+def held_motor(scenario: Scenario) -> Motor:
+    """The motor with what holds its rotor on average: that of a pulse drive is free between pulses but
+    for its detent torque, as if so small a current held it.
+    """
+    motor = scenario.motor
+    if not scenario.driver.pulsed:
+        return motor
+    alike = motor.current * motor.detent_stiffness / motor.electromagnetic_stiffness
+    return motor.model_copy(update={"current": alike})
 
 
 @lru_cache(maxsize=16)
@@ -322,7 +334,7 @@ def sliding_growth(scenario: Scenario) -> float:
     falling_on_rotor = on_rotor.model_copy(update={"viscous": on_rotor.slope(rotor_rate)})
     growth, rounding = (
         _largest_real_part(
-            scenario.motor.model_copy(update={"friction": rotor}),
+            held_motor(scenario).model_copy(update={"friction": rotor}),
             scenario.reducer,
             output,
             scenario.array,

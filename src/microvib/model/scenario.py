@@ -119,10 +119,12 @@ class Scenario(Part):
                 f" rotor aligns with another tooth; it must be between -{0.5 * driver.beats:g} and"
                 f" {0.5 * driver.beats:g}"
             )
-        voltage = driver.drive == "voltage"
+        voltage = driver.drive != "current"
+        if driver.pulsed:
+            yield from self._pulse_errors()
         if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0 and not voltage:
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
-        if driver.supply_voltage is not None and motor.phases != 2:
+        if driver.supply_voltage is not None and motor.phases != 2 and not driver.pulsed:
             yield (
                 f"driver: supply_voltage {driver.supply_voltage:g} V limits each of the"
                 f" {motor.phases} phases, which the two-axis equations cannot represent; leave it out"
@@ -137,11 +139,28 @@ class Scenario(Part):
             )
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
-        if driver.supply_voltage is not None and driver.supply_voltage < needed:
+        if driver.voltage_limit < needed:
             yield (
                 f"driver: supply_voltage {driver.supply_voltage:g} V cannot drive {largest:g} A"
                 " through"
                 f" {motor.winding_resistance:g} ohm; it must be at least {needed:g} V"
+            )
+
+    def _pulse_errors(self) -> Iterator[str]:
+        driver, motor = self.driver, self.motor
+        if motor.phases != 2:
+            yield (
+                f"driver.drive: pulse is not known of a motor with {motor.phases} phases; 2 are"
+                " expected"
+            )
+        fastest = max(abs(float(rate)) for rate in self.tracking.breakpoints()[1])
+        per_second = driver.driving_frequency(motor, self.reducer.ratio * fastest)
+        on_time = driver.on_time or 0.0
+        if on_time * per_second > 1.0 + 1e-9:
+            yield (
+                f"driver.on_time: {1e3 * on_time:g} ms is longer than a step, which takes"
+                f" {1e3 / per_second:.6g} ms at the fastest rate of the command; shorten it, or lower"
+                " the rate"
             )
 
     def _wing_errors(self) -> Iterator[str]:
@@ -151,11 +170,12 @@ class Scenario(Part):
         for part in (other._array_errors, other._drive_errors):
             yield from (f"spacecraft.second_wing: {text}" for text in part())
         wing = craft.second_wing
-        if "voltage" in (other.driver.drive, self.driver.drive if wing.drive == "driven" else ""):
+        driven = {other.driver.drive, *([self.driver.drive] if wing.drive == "driven" else [])}
+        for drive in sorted(driven - {"current"}):
             yield (
                 "spacecraft.second_wing: a held shaft is modelled by the stiffness and "
                 "damping of its drive, which needs a current loop (not "
-                "driver.drive: voltage); use drive: current, in both drives if both step"
+                f"driver.drive: {drive}); use drive: current, in both drives if both step"
             )
         if wing.stagger and not other.driving_frequency:
             yield (

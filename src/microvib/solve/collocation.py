@@ -57,6 +57,7 @@ from microvib.solve.kernel import (
     noise_at,
     output_rate,
     references_after,
+    winding_margin,
 )
 from microvib.solve.nodes import CUBES, HIGHEST
 from microvib.solve.propagators import (
@@ -100,7 +101,7 @@ class Work(NamedTuple):
     before: Matrix  # lanes: the same of the last iterate
     sums: Matrix  # lanes: what FREE_TORQUE ... name
     noise: Matrix  # lanes: torque noise
-    margins: Matrix  # lanes: of the elements of frictions with memory
+    margins: Matrix  # lanes: of the elements of frictions with memory, and of switched windings
     values: Matrix  # lanes: channels
     by_node: Matrix  # what is sampled, (4, channels)
     powers: Matrix  # coefficients of the deficits' cubics, two rows for each power
@@ -389,6 +390,8 @@ def margins_at_nodes(p, x, w):
     sums[MARGIN_M], sums[MARGIN_L] = margins_known(y, q, x.stick, p)
     for e in range(p.elements.shape[0]):
         margins[e] = element_margin(e, y, x.stick, p)
+    for which in range(p.windings):
+        margins[p.elements.shape[0] + which] = winding_margin(which, y, x.stick, p)
     sums[TORQUE_D] = sums[TORQUE] - p.J_L * q[6] - p.J_m * f[WM]
     if p.H_m.size > 0:
         sums[TORQUE_D] = sums[TORQUE_D] + sums[ON_ROTOR] - p.J_c * (q[6] + f[WM])

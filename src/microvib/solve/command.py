@@ -68,7 +68,7 @@ class Command:
 
     def microsteps(self, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
         """Times [s], (m,), in [start, stop), and of each i_A*, i_B* [A] and electrical angle [rad]
-        after it, and the time [s] of the ramp to them, (m, 4)."""
+        after it, and the time [s] of the ramp to them, of a pulse drive that of the pulse, (m, 4)."""
         edges = np.unique(
             np.concatenate(
                 [[start, stop], self._times[(self._times > start) & (self._times < stop)]]
@@ -85,6 +85,8 @@ class Command:
             t, k, rate = np.zeros((3, 0))
         with np.errstate(divide="ignore"):
             ramp = np.where(rate > 0.0, self._driver.microstep_ramp / rate, 0.0)
+        if self._driver.pulsed:
+            ramp = np.full(t.size, self._driver.on_time)
         references = self._driver.reference_currents(self._motor, k)
         return t, np.column_stack([*references, self._driver.electrical_angle(k), ramp])
 

@@ -51,6 +51,16 @@ def reference_offset(dt, clock, s, c):
 
 
 @code.inner(**INLINE)
+def command_direction(x, p):
+    """Sine and cosine of the electrical angle from which currents are seen: that of the command, or
+    none of windings that are switched, which stay apart.
+    """
+    if p.windings > 0:
+        return 0.0, 1.0
+    return sincos(x.clock[THETA_E])
+
+
+@code.inner(**INLINE)
 def to_command_frame(x, p, t, w):
     """The drive's state as seen from its command, into ``w.x``; a windup or current of the holding
     drive is 0 there.
@@ -58,7 +68,7 @@ def to_command_frame(x, p, t, w):
     Currents are counted from their references, also where these are not ideal or ramp, so that the
     loop's integral is linear.
     """
-    s, c = sincos(x.clock[THETA_E])
+    s, c = command_direction(x, p)
     y, angle = x.y, x.clock[THETA_E] * p.inv_z
     w.x[IA], w.x[IB] = y[IA] * c + y[IB] * s - t.current, y[IB] * c - y[IA] * s
     w.x[XA], w.x[XB] = y[XA] * c + y[XB] * s - t.windup, y[XB] * c - y[XA] * s
@@ -83,7 +93,7 @@ def from_command_frame(v, y, x, p, t):
     """The drive's state ``y`` from ``v``, as seen from its command; the angle of what sticks stays
     what it was, to the last bit.
     """
-    s, c = sincos(x.clock[THETA_E])
+    s, c = command_direction(x, p)
     i_d, x_d, angle = v[IA] + t.current, v[XA] + t.windup, x.clock[THETA_E] / p.z
     y[IA], y[IB] = i_d * c - v[IB] * s, v[IB] * c + i_d * s
     y[XA], y[XB] = x_d * c - v[XB] * s, v[XB] * c + x_d * s

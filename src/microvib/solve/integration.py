@@ -25,7 +25,13 @@ from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.channels import CHANNELS, LINE_OF_SIGHT, MODAL
 from microvib.solve.command import Command
-from microvib.solve.motion import INTERFACE_LOAD_CHANNELS, InitialState, Invariants, Motion
+from microvib.solve.motion import (
+    INTERFACE_LOAD_CHANNELS,
+    STEP_KEYS,
+    InitialState,
+    Invariants,
+    Motion,
+)
 from microvib.solve.on_craft import (
     ACCELERATIONS,
     ANGLES,
@@ -421,6 +427,10 @@ class Simulation:
             "wall_s": seconds,
             "times_real_time": simulated / seconds,
         }
+        if self.scenario.driver.pulsed:
+            of_steps = kernel.STEPS_JUDGED, kernel.STEPS_LOST, kernel.STEPS_GAINED
+            made = [int(count[k]) for k in (*of_steps, kernel.FIRST_NOT_MADE)]
+            self.solver |= dict(zip(STEP_KEYS, made, strict=True))
 
 
 def chunk_rows(columns: int, longest: int) -> int:

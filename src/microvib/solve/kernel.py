@@ -66,12 +66,22 @@ OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
     BREAKAWAYS,
     EVENT_STEPS,
     ITERATIONS_MADE,
+    STEPS_JUDGED,
+    STEPS_LOST,
+    STEPS_GAINED,
+    FIRST_NOT_MADE,
     N_COUNTERS,
-) = range(9)
+) = range(13)
 (
     NOW, NEXT_STEP, REF_A, REF_B, THETA_E, MISMATCH, LARGEST, IMPULSE, WEIGHT, RATE_A, RATE_B, GOAL_A, GOAL_B, RAMP_END,
-    SEEN_D, SEEN_Q, SEEN_RATE_D, SEEN_RATE_Q, N_CLOCK,
-) = range(19)  # fmt: skip
+    SEEN_D, SEEN_Q, SEEN_RATE_D, SEEN_RATE_Q, PULSE_END, BEHIND, DIRECTION, N_CLOCK,
+) = range(22)  # fmt: skip
+DRIVEN, IS_OPEN = 2.0, 0.0
+"""Modes of a winding that is switched; 1 and -1 are those of one that conducts a current of that sign
+through its diodes.
+"""
+HAIR = 1e-9
+"""Part of the diodes' voltage within which a winding that has just opened stays open."""
 
 
 class Drive(NamedTuple):
@@ -95,6 +105,9 @@ class Drive(NamedTuple):
     K_D: float
     K_V: float  # voltage by the references themselves, of a drive without a current loop
     U_max: float
+    windings: int  # 2 of a pulsed drive, whose windings are switched; else 0
+    diode_voltage: float  # against which they conduct when no switch drives them
+    step: float  # full step of the rotor
     J_m: float  # on a craft, what of it is in no mode, as J_L and J_h
     J_L: float  # J_flex + J_h: all that is rigid on the output
     J_h: float
@@ -157,7 +170,7 @@ class State(NamedTuple):
 
     y: Vector
     # modes of rotor and output; then those of all elements, and the angle at which each that sticks
-    # is relaxed
+    # is relaxed; then those of windings that are switched
     stick: Vector
     clock: Vector
     counters: Counts
@@ -408,6 +421,28 @@ def winding_rates(i, x, reference, back_emf, p):
 
 
 @code.inner(**INLINE)
+def winding_mode(which, stick, p):
+    """Mode of a winding that is switched: 0 of phase A, 1 of phase B."""
+    return stick[2 + 2 * p.elements.shape[0] + which]
+
+
+@code.inner(**INLINE)
+def switched_rates(mode, i, back_emf, driven, rate, p):
+    """Voltage and di/dt of a winding that is switched; ``driven`` and ``rate`` are those of one that
+    is driven.
+
+    Through its diodes a current flows against their voltage, whichever way; without one the winding
+    is open, and its voltage that of its back-EMF.
+    """
+    if mode == DRIVEN:
+        return driven, rate
+    if mode == IS_OPEN:
+        return -back_emf, 0.0 * i
+    u = 0.0 * i - mode * p.diode_voltage
+    return u, (u - p.R * i + back_emf) * p.inv_L
+
+
+@code.inner(**INLINE)
 def detent_sine(theta_m, s, c, p):
     """Sine of the detent torque's angle, by sine and cosine of the electrical angle."""
     if p.detent == 4:
@@ -518,6 +553,10 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     s_A, c_B = flux_shapes(s, c, p)
     u_A, f[IA], f[XA], _ = winding_rates(y[IA], y[XA], references[0], p.K_m * omega_m * s_A, p)
     u_B, f[IB], f[XB], _ = winding_rates(y[IB], y[XB], references[1], -p.K_m * omega_m * c_B, p)
+    if p.windings > 0:
+        emf_A, emf_B = p.K_m * omega_m * s_A, -p.K_m * omega_m * c_B
+        u_A, f[IA] = switched_rates(winding_mode(0, stick, p), y[IA], emf_A, u_A, f[IA], p)
+        u_B, f[IB] = switched_rates(winding_mode(1, stick, p), y[IB], emf_B, u_B, f[IB], p)
     T_e = motor_torque(y, s, c, s_A, c_B, p)
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
@@ -1032,6 +1071,122 @@ def decide_element(e, x, p):
             x.y[WM] = 0.0
         elif body == 1:
             x.y[WL] = 0.0
+
+
+# ---- Pulses ----
+#
+# A pulsed drive puts a voltage on a winding for the first part of each step, and then leaves it. A
+# winding is driven, or conducts through its diodes (1 or -1, the sign of its current), or is open.
+# Its margin is what is left of that current, or what the back-EMF lacks of the diodes' voltage.
+
+
+@code.inner(**INLINE)
+def winding_back_emf(which, y, p):
+    """Back-EMF of phase A (0) or B (1), positive where it drives a positive current."""
+    s, c = sincos(p.z * y[TM])
+    s_A, c_B = flux_shapes(s, c, p)
+    if which == 0:
+        return p.K_m * y[WM] * s_A
+    return -p.K_m * y[WM] * c_B
+
+
+@code.inner(**COMPILE)
+def winding_margin(which, y, stick, p):
+    """Margin that stays positive as long as the mode of a winding lasts."""
+    mode = winding_mode(which, stick, p)
+    if mode == DRIVEN:
+        return 0.0 * y[TM] + 1.0
+    if mode != IS_OPEN:
+        return mode * y[IA + which]
+    return (1.0 + 2.0 * HAIR) * p.diode_voltage - math.fabs(winding_back_emf(which, y, p))
+
+
+@code.inner(**COMPILE)
+def decide_winding(which, x, p):
+    """The mode after an event of a winding: its current has ended, or its back-EMF has reached the
+    diodes' voltage.
+    """
+    slot = 2 + 2 * p.elements.shape[0] + which
+    ended = x.stick[slot] != IS_OPEN
+    x.y[IA + which] = 0.0
+    emf = winding_back_emf(which, x.y, p)
+    if ended and math.fabs(emf) <= (1.0 + HAIR) * p.diode_voltage:
+        x.stick[slot] = IS_OPEN
+    else:
+        x.stick[slot] = math.copysign(1.0, emf)
+
+
+@code.inner(**COMPILE)
+def _switch_off(which, x, p):
+    """No switch drives a winding any longer: its current goes on through the diodes."""
+    slot = 2 + 2 * p.elements.shape[0] + which
+    if x.y[IA + which] != 0.0:
+        x.stick[slot] = math.copysign(1.0, x.y[IA + which])
+    else:
+        x.stick[slot] = 1.0
+        decide_winding(which, x, p)
+
+
+@code.inner(**COMPILE)
+def _judge_step(x, p):
+    """Count the full steps that the rotor has lost or gained since the last pulse began."""
+    clock, counters = x.clock, x.counters
+    behind = math.floor((clock[THETA_E] * p.inv_z - x.y[TM]) / p.step + 0.5)
+    if clock[DIRECTION] != 0.0:
+        counters[STEPS_JUDGED] += 1
+        lost = int(clock[DIRECTION] * (behind - clock[BEHIND]))
+        if lost > 0:
+            counters[STEPS_LOST] += lost
+        else:
+            counters[STEPS_GAINED] -= lost
+        if lost != 0 and counters[FIRST_NOT_MADE] == 0:
+            counters[FIRST_NOT_MADE] = counters[STEPS_JUDGED]
+    clock[BEHIND] = behind
+
+
+@code.inner(**COMPILE)
+def start_pulse(row, x, p):
+    """Take a full step: ``row`` has the currents to which the voltages of the pulse would lead, the
+    electrical angle after it, and how long the pulse lasts.
+    """
+    _judge_step(x, p)
+    clock = x.clock
+    clock[DIRECTION] = math.copysign(1.0, row[2] - clock[THETA_E])
+    clock[THETA_E], clock[REF_A], clock[REF_B] = row[2], row[0], row[1]
+    clock[PULSE_END] = clock[NOW] + row[3]
+    for which in range(p.windings):
+        slot = 2 + 2 * p.elements.shape[0] + which
+        if row[which] != 0.0:
+            x.stick[slot] = DRIVEN
+        elif x.stick[slot] == DRIVEN:
+            _switch_off(which, x, p)
+    x.counters[MICROSTEPS] += 1
+
+
+@code.inner(**INLINE)
+def before_pulse_ends(target, clock):
+    """``target``, or the end of a pulse where that is earlier by more than rounding."""
+    end = clock[PULSE_END]
+    if clock[NOW] < end < target - ROUNDED * max(target, 1.0):
+        return end
+    return target
+
+
+@code.inner(**INLINE)
+def pulse_is_over(clock):
+    """Whether a pulse ends now."""
+    end = clock[PULSE_END]
+    return end != 0.0 and clock[NOW] >= end - ROUNDED * max(clock[NOW], 1.0)
+
+
+@code.inner(**COMPILE)
+def end_pulse(x, p):
+    """Leave the windings of a pulse that is over."""
+    clock = x.clock
+    clock[REF_A], clock[REF_B], clock[PULSE_END] = 0.0, 0.0, 0.0
+    for which in range(p.windings):
+        if winding_mode(which, x.stick, p) == DRIVEN:
+            _switch_off(which, x, p)
 
 
 @code.inner(**INLINE)

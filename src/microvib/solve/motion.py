@@ -94,6 +94,32 @@ class InitialState:
 
 
 @dataclass(frozen=True)
+class StepCount:
+    """Full steps of a pulsed drive over a run, each judged when the next begins."""
+
+    judged: int
+    lost: int
+    """Full steps that left the rotor behind its command."""
+    gained: int
+    """Full steps that left it ahead."""
+    first: int
+    """Number of the first step that was not made as commanded, from 1; 0 where all were."""
+
+    def __str__(self) -> str:
+        judged = counted(self.judged, "step")
+        if not self.judged:
+            return "no step judged: none is followed by another"
+        if not self.first:
+            return f"{judged} judged, none lost"
+        gained = f", {self.gained} gained" if self.gained else ""
+        return f"{judged} judged, {self.lost} lost{gained}; the first not made is step {self.first}"
+
+
+STEP_KEYS = ("steps_judged", "steps_lost", "steps_gained", "first_step_not_made")
+"""What the solver's account says of steps, in the order of ``StepCount``."""
+
+
+@dataclass(frozen=True)
 class Motion:
     """Sampled motion of one scenario: channels by name, each (n,), modal ones (n, s), at
     ``sample_rate`` [Hz].
@@ -134,6 +160,11 @@ class Motion:
             f" start: {self.scenario.record.start}\n"
             f"  {counted(len(kept), 'channel')}: {', '.join(kept)}"
         )
+
+    @property
+    def steps(self) -> StepCount | None:
+        """Steps that a pulsed drive made, lost and gained since its run began; None of other drives."""
+        return step_count(self.solver)
 
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.channels, *_derivable_channels(self.channels, self.scenario)]
@@ -236,6 +267,13 @@ class Motion:
         return xr.Dataset(
             data, coords, {"title": self.scenario.title, "sample_rate": self.sample_rate}
         )
+
+
+def step_count(solver: Mapping[str, Any]) -> StepCount | None:
+    """Steps that a solver's account tells of; None where it tells of none."""
+    if not set(STEP_KEYS) <= set(solver):
+        return None
+    return StepCount(*(int(solver[key]) for key in STEP_KEYS))
 
 
 SECOND_RUN_CHANNELS = {

@@ -140,7 +140,7 @@ def pack(scenario: Scenario) -> Packed:
     size = kernel.MODES + 2 * scenario.load.H.size
     state = kernel.State(
         y=np.zeros(size),
-        stick=np.zeros(2 + 2 * len(drive.elements)),
+        stick=np.zeros(2 + 2 * len(drive.elements) + drive.windings),
         clock=np.zeros(kernel.N_CLOCK),
         counters=np.zeros(kernel.N_COUNTERS, dtype=np.int64),
         energy=np.zeros(kernel.N_POWERS),
@@ -157,7 +157,8 @@ def pack(scenario: Scenario) -> Packed:
             state,
             scenario.record.rotor_offset * scenario.driver.full_step(scenario.motor),
         )
-    lanes = np.zeros((75 + 3 * size + kernel.N_CHANNELS + len(drive.elements), 4))
+    margins = len(drive.elements) + drive.windings
+    lanes = np.zeros((75 + 3 * size + kernel.N_CHANNELS + margins, 4))
     by_node = np.zeros((4, whole_lanes(kernel.N_CHANNELS + size - kernel.MODES)))
     return Packed(
         drive,
@@ -196,6 +197,8 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     levels = min(
         max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS
     )
+    if drive.windings:
+        fastest = max(fastest, _fastest_of_windings(scenario, drive))
     current, windup = _holding_current(scenario, scenario.motor.axis_current)
     tables = propagators.Propagators(
         longest=longest,
@@ -277,7 +280,27 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
         state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick)),
     )
     propagators.linear_part(rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
+    if drive.windings:
+        _leave_windings_apart(A, drive)
     return A
+
+
+def _leave_windings_apart(A: np.ndarray, drive: Any) -> None:
+    """Of windings that are switched only the decay of their own current is linear, whatever their mode:
+    so that one table serves all modes, and the current of one that is open stays exactly zero.
+    """
+    windings = [kernel.IA, kernel.IB, kernel.XA, kernel.XB]
+    A[:, windings, :] = 0.0
+    A[:, :, windings] = 0.0
+    for i in (kernel.IA, kernel.IB):
+        A[:, i, i] = -drive.R / drive.L
+
+
+def _fastest_of_windings(scenario: Scenario, drive: Any) -> float:
+    """Fastest rate [1/s] at which rotor and pulsed windings move each other, which is not in A."""
+    per_current = drive.K_m / math.sqrt(drive.L * drive.J_m)
+    spring = drive.z * drive.K_m * scenario.driver.amplitude(scenario.motor) / drive.J_m
+    return max(per_current, math.sqrt(spring))
 
 
 def _require_finite(drive: Any) -> Any:
@@ -304,7 +327,8 @@ def _set_holding_state(scenario: Scenario, drive: Any, state: Any, theta_m: floa
     # The transmission error may be non-zero there; the gear is relaxed.
     state.y[kernel.TM] = theta_m
     state.y[kernel.TL] = scenario.reducer.kinematic_error(theta_m) - theta_m * drive.inv_h
-    state.clock[kernel.REF_A], state.clock[kernel.REF_B] = A, B
+    if not drive.windings:  # those that are switched are open between pulses
+        state.clock[kernel.REF_A], state.clock[kernel.REF_B] = A, B
     state.clock[kernel.NEXT_STEP] = drive.layer
     kernel.initial_friction(state, drive)
 
@@ -312,6 +336,8 @@ def _set_holding_state(scenario: Scenario, drive: Any, state: Any, theta_m: floa
 def _holding_current(scenario: Scenario, reference: float) -> tuple[float, float]:
     """Current [A] and integral of its error [A s] at rest under a reference [A]."""
     driver, R = scenario.driver, scenario.motor.winding_resistance
+    if driver.drive == "pulse":
+        return 0.0, 0.0
     if driver.drive == "voltage":
         return reference, 0.0
     if driver.integral_gain > 0.0:
@@ -351,7 +377,7 @@ def _drive(scenario: Scenario) -> Any:
     return kernel.Drive(
         z=float(motor.rotor_teeth),
         current=motor.axis_current,
-        ideal=driver.ideal,
+        ideal=driver.ideal or driver.pulsed,
         K_m=motor.axis_torque_constant,
         K_d=motor.detent_torque,
         detent=motor.detent_periods,
@@ -362,8 +388,11 @@ def _drive(scenario: Scenario) -> Any:
         K_P=driver.proportional_gain,
         K_I=driver.integral_gain,
         K_D=driver.derivative_gain,
-        K_V=motor.winding_resistance if driver.drive == "voltage" else 0.0,
-        U_max=math.inf if driver.supply_voltage is None else driver.supply_voltage,
+        K_V=0.0 if driver.drive == "current" else motor.winding_resistance,
+        U_max=driver.voltage_limit,
+        windings=2 if driver.pulsed else 0,
+        diode_voltage=driver.diode_voltage or 0.0,
+        step=driver.full_step(motor),
         J_m=J_m,
         J_L=J_L,
         J_h=load.array_left,
@@ -460,11 +489,12 @@ def _transmission_error(scenario: Scenario) -> np.ndarray:
 def _state_sizes(scenario: Scenario) -> np.ndarray:
     """Motion of each state per microstep; inf for a state that no gain moves."""
     motor, driver, array = scenario.motor, scenario.driver, scenario.array
-    step = driver.microstep(motor)
+    step, current = driver.microstep(motor), driver.amplitude(motor)
+    stiffness = motor.rotor_teeth * motor.axis_torque_constant * current
     turned = scenario.rotor_inertia
     if scenario.reducer.rigid:
         turned += scenario.output_inertia / scenario.reducer.ratio**2
-    rotor_rate = math.sqrt(motor.electromagnetic_stiffness / turned)
+    rotor_rate = math.sqrt(stiffness / turned)
     output_rate = rotor_rate
     if not scenario.reducer.rigid:
         output_rate = min(
@@ -473,7 +503,7 @@ def _state_sizes(scenario: Scenario) -> np.ndarray:
     angle = step / scenario.reducer.ratio
     rate = angle * output_rate
     if driver.integral_gain > 0.0:
-        integral = motor.winding_resistance * motor.axis_current / driver.integral_gain
+        integral = motor.winding_resistance * current / driver.integral_gain
     else:
         integral = math.inf
     H = np.maximum(
@@ -483,8 +513,8 @@ def _state_sizes(scenario: Scenario) -> np.ndarray:
     return np.concatenate(
         [
             [
-                motor.axis_current,
-                motor.axis_current,
+                current,
+                current,
                 integral,
                 integral,
                 step,

@@ -47,15 +47,20 @@ from microvib.solve.kernel import (
     Samples,
     State,
     backlash_side,
+    before_pulse_ends,
     before_ramp_ends,
     decide_element,
     decide_friction,
+    decide_winding,
+    end_pulse,
     follow,
     follower,
     friction_torque,
     health,
     initial_friction,
     pass_time,
+    pulse_is_over,
+    start_pulse,
     take_microstep,
 )
 from microvib.solve.nodes import CUBES, FIRST_HALF, HALF, HIGHEST
@@ -103,18 +108,20 @@ where equations jump.
 
 
 @code.inner(**INLINE)
-def _work(x, elements, lanes, flat, by_node, room):
-    """Scratch of a step in the memory given; ``flat`` is that of ``lanes``."""
+def _work(x, margins, lanes, flat, by_node, room):
+    """Scratch of a step in the memory given, with that many ``margins`` beside those of rotor and output;
+    ``flat`` is that of ``lanes``.
+    """
     n, modes = x.y.size, x.y.size - MODES
     count = N_CHANNELS + modes
     many = lanes[69 + n :]
     return Work(
         room[:N], flat[252:260], room[N : N + modes], room[N + modes : N + modes + n], lanes[:8], lanes[8:16],
         lanes[69 : 69 + n], many[:n], lanes[16:23], lanes[23:29], lanes[29:35], lanes[35 : 35 + N_SUMS],
-        many[n + count + 3 + elements : n + count + 4 + elements], many[n + count + 3 : n + count + 3 + elements],
+        many[n + count + 3 + margins : n + count + 4 + margins], many[n + count + 3 : n + count + 3 + margins],
         many[n : n + count],
         by_node, lanes[45:53], lanes[53:61], lanes[63:65], lanes[61:63], flat[244:252], flat[268:274],
-        flat[260:268], lanes[65:67], many[n + count : n + count + 1], many[n + count + 4 + elements :],
+        flat[260:268], lanes[65:67], many[n + count : n + count + 1], many[n + count + 4 + margins :],
     )  # fmt: skip
 
 
@@ -262,7 +269,7 @@ def _end_step(level, left, x, p, t, w):
     u = left / T if left * (1.0 + 1e-12) < T else 1.0
     margins_at_nodes(p, x, w)
     first, event = 2.0, -1
-    for which in range(2 + p.elements.shape[0]):
+    for which in range(2 + p.elements.shape[0] + p.windings):
         root = first_root(which, u, T, x, p, w)
         if root <= u and root <= first:
             first, event = root, which
@@ -287,8 +294,10 @@ def _move(event, x, p, t, w):
             x.y[j] = w.there[j]
         if event < 2:
             decide_friction(event, x, p)
-        else:
+        elif event < 2 + p.elements.shape[0]:
             decide_element(event - 2, x, p)
+        else:
+            decide_winding(event - 2 - p.elements.shape[0], x, p)
         follow(x.y, p)
         to_command_frame(x, p, t, w)
 
@@ -311,7 +320,7 @@ def advance(
     Returns a status code.
     """
     w, clock, coming, stalled, status = (
-        _work(x, p.elements.shape[0], lanes, flat, by_node, room),
+        _work(x, p.elements.shape[0] + p.windings, lanes, flat, by_node, room),
         x.clock,
         0,
         0,
@@ -324,11 +333,16 @@ def advance(
         if coming < steps_t.size and steps_t[coming] < stop:
             target = steps_t[coming]
         target = before_ramp_ends(target, clock)
+        if p.windings > 0:
+            target = before_pulse_ends(target, clock)
         left = target - clock[NOW]
         if left <= 0.0:
             add_reference_offset(w.x, 0.0, x, p)
             from_command_frame(w.x, x.y, x, p, t)
-            take_microstep(steps_ref[coming], x)
+            if p.windings > 0:
+                start_pulse(steps_ref[coming], x, p)
+            else:
+                take_microstep(steps_ref[coming], x)
             coming += 1
             s, c = to_command_frame(x, p, t, w)
             kind = AFTER_MICROSTEP
@@ -356,9 +370,15 @@ def advance(
             kind, last_level = FURTHER, -1
         else:
             kind, last_level = kind + 2 if kind <= AFTER_EVENT else FURTHER, level
+        if p.windings > 0 and pulse_is_over(clock):
+            from_command_frame(w.x, x.y, x, p, t)
+            end_pulse(x, p)
+            ramp_ends = True
         if ramp_ends:
             kind, last_level = AFTER_MICROSTEP, -1
-        status, stalled = health(p.z * w.x[TM], lasted, clock[NOW], stalled)
+        # a pulsed drive may lose steps, which are counted
+        lag = 0.0 if p.windings > 0 else p.z * w.x[TM]
+        status, stalled = health(lag, lasted, clock[NOW], stalled)
         if status != OK:
             break
     add_reference_offset(w.x, 0.0, x, p)

@@ -13,7 +13,9 @@ from microvib.solve.kernel import (
     BACKLASH,
     COMPILE,
     FORCED,
+    HAIR,
     INLINE,
+    IS_OPEN,
     MODES,
     NOW,
     TL,
@@ -24,6 +26,8 @@ from microvib.solve.kernel import (
     element_margin,
     margins,
     noise_at,
+    winding_margin,
+    winding_mode,
 )
 from microvib.solve.nodes import CUBES, HERMITE, LAGRANGE
 from microvib.solve.propagators import (
@@ -48,10 +52,13 @@ def _margin_of(which, x, p, w):
     """Values of a margin at the nodes; where it is a rate, the row of that rate and its sign in the
     margin, else 0.
 
-    Margins are those of rotor and output and, from 2 on, of the elements of frictions with memory.
+    Margins are those of rotor and output, of the elements of frictions with memory and of switched
+    windings.
     """
     if which < 2:
         return w.sums[MARGIN_M + which], WM if which == 0 else WL, x.stick[which]
+    if which >= 2 + p.elements.shape[0]:
+        return w.margins[which - 2], WM, 0.0
     body = body_of(which - 2, p)
     if body >= 2 or (body == 1 and p.rigid):
         sign = 0.0
@@ -368,12 +375,14 @@ def _margin_there(dt, which, x, p, w):
 
 
 @code.inner(**COMPILE)
-def end_at_event(u, which, level, x, p, t, w):
-    """End the step where the margin of friction ``which`` is just spent, near its fraction ``u``;
-    returns where.
-
-    ``u`` comes from the cubic through the nodes; the solution itself corrects it.
-    """
+def _spent_within(which, x, p, t, w):
+    """Size of a margin that is as good as zero."""
+    winding = which - 2 - p.elements.shape[0]
+    if winding >= 0:
+        own = p.diode_voltage
+        if winding_mode(winding, x.stick, p) != IS_OPEN:
+            own = own / p.R
+        return HAIR * own
     if which < 2:
         body = which
     else:
@@ -387,9 +396,18 @@ def end_at_event(u, which, level, x, p, t, w):
             limit = p.K_g * p.gap
     # rates that are left are set to 0: momentum lost, where elements come to rest often
     if x.stick[which] != 0.0 and body != BACKLASH:
-        enough = (1e-4 if which < 2 else 1e-8) * t.accuracy / scale
-    else:
-        enough = 1e-8 * limit
+        return (1e-4 if which < 2 else 1e-8) * t.accuracy / scale
+    return 1e-8 * limit
+
+
+@code.inner(**COMPILE)
+def end_at_event(u, which, level, x, p, t, w):
+    """End the step where the margin of friction or winding ``which`` is just spent, near its fraction
+    ``u``; returns where.
+
+    ``u`` comes from the cubic through the nodes; the solution itself corrects it.
+    """
+    enough = _spent_within(which, x, p, t, w)
     below, above, length = 0.0, 1.0, t.longest * 0.5**level
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
@@ -398,7 +416,9 @@ def end_at_event(u, which, level, x, p, t, w):
         from_command_frame(w.end, w.there, x, p, t)
         for j in range(w.modes.size):
             w.there[MODES + j] = w.modes[j]
-        if which >= 2:
+        if which >= 2 + p.elements.shape[0]:
+            e = winding_margin(which - 2 - p.elements.shape[0], w.there, x.stick, p)
+        elif which >= 2:
             e = element_margin(which - 2, w.there, x.stick, p)
         else:
             e = _margin_there(u * length, which, x, p, w)

@@ -25,7 +25,7 @@ from microvib.reports.run.lines import largest_lines, main_lines, main_table
 from microvib.reports.run.trust import drives, failed_invariants, invariants_sentence
 from microvib.results import DECIBEL, TORQUE, TORQUE_LIMIT
 from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable
-from microvib.solve.motion import Motion
+from microvib.solve.motion import Motion, StepCount, step_count
 
 _MAX_UNUSUAL = 4
 """Unusual values that are told on the first page."""
@@ -35,6 +35,9 @@ def leading_figures(result: RunResult, judged: Judgement | None) -> Iterator[Fac
     """The verdict, or without a limit the largest lines; largest torque and RMS."""
     if failed_invariants(result):
         yield Fact("NOT to be used", "an invariant does not hold", "fail")
+    steps = _steps(result)
+    if steps is not None and steps.first:
+        yield Fact("steps lost", str(steps), "fail")
     if judged is not None:
         yield from _verdict(judged)
     else:
@@ -135,6 +138,9 @@ def _simulated(result: RunResult) -> Iterator[tuple[str, str]]:
     if scenario.spacecraft is not None:
         yield "Spacecraft", craft_words(scenario.spacecraft)
     yield "Motion", _motion(result)
+    steps = _steps(result)
+    if steps is not None:
+        yield "Steps", str(steps)
     yield (
         "Record",
         f"{record.duration:g} s at {record.sample_rate:g} Hz after {record.settle:g} s",
@@ -144,18 +150,25 @@ def _simulated(result: RunResult) -> Iterator[tuple[str, str]]:
     yield from _numerics(result)
 
 
+def _steps(result: RunResult) -> StepCount | None:
+    """Steps that a pulsed drive made; None of other drives."""
+    return step_count(result.solver if result.motion is None else result.motion.solver)
+
+
 def _drive(scenario: Scenario) -> str:
     motor, driver, reducer = scenario.motor, scenario.driver, scenario.reducer
     phases = "" if motor.phases == 2 else f"{motor.phases} phases, "
-    voltages = ", driven by voltages" if driver.drive == "voltage" else ""
+    voltages = {"voltage": ", driven by voltages", "pulse": ", driven by voltage pulses"}
     steps = f"{phases}{motor.rotor_teeth} rotor teeth, {driver.microsteps} microsteps per full step"
+    if driver.pulsed:
+        steps = f"{motor.rotor_teeth} rotor teeth, {driver.beats} steps per electrical turn"
     gears = "reducer"
     if reducer.train:
         gears = f"gear train of {count_text(len(reducer.train), 'stage')}"
     stiffness = "rigid"
     if not reducer.rigid:
         stiffness = f"{float(reducer.stiffness):.5g} N m/rad"
-    return f"{steps}{voltages}, {gears} {reducer.ratio:.6g}:1, {stiffness}"
+    return f"{steps}{voltages.get(driver.drive, '')}, {gears} {reducer.ratio:.6g}:1, {stiffness}"
 
 
 def _motion(result: RunResult) -> str:

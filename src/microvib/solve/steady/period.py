@@ -60,6 +60,8 @@ class PeriodMap:
             raise NotPeriodic(
                 "the rate changes in the record" if f_d is None else "the rate is zero"
             )
+        if driver.pulsed:
+            raise NotPeriodic("the steady state of a drive by voltage pulses is not searched for")
         if scenario.friction.torque_noise is not None:
             raise NotPeriodic(
                 "torque noise does not repeat with the command (friction.torque_noise: null leaves"

@@ -1,0 +1,222 @@
+"""Drives by voltage pulses: against windings integrated one by one by SciPy, and closed forms."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from support.commands import invoke
+from support.pulse_scenarios import HELD, drawn, scenario_of
+from support.pulses import CURRENTS, TL, TM, WL, WM, Friction, integrate
+from support.stopped import rows_at
+
+import microvib as mv
+from microvib.errors import MicrovibError, OptionError, ScenarioError
+from microvib.solve import kernel
+from microvib.solve.motion import StepCount
+from microvib.studies.step_margin import step_margin
+
+SEEDS, STEPS = (1, 2, 3), 6
+COLUMNS = ("i_A", "i_B", "theta_m", "omega_m", "theta_l", "omega_l")
+OF_ORACLE = (CURRENTS, CURRENTS + 1, TM, WM, TL, WL)
+FINE = {"solver.accuracy": 1e-6}
+
+
+def rows_of(scenario, times, names=COLUMNS):
+    return rows_at(scenario, times)[0][:, [kernel.CHANNELS.index(name) for name in names]]
+
+
+@cache
+def by_oracle(seed):
+    drive = drawn(seed)
+    times = 0.5 * drive.step_time + np.arange(0.0, STEPS * drive.step_time, 1e-3)
+    return integrate(drive, STEPS, times=times, first=0.5 * drive.step_time)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed):
+    drive, run = drawn(seed), by_oracle(seed)
+    assert run.lost == run.gained == 0
+    found = rows_of(scenario_of(drive, STEPS, **FINE), run.t)
+    expected = run.y[:, OF_ORACLE]
+    difference, size = np.abs(found - expected).max(axis=0), np.abs(expected).max(axis=0)
+    assert np.all(difference[[0, 1, 3, 5]] < 1e-3 * size[[0, 1, 3, 5]])
+    step = drive.full_step
+    assert difference[2] < 1e-3 * step and difference[4] < 1e-3 * step / drive.ratio
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_lines_of_the_torque_are_those_of_an_independent_integration(seed):
+    drive, run = drawn(seed), by_oracle(seed)
+    scenario = scenario_of(drive, STEPS, **FINE)
+    found = rows_of(scenario, run.t, ("omega_m", "omega_l"))
+    inertia = np.array([drive.J_m, drive.J_l])
+    momentum = np.column_stack([found @ inertia, run.y[:, [WM, WL]] @ inertia])
+    torque = -np.diff(momentum, axis=0) / 1e-3
+    last = torque[-round(4 * drive.step_time / 1e-3) :]
+    t, lines = 1e-3 * np.arange(len(last)), np.arange(1, 13) / drive.step_time
+    window = np.hanning(len(last))[:, None]
+    mine, oracle = np.abs(np.exp(-2j * math.pi * np.outer(lines, t)) @ (window * last)).T
+    assert np.all(np.abs(mine - oracle) < 1e-3 * oracle.max())
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_coarser_run_is_near_and_its_balances_hold(seed):
+    drive, run = drawn(seed), by_oracle(seed)
+    motion = mv.simulate(scenario_of(drive, STEPS))
+    assert not motion.invariants.broken
+    assert motion.invariants.energy < 1e-4
+    assert motion.steps == StepCount(STEPS, 0, 0, 0)
+    rest = rows_of(scenario_of(drive, STEPS), run.t)
+    assert np.abs(rest[:, 2] - run.y[:, TM]).max() < 0.01 * drive.full_step
+
+
+def test_current_rises_freewheels_against_the_diodes_and_stays_exactly_zero():
+    held = replace(HELD, rotor=Friction(coulomb=10.0), K_d=0.0)
+    scenario = scenario_of(held, 1)
+    start, tau = 0.5 * held.step_time, held.L / held.R
+    end, final = start + held.on_time, held.voltage / held.R
+    last = final * (1.0 - math.exp(-held.on_time / tau))
+    zero = end + tau * math.log(1.0 + last * held.R / held.diode_voltage)
+    times = np.array([start + 0.3 * tau, start + 3.0 * tau, end - 1e-4, end + 0.5 * tau, zero - 1e-4, zero + 1e-6, zero + 1.0])  # fmt: skip
+    rows = rows_of(scenario, times, ("i_A", "i_B", "u_B", "E_magnetic"))
+    rising = final * -np.expm1(-(times[:3] - start) / tau)
+    against = held.diode_voltage / held.R
+    falling = (last + against) * np.exp(-(times[3:5] - end) / tau) - against
+    assert rows[:5, 1] == pytest.approx(np.r_[rising, falling], rel=1e-6)
+    assert rows[:5, 2] == pytest.approx([held.voltage] * 3 + [-held.diode_voltage] * 2)
+    assert np.all(rows[5:, :2] == 0.0) and np.all(rows[:, 0] == 0.0)
+
+
+def test_an_open_winding_has_its_back_emf_and_no_current_until_that_exceeds_the_diodes():
+    drive = replace(HELD, diode_voltage=60.0)
+    run = integrate(drive, 1, first=0.5 * drive.step_time)
+    assert run.lost == 0
+    t = 0.5 * drive.step_time + drive.on_time + 0.05 + np.arange(0.0, 0.1, 1e-4)
+    rows = rows_of(scenario_of(drive, 1), t, ("i_A", "i_B", "u_A", "u_B", "theta_m", "omega_m"))
+    p = drive.teeth * rows[:, 4]
+    emf = drive.K_m * rows[:, 5]
+    assert np.all(rows[:, :2] == 0.0)
+    assert rows[:, 2] == pytest.approx(-emf * np.sin(p), abs=1e-12)
+    assert rows[:, 3] == pytest.approx(emf * np.cos(p), abs=1e-12)
+
+
+def test_no_current_flows_through_diodes_that_the_back_emf_does_not_reach():
+    """What conducts is decided by the voltage: the rotor swings freely with high diodes, and with low
+    ones the windings brake it."""
+    free, braked = (replace(HELD, diode_voltage=volts) for volts in (60.0, 2.0))
+    t = 0.5 * HELD.step_time + np.arange(0.0, 1.0, 1e-4)
+    currents = [
+        np.abs(rows_of(scenario_of(drive, 1), t, ("i_A",))).max() for drive in (free, braked)
+    ]
+    assert currents[0] == 0.0
+    assert currents[1] > 1e-3
+
+
+def test_no_step_is_lost():
+    assert mv.simulate(scenario_of(HELD, 4), channels="T_d").steps == StepCount(4, 0, 0, 0)
+
+
+def test_all_steps_are_lost_where_the_pulse_does_not_move_the_rotor():
+    weak = replace(HELD, voltage=10.0, rotor=Friction(coulomb=0.05))
+    found = mv.simulate(scenario_of(weak, 5), channels="T_d").steps
+    run = integrate(weak, 5, first=0.5 * weak.step_time)
+    assert (run.lost, run.gained, run.first) == (5, 0, 1)
+    assert found == StepCount(5, 5, 0, 1)
+
+
+def test_motion_of_another_drive_counts_no_steps():
+    scenario = mv.load_scenario("state-1").with_si({"record.settle": 0.1, "record.duration": 0.2})
+    assert mv.simulate(scenario, channels="T_d").steps is None
+
+
+def test_backwards_steps_are_made_and_lost_alike():
+    scenario = scenario_of(HELD, 4)
+    back = scenario.with_si({"tracking.rate": -scenario["tracking.rate"]})
+    assert mv.simulate(back, channels="T_d").steps == StepCount(4, 0, 0, 0)
+    weak = replace(HELD, voltage=10.0, rotor=Friction(coulomb=0.05))
+    lost = scenario_of(weak, 4, **{"tracking.rate": -scenario["tracking.rate"]})
+    assert mv.simulate(lost, channels="T_d").steps == StepCount(4, 4, 0, 1)
+
+
+PULSE = {
+    "driver.drive": "pulse",
+    "driver.microsteps": 1,
+    "driver.proportional_gain": "0 V/A",
+    "driver.integral_gain": "0 V/(A*s)",
+    "driver.supply_voltage": "70 V",
+    "driver.on_time": "60 ms",
+    "driver.diode_voltage": "8 V",
+    "tracking.rate": "0.004 deg/s",
+}
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"driver.diode_voltage": None}, "driver.diode_voltage"),
+        ({"driver.supply_voltage": None}, "driver.supply_voltage"),
+        ({"driver.on_time": None}, "driver.on_time"),
+        ({"driver.on_time": "6 s"}, "driver.on_time: 6000 ms is longer than a step, which takes"),
+        ({"driver.drive": "current", "driver.proportional_gain": "500 V/A"}, "only acts with drive: pulse"),
+        ({"driver.microsteps": 16}, "microsteps: 16 is not allowed with drive: pulse"),
+        ({"driver.beats": 6}, "beats: 6 is not allowed with drive: pulse"),
+        ({"driver.proportional_gain": "5 V/A"}, "pulse has no current loop"),
+        ({"driver.microstep_ramp": 0.5}, "microstep_ramp: shapes currents"),
+        ({"driver.diode_voltage": "0 V"}, "driver.diode_voltage"),
+        ({"motor.phases": 3, "driver.beats": 4}, "with 3 phases"),
+    ],
+)  # fmt: skip
+def test_what_no_pulse_drive_can_be_is_told_in_one_sentence(changes, words):
+    with pytest.raises(ScenarioError) as caught:
+        mv.load_scenario("state-1").with_(PULSE | changes)
+    assert words in str(caught.value)
+
+
+def test_a_pulse_as_long_as_a_step_is_a_lasting_voltage():
+    """Then windings are switched from one to the next, and all steps are made."""
+    drive = replace(HELD, step_time=0.5, on_time=0.5)
+    assert mv.simulate(scenario_of(drive, 4), channels="T_d").steps == StepCount(4, 0, 0, 0)
+
+
+def test_a_pulse_drive_has_no_steady_state_and_says_so():
+    scenario = scenario_of(HELD, 2).with_si({"record.start": "steady"})
+    assert "voltage pulses" in mv.simulate(scenario, channels="T_d").solver["steady"]
+
+
+WEAK = replace(HELD, voltage=30.0, step_time=0.5)
+"""With a friction about half the torque of its pulse it loses steps somewhere."""
+
+
+def test_a_margin_finds_where_steps_are_lost():
+    scenario = scenario_of(WEAK, 3)
+    found = step_margin(scenario, "motor.friction.breakaway=0.005:0.4 N*m", count=4)
+    assert found.runs[0].state == "made" and found.runs[-1].state == "lost"
+    edge = found.edges[0]
+    assert edge.begins
+    assert edge.above.value - edge.below.value == pytest.approx((0.4 - 0.005) / 3 / 16)
+    for run in (edge.below, edge.above):
+        friction = Friction(WEAK.rotor.coulomb, run.value - WEAK.rotor.coulomb, 1.0, WEAK.rotor.viscous)
+        oracle = integrate(replace(WEAK, rotor=friction), 3, first=0.5 * WEAK.step_time)
+        assert (run.lost, run.gained, run.first) == (oracle.lost, oracle.gained, oracle.first)
+
+
+@pytest.mark.parametrize(
+    "over, words",
+    [
+        ("driver.voltage=60:80 V", "is not a number of the scenario"),
+        ("driver.supply_voltage", "is no range; write KEY=LOW:HIGH with a unit"),
+        ("driver.supply_voltage=80:60 V", "LOW must be below HIGH"),
+        ("driver.supply_voltage=60:80 A", "write KEY=LOW:HIGH with a unit (V)"),
+    ],
+)
+def test_a_range_that_is_none_is_told(over, words):
+    with pytest.raises(OptionError, match="over") as caught:
+        step_margin(scenario_of(HELD, 2), over)
+    assert words in str(caught.value)
+
+
+def test_a_drive_that_holds_its_currents_has_no_margin_against_lost_steps():
+    with pytest.raises(MicrovibError, match="pulse is expected"):
+        step_margin("state-1", "driver.supply_voltage=60:80 V")
