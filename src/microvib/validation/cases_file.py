@@ -18,7 +18,9 @@ from microvib.units import Quantity, band, convert
 Text = Annotated[str, Field(max_length=2000)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Number = str | float
-Kind = Literal["line", "order", "rms", "sliding rms", "peak", "lost steps"]
+Kind = Literal["line", "order", "rms", "sliding rms", "peak", "lost steps", "first lost step"]
+COUNTS = ("lost steps", "first lost step")
+"""Kinds of metrics that are counts of steps, and of no channel."""
 Direction = Literal["rises", "falls", "level"]
 _NEEDED: dict[str, tuple[str, ...]] = {
     "line": ("line",),
@@ -27,9 +29,10 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "sliding rms": ("band", "window"),
     "peak": (),
     "lost steps": (),
+    "first lost step": (),
 }
 """Keys that each kind of metric needs; it has no others but ``channel``."""
-COMPARED = ("figure", "bound", "ratio", "trend", "ranking", "exceeds", "not_comparable")
+COMPARED = ("figure", "bound", "ratio", "trend", "ranking", "exceeds", "onset", "not_comparable")
 """Keys of which a comparison has one."""
 
 
@@ -153,7 +156,7 @@ class Metric(Part):
     @property
     def unit(self) -> str:
         """Unit of the figure."""
-        if self.what == "lost steps":
+        if self.what in COUNTS:
             return ""
         return ALL_CHANNELS[self.channel].unit
 
@@ -229,6 +232,14 @@ class ExceedsComparison(Part):
     by: Annotated[float, Quantity("", "factor by which they are larger", gt=0)]
 
 
+class OnsetComparison(Part):
+    """A count, as of lost steps, is 0 in one case and not in another."""
+
+    metric: Name
+    none: Name = Field(description="case in which it is 0")
+    some: Name = Field(description="case in which it is not")
+
+
 class Comparison(Part):
     """One claim of the publication, and what is compared of it."""
 
@@ -242,6 +253,7 @@ class Comparison(Part):
     trend: TrendComparison | None = None
     ranking: RankingComparison | None = None
     exceeds: ExceedsComparison | None = None
+    onset: OnsetComparison | None = None
     not_comparable: Text = Field(default="", description="reason why nothing can be compared")
 
     def _consistency_errors(self) -> Iterator[str]:
@@ -265,6 +277,9 @@ class Comparison(Part):
             several = self.trend or self.ranking
             assert several is not None
             return tuple((case, several.metric) for case in several.cases)
+        if self.onset:
+            onset = self.onset
+            return (onset.none, onset.metric), (onset.some, onset.metric)
         if self.exceeds:
             out = self.exceeds
             return tuple((out.case, metric) for metric in (*out.metrics, *out.others))

@@ -16,6 +16,7 @@ from microvib.validation.cases_file import (
     Comparison,
     FigureComparison,
     Metric,
+    OnsetComparison,
     RankingComparison,
     RatioComparison,
     ExceedsComparison,
@@ -67,6 +68,8 @@ def bar_of(test: CasesTest, comparison: Comparison, where: str) -> Bar | None:
         return _ranking(comparison.ranking)
     if comparison.exceeds:
         return _exceeds(comparison.exceeds)
+    if comparison.onset:
+        return _onset(comparison.onset)
     return None
 
 
@@ -161,12 +164,26 @@ def _exceeds(out: ExceedsComparison) -> Bar:
     )
 
 
+def _onset(onset: OnsetComparison) -> Bar:
+    first, second = (onset.none, onset.metric), (onset.some, onset.metric)
+
+    def beyond(of: Figures) -> float:
+        """The count where there is to be one, or 0 where there is one in the other case, too."""
+        if of[first] > 0.0:
+            return 0.0
+        return of[second] + 0.0 * of[first]
+
+    return Bar(beyond, "", least=1.0, words=f"none in {onset.none}, 1 or more in {onset.some}")
+
+
 def quotient(first: float, second: float) -> float:
-    """First over second, of figures that are not negative; infinite over nothing, and nan where
-    there is no figure, or both are nothing.
+    """First over second, of figures that are not negative; infinite over nothing, 1 where both are
+    nothing, and nan where there is no figure.
     """
-    if math.isnan(first) or math.isnan(second) or first == second == 0.0:
+    if math.isnan(first) or math.isnan(second):
         return math.nan
+    if first == second:
+        return 1.0
     if second == 0.0:
         return math.inf
     return first / second

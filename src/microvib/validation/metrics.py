@@ -13,7 +13,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
-from microvib.validation.cases_file import Metric
+from microvib.validation.cases_file import COUNTS, Metric
 
 MIN_ELECTRICAL_TURNS = 8
 """Electrical turns that a record holds at least, of which the amplitude of an order is taken."""
@@ -44,7 +44,7 @@ def case_metrics(scenario: Scenario, metrics: Mapping[str, Metric]) -> dict[str,
     SimulationError
         What ``simulate`` raises.
     """
-    channels = {one.channel for one in metrics.values() if one.what != "lost steps"}
+    channels = {one.channel for one in metrics.values() if one.what not in COUNTS}
     for name, metric in metrics.items():
         _check_record(scenario, name, metric)
     motion = simulate(scenario, channels=tuple(sorted(channels)) or ("T_d",))
@@ -55,14 +55,16 @@ def without_motion(metrics: Mapping[str, Metric], error: SimulationError) -> dic
     """Figures of a case that could not be simulated: none (nan), but infinitely many lost steps
     where the motor lost synchronism.
     """
-    lost = math.inf if isinstance(error, SynchronismLost) else math.nan
-    return {name: lost if one.what == "lost steps" else math.nan for name, one in metrics.items()}
+    found = dict.fromkeys(metrics, math.nan)
+    if isinstance(error, SynchronismLost):
+        found |= {name: math.inf for name, one in metrics.items() if one.what == "lost steps"}
+    return found
 
 
 def evaluate(metric: Metric, motion: Motion) -> float:
     """Figure of a metric, in SI, of a motion that kept synchronism."""
-    if metric.what == "lost steps":
-        return 0.0
+    if metric.what in COUNTS:
+        return _steps(metric, motion)
     if metric.what == "line":
         return _line_amplitude(metric, motion)
     samples = motion[metric.channel]
@@ -147,6 +149,18 @@ def largest_sliding_rms(samples: np.ndarray, window: int) -> float:
     squares = np.concatenate([[0.0], np.cumsum(samples**2)])
     means = (squares[window:] - squares[:-window]) / window
     return float(math.sqrt(max(float(np.max(means)), 0.0)))
+
+
+def _steps(metric: Metric, motion: Motion) -> float:
+    """Steps that a pulsed drive lost, or the number of the first that was not made, infinite where
+    all were; of other drives, which either keep synchronism or fail, none.
+    """
+    steps = motion.steps
+    if metric.what == "lost steps":
+        return float(steps.lost if steps else 0)
+    if steps is None or steps.first == 0:
+        return math.inf
+    return float(steps.first)
 
 
 def _line_amplitude(metric: Metric, motion: Motion) -> float:
