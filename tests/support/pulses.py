@@ -22,8 +22,14 @@ from scipy.integrate import solve_ivp
 
 DRIVEN, CONDUCTS, OPEN = "driven", "conducts", "open"
 TM, WM, TL, WL, CURRENTS = range(5)
+LONGEST = 5e-4
+"""Step [s] that passes over no two changes of one mode."""
 HAIR = 1e-9
 """Relative width in which a mode that has just ended does not begin anew, by rounding."""
+NOTHING = 1e-12
+"""Rate [rad/s] and current [A] past zero at which a mode ends, so that one that begins at zero is not
+found to end there.
+"""
 
 
 @dataclass(frozen=True)
@@ -178,7 +184,7 @@ def _rates(drive: PulsedDrive, modes: _Modes) -> Callable[[float, np.ndarray], l
 def _margin_of_winding(drive: PulsedDrive, w: int, mode: str, sign: float):
     def margin(_: float, y: np.ndarray) -> float:
         if mode == CONDUCTS:
-            return sign * y[CURRENTS + w]
+            return sign * y[CURRENTS + w] + NOTHING
         emf = drive.constants(y[TM])[w] * y[WM]
         return (1.0 + 2.0 * HAIR) * drive.diode_voltage - (-emf if drive.one_way else abs(emf))
 
@@ -190,7 +196,7 @@ def _margin_of_body(drive: PulsedDrive, modes: _Modes, which: int):
 
     def margin(_: float, y: np.ndarray) -> float:
         if mode != 0.0:
-            return mode * y[WM if which == 0 else WL]
+            return mode * y[WM if which == 0 else WL] + NOTHING
         return (1.0 + 2.0 * HAIR) * friction.held - abs(_friction_of(drive, modes, y)[which])
 
     return margin
@@ -279,7 +285,7 @@ def integrate(
         while t < until:
             margins = _margins(drive, modes)
             found = solve_ivp(
-                _rates(drive, modes), (t, until), y, method="DOP853", rtol=rtol, atol=atol,
+                _rates(drive, modes), (t, until), y, method="DOP853", rtol=rtol, atol=atol, max_step=LONGEST,
                 events=[margin for _, margin in margins], dense_output=asked.size > 0,
             )  # fmt: skip
             here = found.t[-1]
