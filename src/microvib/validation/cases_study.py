@@ -99,7 +99,7 @@ def validate_cases(
         central = figures_under(drive, drive.central_values(), test.shows, progress)
     kept = kept_figures(name, test)
     compared = compare_with_kept(drive, central.figures, kept)
-    notes = tuple(_notes(name, kept, central))
+    notes = tuple(_notes(test, name, kept, central))
     return CasesValidation(name, drive, compared, central.figures, kept, notes)
 
 
@@ -119,7 +119,9 @@ def compare_with_kept(
     )
 
 
-def _notes(name: str, kept: KeptDraws | None, central: CaseFigures) -> Iterator[str]:
+def _notes(
+    test: CasesTest, name: str, kept: KeptDraws | None, central: CaseFigures
+) -> Iterator[str]:
     """Notes on figures and draws that readers need."""
     for case, reason in central.failed.items():
         yield f"Case '{case}' has no figures under the central assumptions: {reason}."
@@ -142,7 +144,7 @@ def _notes(name: str, kept: KeptDraws | None, central: CaseFigures) -> Iterator[
         yield (
             f"In {counted(len(other), 'draw')} a case could not be simulated; the first: {other[0]}."
         )
-    off = differs(kept.central, central.figures)
+    off = differs(test, kept.central, central.figures)
     if off:
         case, metric = off[0]
         yield (

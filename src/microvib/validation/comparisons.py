@@ -14,12 +14,12 @@ from microvib.units import convert
 from microvib.validation.cases_file import (
     CasesTest,
     Comparison,
+    ExceedsComparison,
     FigureComparison,
     Metric,
     OnsetComparison,
     RankingComparison,
     RatioComparison,
-    ExceedsComparison,
     TrendComparison,
 )
 

@@ -23,7 +23,7 @@ from microvib.io.named import test_names
 from microvib.io.tables import dict_rows, read_table, rows_csv
 from microvib.io.writing import write_file
 from microvib.validation.assumed_ranges import SEED, DescribedDrive
-from microvib.validation.cases_file import CasesTest
+from microvib.validation.cases_file import COUNTS, CasesTest
 from microvib.validation.comparisons import Figures
 from microvib.validation.metrics import case_metrics, without_motion
 
@@ -207,17 +207,29 @@ def _figures(test: CasesTest, row: Row) -> Figures:
     return {(case, metric): float(row[f"{case} | {metric}"]) for case, metric in pairs_of(test)}
 
 
-def differs(kept: Figures, today: Figures) -> list[tuple[str, str]]:
-    """Cases and metrics whose kept central figures are not those of today."""
+def differs(test: CasesTest, kept: Figures, today: Figures) -> list[tuple[str, str]]:
+    """Cases and metrics whose kept figures are not those of today; counts of steps, which may hang
+    on the last digit, only where there are none in one of them.
+    """
     largest: dict[str, float] = {}
     for (_, metric), figure in today.items():
         if math.isfinite(figure):
             largest[metric] = max(largest.get(metric, 0.0), abs(figure))
-    return [
-        key
-        for key, figure in kept.items()
-        if not _same(figure, today[key], CENTRAL_TOLERANCE * largest.get(key[1], 0.0))
-    ]
+    off = []
+    for (case, metric), figure in kept.items():
+        if test.metrics[metric].what in COUNTS:
+            same = _is_count(figure) == _is_count(today[case, metric])
+        else:
+            tolerance = CENTRAL_TOLERANCE * largest.get(metric, 0.0)
+            same = _same(figure, today[case, metric], tolerance)
+        if not same:
+            off.append((case, metric))
+    return off
+
+
+def _is_count(figure: float) -> bool:
+    """Whether a figure counts something: 0 lost steps, or no first one, do not."""
+    return figure > 0.0 and math.isfinite(figure)
 
 
 def _same(first: float, second: float, tolerance: float) -> bool:
