@@ -338,6 +338,33 @@ def test_draws_of_another_version_of_the_file_are_refused(tmp_path, monkeypatch)
         kept.extend_figures(drive, tmp_path / "our-test.csv", 5)
 
 
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [("a,b\n", "is not a table of draws of this test"), ("a,b\n1,2\n", "is not a table of draws")],
+)
+def test_a_table_of_something_else_is_not_replaced(tmp_path, text, why):
+    test = validated(tmp_path, printed())
+    drive = described_drive(test, str(tmp_path / "our-test.yaml"))
+    path = tmp_path / "other.csv"
+    path.write_text(text)
+    with pytest.raises(MicrovibError, match=why):
+        kept.extend_figures(drive, path, 1)
+    assert path.read_text() == text
+
+
+def test_a_broken_table_is_one_sentence(tmp_path, monkeypatch):
+    test = validated(tmp_path, printed())
+    drive = described_drive(test, str(tmp_path / "our-test.yaml"))
+    figures = dict.fromkeys(kept.pairs_of(test), 1.0)
+    monkeypatch.setattr(kept, "figures_under", lambda *_: kept.CaseFigures(dict(figures), {}))
+    path = tmp_path / "our-test.csv"
+    kept.extend_figures(drive, path, 1)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:-1], lines[-1].replace(",1,", ",one,", 1)]) + "\n")
+    with pytest.raises(MicrovibError, match=r"row 3, column '.*': is 'one', not a number"):
+        kept.kept_figures(str(tmp_path / "our-test.yaml"), test)
+
+
 def test_draws_of_other_equations_are_told(tmp_path):
     test = load_published("goniometer")
     found = validate_cases(test, "goniometer")

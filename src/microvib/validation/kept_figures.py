@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -20,7 +20,7 @@ from microvib.errors import (
     error_context,
 )
 from microvib.io.named import test_names
-from microvib.io.tables import dict_rows, read_table, rows_csv
+from microvib.io.tables import csv_rows, dict_rows, read_table, rows_csv
 from microvib.io.writing import write_file
 from microvib.validation.assumed_ranges import SEED, DescribedDrive
 from microvib.validation.cases_file import COUNTS, CasesTest
@@ -31,6 +31,8 @@ Row = dict[str, str]
 Progress = Callable[[int, int], None]
 CENTRAL_TOLERANCE = 1e-3
 """Part by which the figures of the kept central draw may differ from those of today."""
+WORDS = ("test", "failed")
+"""Columns of words."""
 LOSS_OF_SYNCHRONISM = "loss of synchronism"
 
 
@@ -121,8 +123,9 @@ def extend_figures(
     columns = columns_of(drive.test)
     rows: list[Row] = []
     if path.is_file():
+        head = csv_rows(path, OutputError)[:1]
         rows = dict_rows(path, columns, OutputError, ignored=".*")
-        problem = _problem(drive.test, rows)
+        problem = _problem(drive.test, head, rows)
         if problem:
             raise OutputError(f"{path}: {problem}; nothing was written; choose another file")
     each = [drive.central_values(), *drive.drawn_values(draws)]
@@ -149,13 +152,26 @@ def _row(test: CasesTest, number: int, values: dict[str, float], found: CaseFigu
     return row | {f"{case} | {metric}": f"{x:.6g}" for (case, metric), x in figures}
 
 
-def _problem(test: CasesTest, rows: list[Row]) -> str:
-    """Reason why a table of draws cannot be used; empty where it can."""
-    if rows and list(rows[0]) != columns_of(test):
+def _problem(test: CasesTest, head: Sequence[Sequence[str]], rows: list[Row]) -> str:
+    """Reason why a table of draws, with so many first lines, cannot be used; empty where it can."""
+    columns = columns_of(test)
+    if any(list(line) != columns for line in head):
         return "is not a table of draws of this test"
     if any(row["test"] != digest_of(test) for row in rows):
         return "has draws of another version of the test's file"
+    for k, row in enumerate(rows, 2):
+        wrong = [name for name in columns if name not in WORDS and not _is_number(row[name])]
+        if wrong:
+            return f"row {k}, column '{wrong[0]}': is {row[wrong[0]]!r}, not a number"
     return ""
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def kept_table(name: str) -> str:
@@ -179,7 +195,7 @@ def kept_figures(name: str, test: CasesTest) -> KeptDraws | None:
         if not path.is_file():
             return None
         rows = dict_rows(path, columns_of(test), ignored=".*")
-    problem = _problem(test, rows)
+    problem = _problem(test, [list(row) for row in rows[:1]], rows)
     if problem:
         raise MicrovibError(
             f"{kept_table(name)}: {problem}; delete it, or make it anew with `microvib statements"
