@@ -15,6 +15,9 @@ from microvib.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 EXECUTED = (
+    "validation-common-sada",
+    "validation-goniometer",
+    "validation-sentinel-4",
     "tutorial",
     "howto/rate",
     "theory/array",

@@ -41,6 +41,7 @@ MARKS: dict[str, Mark] = {
     "does NOT hold": "fail",
     "no": "fail",
     "not judged": "off",
+    "not comparable": "off",
     "differs": "off",
     "sum": "strong",
 }
