@@ -14,7 +14,7 @@ from microvib.analysis.accuracy import (
     failed_invariants_reason,
     with_known_error,
 )
-from microvib.analysis.lines import clock_warnings
+from microvib.analysis.lines import clock_warnings, intermittency_cause
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
     CLOCK_UNCERTAINTY,
@@ -316,6 +316,8 @@ def judge(
         gaps = [why, *gaps]
     for reason in filter(None, (why, _not_turning_reason(table, scenario))):
         margins = [_undecided(m, reason) for m in margins]
+    if record is not None:
+        margins = [_unless_overstated(m, record) for m in margins]
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     if scenario is None or scenario.driven_wing is None:
         return judged
@@ -333,7 +335,7 @@ def _hidden_line_gaps(
 
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
     """Gaps that a record leaves besides its lines."""
-    yield from _residual_peak_gaps(table, limit)
+    yield from _residual_peak_gaps(table, limit, scenario)
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
@@ -351,6 +353,15 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
 def _undecided(margin: Margin, why: str) -> Margin:
     """The margin of a line that neither passes nor fails."""
     return replace(margin, verdict="not judged", why=f"{margin.line.name} ({why})")
+
+
+def _unless_overstated(one: Margin, record: RecordGap) -> Margin:
+    """The margin of a line; of one above the limit that a longer record may bring below it, not
+    judged.
+    """
+    if one.verdict == "fail" and one.factor * record.overstated >= 1.0:
+        return _undecided(one, "smaller over a longer record, perhaps")
+    return one
 
 
 def unknown_error_reason(table: LineTable, scenario: Scenario | None) -> str:
@@ -449,7 +460,7 @@ def _noise_line_note(line: Line, table: LineTable) -> str:
     return f"{line.name}: {ONE_DRAW};{alone} --seeds N runs others."
 
 
-def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
+def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
     """Peaks above the limit that are not lines of the table."""
     if table.rest is None:
         return ["no search was made for lines outside the table"]
@@ -464,6 +475,11 @@ def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
             f"unexplained peaks, {peak}, where a line may have {table.rest.factor:g} times as much"
             f" ({more})"
         )
+    if told and (varies := intermittency_cause(scenario, table)):
+        told = [
+            f"lines of a part of the time, as {varies} changes the drive, and peaks without a line,"
+            f" up to {1e3 * table.rest.factor * amplitude:.4g} mN m at {frequency:.5g} Hz"
+        ]
     lowest = float(table.rest.frequency.min(initial=math.inf))
     if limit.low < lowest and ABOVE_PASSBAND_FACTOR * table.rest.slow > limit.torque:
         if math.isfinite(lowest):
