@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.accuracy import ErrorOfIntegration
-from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.slow_variations import slow_variations
+from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import (
     full_step_time,
     has_decayed,
