@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.accuracy import ErrorOfIntegration
-from microvib.analysis.slow_variations import slow_variations
 from microvib.analysis.spectra import SAMPLED, samples_of
 from microvib.analysis.start import (
     full_step_time,
@@ -46,6 +45,7 @@ from microvib.model.scenario import (
     stands_for_scenario,
     with_start,
 )
+from microvib.model.slow_variations import slow_variations
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
 from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.intermittent import intermittent_peaks

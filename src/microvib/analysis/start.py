@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.slow_variations import (
+from microvib.model.line_names import CONTROL_MODE, LineName
+from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
+from microvib.model.scenario import Scenario
+from microvib.model.slow_variations import (
     CYCLES_SEEN,
     SlowVariation,
     slow_variations,
     unseen_variation,
 )
-from microvib.model.line_names import CONTROL_MODE, LineName
-from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
-from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line
 
 SETTLED_EFOLDINGS = 12.0
@@ -183,7 +183,7 @@ def with_full_steps(scenario: Scenario, count: int) -> Scenario:
 
 _FULL_STEPS_SEEN = 2.0
 """Full steps from which a record shows a motion that slips but once in each."""
-_VARIATION_FACTOR = 4.0
+VARIATION_FACTOR = 4.0
 """Times that lines of a record shorter than a cycle of what changes the drive may be larger than those
 of whole cycles; assumed: up to 3.7 times was seen, where friction over the angle changed which
 microsteps slip.
@@ -222,7 +222,7 @@ def record_gap(
         return RecordGap(why, turns=True)
     if slow := unseen_variation(scenario, duration):
         why = _unseen_variation_reason(slow, scenario)
-        return RecordGap(why, turns=True, overstated=_VARIATION_FACTOR)
+        return RecordGap(why, turns=True, overstated=VARIATION_FACTOR)
     wanted = _FULL_STEPS_SEEN * full_step_time(scenario)
     if duration >= wanted:
         return None

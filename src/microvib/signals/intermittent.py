@@ -28,7 +28,7 @@ _FINER = 2
 """Bins that are computed for one of a piece: a tone between two of them is at most 4 % larger."""
 _LOUDER = 1.3
 """Times its RMS over all pieces that a bin must have in one to count: what is steady has it once."""
-_OVER_NOISE = 4.0
+_OVER_NOISE = 6.0
 """Times the floor that a bin of a piece must have where noise makes one."""
 
 
