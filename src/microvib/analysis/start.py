@@ -18,7 +18,7 @@ from microvib.model.slow_variations import (
     CYCLES_SEEN,
     SlowVariation,
     slow_variations,
-    unseen_variation,
+    unseen_variations,
 )
 from microvib.signals.line_table import Line
 
@@ -183,11 +183,14 @@ def with_full_steps(scenario: Scenario, count: int) -> Scenario:
 
 _FULL_STEPS_SEEN = 2.0
 """Full steps from which a record shows a motion that slips but once in each."""
-VARIATION_FACTOR = 4.0
-"""Times that lines of a record shorter than a cycle of what changes the drive may be larger than those
-of whole cycles; assumed: up to 3.7 times was seen, where friction over the angle changed which
-microsteps slip.
+_CHANGE_BY_SHARE = 6.0
+"""Part by which lines of a record shorter than a cycle of what changes the drive may be larger than
+those of whole cycles, over the part by which that changes the rate or the friction; assumed: up to
+6.0 was seen, where friction over the angle changed which microsteps slip, and 1.5 with an error of
+the gear (tests/test_slow_variations.py).
 """
+VARIATION_FACTOR = 4.0
+"""Times that they may be larger at most; assumed."""
 _ONSET_EFOLDINGS = 1.0
 """e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
@@ -220,9 +223,10 @@ def record_gap(
         return RecordGap(held, turns=False)
     if simulated and (why := _not_lasting_reason(scenario)):
         return RecordGap(why, turns=True)
-    if slow := unseen_variation(scenario, duration):
-        why = _unseen_variation_reason(slow, scenario)
-        return RecordGap(why, turns=True, overstated=VARIATION_FACTOR)
+    if slow := unseen_variations(scenario, duration):
+        why = _unseen_variation_reason(slow[0], scenario)
+        changed = 1.0 + _CHANGE_BY_SHARE * sum(one.share for one in slow)
+        return RecordGap(why, turns=True, overstated=min(changed, VARIATION_FACTOR))
     wanted = _FULL_STEPS_SEEN * full_step_time(scenario)
     if duration >= wanted:
         return None

@@ -68,12 +68,12 @@ def slow_variations(scenario: Scenario) -> list[SlowVariation]:
     return sorted((x for x in found if x.cycle > full_step), key=lambda one: -one.cycle)
 
 
-def unseen_variation(scenario: Scenario, duration: float) -> SlowVariation | None:
-    """The slowest change of the drive of which a record of ``duration`` [s] holds fewer than
-    CYCLES_SEEN; None where it holds that of all.
+def unseen_variations(scenario: Scenario, duration: float) -> list[SlowVariation]:
+    """Changes of the drive of which a record of ``duration`` [s] holds fewer than CYCLES_SEEN cycles,
+    the longest first.
     """
     seen = duration / (_WHOLE_CYCLES * CYCLES_SEEN)
-    return next((one for one in slow_variations(scenario) if one.cycle > seen), None)
+    return [one for one in slow_variations(scenario) if one.cycle > seen]
 
 
 def _significant(found: Iterable[SlowVariation]) -> list[SlowVariation]:
