@@ -145,6 +145,18 @@ def test_a_line_smaller_over_whole_cycles_does_not_fail_by_a_part():
     assert judge(table, far, drive).verdict == "fail"
 
 
+def test_two_parts_of_a_cycle_do_not_differ_significantly(of_gear):
+    parts = [
+        mv.simulate(of_gear.with_({"record.settle": settle}), channels=("T_d",))
+        for settle in ("107.6 s", "115.6 s")
+    ]
+    found = mv.compare(*parts)
+    (row,) = (x for x in found.rows if x.line == "drive_2")
+    assert row.significance > 5.0
+    assert row.verdict == "not judged"
+    assert "hold at the angles of the record alone" in " ".join(found.a.notes)
+
+
 def test_a_steady_state_has_whole_cycles(of_gear):
     table = mv.find_lines(of_gear, start="steady")
     line = table["drive_2"]

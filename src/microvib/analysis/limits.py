@@ -403,13 +403,14 @@ def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenari
 
 
 def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
-    """Sentences: an array that does not turn yet, and tones that decay from above a hundredth of
-    the largest steady line.
+    """Sentences: an array that does not turn yet, a record of a part of a slow cycle, and tones that
+    decay from above a hundredth of the largest steady line.
     """
     largest = max((x.amplitude for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.amplitude_at_start(table.duration)) for x in table if x.status == "decaying"]
     held = _not_turning_reason(table, scenario)
     told = [f"{held[0].upper()}{held[1:]}."] if held else []
+    told += filter(None, [part_of_cycle_note(table, scenario)])
     told += [_noise_line_note(x, table) for x in table if x.status == NOISE_DRIVEN and x.is_mode]
     return told + [
         f"{x.name} decays, {1e3 * start:.4g} mN m at the start of the record and"
@@ -428,6 +429,14 @@ def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGa
         return None
     simulated = table.clock_ratio_uncertainty == 0.0
     return record_gap(scenario, table.duration, simulated=simulated)
+
+
+def part_of_cycle_note(table: LineTable, scenario: Scenario | None) -> str:
+    """Sentence on a record that holds a part of what changes the drive slowly; else empty."""
+    gap = record_gap_of_table(table, scenario)
+    if gap is None or gap.overstated == 1.0:
+        return ""
+    return f"These lines hold at the angles of the record alone; not known are {gap.why}."
 
 
 def _not_turning_reason(table: LineTable, scenario: Scenario | None) -> str:

@@ -216,9 +216,7 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
             rest += f" {count_text(len(of[v]), 'line')} {text}{_names(of[v])}."
     unsteady = [r for r in of[UNJUDGED] if not (r.a.steady and r.b.steady)]
     if unsteady:
-        rest += (
-            f" {count_text(len(unsteady), 'line')} in bands that are not steady{_names(unsteady)}."
-        )
+        rest += f" {count_text(len(unsteady), 'line')} in records or bands that are not steady{_names(unsteady)}."
     others = [r for r in of[UNJUDGED] if r not in unsteady]
     if others and judged:
         rest += f" {count_text(len(others), 'line')} without uncertainties{_names(others)}."
