@@ -157,7 +157,7 @@ def full_step_time(scenario: Scenario) -> float:
 
 _LONGEST_ADDED_RECORD = 128.0
 """Length [s] up to which a record is made longer for the sake of slow full steps."""
-_LONGEST_RECORD_OF_CYCLES = 512.0
+_LONGEST_RECORD_OF_CYCLES = 256.0
 """Length [s] up to which it is for what changes the drive more slowly."""
 _MOST_ADDED_SAMPLES = 2**22
 """Samples up to which it is."""

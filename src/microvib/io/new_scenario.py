@@ -89,7 +89,7 @@ def _example() -> Scenario:
     return scenario_of(parse_yaml(catalog_text("new"), "new"), "new")
 
 
-_LONGEST_RECORD = 512.0
+_LONGEST_RECORD = 256.0
 """Length [s] up to which the file's record is made longer."""
 
 
