@@ -324,6 +324,8 @@ def simulated_lines(
 
 _FULL_STEPS_RESOLVED = 4.0
 """Full steps from which a piece of a record tells the lines of the clock apart."""
+_NEGLIGIBLE_LINE = 1e-3
+"""Part of the largest line below which a steady one need not be taken out to see what is not."""
 
 
 def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario) -> LineTable:
@@ -337,10 +339,12 @@ def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario
         return table
     seen = [one.cycle for one in varies if one.cycle <= table.duration]
     noise = (rest.frequency, rest.floor) if noise_bands(scenario) and rest.frequency.size else None
+    least = _NEGLIGIBLE_LINE * table.largest
+    named = (line for line in table if line.kind != "other" and line.seen)
     frequency, amplitude = intermittent_peaks(
         x,
         table.sample_rate,
-        [line for line in table if line.kind != "other"],
+        [line for line in named if line.amplitude > least],
         max(seen, default=table.duration),
         _FULL_STEPS_RESOLVED * full_step_time(scenario),
         noise,
