@@ -80,6 +80,11 @@ def test_of_the_gear_the_file_says_what_is_of_the_data_sheet_and_what_is_assumed
         assert scenario.source_of(f"reducer.{key}").startswith("assumed: ")
     others = [key for key, *_ in scenario.entries() if not key.startswith("reducer.")]
     plain = mv.new_scenario()
+    others.remove("record.duration")
+    cycle = 2.0 * math.pi / (2 * 100 * scenario.rate)
+    assert (
+        plain.record.duration < 2.0 * cycle <= scenario.record.duration < 2.0 * cycle + 1.0 + 1e-6
+    )
     assert all(
         scenario[key] == plain[key] and scenario.source_of(key) == plain.source_of(key)
         for key in others
@@ -91,6 +96,7 @@ def test_the_commented_file_stays_as_it_is_but_for_the_gear():
     plain, geared = (set(text.splitlines()) for text in (new_text(), new_text("size 14 ratio 100")))
     assert {line.split(":")[0].strip(" #") for line in plain - geared} == {
         "reducer.stiffness", "reducer.damping", "stiffness", "damping", "wave_generator_inertia", "transmission_error", "- {order", "hysteresis",
+        "duration",
     }  # fmt: skip
 
 

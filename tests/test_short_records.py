@@ -15,6 +15,7 @@ from microvib.analysis.start import full_step_time
 from microvib.analysis.stream import lines_of_stream
 from microvib.cli.main import main
 from microvib.io.runs import read_run
+from microvib.model.slow_variations import slow_variations
 from microvib.signals.line_fit import CANCELLED, SEPARATION, estimate_lines
 
 SIMPLE = {"tracking.clock_ratio": 1.0, "motor.detent_torque": 0.02, "record.settle": 60.0}
@@ -73,7 +74,8 @@ TWO_FULL_STEPS = "two full steps"
 def test_a_short_record_does_not_contradict_a_long_one(drive, duration):
     enough = duration == TWO_FULL_STEPS
     if enough:
-        duration = 2.05 * full_step_time(drive)
+        slower = [one.cycle for one in slow_variations(drive)]
+        duration = 2.05 * max(full_step_time(drive), *slower, 0.0)
     known = mv.find_lines(recorded(drive, 30.0), harmonics=40)
     short = recorded(drive, duration)
     lines = [x for x in known if x.seen and x.place < TOP]

@@ -14,7 +14,7 @@ from microvib.analysis.accuracy import (
     failed_invariants_reason,
     with_known_error,
 )
-from microvib.analysis.lines import clock_warnings
+from microvib.analysis.lines import clock_warnings, intermittency_cause
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
     CLOCK_UNCERTAINTY,
@@ -317,6 +317,8 @@ def judge(
         gaps = [why, *gaps]
     for reason in filter(None, (why, _not_turning_reason(table, scenario))):
         margins = [_undecided(m, reason) for m in margins]
+    if record is not None:
+        margins = [_unless_overstated(m, record) for m in margins]
     judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
     if scenario is None or scenario.driven_wing is None:
         return judged
@@ -349,7 +351,7 @@ def _hidden_line_gaps(
 
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
     """Gaps that a record leaves besides its lines."""
-    yield from _residual_peak_gaps(table, limit)
+    yield from _residual_peak_gaps(table, limit, scenario)
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
@@ -368,6 +370,15 @@ def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> I
 def _undecided(margin: Margin, why: str) -> Margin:
     """The margin of a line that neither passes nor fails."""
     return replace(margin, verdict="not judged", why=f"{margin.line.name} ({why})")
+
+
+def _unless_overstated(one: Margin, record: RecordGap) -> Margin:
+    """The margin of a line; of one above the limit that a longer record may bring below it, not
+    judged.
+    """
+    if one.verdict == "fail" and one.factor * record.overstated >= 1.0:
+        return _undecided(one, "smaller over a longer record, perhaps")
+    return one
 
 
 def unknown_error_reason(table: LineTable, scenario: Scenario | None) -> str:
@@ -409,13 +420,14 @@ def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenari
 
 
 def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
-    """Sentences: an array that does not turn yet, and tones that decay from above a hundredth of
-    the largest steady line.
+    """Sentences: an array that does not turn yet, a record of a part of a slow cycle, and tones that
+    decay from above a hundredth of the largest steady line.
     """
     largest = max((x.amplitude for x in table if x.status == "ok"), default=math.inf)
     starts = [(x, x.amplitude_at_start(table.duration)) for x in table if x.status == "decaying"]
     held = _not_turning_reason(table, scenario)
     told = [f"{held[0].upper()}{held[1:]}."] if held else []
+    told += filter(None, [part_of_cycle_note(table, scenario)])
     told += [_noise_line_note(x, table) for x in table if x.status == NOISE_DRIVEN and x.is_mode]
     return told + [
         f"{x.name} decays, {1e3 * start:.4g} mN m at the start of the record and"
@@ -434,6 +446,14 @@ def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGa
         return None
     simulated = table.clock_ratio_uncertainty == 0.0
     return record_gap(scenario, table.duration, simulated=simulated)
+
+
+def part_of_cycle_note(table: LineTable, scenario: Scenario | None) -> str:
+    """Sentence on a record that holds a part of what changes the drive slowly; else empty."""
+    gap = record_gap_of_table(table, scenario)
+    if gap is None or gap.overstated == 1.0:
+        return ""
+    return f"These lines hold at the angles of the record alone; not known are {gap.why}."
 
 
 def _not_turning_reason(table: LineTable, scenario: Scenario | None) -> str:
@@ -466,7 +486,7 @@ def _noise_line_note(line: Line, table: LineTable) -> str:
     return f"{line.name}: {ONE_DRAW};{alone} --seeds N runs others."
 
 
-def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
+def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
     """Peaks above the limit that are not lines of the table."""
     if table.rest is None:
         return ["no search was made for lines outside the table"]
@@ -481,6 +501,11 @@ def _residual_peak_gaps(table: LineTable, limit: Limit) -> list[str]:
             f"unexplained peaks, {peak}, where a line may have {table.rest.factor:g} times as much"
             f" ({more})"
         )
+    if told and (varies := intermittency_cause(scenario, table)):
+        told = [
+            f"lines of a part of the time, as {varies} changes the drive, and peaks without a line,"
+            f" up to {1e3 * table.rest.factor * amplitude:.4g} mN m at {frequency:.5g} Hz"
+        ]
     lowest = float(table.rest.frequency.min(initial=math.inf))
     if limit.low < lowest and ABOVE_PASSBAND_FACTOR * table.rest.slow > limit.torque:
         if math.isfinite(lowest):

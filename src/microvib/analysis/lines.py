@@ -19,12 +19,18 @@ import numpy as np
 
 from microvib.analysis.accuracy import ErrorOfIntegration
 from microvib.analysis.spectra import SAMPLED, samples_of
-from microvib.analysis.start import has_decayed, time_to_settle, with_full_steps
+from microvib.analysis.start import (
+    full_step_time,
+    has_decayed,
+    time_to_settle,
+    with_full_steps,
+)
 from microvib.analysis.steadiness import steadiness_notes, with_excess
 from microvib.analysis.usable import force_table_notes, with_force_table
 from microvib.errors import OptionError, expect_channel, whole_number
 from microvib.model.driven import (
     NoiseDrivenLine,
+    noise_bands,
     noise_bin_amplitude,
     noise_density,
     noise_driven_lines,
@@ -40,8 +46,10 @@ from microvib.model.scenario import (
     stands_for_scenario,
     with_start,
 )
+from microvib.model.slow_variations import slow_variations
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
-from microvib.signals.fourier_lines import lines_of_series
+from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
+from microvib.signals.intermittent import intermittent_peaks
 from microvib.signals.line_fit import (
     NOT_SEPARABLE,
     estimate_lines,
@@ -312,7 +320,49 @@ def simulated_lines(
     table = _with_noise_statistics(table, scenario, expected, disturbance)
     settled = time_to_settle(scenario)
     ended = {line.name for line in expected if line.is_mode and has_decayed(line.decay, settled)}
-    return _relabel_lasting_lines(table, ended)
+    table = _relabel_lasting_lines(table, ended)
+    return _with_intermittent_peaks(table, x, scenario)
+
+
+_FULL_STEPS_RESOLVED = 4.0
+"""Full steps from which a piece of a record tells the lines of the clock apart."""
+_NEGLIGIBLE_LINE = 1e-3
+"""Part of the largest line below which a steady one need not be taken out to see what is not."""
+
+
+def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario) -> LineTable:
+    """Lines of samples ``x`` (n,), among whose residual peaks are those of a part of the time, where
+    something changes the drive slowly.
+
+    Those are amplitudes of lines, and so count without the factor on what no line is fitted to.
+    """
+    varies, rest = slow_variations(scenario), table.rest
+    if not varies or rest is None or rest.floor is None:
+        return table
+    seen = [one.cycle for one in varies if one.cycle <= table.duration]
+    noise = (rest.frequency, rest.floor) if noise_bands(scenario) and rest.frequency.size else None
+    least = _NEGLIGIBLE_LINE * table.largest
+    named = (line for line in table if line.kind != "other" and line.seen)
+    frequency, amplitude = intermittent_peaks(
+        x,
+        table.sample_rate,
+        [line for line in named if line.amplitude > least],
+        max(seen, default=table.duration),
+        _FULL_STEPS_RESOLVED * full_step_time(scenario),
+        noise,
+    )
+    if not frequency.size:
+        return table
+    return replace(table, rest=rest.with_peaks(frequency, amplitude / rest.factor))
+
+
+def intermittency_cause(scenario: Scenario | None, table: LineTable) -> str:
+    """What changes the drive slowest in a table of samples; empty where nothing does, and in a steady
+    state.
+    """
+    if scenario is None or any(x.status == TRANSIENT for x in table):
+        return ""
+    return next((one.what for one in slow_variations(scenario)), "")
 
 
 def _refit_clock(

@@ -14,6 +14,12 @@ import numpy as np
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
+from microvib.model.slow_variations import (
+    CYCLES_SEEN,
+    SlowVariation,
+    slow_variations,
+    unseen_variations,
+)
 from microvib.signals.line_table import Line
 
 SETTLED_EFOLDINGS = 12.0
@@ -154,6 +160,8 @@ def full_step_time(scenario: Scenario) -> float:
 
 _LONGEST_ADDED_RECORD = 128.0
 """Length [s] up to which a record is made longer for the sake of slow full steps."""
+_LONGEST_RECORD_OF_CYCLES = 256.0
+"""Length [s] up to which it is for what changes the drive more slowly."""
 _MOST_ADDED_SAMPLES = 2**22
 """Samples up to which it is."""
 
@@ -161,10 +169,16 @@ _MOST_ADDED_SAMPLES = 2**22
 def with_full_steps(scenario: Scenario, count: int) -> Scenario:
     """``scenario`` with a record of ``count`` full steps of the motor at least, or of as many as it
     takes little to record; with its own record where that is longer.
+
+    Where there are full steps to be recorded, what changes the drive more slowly is, too, if it
+    takes little.
     """
     record = scenario.record
-    affordable = min(_LONGEST_ADDED_RECORD, _MOST_ADDED_SAMPLES / record.sample_rate)
-    wanted = min(count * full_step_time(scenario), affordable)
+    most = _MOST_ADDED_SAMPLES / record.sample_rate
+    wanted = min(count * full_step_time(scenario), _LONGEST_ADDED_RECORD, most)
+    if count > 0:
+        cycles = (CYCLES_SEEN * one.cycle for one in slow_variations(scenario))
+        wanted = max([wanted, *(x for x in cycles if x <= min(_LONGEST_RECORD_OF_CYCLES, most))])
     if wanted <= record.duration:
         return scenario
     return scenario.with_si({"record.duration": wanted})
@@ -172,6 +186,14 @@ def with_full_steps(scenario: Scenario, count: int) -> Scenario:
 
 _FULL_STEPS_SEEN = 2.0
 """Full steps from which a record shows a motion that slips but once in each."""
+_CHANGE_BY_SHARE = 6.0
+"""Part by which lines of a record shorter than a cycle of what changes the drive may be larger than
+those of whole cycles, over the part by which that changes the rate or the friction; assumed: up to
+6.0 was seen, where friction over the angle changed which microsteps slip, and 1.5 with an error of
+the gear (tests/test_slow_variations.py).
+"""
+VARIATION_FACTOR = 4.0
+"""Times that they may be larger at most; assumed."""
 _ONSET_EFOLDINGS = 1.0
 """e-foldings of the slowest mode before which what rings may keep lines from what they last with."""
 
@@ -184,6 +206,8 @@ class RecordGap:
     """The reason, with the remedy; a sentence without a stop."""
     turns: bool
     """Whether the array turns: then what the record shows is there, although not all of it."""
+    overstated: float = 1.0
+    """Factor by which a line of the record may be larger than it is in a longer one."""
 
 
 def record_gap(
@@ -191,9 +215,10 @@ def record_gap(
 ) -> RecordGap | None:
     """Reason why a record of ``duration`` [s] does not show the lines of tracking; None where it does.
 
-    The array does not turn yet; the motion is not yet the lasting one; or the record is shorter than
-    two full steps, of which a slow drive may slip but once in each. Limits, budgets, rate plans and
-    campaigns all ask here. Of a recording that is not ``simulated`` the start is not known.
+    The array does not turn yet; the motion is not yet the lasting one; the record is shorter than
+    two full steps, of which a slow drive may slip but once in each; or it holds less than two cycles
+    of something that changes the drive more slowly. Limits, budgets, rate plans and campaigns all
+    ask here. Of a recording that is not ``simulated`` the start is not known.
     """
     if scenario is None:
         return None
@@ -201,6 +226,10 @@ def record_gap(
         return RecordGap(held, turns=False)
     if simulated and (why := _not_lasting_reason(scenario)):
         return RecordGap(why, turns=True)
+    if slow := unseen_variations(scenario, duration):
+        why = _unseen_variation_reason(slow[0], scenario)
+        changed = 1.0 + _CHANGE_BY_SHARE * sum(one.share for one in slow)
+        return RecordGap(why, turns=True, overstated=min(changed, VARIATION_FACTOR))
     wanted = _FULL_STEPS_SEEN * full_step_time(scenario)
     if duration >= wanted:
         return None
@@ -208,6 +237,20 @@ def record_gap(
         "lines of a motion that slips once in a full step, of which the record holds fewer than"
         f" two (record.duration >= {rounded_up(wanted)} s)",
         turns=True,
+    )
+
+
+def _unseen_variation_reason(slow: SlowVariation, scenario: Scenario) -> str:
+    """What a record does not show of a drive that something changes slowly, and what to do."""
+    wanted = CYCLES_SEEN * slow.cycle
+    remedy = f"record.duration >= {rounded_up(wanted)} s"
+    if not slow.key.startswith("friction"):
+        remedy += steady_start_advice(scenario)
+    elif wanted > _LONGEST_RECORD_OF_CYCLES:
+        remedy += ", or friction.position: null and a run each with the least and the most friction"
+    return (
+        f"lines at angles that the record does not reach: {slow.what} repeats after"
+        f" {slow.cycle:.4g} s, and two of its cycles are needed ({remedy})"
     )
 
 

@@ -5,6 +5,7 @@ in.
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
 
@@ -14,6 +15,7 @@ from microvib.io.named import catalog_text
 from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
+from microvib.model.slow_variations import CYCLES_SEEN, slow_variations
 
 _LINE = re.compile(r"(?P<start>  (?P<key>\w+): )(?P<value>[^#]*?)(?P<space> *)(?P<comment>#.*)?")
 _ERROR, _HYSTERESIS = "reducer.transmission_error", "reducer.hysteresis"
@@ -39,7 +41,7 @@ def new_text(gear: str | None = None, **sheet: str) -> str:
     if gear is None:
         return catalog_text("new")
     found, ratio = find_gear(gear)
-    return filled(found.entries(ratio, _example().output_inertia))
+    return filled(_with_whole_cycles(found.entries(ratio, _example().output_inertia)))
 
 
 def sheet_text(texts: dict[str, str]) -> tuple[str, dict[str, Entry]]:
@@ -47,7 +49,7 @@ def sheet_text(texts: dict[str, str]) -> tuple[str, dict[str, Entry]]:
     OptionError, ScenarioError.
     """
     entries = entries_of(read_sheet(texts), _example().output_inertia)
-    text = filled(entries, EXAMPLE_SOURCE)
+    text = filled(_with_whole_cycles(entries, EXAMPLE_SOURCE), EXAMPLE_SOURCE)
     scenario_of(parse_yaml(text, "new"), "data sheet")
     return text, assumed(entries)
 
@@ -85,6 +87,22 @@ def new_scenario(gear: str | None = None, **sheet: str) -> Scenario:
 
 def _example() -> Scenario:
     return scenario_of(parse_yaml(catalog_text("new"), "new"), "new")
+
+
+_LONGEST_RECORD = 256.0
+"""Length [s] up to which the file's record is made longer."""
+
+
+def _with_whole_cycles(entries: Mapping[str, Entry], source: str = "") -> Mapping[str, Entry]:
+    """Entries with the length of a record that shows what the gear's error makes, where the
+    example's is too short for it: verdicts ask for two of its cycles.
+    """
+    scenario = scenario_of(parse_yaml(filled(entries, source), "new"), "new")
+    longest = max((one.cycle for one in slow_variations(scenario)), default=0.0)
+    wanted = CYCLES_SEEN * longest
+    if not scenario.record.duration < wanted <= _LONGEST_RECORD:
+        return entries
+    return {**entries, "record.duration": Entry(f"{math.ceil(wanted)} s", "")}
 
 
 def filled(entries: Mapping[str, Entry], source: str = "") -> str:

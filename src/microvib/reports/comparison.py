@@ -223,7 +223,8 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
     unsteady = [r for r in of[UNJUDGED] if r.usable and not r.steady]
     if unsteady:
         rest += (
-            f" {count_text(len(unsteady), 'line')} in bands that are not steady{_names(unsteady)}."
+            f" {count_text(len(unsteady), 'line')} in records or bands that are not"
+            f" steady{_names(unsteady)}."
         )
     others = [r for r in of[UNJUDGED] if r not in (*unusable, *unsteady)]
     if others and judged:

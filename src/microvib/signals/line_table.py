@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Annotated, Any
@@ -241,6 +241,22 @@ class ResidualPeaks:
         first = np.array([part[np.argmax(amplitude[part])] for part in parts], dtype=int)
         together = np.array([float(np.sum(amplitude[part])) for part in parts])
         return frequency[first], amplitude[first], together
+
+    def with_peaks(self, frequency: np.ndarray, amplitude: np.ndarray) -> ResidualPeaks:
+        """These and further peaks, (n,) at each ``frequency`` (n,) above 0: the highest of all."""
+        highest = ResidualPeaks.of(
+            np.concatenate([self.frequency, frequency]), np.concatenate([self.amplitude, amplitude])
+        )
+        floor = None
+        if self.floor is not None:
+            floor = np.interp(highest.frequency, self.frequency, self.floor)
+        return replace(
+            highest,
+            floor=floor,
+            together=None if self.together is None else self.sums_at(highest.frequency),
+            slow=self.slow,
+            resolution=self.resolution,
+        )
 
     @property
     def in_sum(self) -> np.ndarray:

@@ -126,7 +126,7 @@ def excesses(
     if edges.size < 2:
         return ()
     x = x - x.mean()
-    model = _samples_of(counted, n, sample_rate)
+    model = samples_of_lines(counted, n, sample_rate)
     at = [line.place for line in (*counted, *others)]
     floor = _floors(x - model, sample_rate, edges, at)
     own = (line.amplitude_uncertainty / line.amplitude for line in counted if line.amplitude > 0.0)
@@ -165,7 +165,7 @@ def _edges(duration: float, highest: float) -> np.ndarray:
     return np.zeros(0)
 
 
-def _samples_of(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray:
+def samples_of_lines(lines: Sequence[Line], n: int, sample_rate: float) -> np.ndarray:
     """The samples (n,) of lines alone."""
     t, found = np.arange(n) / sample_rate, np.zeros(n)
     for line in lines:

@@ -13,6 +13,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from microvib.analysis.limits import part_of_cycle_note
 from microvib.analysis.lines import find_lines, lines_of_recording, recording_warnings
 from microvib.analysis.steadiness import blurred
 from microvib.errors import MicrovibError, OptionError, expect
@@ -373,7 +374,7 @@ def _side(
 
 def _of_motion(motion: Motion, name: str) -> Side:
     table = find_lines(motion)
-    return Side(
+    side = Side(
         name,
         "simulation",
         _figures(table),
@@ -384,6 +385,18 @@ def _of_motion(motion: Motion, name: str) -> Side:
         duration=table.duration,
         observations=observations(table),
     )
+    return _unless_part_of_cycle(side, table)
+
+
+def _unless_part_of_cycle(side: Side, table: LineTable) -> Side:
+    """A simulated side, whose lines are not known where its record holds a part of what changes the
+    drive slowly: they are others at other angles.
+    """
+    note = part_of_cycle_note(table, side.scenario)
+    if not note:
+        return side
+    lines = {name: replace(x, steady=False) for name, x in side.lines.items()}
+    return replace(side, lines=lines, notes=(*side.notes, note))
 
 
 def _of_recording(source: Prepared, guide: Scenario | None, channel: str) -> Side:
@@ -412,7 +425,7 @@ def _of_run_folder(source: RunFolder) -> Side:
     if source.lines is None:
         raise MicrovibError(f"{source.path}: is not a run folder; it has no lines.csv")
     motion, made = source.motion, source.scenario
-    return Side(
+    side = Side(
         str(source.path),
         "run",
         _figures(source.lines),
@@ -423,6 +436,7 @@ def _of_run_folder(source: RunFolder) -> Side:
         duration=math.nan if made is None else made.record.duration,
         observations=observations(source.lines),
     )
+    return _unless_part_of_cycle(side, source.lines)
 
 
 def _decay_with_uncertainty(line: Line) -> tuple[float, float]:

@@ -151,7 +151,8 @@ class RateCase:
         if self.failed:
             return "failed"
         largest, hidden = self.largest(band), self.largest(band, hidden=True)
-        if largest is not None and largest.amplitude > limit:
+        overstated = 1.0 if self.gap is None else self.gap.overstated
+        if largest is not None and largest.amplitude > overstated * limit:
             return ABOVE_LIMIT
         if hidden is not None and hidden.amplitude > limit:
             return HIDDEN_LINE

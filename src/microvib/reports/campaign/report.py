@@ -16,6 +16,7 @@ import numpy as np
 from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.model.line_names import is_sideband
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.reports.campaign import figures
 from microvib.reports.document import Fact, Status, Text
@@ -513,6 +514,11 @@ def _how_to_read(s: Summary) -> str:
     failed = sum(r.level.failed for r in s.by_level)
     if failed:
         text += f" {count_text(failed, 'case')} without figures (failed, or not computed) are not in them."
+    top = PASSBAND * s.results.campaign.design.base.record.sample_rate
+    text += (
+        f" Lines are listed up to {top:.4g} Hz, the edge of the passband, also of steady states: what"
+        " lies above is in the verdicts and in no figure, and so not in the largest line."
+    )
     return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 

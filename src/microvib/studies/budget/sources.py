@@ -249,6 +249,8 @@ def contribution_of_run(
     relative_error = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
         scenario, own, found.frequency, other_steps
     )
+    if result.state is None and (gap := record_gap(scenario, result.table.duration)):
+        relative_error[0] = np.maximum(relative_error[0], 1.0 - 1.0 / gap.overstated)
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
     # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by
     # the mode's damping.

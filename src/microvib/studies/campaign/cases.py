@@ -42,9 +42,14 @@ a compiler (docs/design.md).
 """
 VERDICTS = ("not judged", "pass", "fail")
 """Verdicts of cases, by their numbers."""
-RECORDS = ("shows tracking", "does not show all lines of it", "begins before the array turns")
+RECORDS = (
+    "shows tracking",
+    "does not show all lines of it",
+    "begins before the array turns",
+    "holds a part of a slow cycle",
+)
 """Kinds of a case's record, by their numbers."""
-LEAVES_OPEN, HELD_RECORD = 1, 2
+LEAVES_OPEN, HELD_RECORD, PART_OF_CYCLE = 1, 2, 3
 SCALARS = ("peak", "rms", "stuck_output")
 """Stored figures of every case: largest and RMS torque of the record [N m], part of the time that the
 shaft sticks.
@@ -386,7 +391,9 @@ def _record_number(table: LineTable, scenario: Scenario) -> int:
     gap = record_gap_of_table(table, scenario)
     if gap is None:
         return 0
-    return LEAVES_OPEN if gap.turns else HELD_RECORD
+    if not gap.turns:
+        return HELD_RECORD
+    return PART_OF_CYCLE if gap.overstated > 1.0 else LEAVES_OPEN
 
 
 _MAX_SEEN_ERROR = 0.25

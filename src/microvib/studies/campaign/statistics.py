@@ -12,11 +12,12 @@ import numpy as np
 
 from microvib.analysis.limits import Limit
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
+from microvib.analysis.start import VARIATION_FACTOR
 from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.line_fit import NOT_SEPARABLE
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN
-from microvib.studies.campaign.cases import HELD_RECORD, LEAVES_OPEN, VERDICTS
+from microvib.studies.campaign.cases import HELD_RECORD, LEAVES_OPEN, PART_OF_CYCLE, VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
 from microvib.units import Si, within_band
@@ -248,8 +249,8 @@ def line_verdicts(
     (cases,) is known.
 
     A line that others hide, or that dies away from above the limit, is UNKNOWN; so is any of a case
-    that failed or whose array does not turn, and one within the limit of a record that is shorter
-    than a full step.
+    that failed or whose array does not turn, and one within the limit of a record that does not show
+    all lines; where it holds a part of a slow cycle, one not far above the limit, too.
     """
     amplitude, f, status = results.of(line), results.of(line, "frequency"), results.status(line)
     known = f[np.isfinite(f)]
@@ -273,7 +274,9 @@ def line_verdicts(
     )
     verdict[results.state == FAILED] = UNKNOWN
     verdict[(verdict != ABSENT) & (results.records == HELD_RECORD)] = UNKNOWN
-    verdict[(verdict == BELOW) & (results.records == LEAVES_OPEN)] = UNKNOWN
+    of_part = results.records == PART_OF_CYCLE
+    verdict[(verdict == BELOW) & (of_part | (results.records == LEAVES_OPEN))] = UNKNOWN
+    verdict[(verdict == ABOVE) & of_part & (amplitude <= VARIATION_FACTOR * limit)] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
 
