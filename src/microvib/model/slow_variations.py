@@ -1,5 +1,5 @@
-"""What changes a drive over longer than a full step of its motor: an error of the gear, friction over
-the angle, unequal phases; over which time each repeats, and what of it a record does not show.
+"""Changes of a drive over longer than a full step of its motor, by an error of the gear, friction over
+the angle or unequal phases: after which time each repeats, and which a record does not show.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class SlowVariation:
     """A change of the drive that repeats after longer than a full step."""
 
     key: str
-    """Of the scenario."""
+    """Key of the scenario."""
     what: str
     """Key with its order."""
     cycle: float
@@ -77,7 +77,7 @@ def unseen_variations(scenario: Scenario, duration: float) -> list[SlowVariation
 
 
 def _significant(found: Iterable[SlowVariation]) -> list[SlowVariation]:
-    """Those of one kind, the longest first, but for the longest that together are negligible."""
+    """Changes of one kind, the longest first, but for the longest that together are negligible."""
     kept = sorted(found, key=lambda one: -one.cycle)
     shares = np.cumsum([one.share for one in kept])
     return kept[int(np.searchsorted(shares, NEGLIGIBLE_SHARE, side="right")) :]
