@@ -121,13 +121,13 @@ def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
 
 
 def _unequal_phases(scenario: Scenario) -> Iterator[SlowVariation]:
-    """Errors of the driver that make its full steps unequal."""
+    """Unequal full steps, by errors of the driver or by what else repeats with the electrical period."""
     driver, motor = scenario.driver, scenario.motor
     after = driver.repeats_after(motor)
-    if not driver.distorted or after * motor.full_steps <= driver.beats * driver.microsteps:
+    if after * motor.full_steps <= driver.beats * driver.microsteps:
         return
     cycle = after / float(scenario.driving_frequency or math.inf)
-    yield SlowVariation("driver", "errors of the driver (electrical period)", cycle, math.inf)
+    yield SlowVariation("driver", "the sequence of unequal full steps", cycle, math.inf)
 
 
 def _turn_of_rotor(scenario: Scenario) -> float:
