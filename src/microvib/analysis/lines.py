@@ -357,7 +357,7 @@ def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario
 
 
 def intermittency_cause(scenario: Scenario | None, table: LineTable) -> str:
-    """What changes the drive slowest in a table of samples; empty where nothing does, and in a steady
+    """Key of what changes the drive slowest in a table of samples; empty where nothing does, and in a steady
     state.
     """
     if scenario is None or any(x.status == TRANSIENT for x in table):

@@ -176,7 +176,7 @@ def with_full_steps(scenario: Scenario, count: int) -> Scenario:
     record = scenario.record
     most = _MOST_ADDED_SAMPLES / record.sample_rate
     wanted = min(count * full_step_time(scenario), _LONGEST_ADDED_RECORD, most)
-    if count > 0:
+    if count > 0 and not not_moving_reason(scenario):
         cycles = (CYCLES_SEEN * one.cycle for one in slow_variations(scenario))
         wanted = max([wanted, *(x for x in cycles if x <= min(_LONGEST_RECORD_OF_CYCLES, most))])
     if wanted <= record.duration:
@@ -241,7 +241,7 @@ def record_gap(
 
 
 def _unseen_variation_reason(slow: SlowVariation, scenario: Scenario) -> str:
-    """What a record does not show of a drive that something changes slowly, and what to do."""
+    """Reason why a record does not show a drive that something changes slowly, and what to do."""
     wanted = CYCLES_SEEN * slow.cycle
     remedy = f"record.duration >= {rounded_up(wanted)} s"
     if not slow.key.startswith("friction"):

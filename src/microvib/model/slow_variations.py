@@ -1,5 +1,5 @@
-"""What changes a drive over longer than a full step of its motor: an error of the gear, friction over
-the angle, unequal phases; over which time each repeats, and what of it a record does not show.
+"""Changes of a drive over longer than a full step of its motor, by an error of the gear, friction over
+the angle or unequal phases: after which time each repeats, and which a record does not show.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class SlowVariation:
     """A change of the drive that repeats after longer than a full step."""
 
     key: str
-    """Of the scenario."""
+    """Key of the scenario."""
     what: str
     """Key with its order."""
     cycle: float
@@ -77,7 +77,7 @@ def unseen_variations(scenario: Scenario, duration: float) -> list[SlowVariation
 
 
 def _significant(found: Iterable[SlowVariation]) -> list[SlowVariation]:
-    """Those of one kind, the longest first, but for the longest that together are negligible."""
+    """Changes of one kind, the longest first, but for the longest that together are negligible."""
     kept = sorted(found, key=lambda one: -one.cycle)
     shares = np.cumsum([one.share for one in kept])
     return kept[int(np.searchsorted(shares, NEGLIGIBLE_SHARE, side="right")) :]
@@ -121,13 +121,13 @@ def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
 
 
 def _unequal_phases(scenario: Scenario) -> Iterator[SlowVariation]:
-    """Errors of the driver that make its full steps unequal."""
+    """Unequal full steps, by errors of the driver or by what else repeats with the electrical period."""
     driver, motor = scenario.driver, scenario.motor
     after = driver.repeats_after(motor)
-    if not driver.distorted or after * motor.full_steps <= driver.beats * driver.microsteps:
+    if after * motor.full_steps <= driver.beats * driver.microsteps:
         return
     cycle = after / float(scenario.driving_frequency or math.inf)
-    yield SlowVariation("driver", "errors of the driver (electrical period)", cycle, math.inf)
+    yield SlowVariation("driver", "the sequence of unequal full steps", cycle, math.inf)
 
 
 def _turn_of_rotor(scenario: Scenario) -> float:
