@@ -207,7 +207,7 @@ STUDY_FILES = (
     "amplitudes.png", *(f"left_{k}.png" for k in range(1, 7)),
     "spectra.png", "spectrum.png", "density.png", "waterfall.png",
     "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
-    "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
+    "orders.csv", "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
 )  # fmt: skip
 """Further files of the folders of studies."""
 

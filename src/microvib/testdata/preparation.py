@@ -15,10 +15,10 @@ from microvib.testdata.channels import (
     COUNTS,
     FULL_SCALE,
     as_denominator,
-    as_load,
+    as_measured,
     is_time,
     is_unit,
-    load_per,
+    measured_per,
 )
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
@@ -135,11 +135,11 @@ def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
                 )
             units[name] = text
             continue
-        found = as_load(text)
+        found = as_measured(text)
         if found is None:
             raise RecordingError(
                 f"{recording.title}: units.{name}: '{text}' is neither a force nor a torque to the"
-                " count"
+                " count, nor an acceleration"
             )
         channels[name], units[name] = values * found[0], found[1]
     if not given:
@@ -152,7 +152,7 @@ def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
     channels, units = dict(recording.channels), dict(recording.units)
     for name, text in given.items():
         values, unit = recording[name], as_denominator(units.get(name, "").strip())
-        found = load_per(text, unit)
+        found = measured_per(text, unit)
         if found is None:
             raise RecordingError(
                 f"{recording.title}: sensitivity.{name}: '{text}' does not go with a channel in"
