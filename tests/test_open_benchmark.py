@@ -131,8 +131,17 @@ def test_two_cases_are_made_estimated_and_scored(tmp_path):
     assert abs(error) < 5.0 * float(nearest["amplitude_sd_n_m"]) + 1e-4 * largest[1]
 
 
+@pytest.mark.long
 def test_the_integrator_agrees_with_ours(tmp_path):
     text = benchmark("check", tmp_path, "--only", "case-000")
     count, off = int(text.split()[1]), float(text.split()[-2])
     assert count > 3
     assert off < 0.1
+
+
+def test_the_manifest_is_that_of_the_cases(tmp_path):
+    kept = (ROOT / "benchmarks" / "open" / "manifest.csv").read_text()
+    assert benchmark("manifest", tmp_path) == kept
+    rows = list(csv.DictReader(kept.splitlines()))
+    assert len(rows) == 100
+    assert all(row["half"] == half(row["case"]) for row in rows)

@@ -3,6 +3,7 @@
 ``python benchmarks/open make DIR [--count N] [--salt TEXT]`` makes the recordings,
 ``python benchmarks/open estimate DIR`` runs the five estimators on them,
 ``python benchmarks/open identify DIR [--most N]`` identifies parameters with microvib,
+``python benchmarks/open manifest DIR`` prints names, halves and seeds, as ``manifest.csv`` has them,
 ``python benchmarks/open check DIR [--count N]`` puts the integrator beside microvib's own simulation,
 ``python benchmarks/open score DIR [FILE.csv ...]`` prints the tables, also of another's estimates, and
 ``python benchmarks/open all DIR`` makes, estimates, identifies and scores. What is there already is not made again.
@@ -17,12 +18,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from cases import CASES, OPEN, SALT, WITHHELD, Case, Ripple, Test, case_of, cases, draw
+from cases import CASES, OPEN, SALT, WITHHELD, Case, Ripple, Test, case_of, cases, draw, manifest
 from estimators import ESTIMATORS
 from recordings import Made, make
 from scoring import LINE_HEADER, PARAMETER_HEADER, Score, Truth, line_row, parameter_rows
@@ -32,7 +34,7 @@ COLUMNS = (
 )  # fmt: skip
 PARAMETERS = ("case", "key", "estimate", "low", "high", "identifiable", "explained")
 OURS = "microvib"
-TASKS = ("make", "estimate", "identify", "score", "check")
+TASKS = ("make", "estimate", "identify", "score", "check", "manifest")
 UNITS = {
     "current": "A", "torque_constant": "N*m/A", "detent_torque": "N*m", "winding_resistance": "ohm",
     "winding_inductance": "H", "rotor_inertia": "kg*m^2", "coulomb": "N*m", "breakaway": "N*m",
@@ -147,7 +149,7 @@ def _in_si(tree: Any) -> Any:
 
 
 def identify_all(out: Path, every: Sequence[Case], most: int) -> None:
-    """Identify parameters of the first ``most`` cases of each half without flux harmonics."""
+    """Identify parameters of the first ``most`` of the plain cases of each half."""
     import ours
 
     path = out / f"parameters of {OURS}.csv"
@@ -163,10 +165,16 @@ def identify_all(out: Path, every: Sequence[Case], most: int) -> None:
 
 
 def _for_parameters(out: Path, every: Sequence[Case], most: int) -> list[Case]:
-    plain = [case for case in every if not _truth(out, case)["flux_harmonics"]]
-    return [
-        case for half in (OPEN, WITHHELD) for case in [x for x in plain if x.half == half][:most]
-    ]
+    """Cases to identify: alternately of each half, the first with one array mode and without flux
+    harmonics.
+    """
+    plain = [case for case in every if _is_plain(_truth(out, case))]
+    halves = ([x for x in plain if x.half == half][:most] for half in (OPEN, WITHHELD))
+    return [case for pair in zip_longest(*halves) for case in pair if case is not None]
+
+
+def _is_plain(truth: dict[str, Any]) -> bool:
+    return not truth["flux_harmonics"] and len(truth["modes"]) == 1
 
 
 def score(out: Path, every: Sequence[Case], others: Sequence[Path]) -> str:
@@ -274,6 +282,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "identify": lambda: identify_all(asked.folder, every, asked.most),
         "score": lambda: print(score(asked.folder, every, asked.estimates)),
         "check": lambda: check(every),
+        "manifest": lambda: print(manifest(asked.count, asked.salt), end=""),
     }
     for task in TASKS[:4] if asked.task == "all" else (asked.task,):
         actions[task]()

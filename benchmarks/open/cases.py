@@ -54,6 +54,12 @@ def case_of(name: str, salt: str = SALT) -> Case:
     return Case(name, half, seed)
 
 
+def manifest(count: int = CASES, salt: str = SALT) -> str:
+    """Names, halves and seeds as CSV text, as ``manifest.csv`` has them."""
+    rows = [f"{case.name},{case.half},{case.seed}" for case in cases(count, salt)]
+    return "\n".join(["case,half,seed", *rows, ""])
+
+
 @dataclass(frozen=True)
 class Test:
     """A drive, how it is driven, and how it is recorded."""

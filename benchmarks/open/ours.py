@@ -14,7 +14,7 @@ from microvib.io.scenario_file import scenario_of
 from microvib.studies.evidence import evidence_of, select_evidence
 from microvib.studies.identify import identify
 
-STARTS = 32
+STARTS = 24
 HARMONICS = 50
 """Members of each family of lines that are looked for."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -70,8 +70,8 @@ class Score:
     frequency: list[float] = field(default_factory=list)
     """Errors in bins."""
     phase: list[float] = field(default_factory=list)
-    inside: dict[str, list[bool]] = field(default_factory=dict)
-    """Of each figure: whether the stated interval holds the truth."""
+    inside: dict[str, list[float]] = field(default_factory=dict)
+    """Of each figure: the part of each recording's stated intervals that hold the truth."""
 
     def add(self, truth: Truth, estimates: np.ndarray) -> None:
         """Count one recording's estimates (n, 6)."""
@@ -85,10 +85,19 @@ class Score:
         found = [k for k in asked if k in matched]
         if asked:
             self.missed.append(1.0 - len(found) / len(asked))
+        held: dict[str, list[bool]] = {}
         for k in found:
-            self._errors(truth, truth.lines[k], estimates[matched[k]])
+            for name, inside in self._errors(truth, truth.lines[k], estimates[matched[k]]):
+                held.setdefault(name, []).append(inside)
+        for name, each in held.items():
+            self.inside.setdefault(name, []).append(float(np.mean(each)))
 
-    def _errors(self, truth: Truth, line: np.ndarray, row: np.ndarray) -> None:
+    def _errors(
+        self, truth: Truth, line: np.ndarray, row: np.ndarray
+    ) -> Iterator[tuple[str, bool]]:
+        """Count the errors of a line; which of its figures have an interval, and whether it holds
+        the truth.
+        """
         errors = {
             "frequency": row[0] - line[0],
             "amplitude": row[1] - line[1],
@@ -100,7 +109,7 @@ class Score:
         self.phase.append(errors["phase"])
         for (name, error), sd in zip(errors.items(), row[3:], strict=True):
             if math.isfinite(sd):
-                self.inside.setdefault(name, []).append(abs(error) <= NORMAL * sd)
+                yield name, bool(abs(error) <= NORMAL * sd)
 
 
 def _matches(truth: Truth, estimates: np.ndarray) -> dict[int, int]:
