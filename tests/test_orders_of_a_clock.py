@@ -14,7 +14,7 @@ from support.scenarios import limit_of
 
 import microvib as mv
 from microvib.analysis.lines import lines_of_recording, shortest_judged_record, shortest_record
-from microvib.analysis.orders import IN_FLOOR, STANDS_OUT
+from microvib.analysis.orders import ABOVE_FLOOR, IN_FLOOR
 from microvib.cli.main import main
 from microvib.io.recordings import Prepared, read_prepared
 from microvib.studies.analyse import Analysis, analyse
@@ -51,12 +51,14 @@ def test_orders_of_a_measured_stepper(channel):
     assert found.unit == "g"
     for order, finding in findings(found).items():
         if order in (2, 4, 6, 8):
-            assert finding.startswith(STANDS_OUT), order
+            assert finding.startswith(ABOVE_FLOOR), order
         if order == 1:
             assert finding == IN_FLOOR
     by_order = {line.order: 1e3 * line.bin_amplitude for line in found.orders}
     for order, published in PUBLISHED[channel].items():
-        assert by_order[order] == pytest.approx(published, abs=0.051), order
+        assert by_order[order] == pytest.approx(published, abs=0.06), (
+            order
+        )  # of one decimal, from two
     assert any("not steady" in note for note in found.recording.notes)
 
 
@@ -81,7 +83,7 @@ def test_orders_of_a_record_of_the_same_shape(tmp_path, ratio):
     found = analyse(read_prepared(written(tmp_path, counts(ratio)), HOW), channel="ax", **CLOCK)
     assert found.clock_ratio == pytest.approx(ratio, abs=5e-5)
     for line in found.orders:
-        assert line.finding == (STANDS_OUT if line.order in MADE else IN_FLOOR)
+        assert line.finding == (ABOVE_FLOOR if line.order in MADE else IN_FLOOR)
         if line.order in MADE:
             assert line.uncertainty < 0.01e-3
             assert abs(line.amplitude - 1e-3 * MADE[line.order]) < 4.0 * line.uncertainty
@@ -92,7 +94,9 @@ def test_a_drive_that_stands_still_shows_no_order(tmp_path):
     found = analyse(read_prepared(written(tmp_path, still), HOW), channel="ax", **CLOCK)
     assert set(findings(found).values()) == {IN_FLOOR}
     assert found.clock_ratio is None
-    assert any("no order of 62.5 Hz stands out" in note for note in found.recording.notes)
+    assert any(
+        "no order of 62.5 Hz is above the noise floor" in note for note in found.recording.notes
+    )
 
 
 def test_an_order_that_comes_and_goes_stands_out_without_an_amplitude(tmp_path):
@@ -100,7 +104,7 @@ def test_an_order_that_comes_and_goes_stands_out_without_an_amplitude(tmp_path):
     x[:1600] += 0.02 * COUNTS_PER_G * np.cos(2.0 * np.pi * 250.0 * np.arange(1600) / 4000.0 + 4.0)
     found = analyse(read_prepared(written(tmp_path, x), HOW), channel="ax", **CLOCK)
     fourth = found.orders[3]
-    assert fourth.finding.startswith(STANDS_OUT)
+    assert fourth.finding.startswith(ABOVE_FLOOR)
     assert np.isnan(fourth.amplitude) or fourth.uncertainty > 1e-3
     assert any("not steady" in note for note in found.recording.notes)
 
@@ -116,7 +120,7 @@ def test_a_scenario_names_the_orders_of_an_acceleration(state_1):
         scenario=state_1, channel="tip",
     )  # fmt: skip
     assert found.unit == "m/s^2"
-    assert [k for k, finding in findings(found).items() if finding == STANDS_OUT] == [4]
+    assert [k for k, finding in findings(found).items() if finding == ABOVE_FLOOR] == [4]
     assert found.orders[3].amplitude == pytest.approx(1e-5, rel=0.01)
 
 

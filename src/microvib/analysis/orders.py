@@ -2,7 +2,7 @@
 
 Without a scenario the step rate alone is known: all that it makes repeats with the electrical
 period or an integer part of it. Lines at these orders are fitted together, as those of a scenario
-are (``microvib.signals.line_fit``), and each stands out of its noise floor or does not.
+are (``microvib.signals.line_fit``), and each is above its noise floor or is not.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from microvib.signals.tones import HannSpectrum
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import GivenQuantity, quantity
 
-STANDS_OUT, IN_FLOOR = "stands out", "in the floor"
+ABOVE_FLOOR, IN_FLOOR = "above the noise floor", "below the noise floor"
 """Findings on an order: whether a line is there at all."""
 ORDER_HEIGHT = Measure(form=".3g")
 _NEAR = 1.0
@@ -53,7 +53,7 @@ class StepClock:
     rate: float
     """Steps, or microsteps, per second [Hz]."""
     steps_per_period: int = FULL_STEPS
-    """Of a two-phase motor 4 times the microsteps per full step."""
+    """Four times the microsteps per full step, of a two-phase motor."""
 
     @classmethod
     def stated(cls, rate: GivenQuantity, steps_per_period: int = FULL_STEPS) -> StepClock:
@@ -91,7 +91,7 @@ class OrderLine:
     above: Annotated[float, Column("times_floor", "times the floor", ORDER_HEIGHT)]
     """Height over the floor."""
     finding: Annotated[str, Column("finding", "finding")]
-    """Whether it stands out of its floor, or why that is not known."""
+    """Whether it is above its noise floor, or why that is not known."""
 
 
 def lines_at_orders(recording: Recording, channel: str, clock: StepClock) -> LineTable:
@@ -143,7 +143,7 @@ def _expected(order: int, clock: StepClock) -> ExpectedLine:
 def order_lines(table: LineTable, x: np.ndarray) -> tuple[OrderLine, ...]:
     """The orders of a table of ``lines_at_orders`` of the samples ``x`` (n,), from the first on.
 
-    An order also stands out where it has no amplitude of its own, as of a line that comes and goes.
+    An order may also be above the floor that has no amplitude of its own, as of a line that comes and goes.
     """
     spectrum = HannSpectrum.of(x - x.mean(), table.sample_rate)
     return tuple(_order_line(line, spectrum) for line in table if line.of_clock)
@@ -168,11 +168,11 @@ def _order_line(line: Line, spectrum: HannSpectrum) -> OrderLine:
 
 
 def _finding(line: Line, above: float) -> str:
-    """Whether an order stands out, which is so many times ``above`` its floor."""
+    """Finding on an order that is so many times ``above`` its floor."""
     if line.status == BELOW_FLOOR or above <= DETECTION_RATIO:
         return IN_FLOOR
     if line.seen:
-        return STANDS_OUT
+        return ABOVE_FLOOR
     if line.status.startswith(NOT_SEPARABLE):
-        return f"{STANDS_OUT}; {line.status}"
+        return f"{ABOVE_FLOOR}; {line.status}"
     return line.status

@@ -112,14 +112,14 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
 
 
 def _orders(a: Analysis) -> tuple[Table, ...]:
-    """The orders of the electrical period, each with whether it stands out."""
+    """The orders of the electrical period, each with whether it is above the noise floor."""
     if not a.orders:
         return ()
     return (_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),)
 
 
 _ORDERS_CAPTION = (
-    f"An order stands out from {DETECTION_RATIO:g} times the floor about it. Orders of an"
+    f"An order is above the noise floor from {DETECTION_RATIO:g} times that floor on. Orders of an"
     " acceleration can be compared with a torque's, sizes cannot: the structure between answers to"
     " each frequency in its own way."
 )

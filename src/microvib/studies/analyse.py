@@ -202,7 +202,7 @@ def _at_orders(
     table = lines_at_orders(recording, channel, clock)
     if table.clock_ratio is None:
         recording = recording.noted(
-            f"no order of {clock.electrical_frequency:.6g} Hz stands out of the floor within"
+            f"no order of {clock.electrical_frequency:.6g} Hz is above the noise floor within"
             f" {100.0 * CLOCK_TOLERANCE:g} % of the stated step rate"
         )
     for note in steadiness_notes(table):
