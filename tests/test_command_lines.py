@@ -45,6 +45,8 @@ NOT_RUN = {
     "-m venv": "makes an environment; CI does it",
     "pip install": "installs; what its lines name is looked up below",
     "-m pytest": "this is one of its tests",
+    "analyse slew.txt": "a recording of the reader's own; tests/test_orders_of_a_clock.py makes one of its shape",
+    "python benchmarks/open": "minutes; tests/test_open_benchmark.py runs it on two cases",
     "microvib serve": "serves until it is stopped; tests/serve/test_command.py starts and stops it",
     "curl ": "asks a server that runs; tests/serve asks",
     "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",

@@ -52,6 +52,7 @@ from microvib.signals.fourier_lines import TRANSIENT, lines_of_series
 from microvib.signals.intermittent import intermittent_peaks
 from microvib.signals.line_fit import (
     NOT_SEPARABLE,
+    SEPARATION,
     estimate_lines,
     lines_at_known_clock,
     with_background,
@@ -83,8 +84,10 @@ further.
 """
 HARMONICS_RANGE = 0, 10_000
 """Allowed number of lines in a family."""
-_MIN_DURATION = 2.0
-"""Length of a recording [s] in which lines are looked for."""
+_MIN_SAMPLES = 128
+"""Samples of a recording from which lines have a noise floor: bins 4 to 20 away on either side."""
+_JUDGED_DURATION = 2.0
+"""Length of a recording [s] from which verdicts are given on it, whichever lines it resolves."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +275,7 @@ def _of_recording(
 ) -> LineTable:
     """Lines of a recording in SI units."""
     name = channel or f"M{scenario.array.drive_axis if scenario else 'z'}"
-    require_usable_channel(recording, name, _MIN_DURATION)
+    require_usable_channel(recording, name, shortest_record(recording, scenario, harmonics))
     table = lines_of_samples(
         recording[name], recording.sample_rate, scenario, harmonics, measured=True
     )
@@ -558,9 +561,13 @@ def lines_of_recording(
     scenario: Scenario | None,
     background: Recording | None = None,
     harmonics: int = 8,
+    *,
+    judged: bool = True,
 ) -> LineTable:
     """Lines of the drive-axis torque that was measured in ``channel`` [N m], what stands in the
     ``background`` accounted for.
+
+    Those that are to be ``judged`` need a longer record: ``shortest_judged_record``.
 
     RecordingError where the channel cannot be used, or another component is about the scenario's
     drive axis.
@@ -572,7 +579,11 @@ def lines_of_recording(
     if channel in COMPONENTS and channel != about and about in recording.channels:
         text = f"the scenario's drive axis is {about[1:]}: its torque is channel {about}, not {channel}; name that channel"
         raise RecordingError(f"{recording.title}: {text}", remedy="channel")
-    require_usable_channel(recording, channel, _MIN_DURATION)
+    if judged:
+        shortest = shortest_judged_record(recording, scenario, harmonics)
+    else:
+        shortest = shortest_record(recording, scenario, harmonics)
+    require_usable_channel(recording, channel, shortest)
     if recording.units[channel] != "N*m":
         expected = "the torque about the drive axis is expected"
         raise RecordingError(f"{recording.title}: channel {channel} is a force; {expected}")
@@ -580,9 +591,42 @@ def lines_of_recording(
         recording[channel], recording.sample_rate, scenario, harmonics, measured=True
     )
     if background is not None:
-        require_usable_channel(background, channel, _MIN_DURATION)
+        require_usable_channel(background, channel, shortest)
         table = with_background(table, background[channel])
     return with_force_table(table, recording, channel)
+
+
+def shortest_record(recording: Recording, scenario: Scenario | None, harmonics: int = 8) -> float:
+    """Length [s] from which a recording has a noise floor and resolves one of the lines that the
+    clock of a ``scenario`` makes.
+
+    Each line that is not resolved says so in its status, with the length that resolves it.
+    """
+    floor = _MIN_SAMPLES / recording.sample_rate
+    fastest = max(_clock_frequencies(recording, scenario, harmonics), default=math.inf)
+    return max(floor, SEPARATION / fastest)
+
+
+def shortest_judged_record(
+    recording: Recording, scenario: Scenario | None, harmonics: int = 8
+) -> float:
+    """Length [s] from which lines of a recording are compared, fitted or budgeted: 2 s, or less
+    where all lines that the clock of a ``scenario`` makes are resolved from zero.
+    """
+    slowest = min(_clock_frequencies(recording, scenario, harmonics), default=0.0)
+    if slowest * _JUDGED_DURATION <= SEPARATION:
+        return _JUDGED_DURATION
+    return max(shortest_record(recording, scenario, harmonics), SEPARATION / slowest)
+
+
+def _clock_frequencies(
+    recording: Recording, scenario: Scenario | None, harmonics: int
+) -> list[float]:
+    """Frequencies [Hz] of the lines that the clock of a scenario makes in a recording's passband."""
+    if scenario is None:
+        return []
+    expected = expected_in(scenario, recording.sample_rate, harmonics)
+    return [line.frequency for line in expected if line.of_clock]
 
 
 _MIN_COMB_LINES = 3
@@ -686,7 +730,7 @@ def channel_warnings(
         name for name, unit in recording.units.items() if unit == "N*m" and name != channel
     ):
         with suppress(RecordingError):
-            require_usable_channel(recording, other, _MIN_DURATION)
+            require_usable_channel(recording, other, shortest_record(recording, scenario))
             x = recording[other]
             its = _count_clock_lines(
                 lines_of_samples(x, recording.sample_rate, scenario, measured=True)

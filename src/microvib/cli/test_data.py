@@ -35,6 +35,18 @@ from microvib.units import quantity
     help="Scenario of the recorded drive, which predicts its lines [default: none].",
 )
 @click.option(
+    "--step-rate",
+    metavar="RATE",
+    help="Steps per second of the recorded motor, in place of a scenario, such as '4000 Hz': gives a table of orders.",
+)
+@click.option(
+    "--steps-per-period",
+    type=click.IntRange(1, 1_000_000),
+    default=4,
+    show_default=True,
+    help="Steps of that rate per electrical period: of a two-phase motor 4 x microsteps per full step.",
+)
+@click.option(
     "--window",
     type=click.Choice(["rectangular", "hann", "flat-top"]),
     default="hann",
@@ -53,8 +65,8 @@ from microvib.units import quantity
     help="Also give the RMS in this band, such as '0.5:5 Hz'.",
 )
 def analyse(
-    source: str, channel: str, prepare: Path | None, scenario: str | None, window: Any, resolution: str | None,
-    bands: tuple[str, ...], target: Target,
+    source: str, channel: str, prepare: Path | None, scenario: str | None, step_rate: str | None, steps_per_period: int,
+    window: Any, resolution: str | None, bands: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a
     recording.
@@ -69,6 +81,8 @@ def analyse(
             name=source,
             scenario=load_guide(scenario),
             channel=channel,
+            step_rate=step_rate,
+            steps_per_period=steps_per_period,
             window=window,
             resolution=resolution,
             bands=bands,

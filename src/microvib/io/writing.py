@@ -214,8 +214,6 @@ STUDY_FILES = (
     "spectra.png", "spectrum.png", "density.png", "waterfall.png",
     "ranking.csv", "not_ranked.csv", "tornado.png", "sobol.png", "scatter.png", "levels.png",
     "contributors.csv", "windows.csv", "source_list.csv", "blocked_loads.csv", "cumulative.png",
-    "measured.csv", "given.csv", "assumed.csv", "figures.csv", "separations.png",
-    "step_margin.csv",
 )  # fmt: skip
 """Further files of the folders of studies that were written before folders had a listing; closed."""
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
+from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
 from microvib.reports import figures
@@ -21,8 +22,10 @@ from microvib.results import (
     Measure,
     Table,
 )
-from microvib.signals.line_table import Line
+from microvib.signals.line_fit import SEPARATION
+from microvib.signals.line_table import DETECTION_RATIO, Line, LineTable
 from microvib.studies.analyse import Analysis
+from microvib.testdata.channels import ACCELERATIONS
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -30,6 +33,10 @@ if TYPE_CHECKING:
 
 _MAX_NAMED = 8
 """Lines that a spectrum is wide enough for."""
+_KINDS = {"N": "a force", "N*m": "a torque"} | dict.fromkeys(ACCELERATIONS, "an acceleration")
+"""Words for what a channel is, by its unit."""
+_ENDINGS = {"N": "n", "N*m": "n_m", "m/s^2": "m_s2", "g": "g"}
+"""Endings of names of columns in files, by the unit."""
 _LINE_COLUMNS = (
     "line",
     "frequency_hz",
@@ -71,12 +78,13 @@ def analysis_outcome(a: Analysis) -> Outcome:
     return Outcome(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
-        f"Lines with uncertainties and spectra of a {'torque' if a.unit == 'N*m' else 'force'}.",
+        f"Lines with uncertainties and spectra of {_KINDS[a.unit]}.",
         "",
         tuple(_facts(a)),
         (
             Part("", (Pairs(tuple(_about(a))), *spectrum)),
-            Part("Lines", _lines(a), new_page=True),
+            Part("Orders of the electrical period", _orders(a), new_page=True),
+            Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
             Part("Power spectral density", density),
             Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
             Part("RMS in bands", (_bands(a),)),
@@ -95,15 +103,35 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
     if a.clock_ratio is not None and a.table is not None:
         error = a.table.clock_ratio_uncertainty
         yield "Step clock over nominal", f"{a.clock_ratio:.7f} ± {error:.1g}"
+    if a.table is not None:
+        told_apart = f"{SEPARATION / a.recording.duration:.3g} Hz"
+        yield "Resolution", f"lines are told apart, and from the mean, {told_apart} away"
     for note in a.recording.notes_on(a.channel):
         if note:
             yield "Note", note
 
 
+def _orders(a: Analysis) -> tuple[Table, ...]:
+    """The orders of the electrical period, each with whether it is above the noise floor."""
+    if not a.orders:
+        return ()
+    return (_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),)
+
+
+_ORDERS_CAPTION = (
+    f"An order is above the noise floor from {DETECTION_RATIO:g} times that floor on. Orders of an"
+    " acceleration can be compared with a torque's, sizes cannot: the structure between answers to"
+    " each frequency in its own way."
+)
+
+
 def _lines(a: Analysis) -> tuple[Table, ...]:
     if a.table is None:
         return ()
-    found = Table.of("", Line, a.table.notable(), caption=_LINES_CAPTION)
+    shown = [line for line in a.table.notable() if not (a.orders and line.of_clock)]
+    if a.orders and not shown:
+        return ()
+    found = Table.of("", Line, shown, caption=_LINES_CAPTION)
     return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
 
 
@@ -114,14 +142,24 @@ _LINES_CAPTION = (
 
 
 def _in_unit(table: Table, unit: str) -> Table:
-    """A table of torques as one of forces, where the channel is one."""
-    columns = [
-        replace(x, measure=_measure(x.measure, unit))
-        if x.measure in (TORQUE, TORQUE_UNCERTAINTY)
-        else x
-        for x in table.columns
-    ]
-    return replace(table, columns=tuple(columns))
+    """A table of torques as one of forces or accelerations, where the channel is one."""
+    return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
+
+
+def _column_in_unit(column: Column, unit: str) -> Column:
+    measure = column.measure
+    if measure is None or measure not in (TORQUE, TORQUE_UNCERTAINTY):
+        return column
+    return replace(column, key=_key_in_unit(column.key, unit), measure=_measure(measure, unit))
+
+
+def _key_in_unit(key: str, unit: str) -> str:
+    """The key of a column of torques, with the ending of another unit where it has that of a
+    torque.
+    """
+    if key.endswith("_n_m"):
+        return f"{key.removesuffix('_n_m')}_{_ENDINGS[unit]}"
+    return key
 
 
 def _measure(torque: Measure, unit: str) -> Measure:
@@ -138,7 +176,7 @@ def _bands(a: Analysis) -> Table:
 def _files(a: Analysis) -> dict[str, str]:
     """All lines, and the spectra."""
     centre, rms = a.density.third_octaves()
-    unit = "n" if a.unit == "N" else "n_m"
+    unit = _ENDINGS[a.unit]
     tables = {
         "spectrum": {
             "frequency_hz": a.spectrum.frequency,
@@ -151,8 +189,15 @@ def _files(a: Analysis) -> dict[str, str]:
         },
         "third_octaves": {"centre_hz": centre, f"rms_{unit}": rms},
     }
-    lines = {} if a.table is None else {"lines.csv": lines_csv(a.table)}
+    lines = {} if a.table is None else {"lines.csv": _lines_file(a.table)}
     return lines | {f"{name}.csv": columns_csv(columns) for name, columns in tables.items()}
+
+
+def _lines_file(table: LineTable) -> str:
+    """All lines as CSV text, its header in the table's unit."""
+    header, rest = lines_csv(table).split("\n", 1)
+    keys = [_key_in_unit(key, table.unit) for key in header.split(",")]
+    return "\n".join([",".join(keys), rest])
 
 
 def _facts(a: Analysis) -> Iterator[Fact]:

@@ -118,9 +118,12 @@ def _first_ratio(clock: Sequence[ExpectedLine], spectrum: HannSpectrum) -> float
     """Ratio by that peak in the bands of the first driving lines which makes most lines of the
     clock are detected.
     """
+    searched = [line for line in clock if line.high > line.low]
     candidates = [line for line in clock if line.kind == "drive"][:3] or [
-        line for line in clock if line.kind == "full step" and line.high > line.low
+        line for line in searched if line.kind == "full step"
     ]
+    if all(line.kind == "electrical" for line in clock):  # a stated step rate, and no scenario
+        candidates = searched
     slack = 0.7 / spectrum.duration
     tried = []
     for line in candidates:

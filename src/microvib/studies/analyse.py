@@ -6,10 +6,27 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from microvib.analysis import spectra
-from microvib.analysis.lines import lines_of_recording, lines_of_samples, recording_warnings
+from microvib.analysis.lines import (
+    CLOCK_TOLERANCE,
+    lines_of_recording,
+    lines_of_samples,
+    recording_warnings,
+    shortest_record,
+)
+from microvib.analysis.orders import (
+    FULL_STEPS,
+    OrderLine,
+    StepClock,
+    lines_at_orders,
+    lines_without_clock,
+    order_lines,
+)
+from microvib.analysis.steadiness import steadiness_notes
 from microvib.analysis.usable import force_table_notes
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, OptionError
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source, open_source
 from microvib.model.rigid import COMPONENTS
@@ -18,9 +35,13 @@ from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
+from microvib.testdata.channels import ACCELERATIONS
 from microvib.testdata.recording import Recording, require_usable_channel
 from microvib.units import Band, GivenQuantity, Si, band
 
+NO_CLOCK_NOTE = (
+    "lines are not identified, because neither a step rate nor a scenario was given to name them"
+)
 NO_SCENARIO_NOTE = "lines are not identified, because no scenario was given to predict them"
 
 
@@ -31,10 +52,12 @@ class Analysis:
     name: str
     channel: str
     unit: str
-    """``N`` or ``N*m``."""
+    """``N``, ``N*m``, ``m/s^2`` or ``g``."""
     recording: Recording
     table: LineTable | None
-    """Lines of the drive-axis torque; None for another channel."""
+    """Lines of the drive-axis torque, of an acceleration, or of any channel at the orders of a
+    stated step clock; None for another channel.
+    """
     clock_ratio: float | None
     """Step clock over nominal; None where no line of the clock is seen."""
     spectrum: Spectrum
@@ -43,6 +66,10 @@ class Analysis:
     waterfall: Waterfall
     bands: tuple[tuple[float, float, float], ...]
     """Lower and upper end [Hz] of the bands asked for, and their RMS."""
+    orders: tuple[OrderLine, ...] = ()
+    """Orders of the electrical period, where a step clock was stated, or the channel is an
+    acceleration and the scenario has one.
+    """
 
 
 def analyse(  # noqa: PLR0913 - keyword options
@@ -51,12 +78,17 @@ def analyse(  # noqa: PLR0913 - keyword options
     name: str = "",
     scenario: GivenScenario | None = None,
     channel: str = "Mz",
+    step_rate: GivenQuantity | None = None,
+    steps_per_period: int = FULL_STEPS,
     window: Window = "hann",
     resolution: GivenQuantity | None = None,
     bands: Sequence[Band] = (),
     progress: Progress | None = None,
 ) -> Analysis:
     """Find the lines and spectra of a scenario, a run's folder or a recording.
+
+    Nothing is judged here, so a record may be as short as its lines allow: each line that it does
+    not resolve says so, with the length that would.
 
     Parameters
     ----------
@@ -67,7 +99,14 @@ def analyse(  # noqa: PLR0913 - keyword options
     scenario : Scenario, str or path, optional
         Says which lines to look for in a recording; without it those above the noise floor are not named.
     channel : str
-        Channel with the torque about the drive axis.
+        Channel with the torque about the drive axis; of a recording also a force or an
+        acceleration.
+    step_rate : str or Si, optional
+        Steps per second of the recorded motor, such as ``"4000 Hz"``, in place of a scenario: lines
+        are then looked for at the orders of the electrical period.
+    steps_per_period : int
+        Steps of that rate per electrical period: of a two-phase motor 4 times its microsteps per
+        full step.
     window : {"rectangular", "hann", "flat-top"}
         Window of the spectra.
     resolution : str or Si, optional
@@ -85,16 +124,21 @@ def analyse(  # noqa: PLR0913 - keyword options
     Raises
     ------
     MicrovibError
-        Where the source is too short, or its channel is neither a force nor a torque.
+        Where the source is too short, or its channel is neither a force, a torque nor an
+        acceleration.
     """
     opened = open_source(os.fspath(source)) if isinstance(source, (str, os.PathLike)) else source
     guide = None if scenario is None else as_scenario(scenario)
-    recording, background, table, expected = _source(opened, name, guide, channel, progress)
+    clock = _step_clock(opened, guide, channel, step_rate, steps_per_period)
+    if isinstance(opened, Prepared) and (clock or _is_acceleration(opened.recording, channel)):
+        recording, background, table, expected = _at_orders(opened, channel, guide, clock)
+    else:
+        recording, background, table, expected = _source(opened, name, guide, channel, progress)
     if table is None:
         found = None
     else:
         found = table.clock_ratio
-    recording.load(channel)  # which refuses what is neither a force nor a torque
+    recording.load_or_acceleration(channel)  # which refuses what is none of them
     density = spectra.psd(recording, channel, resolution, window)
     if background is not None:
         density = density.less(spectra.psd(background, channel, Si(density.resolution), window))
@@ -109,7 +153,62 @@ def analyse(  # noqa: PLR0913 - keyword options
         density=density,
         waterfall=spectra.waterfall(recording, channel, resolution, window),
         bands=tuple((low, high, density.band_rms(low, high)) for low, high in map(band, bands)),
+        orders=_orders(table, recording[channel]) if clock else (),
     )
+
+
+def _orders(table: LineTable | None, x: np.ndarray) -> tuple[OrderLine, ...]:
+    return () if table is None else order_lines(table, x)
+
+
+def _is_acceleration(recording: Recording, channel: str) -> bool:
+    return channel not in COMPONENTS and recording.units.get(channel) in ACCELERATIONS
+
+
+def _step_clock(
+    source: Source,
+    guide: Scenario | None,
+    channel: str,
+    step_rate: GivenQuantity | None,
+    steps_per_period: int,
+) -> StepClock | None:
+    """The clock at whose orders lines are looked for: the stated one, or a scenario's where the
+    channel is an acceleration, of which it predicts nothing else.
+    """
+    if step_rate is None:
+        of_scenario = (
+            guide is not None
+            and isinstance(source, Prepared)
+            and _is_acceleration(source.recording, channel)
+        )
+        return StepClock.of(guide) if guide is not None and of_scenario else None
+    if not isinstance(source, Prepared):
+        raise OptionError("step_rate", "applies to a recording; this source has its own step rate")
+    if guide is not None:
+        raise OptionError("step_rate", "the scenario has a step rate, too; give one of the two")
+    return StepClock.stated(step_rate, steps_per_period)
+
+
+def _at_orders(
+    prepared: Prepared, channel: str, guide: Scenario | None, clock: StepClock | None
+) -> tuple[Recording, Recording | None, LineTable | None, float]:
+    """Lines of a channel at the orders of a step clock; all above the floor where none is known."""
+    recording, expected = prepared.recording, 1.0
+    if guide is not None:
+        expected = guide.tracking.clock_ratio
+    require_usable_channel(recording, channel, shortest_record(recording, None), acceleration=True)
+    if clock is None:
+        table = lines_without_clock(recording, channel)
+        return recording.noted(NO_CLOCK_NOTE), prepared.background, table, expected
+    table = lines_at_orders(recording, channel, clock)
+    if table.clock_ratio is None:
+        recording = recording.noted(
+            f"no order of {clock.electrical_frequency:.6g} Hz is above the noise floor within"
+            f" {100.0 * CLOCK_TOLERANCE:g} % of the stated step rate"
+        )
+    for note in steadiness_notes(table):
+        recording = recording.noted(note)
+    return recording, prepared.background, table, expected
 
 
 def _source(
@@ -168,7 +267,7 @@ def _of_recording(
                 f"{channel} is not the torque about the drive axis: its lines are not looked for"
             )
         return recording, background, None, 1.0
-    table = lines_of_recording(recording, channel, guide, background)
+    table = lines_of_recording(recording, channel, guide, background, judged=False)
     if guide is None:
         recording = recording.noted(NO_SCENARIO_NOTE)
         for note in force_table_notes(table, recording, channel):

@@ -7,7 +7,9 @@ import re
 
 from microvib.units import convert
 
-LOADS = ("N", "N*m")  # units of what is analysed: forces and torques
+LOADS = ("N", "N*m")  # units of what verdicts are given on: forces and torques
+ACCELERATIONS = ("m/s^2", "g")
+"""Units in which accelerations are kept, as they were given; g is that of standard gravity."""
 COUNTS = (
     "counts",
     "count",
@@ -189,6 +191,30 @@ def as_load(text: str) -> tuple[float, str] | None:
     return None
 
 
+_IN_GRAVITY = re.compile(r"(?<![A-Za-zµμ])[munµμ]?g(?![A-Za-z])")
+"""A unit of acceleration in parts of standard gravity, which no channel means as grams."""
+
+
+def as_acceleration(text: str) -> tuple[float, str] | None:
+    """A quantity in m/s^2 or in g, and which of the two; None where it is neither."""
+    for unit in _acceleration_units(text):
+        try:
+            return convert(text, unit), unit
+        except ValueError:
+            continue
+    return None
+
+
+def _acceleration_units(text: str) -> tuple[str, ...]:
+    """Units of acceleration that a text may be in; g only where it names it."""
+    return ACCELERATIONS if _IN_GRAVITY.search(text) else ACCELERATIONS[:1]
+
+
+def as_measured(text: str) -> tuple[float, str] | None:
+    """A force, torque or acceleration, and its unit as it is kept; None where it is none of them."""
+    return as_load(text) or as_acceleration(text)
+
+
 def plain_load(unit: str) -> str:
     """``N`` or ``N*m`` for any way to write it, such as ``N m``, ``Nm`` or ``N·m``; other units as
     they are.
@@ -211,11 +237,11 @@ def as_denominator(unit: str) -> str:
     return unit
 
 
-def load_per(text: str, unit: str) -> tuple[float, str] | None:
-    """Load per ``unit`` of a channel, in N or N m, from '0.5 N*m/V' or the reverse, '2 V/N';
-    None where it is neither.
+def measured_per(text: str, unit: str) -> tuple[float, str] | None:
+    """Force, torque or acceleration per ``unit`` of a channel, in the unit that it is kept in, from
+    '0.5 N*m/V' or the reverse, '2 V/N', '16384 counts/g'; None where it is none of them.
     """
-    for load in LOADS:
+    for load in (*LOADS, *_acceleration_units(text)):
         for wanted, power in ((f"{load}/({unit})", 1), (f"({unit})/({load})", -1)):
             try:
                 value = convert(text, wanted)

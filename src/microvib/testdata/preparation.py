@@ -17,10 +17,10 @@ from microvib.testdata.channels import (
     COUNTS,
     FULL_SCALE,
     as_denominator,
-    as_load,
+    as_measured,
     is_time,
     is_unit,
-    load_per,
+    measured_per,
 )
 from microvib.testdata.moved import with_moved_torques
 from microvib.testdata.recording import Recording, RecordingError
@@ -150,11 +150,11 @@ def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
                 )
             units[name] = text
             continue
-        found = as_load(text)
+        found = as_measured(text)
         if found is None:
             raise RecordingError(
                 f"{recording.title}: units.{name}: '{text}' is neither a force nor a torque to the"
-                " count"
+                " count, nor an acceleration"
             )
         channels[name], units[name] = values * found[0], found[1]
     if not given:
@@ -167,7 +167,7 @@ def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
     channels, units = dict(recording.channels), dict(recording.units)
     for name, text in given.items():
         values, unit = recording[name], as_denominator(units.get(name, "").strip())
-        found = load_per(text, unit)
+        found = measured_per(text, unit)
         if found is None:
             raise RecordingError(
                 f"{recording.title}: sensitivity.{name}: '{text}' does not go with a channel in"

@@ -18,8 +18,10 @@ from microvib.errors import MicrovibError, expect_mapping
 from microvib.former_names import FormerName
 from microvib.model.rigid import COMPONENTS
 from microvib.testdata.channels import (
+    ACCELERATIONS,
     FULL_SCALE,
     LOADS,
+    as_acceleration,
     as_denominator,
     as_load,
     plain_load,
@@ -247,7 +249,8 @@ class Recording:
         return replace(self, notes=(*self.notes, note), **changes)  # type: ignore[arg-type]
 
     def in_si(self) -> Recording:
-        """Convert forces to N and torques to N m; what is neither keeps its unit.
+        """Convert forces to N, torques to N m and accelerations to m/s² or g, whichever they are
+        in; what is none of them keeps its unit.
 
         Returns
         -------
@@ -263,6 +266,8 @@ class Recording:
         for name in channels:
             unit = units.get(name, "").strip()
             found = as_load(f"1 {unit}") if unit else None
+            if found is None and unit and name not in COMPONENTS:
+                found = as_acceleration(f"1 {unit}")
             if found is None:
                 continue
             factor, si = found
@@ -320,6 +325,28 @@ class Recording:
             f" unit, units: {{{yaml_quoted(name)}: {example}}}",
             remedy="prepare",
         )
+
+    def load_or_acceleration(self, name: str) -> np.ndarray:
+        """Give a force, a torque or an acceleration, after ``in_si``.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel; no component, ``Fx`` to ``Mz``, is an acceleration.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples in the channel's unit, (n,): N, N m, m/s² or g.
+
+        Raises
+        ------
+        RecordingError
+            Where the channel is none of them: says what the preparation must add.
+        """
+        if name not in COMPONENTS and self.units.get(name, "").strip() in ACCELERATIONS:
+            return self[name]
+        return self.load(name)
 
     def six(self) -> np.ndarray:
         """Give the six components.
@@ -554,14 +581,17 @@ class Recording:
         )
 
 
-def require_usable_channel(recording: Recording, name: str, shortest: float = 0.0) -> None:
+def require_usable_channel(
+    recording: Recording, name: str, shortest: float = 0.0, *, acceleration: bool = False
+) -> None:
     """Refuse a channel that cannot be analysed.
 
-    RecordingError where it is neither a force nor a torque, has NaN, is constant, clipped, has runs
-    of repeated samples (drop-outs), one sample out of all proportion, or is shorter than
-    ``shortest`` [s].
+    RecordingError where it is neither a force nor a torque, nor with ``acceleration`` one of these,
+    has NaN, is constant, clipped, has runs of repeated samples (drop-outs), one sample out of all
+    proportion, or is shorter than ``shortest`` [s].
     """
-    _refuse(recording, name, channel_fault(recording, name, shortest))
+    of = recording.load_or_acceleration if acceleration else recording.load
+    _refuse(recording, name, next(_faults(recording, name, of(name), shortest), ""))
 
 
 def _refuse(recording: Recording, name: str, told: str) -> None:
@@ -574,7 +604,7 @@ def channel_fault(recording: Recording, name: str, shortest: float = 0.0) -> str
     """Fault of a channel, empty if none; RecordingError where it is neither a
     force nor a torque.
     """
-    return next(_faults(recording, name, shortest), "")
+    return next(_faults(recording, name, recording.load(name), shortest), "")
 
 
 def check_samples(recording: Recording, name: str) -> np.ndarray:
@@ -594,9 +624,9 @@ def check_samples(recording: Recording, name: str) -> np.ndarray:
     return x
 
 
-def _faults(recording: Recording, name: str, shortest: float) -> Iterator[str]:
-    """Faults of a channel, the most obvious first."""
-    x, rate = recording.load(name), recording.sample_rate
+def _faults(recording: Recording, name: str, x: np.ndarray, shortest: float) -> Iterator[str]:
+    """Faults of the samples ``x`` (n,) of a channel, the most obvious first."""
+    rate = recording.sample_rate
     if x.size == 0:
         yield "is empty"
     yield from filter(None, [(recording.faults or {}).get(name)])
