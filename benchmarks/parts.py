@@ -33,6 +33,18 @@ PARTS: dict[str, dict[str, object]] = {
     "presliding, 1 element": {"friction.presliding": {"stiffness": 6e3, "elements": 1}},
     "presliding, 8 elements": {"friction.presliding": {"stiffness": 6e3, "elements": 8}},
     "hysteresis of the gear": {"reducer.hysteresis": {"loss": 1e-5, "stiffness": 2500.0}},
+    "flux harmonic, order 3": {"motor.flux_harmonics": [{"order": 3, "amplitude": 0.025}]},
+    "flux harmonics, orders 3, 5, 7": {
+        "motor.flux_harmonics": [{"order": k, "amplitude": 0.025} for k in (3, 5, 7)]
+    },
+    "detent harmonic, order 8": {"motor.detent": [{"order": 8, "amplitude": 1e-3}]},
+    "harness with friction, 3 elements": {
+        "friction.harness": {
+            "stiffness": 0.5,
+            "friction": 5e-3,
+            "presliding": {"stiffness": 50.0, "elements": 3},
+        }
+    },
 }
 """Changes of state 1."""
 

@@ -298,6 +298,7 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
         "",
         "32",
         "size 17",
+        "",
     ]
     shown = in_terminal(
         "new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers
@@ -311,7 +312,7 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
 
 def test_answers_that_contradict_each_other_are_asked_for_again(tmp_path):
     """The motor's step in place of the output's is known to be wrong only in the end; the other answers stay."""
-    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 6, "0.018 deg"]
+    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 7, "0.018 deg"]
     shown = in_terminal(
         "new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers
     )
@@ -446,6 +447,16 @@ def test_a_detent_torque_is_read_as_data_sheets_write_it():
         drive["motor.detent_torque"]
         == mv.new_scenario(holding_torque="0.4 N*m", detent="4.5 percent")["motor.detent_torque"]
     )
+
+
+def test_the_third_harmonic_of_the_back_emf_becomes_one_of_the_flux(tmp_path):
+    done = microvib(
+        "new", "my.yaml", "--from-datasheet", "--third-harmonic", "2 percent", cwd=tmp_path
+    )
+    assert done.exit_code == 0, done.stderr
+    drive = mv.load_scenario(tmp_path / "my.yaml")
+    assert [(h.order, h.amplitude, h.phase) for h in drive.motor.flux_harmonics] == [(3, 0.02, 0.0)]
+    assert "phase is assumed" in drive.source_of("motor.flux_harmonics.0.amplitude")
 
 
 def test_the_command_that_comes_next_can_be_copied(tmp_path):

@@ -43,7 +43,8 @@ def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed)
     difference, size = np.abs(found - expected).max(axis=0), np.abs(expected).max(axis=0)
     assert np.all(difference[[0, 1, 3, 5]] < 1e-3 * size[[0, 1, 3, 5]])
     step = drive.full_step
-    assert difference[2] < 1e-3 * step and difference[4] < 1e-3 * step / drive.ratio
+    assert difference[2] < 1e-3 * step
+    assert difference[4] < 1e-3 * step / drive.ratio
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -86,7 +87,8 @@ def test_current_rises_freewheels_against_the_diodes_and_stays_exactly_zero():
     falling = (last + against) * np.exp(-(times[3:5] - end) / tau) - against
     assert rows[:5, 1] == pytest.approx(np.r_[rising, falling], rel=1e-6)
     assert rows[:5, 2] == pytest.approx([held.voltage] * 3 + [-held.diode_voltage] * 2)
-    assert np.all(rows[5:, :2] == 0.0) and np.all(rows[:, 0] == 0.0)
+    assert np.all(rows[5:, :2] == 0.0)
+    assert np.all(rows[:, 0] == 0.0)
 
 
 def test_an_open_winding_has_its_back_emf_and_no_current_until_that_exceeds_the_diodes():
@@ -162,7 +164,7 @@ PULSE = {
 
 
 @pytest.mark.parametrize(
-    "changes, words",
+    ("changes", "words"),
     [
         ({"driver.diode_voltage": None}, "driver.diode_voltage"),
         ({"driver.supply_voltage": None}, "driver.supply_voltage"),
@@ -201,18 +203,20 @@ WEAK = replace(HELD, voltage=30.0, step_time=0.5)
 def test_a_margin_finds_where_steps_are_lost():
     scenario = scenario_of(WEAK, 3)
     found = step_margin(scenario, "motor.friction.breakaway=0.005:0.4 N*m", count=4)
-    assert found.runs[0].state == "made" and found.runs[-1].state == "lost"
+    assert [found.runs[0].state, found.runs[-1].state] == ["made", "lost"]
     edge = found.edges[0]
     assert edge.begins
     assert edge.above.value - edge.below.value == pytest.approx((0.4 - 0.005) / 3 / 16)
     for run in (edge.below, edge.above):
-        friction = Friction(WEAK.rotor.coulomb, run.value - WEAK.rotor.coulomb, 1.0, WEAK.rotor.viscous)
+        friction = Friction(
+            WEAK.rotor.coulomb, run.value - WEAK.rotor.coulomb, 1.0, WEAK.rotor.viscous
+        )
         oracle = integrate(replace(WEAK, rotor=friction), 3, first=0.5 * WEAK.step_time)
         assert (run.lost, run.gained, run.first) == (oracle.lost, oracle.gained, oracle.first)
 
 
 @pytest.mark.parametrize(
-    "over, words",
+    ("over", "words"),
     [
         ("driver.voltage=60:80 V", "is not a number of the scenario"),
         ("driver.supply_voltage", "is no range; write KEY=LOW:HIGH with a unit"),

@@ -26,7 +26,10 @@ class Automaton:
 
     def __init__(self, scenario, noise=lambda t: 0.0, grip=lambda angle: 1.0):
         self.s, self.noise, self.grip, f = scenario, noise, grip, scenario.friction
-        self.k, self.nu = np.array(f.memory).reshape(-1, 2).T
+        self.harness = f.harness
+        in_harness = f.harness.memory if f.harness else ()
+        self.k, self.nu = np.array([*f.memory, *in_harness]).reshape(-1, 2).T
+        self.of_harness = np.arange(self.k.size) >= len(f.memory)
         self.mode, self.side, self.gap = (
             np.zeros(self.k.size),
             0.0,
@@ -39,11 +42,19 @@ class Automaton:
     def curve(self, omega):
         return self.slide + self.excess * math.exp(-abs(omega) / self.rate)
 
+    def limits(self, omega, angle):
+        """Torque at which each element slides."""
+        own = self.nu * self.curve(omega) * self.grip(angle)
+        return (
+            np.where(self.of_harness, self.nu * self.harness.friction, own) if self.harness else own
+        )
+
     def friction(self, angle, omega, F):
-        slides = self.mode * self.nu * self.curve(omega) * self.grip(angle)
-        return np.where(
-            self.mode == 0.0, F, slides
-        ).sum() + self.s.friction.viscous * omega * self.grip(angle)
+        slides = self.mode * self.limits(omega, angle)
+        torque = np.where(self.mode == 0.0, F, slides).sum()
+        if self.harness:
+            torque += self.harness.stiffness * (angle - self.harness.neutral_angle)
+        return torque + self.s.friction.viscous * omega * self.grip(angle)
 
     def __call__(self, t, y, ref):
         s, n = self.s, self.H.size
@@ -90,9 +101,7 @@ class Automaton:
 
                     def reaches(t, y, ref, e=e):
                         outward = max(math.copysign(1.0, y[first + e]) * y[7], 0.0)
-                        return self.nu[e] * self.curve(outward) * self.grip(y[6]) - abs(
-                            y[first + e]
-                        )
+                        return self.limits(outward, y[6])[e] - abs(y[first + e])
                 else:
 
                     def reaches(t, y, ref, e=e):
@@ -126,9 +135,7 @@ class Automaton:
                 self.mode[e] = math.copysign(1.0, y[first + e])
             else:
                 slips = self.mode != 0.0
-                y[first:][slips] = (
-                    (1.0 - 1e-9) * self.mode * self.nu * self.curve(0.0) * self.grip(y[6])
-                )[slips]
+                y[first:][slips] = ((1.0 - 1e-9) * self.mode * self.limits(0.0, y[6]))[slips]
                 self.mode[slips] = 0.0
                 y[7] = 0.0
         self.modes.add(tuple(self.mode))

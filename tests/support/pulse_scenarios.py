@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-from support.pulses import Friction, PulsedDrive
 
 import microvib as mv
+from support.pulses import Friction, PulsedDrive
 
 HELD = PulsedDrive(
     voltage=71.0,

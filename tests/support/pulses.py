@@ -152,7 +152,9 @@ class Run:
         return int(wrong[0]) + 1 if wrong.size else 0
 
 
-def _friction_of(drive: PulsedDrive, modes: _Modes, y: np.ndarray) -> tuple[float, float, float, float]:
+def _friction_of(
+    drive: PulsedDrive, modes: _Modes, y: np.ndarray
+) -> tuple[float, float, float, float]:
     """Torques on rotor and output without friction, and their frictions."""
     k = drive.constants(y[TM])
     torque = sum(i * own for i, own in zip(y[CURRENTS:], k, strict=True))
@@ -170,7 +172,9 @@ def _rates(drive: PulsedDrive, modes: _Modes) -> Callable[[float, np.ndarray], l
         turning = 0.0 if modes.rotor == 0.0 else y[WM]
         output = 0.0 if modes.output == 0.0 else y[WL]
         found = [turning, (torque - held_m) / drive.J_m, output, (gear - held_l) / drive.J_l]
-        for i, k, (mode, of) in zip(y[CURRENTS:], drive.constants(y[TM]), modes.windings, strict=True):
+        for i, k, (mode, of) in zip(
+            y[CURRENTS:], drive.constants(y[TM]), modes.windings, strict=True
+        ):
             if mode == OPEN:
                 found.append(0.0)
             else:
@@ -266,7 +270,11 @@ def _at_rest(drive: PulsedDrive, y: np.ndarray) -> _Modes:
 
 
 def integrate(
-    drive: PulsedDrive, steps: int, times: np.ndarray | None = None, rtol: float = 1e-9, first: float = 0.0
+    drive: PulsedDrive,
+    steps: int,
+    times: np.ndarray | None = None,
+    rtol: float = 1e-9,
+    first: float = 0.0,
 ) -> Run:
     """From rest at theta = 0, without current; ``steps`` full steps forwards, one every
     ``step_time`` from ``first`` on, each followed by its free motion.

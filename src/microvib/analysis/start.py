@@ -74,12 +74,15 @@ def wind_up(scenario: Scenario) -> float:
     if the motor is too weak.
 
     The twist of the gear and the lag of the rotor on its electromagnetic spring, T_max sin(z lag),
-    at the breakaway torques of both shafts, and half of the backlash; without detent torque.
+    at the breakaway torques of both shafts with what a harness adds, and half of the backlash;
+    without detent torque and flux harmonics.
     """
     motor, reducer = scenario.motor, scenario.reducer
-    held = scenario.friction.breakaway_torque
+    held, harness = scenario.friction.breakaway_torque, scenario.friction.harness
     if held == 0.0:
         return 0.0
+    if harness is not None:
+        held += harness.friction + harness.stiffness * abs(harness.neutral_angle)
     most = motor.electromagnetic_stiffness / motor.rotor_teeth
     asked = held / reducer.ratio + motor.friction.breakaway_torque
     if asked >= most:

@@ -177,7 +177,7 @@ def clock_line_bounds(
     if not f_d:
         return
     electrical = f_d / (driver.beats * driver.microsteps)
-    detent = electrical * motor.detent_periods
+    comb, torques = motor.torque_comb, motor.torque_orders
     fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
     end = min(2.0 * max(start, fastest) + 20.0 * f_d, high)
     count = min(math.ceil(end / f_d) + 1, _MAX_ORDERS)
@@ -193,23 +193,24 @@ def clock_line_bounds(
             ABOVE_PASSBAND_FACTOR * size,
             ABOVE_PASSBAND_FACTOR * pull,
         )
-    if motor.detent_torque > 0.0:
+    if comb is not None:
         orders = np.arange(1, count + 1)
-        k = np.tile(orders, 2 * SIDEBANDS)
-        side = np.repeat([j for j in range(-SIDEBANDS, SIDEBANDS + 1) if j], orders.size)
+        sides = [j * n for n in torques for j in range(-SIDEBANDS, SIDEBANDS + 1) if j]
+        k, side = np.tile(orders, len(sides)), np.repeat(sides, orders.size)
         side_lines, by_staircase = (
-            k * f_d + side * detent,
+            k * f_d + side * electrical,
             ABOVE_PASSBAND_FACTOR * np.abs(staircase_torque(scenario, k)),
         )
         yield _line_family_bounds(
             scenario, "a side line of a driving line", side_lines, by_staircase, start, high
         )
-        m = np.arange(1, min(math.ceil(end / detent) + 1, _MAX_ORDERS))
+        m = np.arange(1, min(math.ceil(end / (electrical * comb)) + 1, _MAX_ORDERS))
+        each = [size / np.maximum(m * (comb / n), 1.0) for n, size in torques.items()]
         yield _line_family_bounds(
             scenario,
             "a full-step line",
-            m * detent,
-            ABOVE_PASSBAND_FACTOR * motor.detent_torque / m,
+            m * (electrical * comb),
+            ABOVE_PASSBAND_FACTOR * np.sum(each, axis=0),
             start,
             high,
         )

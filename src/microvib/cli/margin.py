@@ -25,9 +25,7 @@ from microvib.cli.progress import progress_bar
 @set_option
 @target_options("Folder for tables and report [default: print only].")
 @with_precompilation
-def margin(
-    scenario: str, over: str, count: int, settings: tuple[str, ...], target: Target
-) -> None:
+def margin(scenario: str, over: str, count: int, settings: tuple[str, ...], target: Target) -> None:
     """Find where SCENARIO, a drive by voltage pulses, loses steps: over its voltage, a friction, an
     inertia or any other number.
     """

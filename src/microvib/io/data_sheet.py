@@ -52,6 +52,19 @@ class DataSheet(Part):
         | None
     ) = None
     detent_torque: Annotated[float, Quantity("N*m", "detent torque", ge=0)] | None = None
+    third_harmonic: (
+        Annotated[
+            float,
+            Quantity(
+                "",
+                "third harmonic of a phase's back-EMF over its fundamental",
+                ge=0,
+                le=0.5,
+                display="percent",
+            ),
+        ]
+        | None
+    ) = None
     step_angle: (
         Annotated[float, Quantity("rad", "full step at the output", gt=0, display="deg")] | None
     ) = None
@@ -183,6 +196,8 @@ def assumed(entries: dict[str, Entry]) -> dict[str, Entry]:
     }
 
 
+FLUX = "motor.flux_harmonics.0"
+"""Key of the harmonic that the third harmonic of the back-EMF makes."""
 _Found = tuple[str, Entry]
 
 
@@ -208,6 +223,9 @@ def _motor(sheet: DataSheet, torque: TypicalRange) -> Iterator[_Found]:
     yield "motor.torque_constant", _entry(Motor, "torque_constant", constant, said)
     detent, said = _detent(sheet, torque)
     yield "motor.detent_torque", _entry(Motor, "detent_torque", detent, said)
+    if sheet.third_harmonic:
+        said = "data sheet: third harmonic of the back-EMF; its phase is assumed"
+        yield f"{FLUX}.amplitude", Entry(f"{sheet.third_harmonic:.6g}", said)
     if sheet.rotor_inertia is None:
         rotor = torque.times(INERTIA)
         said = "0.3 kg cm² per N m of holding torque, of hybrid stepping motors"

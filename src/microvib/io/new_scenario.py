@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Mapping
 
-from microvib.io.data_sheet import EXAMPLE_SOURCE, assumed, entries_of, read_sheet
+from microvib.io.data_sheet import EXAMPLE_SOURCE, FLUX, assumed, entries_of, read_sheet
 from microvib.io.gears import Entry, find_gear
 from microvib.io.named import catalog_text
 from microvib.io.scenario_file import scenario_of
@@ -116,6 +116,9 @@ def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
         return line.replace("# transmission_error:", "transmission_error:  ")
     if amplitude is not None and line.startswith("  #   - {order:"):
         return f"    - {{order: 2, amplitude: {amplitude.text}, phase: 0 deg}}"
+    flux = entries.get(f"{FLUX}.amplitude")
+    if flux is not None and line.startswith("  # flux_harmonics:"):
+        return f"  flux_harmonics: [{{order: 3, amplitude: {flux.text}, phase: 0 deg}}]"
     hysteresis = entries.get(_HYSTERESIS)
     if hysteresis is not None and line.startswith("  # hysteresis:"):
         return f"  # hysteresis: {hysteresis.text}  # a maker's bound on the loss; without the first # it acts"

@@ -42,5 +42,8 @@ QUESTIONS = {
     "gear": Question(
         "GEAR", "A harmonic gear of the catalog, planetary, or none", "size 14 ratio 100"
     ),
+    "third_harmonic": Question(
+        "FRACTION", "Third harmonic of the back-EMF over its fundamental", "2 percent"
+    ),
 }
 """In the order in which it is asked for; the keys are those of ``io.data_sheet.DataSheet``."""

@@ -162,6 +162,7 @@ TABLES: dict[str, tuple[tuple[str, str], ...]] = {
     "friction.position.roughness.table": (("frequency", ""), ("density", "")),
     "friction.presliding.loop": _LOOP,
     "motor.friction.presliding.loop": _LOOP,
+    "friction.harness.presliding.loop": _LOOP,
 }
 """Keys that may name a file with a table, and its columns, name and unit, where these are fixed."""
 

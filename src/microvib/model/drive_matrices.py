@@ -23,11 +23,13 @@ def drive_matrices(
     M[0, 2:] = M[2:, 0] = load.R
     M[1, 2:] = M[2:, 1] = load.H
     M[2:, 2:] = np.eye(s)
-    C[0, 0], C[1, 1] = motor.friction.viscous, friction.viscous
+    C[0, 0], C[1, 1] = motor.viscous, friction.viscous
     C[2:, 2:] = np.diag(load.D)
     C[0, 2:] = C[2:, 0] = load.V_m
     C[1, 2:] = C[2:, 1] = load.V_l
     K[0, 0] = spring
+    if friction.harness is not None:
+        K[1, 1] = friction.harness.stiffness
     K[2:, 2:] = np.diag(load.Lambda)
     if reducer.rigid:
         T = coordinates(reducer, s)

@@ -309,7 +309,8 @@ class Driver(Part):
             turn = references_over_electrical_period(self, 1.0)
             sign = np.where(np.abs(turn) > _SWITCHED_OFF, np.sign(turn), 0.0)
             at = np.asarray(count, dtype=np.int64) % len(turn)
-            return tuple(self.amplitude(motor) * sign[at].T)  # type: ignore[return-value]
+            A, B = self.amplitude(motor) * sign[at].T
+            return A, B
         return self.references(motor, self.electrical_angle(count))
 
     def references(

@@ -150,8 +150,8 @@ def distance_to_clock_line(scenario: Scenario, frequency: float, tolerance: floa
     driver, motor = scenario.driver, scenario.motor
     electrical = f_d / (driver.beats * driver.microsteps)
     combs = [f_d]
-    if motor.detent_torque > 0.0:
-        combs.append(electrical * motor.detent_periods)
+    if motor.torque_comb is not None:
+        combs.append(electrical * motor.torque_comb)
     if driver.distorted:
         combs.append(electrical)
     rotor = electrical / motor.rotor_teeth
@@ -169,9 +169,12 @@ def _orders(
 ) -> tuple[int, dict[Fraction | int, tuple[str, Kind, str]]]:
     """Microsteps per turn of the rotor; and name, kind and origin of the line of each order of such
     a turn, a whole one but of gear trains, that of the first family where several have it."""
+    unequal = any(order % motor.full_steps for order in motor.torque_orders)
     b, z, steps = driver.beats, motor.rotor_teeth, motor.full_steps
     turn = b * driver.microsteps * z
     makers = {error.order: error.causes for error in angle_errors(driver, motor.phases)}
+    for order, causes in _motor_makers(motor).items():
+        makers[order] = (*makers.get(order, ()), *causes)
     families: list[tuple[str, Kind, int, Sequence[int], str]] = [
         (DRIVE, "drive", turn, range(1, harmonics + 1), "microstep"),
         (
@@ -185,10 +188,11 @@ def _orders(
             ELECTRICAL,
             "electrical",
             z,
-            range(1, (harmonics if driver.distorted else 3) + 1),
+            range(1, (harmonics if driver.distorted or unequal else 3) + 1),
             "electrical period",
         ),
     ]
+    families += _motor_families(motor, harmonics)
     orders: dict[Fraction | int, tuple[str, Kind, str]] = {}
     for stem, kind, unit, members, origin in families:
         for k in members:
@@ -206,15 +210,43 @@ def _orders(
         else:
             of = "gear train"
         orders.setdefault(e.order, (e.line, of, f"transmission error, {e.origin}"))
-    detent = motor.detent_periods * z
-    if motor.detent_torque > 0.0 and turn > 2 * SIDEBANDS * detent:
+    side = motor.side_line_order
+    if side is not None and turn > 2 * SIDEBANDS * side * z:
         for k in range(1, harmonics + 1):
             for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
                 name = str(LineName(DRIVE, k, sideband=j))
                 orders.setdefault(
-                    k * turn + j * detent, (name, "sideband", f"{driving_line(k)} {j:+d} full step")
+                    k * turn + j * side * z,
+                    (name, "sideband", f"{driving_line(k)} {j:+d} full step"),
                 )
     return turn, orders
+
+
+def _motor_makers(motor: Motor) -> dict[int, tuple[str, ...]]:
+    """Flux harmonics and further harmonics of the detent torque, by the cycles per electrical turn
+    of the torque that they make.
+    """
+    makers: dict[int, tuple[str, ...]] = {}
+    made = [(h.torque_order, f"flux harmonic {h.order}") for h in motor.axis_flux_harmonics]
+    made += [(h.order, f"detent harmonic {h.order}") for h in motor.detent if h.amplitude]
+    for order, cause in made:
+        makers[order] = (*makers.get(order, ()), cause)
+    return makers
+
+
+def _motor_families(
+    motor: Motor, harmonics: int
+) -> list[tuple[str, Kind, int, Sequence[int], str]]:
+    """Families of those torques of the motor that lie beyond the members of the others."""
+    z, steps = motor.rotor_teeth, motor.full_steps
+    families: list[tuple[str, Kind, int, Sequence[int], str]] = []
+    for order in _motor_makers(motor):
+        times, rest = divmod(order, steps)
+        if rest and order > harmonics:
+            families.append((ELECTRICAL, "electrical", z, (order,), "electrical period"))
+        elif not rest and times > harmonics:
+            families.append((FULL_STEP, "full step", steps * z, (times,), "detent period"))
+    return families
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from microvib.model.harness import Harness
 from microvib.model.noise import FrictionPosition, TorqueNoise
 from microvib.model.part import Part
 from microvib.model.presliding import Presliding
@@ -68,6 +69,11 @@ class Friction(Part):
         description="variation of friction with the output angle; none if left out",
     )
 
+    harness: Harness | None = Field(
+        default=None,
+        description="harness from the housing to the array; none if left out",
+    )
+
     def _consistency_errors(self) -> Iterator[str]:
         if self.breakaway < self.coulomb:
             yield f"breakaway: {self.breakaway:g} N*m is below coulomb, {self.coulomb:g} N*m; it must be at least that"
@@ -109,16 +115,27 @@ class Friction(Part):
 
     @property
     def largest_torque(self) -> float:
-        """Largest torque that can be held at rest at any angle of the shaft [N m]."""
+        """Largest torque that friction can hold at rest at any angle of the shaft, that of a harness
+        included [N m].
+        """
         if self.position is None:
-            return self.breakaway_torque
-        return self.breakaway_torque * self.position.largest_factor
+            own = self.breakaway_torque
+        else:
+            own = self.breakaway_torque * self.position.largest_factor
+        if self.harness is None:
+            return own
+        return own + self.harness.friction
 
     def turned(self, angle: float) -> Friction:
         """Friction for a motion that begins at another angle of the shaft [rad]."""
-        if self.position is None or not self.position.harmonics:
-            return self
-        return self.model_copy(update={"position": self.position.turned(angle)})
+        changed: dict[str, Part] = {}
+        if self.position is not None and self.position.harmonics:
+            changed["position"] = self.position.turned(angle)
+        if self.harness is not None:
+            changed["harness"] = self.harness.turned(angle)
+        if changed:
+            return self.model_copy(update=changed)
+        return self
 
     @property
     def with_new_seed(self) -> Friction:

@@ -33,13 +33,9 @@ class FluxHarmonic(Part):
     ]
     amplitude: Annotated[
         float,
-        Quantity(
-            "", "amplitude over the torque constant", ge=-0.99, le=0.99, usual=(1e-5, 0.3)
-        ),
+        Quantity("", "amplitude over the torque constant", ge=-0.99, le=0.99, usual=(1e-5, 0.3)),
     ]
-    phase: Annotated[
-        float, Quantity("rad", "phase at zero angle of phase A", display="deg")
-    ] = 0.0
+    phase: Annotated[float, Quantity("rad", "phase at zero angle of phase A", display="deg")] = 0.0
 
     def _consistency_errors(self) -> Iterator[str]:
         if self.order % 2 == 0:
@@ -95,9 +91,7 @@ def sequence(order: int, phases: int) -> int:
     return 0
 
 
-def axis_harmonics(
-    harmonics: Iterable[FluxHarmonic], phases: int
-) -> tuple[AxisHarmonic, ...]:
+def axis_harmonics(harmonics: Iterable[FluxHarmonic], phases: int) -> tuple[AxisHarmonic, ...]:
     """Harmonics that act in the two axes, by their order."""
     found = (
         AxisHarmonic(h.order, h.amplitude, h.phase, sequence(h.order, phases)) for h in harmonics

@@ -17,6 +17,7 @@ from microvib.model.harmonics import (
     FluxHarmonic,
     axis_harmonics,
     repeated_order,
+    sequence,
 )
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -89,6 +90,18 @@ class Motor(Part):
             usual=(1e-9, 1e-2),
         ),
     ]
+    eddy_damping: (
+        Annotated[
+            float,
+            Quantity(
+                "N*m*s/rad",
+                "eddy-current damping of the rotor; null is none",
+                ge=0,
+                usual=(1e-7, 1.0),
+            ),
+        ]
+        | None
+    ) = None
     friction: Friction = Field(description="friction on the rotor, against omega_m")
 
     def _consistency_errors(self) -> Iterator[str]:
@@ -97,6 +110,8 @@ class Motor(Part):
             yield "friction.position: slip ring and bearing are on the output; give it as friction.position of the scenario"
         if self.friction.torque_noise is not None:
             yield "friction.torque_noise: noise acts on the output; give it as friction.torque_noise of the scenario"
+        if self.friction.harness is not None:
+            yield "friction.harness: a harness is on the output; give it as friction.harness of the scenario"
         if self.detent_periods % self.full_steps:
             yield (
                 f"detent_order: {self.detent_order} is not allowed with {self.phases} phases; a"
@@ -127,11 +142,31 @@ class Motor(Part):
 
     @property
     def detent_stiffness(self) -> float:
-        """Largest stiffness of the detent torque [N m/rad], at every other of its zeros; at those
-        between it is as much below 0. Of more harmonics the sum of theirs, an upper bound.
+        """Largest stiffness of detent torque and flux harmonics [N m/rad], beside that of sinusoidal
+        flux.
+
+        Of the detent torque alone it is there at every other of its zeros; at those between it is as
+        much below 0. Of more harmonics the sum of theirs, an upper bound.
         """
-        own = self.rotor_teeth * self.detent_periods * self.detent_torque
-        return own + sum(self.rotor_teeth * h.order * h.amplitude for h in self.detent)
+        return math.fsum(self.stiffness_orders.values())
+
+    @property
+    def stiffness_orders(self) -> dict[int, float]:
+        """Amplitudes of the stiffness of detent torque and flux harmonics [N m/rad], by cycles per
+        electrical turn of a rotor that follows its command.
+        """
+        z = self.rotor_teeth
+        orders = {order: z * order * size for order, size in self.detent_orders.items()}
+        for harmonic in self.axis_flux_harmonics:
+            order = harmonic.torque_order
+            own = self.electromagnetic_stiffness * harmonic.order * abs(harmonic.amplitude)
+            orders[order] = orders.get(order, 0.0) + own
+        return orders
+
+    @property
+    def viscous(self) -> float:
+        """Torque over rate of the rotor [N m s/rad]: viscous friction and eddy-current damping."""
+        return self.friction.viscous + (self.eddy_damping or 0.0)
 
     @property
     def full_steps(self) -> int:
@@ -147,6 +182,17 @@ class Motor(Part):
     def axis_flux_harmonics(self) -> tuple[AxisHarmonic, ...]:
         """Flux harmonics that make torque with the currents of the two axes."""
         return axis_harmonics(self.flux_harmonics, self.phases)
+
+    @property
+    def second_plane_orders(self) -> tuple[int, ...]:
+        """Orders of flux harmonics of five phases that act on currents in their second plane."""
+        if self.phases != 5:
+            return ()
+        return tuple(
+            h.order
+            for h in self.flux_harmonics
+            if h.amplitude and h.order % 5 and not sequence(h.order, 5)
+        )
 
     @property
     def detent_orders(self) -> dict[int, float]:
@@ -169,6 +215,29 @@ class Motor(Part):
             order = harmonic.torque_order
             orders[order] = orders.get(order, 0.0) + full * abs(harmonic.amplitude)
         return orders
+
+    @property
+    def torque_comb(self) -> int | None:
+        """The largest order that all ``torque_orders`` are multiples of; None where there are none."""
+        orders = self.torque_orders
+        if orders:
+            return math.gcd(*orders)
+        return None
+
+    @property
+    def side_line_order(self) -> int | None:
+        """Distance of side lines of driving lines by detent torque and flux harmonics, in cycles per
+        electrical turn: a period of theirs, or a full step where they are more often alike.
+        """
+        comb = self.torque_comb
+        if comb is None or comb % self.full_steps == 0:
+            return comb
+        return self.full_steps
+
+    @property
+    def alike_per_turn(self) -> int:
+        """How often per electrical turn the phases change places with the motor as before."""
+        return math.gcd(self.full_steps, self.repeats_per_turn)
 
     @property
     def repeats_per_turn(self) -> int:

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from microvib.model.gear_train import train_orders
+from microvib.model.harmonics import sequence
 from microvib.model.line_names import driving_line, electrical_line, full_step_line
 from microvib.model.linear import CoupledMode, coupled_modes
+from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
 
 RESONANCE_PROXIMITY = 0.05
@@ -36,8 +38,8 @@ class DriveOrder:
 def drive_orders(scenario: Scenario) -> tuple[DriveOrder, ...]:
     """Orders of motor, driver and gears, the train's stage by stage.
 
-    Microsteps, full steps, detent torque, electrical periods and turns of the rotor with their
-    first harmonics; of a harmonic reducer two per turn, where its kinematic error usually stands,
+    Microsteps, full steps, detent torque, flux harmonics, electrical periods and turns of the rotor
+    with their first harmonics; of a harmonic reducer two per turn, where its kinematic error usually stands,
     and the orders of ``transmission_error``; of a train all of its stages' orders and their
     ``errors``. Near are modes through the drive or clamped, within NEAR.
     """
@@ -80,6 +82,11 @@ def _enumerate_orders(scenario: Scenario) -> Iterator[tuple[str, str, Fraction |
         yield full_step_line(k), words, k * motor.full_steps * z
     detent = motor.detent_periods
     yield "detent", f"detent torque: {detent} x {z} teeth x turns of the rotor", detent * z
+    for h in motor.detent:
+        words = f"detent torque, harmonic: {h.order} x {z} teeth x turns of the rotor"
+        yield f"detent {h.order}", words, h.order * z
+    for flux in motor.flux_harmonics:
+        yield from _flux_order(motor, flux.order)
     for k in (1, 2):
         yield (
             electrical_line(k),
@@ -102,6 +109,25 @@ def _enumerate_orders(scenario: Scenario) -> Iterator[tuple[str, str, Fraction |
         "turns of the output",
         Fraction(1) / Fraction(reducer.ratio).limit_denominator(10**9),
     )
+
+
+def _flux_order(motor: Motor, order: int) -> Iterator[tuple[str, str, int]]:
+    """The torque of a flux harmonic with currents that follow the rotor; one that makes none has its
+    own order, and says so.
+    """
+    z, turned = motor.rotor_teeth, sequence(order, motor.phases)
+    if turned == 0:
+        words = (
+            f"flux harmonic {order}: no torque with {motor.phases} phases in star, which carry none"
+            " of its current"
+        )
+        yield f"flux {order}", words, order * z
+        return
+    words = (
+        f"flux harmonic {order}: torque at {order} {'-' if turned > 0 else '+'} 1 ="
+        f" {order - turned} x {z} teeth x turns of the rotor, proportional to the current"
+    )
+    yield f"flux {order}", words, (order - turned) * z
 
 
 def _multiple_prefix(k: int) -> str:

@@ -13,7 +13,7 @@ from pydantic import Field
 from microvib.errors import ScenarioError, did_you_mean, expect, expect_mapping
 from microvib.model.array import Array
 from microvib.model.craft import Craft, craft_of, shaft_load
-from microvib.model.driver import Driver
+from microvib.model.driver import NO_IMPERFECTIONS, Driver
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
@@ -31,6 +31,11 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
 TEXT_KEYS = ("title", "source", "sources", "reference")  # fields that hold no parameters
+ASSUMED_UNLESS_SOURCED = ("motor.eddy_damping", "friction.harness")
+"""Keys and groups that hardly any data sheet gives: assumed, unless ``sources`` says where they come
+from, whatever the source of the scenario is.
+"""
+ASSUMED_SOURCE = "assumed: no source is given"
 USER_SOURCE = "set by the user"
 """Source of a value that was changed: it no longer comes from where the scenario's does."""
 
@@ -137,6 +142,7 @@ class Scenario(Part):
                 " multiple of their number is expected,"
                 f" such as {motor.full_steps} for full steps"
             )
+        yield from self._second_plane_errors()
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
         if driver.voltage_limit < needed:
@@ -162,6 +168,25 @@ class Scenario(Part):
                 f" {1e3 / per_second:.6g} ms at the fastest rate of the command; shorten it, or lower"
                 " the rate"
             )
+
+    def _second_plane_errors(self) -> Iterator[str]:
+        """Flux harmonics of five phases with currents in their second plane that are more than the
+        back-EMF makes.
+        """
+        driver = self.driver
+        orders = self.motor.second_plane_orders
+        if not orders:
+            return
+        if driver.drive == "voltage":
+            made = "voltages without a current loop (driver.drive: voltage) let flow"
+        elif driver.imperfections != NO_IMPERFECTIONS:
+            made = "errors of the driver (driver.imperfections) make"
+        else:
+            return
+        yield (
+            f"motor.flux_harmonics: order {orders[0]} of five phases acts on currents in their second"
+            f" plane, which {made} and the two-axis equations cannot represent; leave out one of both"
+        )
 
     def _wing_errors(self) -> Iterator[str]:
         other, craft = self.other_wing, self.spacecraft
@@ -384,12 +409,16 @@ class Scenario(Part):
 
     @property
     def has_memory(self) -> bool:
-        """Whether a friction or the gear remembers how it got there (``presliding``,
+        """Whether a friction, the gear or the harness remembers how it got there (``presliding``,
         ``hysteresis``, ``backlash``).
         """
-        reducer = self.reducer
+        reducer, harness = self.reducer, self.friction.harness
         return bool(
-            self.motor.friction.memory or self.friction.memory or reducer.memory or reducer.backlash
+            self.motor.friction.memory
+            or self.friction.memory
+            or reducer.memory
+            or reducer.backlash
+            or (harness is not None and harness.memory)
         )
 
     @property
@@ -606,13 +635,16 @@ class Scenario(Part):
         Returns
         -------
         str
-            Its own source, or that of the closest group above it, or the scenario's.
+            Its own source, or that of the closest group above it, or the scenario's; of
+            eddy-current damping and of a harness ``assumed`` in place of the scenario's.
         """
         parts = key.split(".")
         for n in range(len(parts), 0, -1):
             text = self.sources.get(".".join(parts[:n]))
             if text is not None:
                 return text
+        if any(key == name or key.startswith(f"{name}.") for name in ASSUMED_UNLESS_SOURCED):
+            return ASSUMED_SOURCE
         return self.source
 
 

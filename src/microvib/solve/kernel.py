@@ -53,6 +53,9 @@ N_CHANNELS = len(CHANNELS)
 T_D, T_D_FORCE, ENERGIES, POWERS = 17, 18, 21, 24
 N_POWERS = N_CHANNELS - POWERS
 
+# Bodies with elements of friction with memory: 0 rotor, 1 output, 2 gear; and
+HARNESS, BACKLASH = 3, 4
+
 ROUNDED = 1e-12
 """Times that differ by less, over themselves, are the same."""
 OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE = range(4)
@@ -140,13 +143,17 @@ class Drive(NamedTuple):
     max_step: float
     layer: float  # first step after a microstep: a part of the current loop's time constant
     gap: float  # half the backlash; its element is the last
-    # friction with memory: how many elements act on rotor, output and gear, and of each its
+    # friction with memory: how many elements act on rotor, output, gear and harness, and of each its
     # stiffness and its share of the limit
     m_elements: int
     l_elements: int
     g_elements: int
+    harness_elements: int
     g_limit: float
-    elements: Matrix  # (m_elements + l_elements + g_elements, 2), and a row for backlash
+    harness_limit: float  # friction torque of the harness at the output
+    harness_stiffness: float
+    harness_angle: float  # of the output, at which the harness's spring is relaxed
+    elements: Matrix  # (number of elements, 2), and a row for backlash
     noise: Vector  # torque noise of the output's friction: value and slope at each knot
     noise_rate: float  # knots per second
     # order, cosine and sine amplitude of each harmonic of the output's friction over its angle
@@ -228,12 +235,15 @@ def friction_torque(sign, rate, slide, stribeck, inv_rate, shape, viscous, shape
 
 @code.inner(**INLINE)
 def elements_of(body, p):
-    """Numbers of the elements of a body: 0 rotor, 1 output, 2 gear."""
+    """Numbers of the elements of a body: 0 rotor, 1 output, 2 gear, 3 harness."""
     if body == 0:
         return range(p.m_elements)
     if body == 1:
         return range(p.m_elements, p.m_elements + p.l_elements)
-    return range(p.m_elements + p.l_elements, p.m_elements + p.l_elements + p.g_elements)
+    before_harness = p.m_elements + p.l_elements + p.g_elements
+    if body == HARNESS:
+        return range(before_harness, before_harness + p.harness_elements)
+    return range(p.m_elements + p.l_elements, before_harness)
 
 
 @code.inner(**COMPILE)
@@ -255,6 +265,20 @@ def gear_hysteresis(twist, stick, p):
     """Torque of the elements beside the gear's spring."""
     torque, share = maxwell_slip_torque(2, twist, stick, p)
     return torque + share * p.g_limit
+
+
+@code.inner(**INLINE)
+def has_harness(p):
+    """Whether a harness acts on the output."""
+    return p.harness_elements > 0 or p.harness_stiffness > 0.0
+
+
+@code.inner(**COMPILE)
+def harness_torque(theta_l, stick, p):
+    """Torque of the harness against the output: its spring, and its friction with memory."""
+    torque, share = maxwell_slip_torque(HARNESS, theta_l, stick, p)
+    spring = p.harness_stiffness * (theta_l - p.harness_angle)
+    return spring + (torque + share * p.harness_limit)
 
 
 @code.inner(**COMPILE)
@@ -505,6 +529,14 @@ def motor_torque(y, s, c, s_A, c_B, p):
 
 
 @code.inner(**INLINE)
+def output_angle(y, e0, p):
+    """The output's angle, which a rigid reducer sets; ``e0`` is the transmission error."""
+    if p.rigid:
+        return e0 - y[TM] * p.inv_h
+    return y[TL]
+
+
+@code.inner(**INLINE)
 def output_rate(theta_m, omega_m, omega_l, p):
     """The output's rate, which a rigid reducer sets."""
     if p.rigid:
@@ -561,6 +593,8 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
     omega_l = G * omega_m if p.rigid else y[WL]
+    if has_harness(p):
+        modal = modal - harness_torque(output_angle(y, e0, p), stick, p)
 
     sign_m, sign_l = stick[0], follower(stick[0], p) if p.rigid else stick[1]
     if p.elements.shape[0] > 0:
@@ -659,6 +693,11 @@ def channels(y, references, noise, stick, p, f, q, out):
     elastic = 0.5 * p.K_g * bent * bent - p.K_d / (p.detent * p.z) * c
     if p.detent_harmonics.size > 0:
         elastic = elastic + detent_harmonics_energy(theta_m, p)
+    spring = 0.0 * theta_l
+    if has_harness(p):
+        spring = p.harness_stiffness * (theta_l - p.harness_angle)
+        elastic = elastic + 0.5 * spring * (theta_l - p.harness_angle)
+        T_f = T_f + harness_torque(theta_l, stick, p)
     damping = p.C_g * slip * slip if side != 0.0 else 0.0 * slip
     if p.g_elements > 0:
         damping = damping + gear_hysteresis(twist, stick, p) * slip
@@ -702,7 +741,7 @@ def channels(y, references, noise, stick, p, f, q, out):
     squares = y[IA] * y[IA] + y[IB] * y[IB]
     out[21], out[22], out[23] = kinetic, 0.5 * p.L * squares, elastic
     out[24], out[25] = u_A * y[IA] + u_B * y[IB], p.R * squares
-    out[26], out[27] = T_fm * omega_m + T_f * omega_l, damping
+    out[26], out[27] = T_fm * omega_m + (T_f - spring) * omega_l, damping
 
 
 # ---- References of the currents ----
@@ -822,6 +861,8 @@ def _holds(y, modal, on_rotor, stick, p):
     e0, e1, _, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h
     twist = e0 - theta_m * p.inv_h - y[TL]
+    if has_harness(p):
+        modal = modal - harness_torque(output_angle(y, e0, p), stick, p)
     T_g = gear_torque(twist, G * y[WM] - y[WL], stick, p)
     pull_m, pull_l = T_e + on_rotor, T_g + modal
     hold_m, hold_l = (pull_m + G * modal, 0.0 * T_g) if p.rigid else (pull_m - G * T_g, pull_l)
@@ -929,6 +970,8 @@ def decide_friction(which, x, p):
     if p.rigid and not was_stuck:
         _stick_elements(0, x, p)
         _stick_elements(1, x, p)
+    if (p.rigid or which == 1) and not was_stuck:
+        _stick_elements(HARNESS, x, p)
     modal, on_rotor = modal_torques(x.y, output_rate(x.y[TM], x.y[WM], x.y[WL], p), p)
     hold_m, hold_l, G = _holds(x.y, modal - noise_at(x.clock[NOW], p), on_rotor, x.stick, p)
     limit_m, limit_l = breakaway_torques(p, G, friction_factor_in(x.y, p))
@@ -970,17 +1013,17 @@ def initial_friction(x: State, p: Drive) -> None:
 # passes zero. Backlash is an element, too: it is in its gap, 0, or one of the flanks touches; its
 # margin is the torque of the gear's spring over the way that is left.
 
-BACKLASH = 3
-
 
 @code.inner(**INLINE)
 def body_of(e, p):
-    """On what an element acts: 0 rotor, 1 output, 2 gear, 3 the gear's backlash."""
+    """On what an element acts: 0 rotor, 1 output, 2 gear, 3 harness, 4 the gear's backlash."""
     before_gear = p.m_elements + p.l_elements
+    before_harness = before_gear + p.g_elements
     return (
         (1 if e >= p.m_elements else 0)
         + (1 if e >= before_gear else 0)
-        + (1 if e >= before_gear + p.g_elements else 0)
+        + (1 if e >= before_harness else 0)
+        + (1 if e >= before_harness + p.harness_elements else 0)
     )
 
 
@@ -991,7 +1034,7 @@ def _angle_and_rate(body, y, p):
         return y[TM], y[WM]
     e0, e1, _, _ = transmission_error(y[TM], p.te)
     angle, rate = e0 - y[TM] * p.inv_h, (e1 - p.inv_h) * y[WM]
-    if body >= 2:
+    if body == 2 or body == BACKLASH:
         return angle - y[TL], rate - y[WL]
     if p.rigid:
         return angle, rate
@@ -1013,8 +1056,9 @@ def element_margin(e, y, stick, p):
     torque = p.elements[e, 0] * (angle - stick[2 + p.elements.shape[0] + e])
     outward = torque * rate  # pulled back, it cannot slip: its limit is that at rest
     speed = where(outward > 0.0, math.fabs(rate), 0.0 * rate)
-    if body == 2:
-        return p.elements[e, 1] * p.g_limit - math.fabs(torque)
+    if body >= 2:
+        constant = p.g_limit if body == 2 else p.harness_limit
+        return p.elements[e, 1] * constant - math.fabs(torque)
     curve = p.m_slide, p.m_stribeck, p.m_inv_rate, p.m_shape
     if body == 1:
         curve = p.l_slide, p.l_stribeck, p.l_inv_rate, p.l_shape
@@ -1030,15 +1074,13 @@ def _stick_elements(body, x, p):
     make them slip at once.
     """
     count, (angle, _) = p.elements.shape[0], _angle_and_rate(body, x.y, p)
-    limit = (
-        p.g_limit
-        if body == 2
-        else p.m_slide + p.m_stribeck
-        if body == 0
-        else p.l_slide + p.l_stribeck
-    )
+    limit = p.m_slide + p.m_stribeck
     if body == 1:
-        limit *= friction_factor_in(x.y, p)
+        limit = (p.l_slide + p.l_stribeck) * friction_factor_in(x.y, p)
+    elif body == 2:
+        limit = p.g_limit
+    elif body == HARNESS:
+        limit = p.harness_limit
     for e in elements_of(body, p):
         if x.stick[2 + e] != 0.0:
             torque = x.stick[2 + e] * (1.0 - 1e-9) * p.elements[e, 1] * limit
@@ -1063,14 +1105,28 @@ def decide_element(e, x, p):
         p.rigid and breakaway_torques(p, -p.inv_h, 1.0)[0] > 0.0
     ):  # rotor and output come to rest together, and so do both frictions
         decide_friction(0, x, p)
+    elif (
+        body == HARNESS and x.stick[1] != 0.0 and breakaway_torques(p, -p.inv_h, 1.0)[1] > 0.0
+    ):  # the output comes to rest, and so do its frictions
+        decide_friction(1, x, p)
     else:
-        _stick_elements(body, x, p)
-        if p.rigid:
-            _stick_elements(1 - body, x, p)
-        if body == 0 or p.rigid:
-            x.y[WM] = 0.0
-        elif body == 1:
-            x.y[WL] = 0.0
+        _stick_at_rest(body, x, p)
+
+
+@code.inner(**COMPILE)
+def _stick_at_rest(body, x, p):
+    """All elements stick that act on the same motion as those of a body, which comes to rest."""
+    _stick_elements(body, x, p)
+    if p.rigid:
+        for other in (0, 1, HARNESS):
+            _stick_elements(other, x, p)
+    elif body == 1 or body == HARNESS:
+        _stick_elements(1, x, p)
+        _stick_elements(HARNESS, x, p)
+    if body == 0 or p.rigid:
+        x.y[WM] = 0.0
+    elif body != 2:
+        x.y[WL] = 0.0
 
 
 # ---- Pulses ----

@@ -10,6 +10,7 @@ import numpy as np
 
 from microvib.errors import SimulationError
 from microvib.model.friction import Friction
+from microvib.model.harness import Harness
 from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel, nodes, propagate, propagators
@@ -368,7 +369,13 @@ def _drive(scenario: Scenario) -> Any:
     J_m, J_L, J_c = load.rotor_left, load.output_left, load.cross_left
     noise, noise_rate = torque_noise(scenario)
     rough, rough_rate = roughness(scenario)
-    memories = motor.friction.memory, scenario.friction.memory, reducer.memory
+    harness = scenario.friction.harness or Harness()
+    memories = (
+        motor.friction.memory,
+        scenario.friction.memory,
+        reducer.memory,
+        harness.memory,
+    )
     elements = [np.array(memory, dtype=float).reshape(-1, 2) for memory in memories]
     gap = 0.5 * (reducer.backlash or 0.0)
     fast = driver.time_constant(motor)
@@ -405,7 +412,7 @@ def _drive(scenario: Scenario) -> Any:
         m_stribeck=rotor[1],
         m_inv_rate=rotor[2],
         m_shape=rotor[3],
-        m_viscous=rotor[4],
+        m_viscous=motor.viscous,
         l_slide=output[0],
         l_stribeck=output[1],
         l_inv_rate=output[2],
@@ -424,6 +431,10 @@ def _drive(scenario: Scenario) -> Any:
         m_elements=len(elements[0]),
         l_elements=len(elements[1]),
         g_elements=len(elements[2]),
+        harness_elements=len(elements[3]),
+        harness_limit=harness.friction,
+        harness_stiffness=harness.stiffness,
+        harness_angle=harness.neutral_angle,
         g_limit=reducer.hysteresis_torque,
         gap=gap,
         elements=np.concatenate([*elements, np.zeros((1 if gap > 0.0 else 0, 2))]),

@@ -302,6 +302,33 @@ def _move(event, x, p, t, w):
         to_command_frame(x, p, t, w)
 
 
+@code.inner(**FORCED)
+def _take(row, x, p):
+    """Take a microstep, or a step of a pulsed drive."""
+    if p.windings > 0:
+        start_pulse(row, x, p)
+    else:
+        take_microstep(row, x)
+
+
+@code.inner(**FORCED)
+def _pulse_ends(x, p, t, w):
+    """Whether a pulse ends now; its windings are then left."""
+    if p.windings == 0 or not pulse_is_over(x.clock):
+        return False
+    from_command_frame(w.x, x.y, x, p, t)
+    end_pulse(x, p)
+    return True
+
+
+@code.inner(**INLINE)
+def _lag(p, w):
+    """Electrical angle by which the rotor is off its command; none of a pulsed drive, whose lost
+    steps are counted.
+    """
+    return 0.0 if p.windings > 0 else p.z * w.x[TM]
+
+
 @code.entry(**COMPILE)
 def advance(
     stop: float, x: State, p: Drive, t: Propagators, out: Samples, steps_t: Vector, steps_ref: Matrix,
@@ -332,17 +359,12 @@ def advance(
         target = stop
         if coming < steps_t.size and steps_t[coming] < stop:
             target = steps_t[coming]
-        target = before_ramp_ends(target, clock)
-        if p.windings > 0:
-            target = before_pulse_ends(target, clock)
+        target = before_pulse_ends(before_ramp_ends(target, clock), clock)
         left = target - clock[NOW]
         if left <= 0.0:
             add_reference_offset(w.x, 0.0, x, p)
             from_command_frame(w.x, x.y, x, p, t)
-            if p.windings > 0:
-                start_pulse(steps_ref[coming], x, p)
-            else:
-                take_microstep(steps_ref[coming], x)
+            _take(steps_ref[coming], x, p)
             coming += 1
             s, c = to_command_frame(x, p, t, w)
             kind = AFTER_MICROSTEP
@@ -370,15 +392,9 @@ def advance(
             kind, last_level = FURTHER, -1
         else:
             kind, last_level = kind + 2 if kind <= AFTER_EVENT else FURTHER, level
-        if p.windings > 0 and pulse_is_over(clock):
-            from_command_frame(w.x, x.y, x, p, t)
-            end_pulse(x, p)
-            ramp_ends = True
-        if ramp_ends:
+        if _pulse_ends(x, p, t, w) or ramp_ends:
             kind, last_level = AFTER_MICROSTEP, -1
-        # a pulsed drive may lose steps, which are counted
-        lag = 0.0 if p.windings > 0 else p.z * w.x[TM]
-        status, stalled = health(lag, lasted, clock[NOW], stalled)
+        status, stalled = health(_lag(p, w), lasted, clock[NOW], stalled)
         if status != OK:
             break
     add_reference_offset(w.x, 0.0, x, p)

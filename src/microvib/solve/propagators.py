@@ -13,6 +13,7 @@ import numpy as np
 from microvib.compiled import Cube, Matrix, Unit, Vector
 from microvib.solve.kernel import (
     COMPILE,
+    HARNESS,
     IA,
     IB,
     INLINE,
@@ -246,7 +247,10 @@ def linear_part(
             body = body_of(e, p)
             x.stick[2 + e] = (
                 0.0
-                if body == 2 or (body == 0 and pattern >= 2) or (body == 1 and pattern % 2 == 1)
+                if body == 2
+                or body == HARNESS
+                or (body == 0 and pattern >= 2)
+                or (body == 1 and pattern % 2 == 1)
                 else 1.0
             )
         for j in range(N):

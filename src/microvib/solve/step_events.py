@@ -14,6 +14,7 @@ from microvib.solve.kernel import (
     COMPILE,
     FORCED,
     HAIR,
+    HARNESS,
     INLINE,
     IS_OPEN,
     MODES,
@@ -60,7 +61,7 @@ def _margin_of(which, x, p, w):
     if which >= 2 + p.elements.shape[0]:
         return w.margins[which - 2], WM, 0.0
     body = body_of(which - 2, p)
-    if body >= 2 or (body == 1 and p.rigid):
+    if body == 2 or body == BACKLASH or (body != 0 and p.rigid):
         sign = 0.0
     else:
         sign = x.stick[which]
@@ -392,6 +393,8 @@ def _spent_within(which, x, p, t, w):
     if body >= 2:
         if body == 2:
             limit = p.g_limit
+        elif body == HARNESS:
+            limit = p.harness_limit
         else:
             limit = p.K_g * p.gap
     # rates that are left are set to 0: momentum lost, where elements come to rest often

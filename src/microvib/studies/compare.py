@@ -271,7 +271,7 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
     if drive is None:
         steps = 4
     else:
-        steps = drive.motor.detent_periods
+        steps = drive.motor.alike_per_turn
     what = [best_reversal(recorded.observations, other.observations, steps)]
     if scale:
         what += [scale_in_words(sign * scale)]

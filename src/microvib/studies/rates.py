@@ -28,7 +28,13 @@ from microvib.analysis.unseen import (
     out_of_band_lines,
 )
 from microvib.errors import OptionError, SimulationError, expect_list, whole_number
-from microvib.model.line_names import SECOND_DRIVE, driving_line, full_step_line, of_second_wing
+from microvib.model.line_names import (
+    SECOND_DRIVE,
+    driving_line,
+    electrical_line,
+    full_step_line,
+    of_second_wing,
+)
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
@@ -361,6 +367,11 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         Where a name stands for no scenario.
     """
     scenario = as_scenario(scenario)
+    if scenario.driver.pulsed and linear:
+        raise OptionError(
+            "linear",
+            "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out",
+        )
     grid, counts = _checked_grid(scenario, rates, microsteps)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
@@ -722,8 +733,11 @@ def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
     driver, motor, members = scenario.driver, scenario.motor, range(1, HARMONICS + 1)
     detent = motor.full_steps / (driver.beats * driver.microsteps)
     orders = [(driving_line(k), float(k)) for k in members]
-    if motor.detent_torque > 0.0:
+    torques = motor.torque_orders
+    if any(order % motor.full_steps == 0 for order in torques):
         orders += [(full_step_line(k), k * detent) for k in members if (k * detent) % 1.0 != 0.0]
+    electrical = 1.0 / (driver.beats * driver.microsteps)
+    orders += [(electrical_line(n), n * electrical) for n in torques if n % motor.full_steps]
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     return orders + [
         (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0

@@ -16,7 +16,7 @@ from microvib.analysis.lines import expected_in, lines_of_samples
 from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
-from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.scenario import ASSUMED_SOURCE, GivenScenario, Scenario, as_scenario
 from microvib.results import FREQUENCY, TORQUE, Column
 from microvib.signals.line_table import Line
 from microvib.solve.batch import simulate_torques
@@ -138,12 +138,14 @@ class Ranking:
 
 
 def unranked_values(scenario: Scenario) -> dict[str, str]:
-    """Values with a source of their own that are not ranked though they are assumed or have a
-    range, and why.
+    """Values with a source of their own, or assumed for want of one, that are not ranked though they
+    are assumed or have a range, and why.
     """
     found, ranked = {}, noted_ranges(scenario)
     for key, value, _ in scenario.entries():
         source = scenario.sources.get(key, "")
+        if scenario.source_of(key) == ASSUMED_SOURCE and value:
+            source = ASSUMED_SOURCE
         if key in ranked or value is None:
             continue
         if _RANGE.search(source):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -11,11 +10,17 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from microvib.errors import MicrovibError, OptionError, SimulationError, whole_number
+from microvib.errors import (
+    MicrovibError,
+    OptionError,
+    SimulationError,
+    did_you_mean,
+    whole_number,
+)
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import COUNT, Column
 from microvib.solve.integration import Progress, simulate_from_rest
-from microvib.studies.workers import parallel_calls
+from microvib.studies.workers import Calls, parallel_calls
 from microvib.units import Quantity, convert
 
 DEFAULT_COUNT, COUNT_RANGE = 11, (2, 1000)
@@ -161,8 +166,8 @@ def _by_value(found: dict[float, StepRun]) -> tuple[StepRun, ...]:
 
 
 def _run_all(
-    scenario: Scenario, key: str, values: Iterable[float], found: dict[float, StepRun], calls
-) -> None:  # type: ignore[no-untyped-def]
+    scenario: Scenario, key: str, values: Iterable[float], found: dict[float, StepRun], calls: Calls
+) -> None:
     new = [value for value in values if value not in found]
     each = calls(partial(_run, scenario, key), [(value,) for value in new])
     found.update(zip(new, each, strict=True))
@@ -189,8 +194,11 @@ def _range(scenario: Scenario, over: str) -> tuple[str, float, float]:
     key, _, span = (part.strip() for part in over.partition("="))
     numbers = dict(_numbers(scenario))
     if key not in numbers:
+        near = did_you_mean(key, list(numbers))
         raise OptionError(
-            "over", f"is not a number of the scenario; allowed are {', '.join(numbers)}", key
+            "over",
+            f"is not a number of the scenario; {near}allowed are {', '.join(numbers)}",
+            key,
         )
     unit = numbers[key].unit
     low_text, colon, high_text = (part.strip() for part in span.partition(":"))
@@ -221,8 +229,3 @@ def _example(scenario: Scenario, key: str) -> str:
     value = float(scenario[key])
     low, high = sorted((0.8 * value, 1.2 * value)) if value else (0.0, 1.0)
     return f"{scenario.shown(key, low)}:{scenario.shown(key, high)}"
-
-
-def edge_width(margin: StepMargin) -> float:
-    """Widest interval in which an edge lies, in SI; nan without one."""
-    return max((e.above.value - e.below.value for e in margin.edges), default=math.nan)

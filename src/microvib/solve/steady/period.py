@@ -72,6 +72,11 @@ class PeriodMap:
                 "friction that varies with the angle does not repeat with the command"
                 " (friction.position: null leaves it out)"
             )
+        if scenario.friction.harness is not None and scenario.friction.harness.stiffness > 0.0:
+            raise NotPeriodic(
+                "a harness with stiffness does not repeat with the command, since its torque grows"
+                " with the angle (friction.harness: null leaves it out)"
+            )
         self.scenario, self.microsteps = scenario, microsteps
         self.packed = pack(scenario)
         self._rest = [x.copy() for x in self.packed.state]
@@ -115,6 +120,8 @@ class PeriodMap:
         rate = float(scenario.rate or 0.0)
         omega, commanded = -scenario.reducer.h * rate, float(self.angle(0))
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
+        if scenario.motor.eddy_damping is not None:
+            on_rotor += scenario.motor.eddy_damping * omega
         y[kernel.TM] = (
             commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
         )
@@ -207,6 +214,8 @@ class PeriodMap:
         angles, by = turned[2 + len(p.elements) :], microsteps * self._step
         angles[: p.m_elements] += by
         angles[p.m_elements : p.m_elements + p.l_elements] -= by * p.inv_h
+        before_harness = p.m_elements + p.l_elements + p.g_elements
+        angles[before_harness : before_harness + p.harness_elements] -= by * p.inv_h
         return turned
 
     def clocks(self, microsteps: np.ndarray) -> np.ndarray:

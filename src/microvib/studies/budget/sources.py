@@ -349,11 +349,11 @@ def held_drive_variants(scenario: Scenario) -> list[Scenario]:
     """A scenario, and the same with a second wing's drive that holds wherever it may stand between
     two zeros of its detent torque.
 
-    There the detent torque is a spring beside the electromagnetic one, of either sign. The angle is
+    There the detent torque, with what flux harmonics make, is a spring beside the electromagnetic one, of either sign. The angle is
     not known: all are looked at.
     """
     other = scenario.other_wing
-    if other is None or other.motor.detent_torque == 0.0:
+    if other is None or not other.motor.torque_orders:
         return [scenario]
     motor = other.motor
     part = motor.detent_stiffness / motor.electromagnetic_stiffness
@@ -437,8 +437,8 @@ def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -
     """Lines of a drive, with what the detent torque of a second drive that steps adds to them.
 
     The hub's motion by a line turns the second rotor, whose detent torque is then a spring that
-    changes with its steps: it makes torques at the line's frequency less and plus that of the
-    detent. By the linearised drives they are bounded to first order, and by a factor for those of
+    changes with its steps, as is what flux harmonics make: it makes torques at the line's frequency
+    less and plus that of the detent. By the linearised drives they are bounded to first order, and by a factor for those of
     higher order. What falls on a line adds to its error, the rest is a gap.
 
     Parameters
@@ -474,14 +474,17 @@ def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -
     torque = np.linalg.norm(one.los[moves], axis=1) / np.maximum(
         np.linalg.norm(np.abs(free.los), axis=1), 1e-300
     )
-    pull = 0.5 * motor.detent_stiffness / (1.0 - part) * rotor * torque
-    detent = (
-        motor.detent_periods * motor.rotor_teeth * abs(rate * other.reducer.h) / (2.0 * math.pi)
-    )
-    products = np.abs(np.concatenate([at - detent, at + detent]))
+    pulls: list[np.ndarray] = []
+    mixed: list[np.ndarray] = []
+    for order, stiffness in motor.stiffness_orders.items():
+        pull = 0.5 * stiffness / (1.0 - part) * rotor * torque
+        detent = order * motor.rotor_teeth * abs(rate * other.reducer.h) / (2.0 * math.pi)
+        pulls += [pull, pull]
+        mixed += [at - detent, at + detent]
+    products = np.abs(np.concatenate(mixed))
     size = (
         los_per_rotor_torque(other, np.maximum(products, MIN_FREQUENCY_WITHOUT_CONTROL))
-        * np.tile(pull, 2)[:, None]
+        * np.concatenate(pulls)[:, None]
     )
     near = np.abs(products[:, None] - f) <= FREQUENCY_TOLERANCE * np.maximum(f, products[:, None])
     added = np.array([size[column].sum(axis=0) for column in near.T]).reshape(-1, 2)

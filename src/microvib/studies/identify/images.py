@@ -66,8 +66,10 @@ def quarter_turn_solutions(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
 
 
 def _periods(problem: Problem) -> range:
-    """Numbers of the detent torque's periods that are less than an electrical turn."""
-    return range(1, problem.scenario.motor.detent_periods)
+    """Numbers of the motor's periods, those of the detent torque as a rule, that are less than an
+    electrical turn.
+    """
+    return range(1, problem.scenario.motor.alike_per_turn)
 
 
 def _rotate_driver_errors(
@@ -119,9 +121,10 @@ def _rotated_error_values(
         scenario.motor,
         scenario.driver,
     )
-    angle, two = math.tau * periods / motor.detent_periods, motor.phases == 2
-    swapped = two and periods % 2 == 1
-    if not two and 2 * periods != motor.detent_periods and (one["gain_b"] or one["quadrature"]):
+    alike, two = motor.alike_per_turn, motor.phases == 2
+    angle = math.tau * periods / alike
+    swapped = two and (4 * periods // alike) % 2 == 1
+    if not two and 2 * periods != alike and (one["gain_b"] or one["quadrature"]):
         return {IMPERFECTIONS_PREFIX + name: math.nan for name in ("gain_b", "quadrature")}
     larger, b = (
         1.0 + one["gain_b"] if swapped else 1.0,

@@ -160,7 +160,7 @@ def _filtered(
     for i, (j, o) in enumerate(problem.observed):
         if j in tests:
             change[i] = _observation_change(
-                o, at[j], poles, problem.tests[j][1].motor.detent_periods
+                o, at[j], poles, problem.tests[j][1].motor.alike_per_turn
             )
     return np.append(np.concatenate(problem.weighted(change)), np.zeros(len(problem.keys)))
 

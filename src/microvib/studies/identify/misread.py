@@ -61,7 +61,7 @@ def _signs_and_scales(
         return
     changes, changed = [], []
     for j, (one, own) in enumerate(tests):
-        read = reversal_variants(one.observations, free.tests[j][1].motor.detent_periods)
+        read = reversal_variants(one.observations, free.tests[j][1].motor.alike_per_turn)
         each = {what: replace(one, observations=its) for what, its in read.items()}
         costs = {what: _mean_cost_of_test(free, j, its, end.x) for what, its in each.items()}
         changes.append(min(costs, key=lambda what: costs[what]))

@@ -247,7 +247,7 @@ def _quarter(problem: Problem) -> float:
     """
     driver, clock = problem.scenario.driver, problem.tests[0][1].driving_frequency
     if clock:
-        return driver.beats * driver.microsteps / (problem.scenario.motor.detent_periods * clock)
+        return driver.beats * driver.microsteps / (problem.scenario.motor.alike_per_turn * clock)
     return 0.0
 
 

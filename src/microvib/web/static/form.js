@@ -9,6 +9,8 @@ const groups = new Map();
 const TITLES = {
   slip_ring: "slip ring",
   transmission_error: "transmission error",
+  flux_harmonics: "flux harmonic",
+  detent: "detent harmonic",
   modes: "mode",
   train: "stage",
   profile: "leg",
