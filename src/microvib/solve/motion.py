@@ -116,7 +116,7 @@ class StepCount:
 
 
 STEP_KEYS = ("steps_judged", "steps_lost", "steps_gained", "first_step_not_made")
-"""What the solver's account says of steps, in the order of ``StepCount``."""
+"""Names of the counts of steps in the solver's account, in the order of ``StepCount``."""
 
 
 @dataclass(frozen=True)

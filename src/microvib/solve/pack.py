@@ -291,8 +291,8 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
 
 
 def _leave_windings_apart(A: np.ndarray, drive: Any) -> None:
-    """Of windings that are switched only the decay of their own current is linear, whatever their mode:
-    so that one table serves all modes, and the current of one that is open stays exactly zero.
+    """Leave of windings that are switched the decay of their own current alone, whatever their mode:
+    one table then serves all modes, and the current of one that is open stays exactly zero.
     """
     windings = [kernel.IA, kernel.IB, kernel.XA, kernel.XB]
     A[:, windings, :] = 0.0

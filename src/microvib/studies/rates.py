@@ -368,11 +368,7 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         Where a name stands for no scenario.
     """
     scenario = as_scenario(scenario)
-    if scenario.driver.pulsed and linear:
-        raise OptionError(
-            "linear",
-            "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out",
-        )
+    _check_linear(scenario, linear)
     grid, counts = _checked_grid(scenario, rates, microsteps)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
@@ -410,6 +406,15 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         linear,
         keep_away,
     )
+
+
+def _check_linear(scenario: Scenario, linear: bool) -> None:
+    """OptionError for a drive without a linearised one."""
+    if scenario.driver.pulsed and linear:
+        raise OptionError(
+            "linear",
+            "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out",
+        )
 
 
 def _checked_grid(
