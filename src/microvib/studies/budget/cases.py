@@ -57,7 +57,7 @@ def with_craft_of_cases(
     def on(source: OtherSource) -> Callable[[int], Contribution]:
         @lru_cache(maxsize=_KEPT)
         def in_case(number: int) -> Contribution:
-            return contribution_of_other(source, scenarios.of(number).alone, files)
+            return contribution_of_other(source, scenarios.of(number), files)
 
         return in_case
 

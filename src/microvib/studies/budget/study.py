@@ -214,7 +214,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     first, two = drives[0], _has_second_wing(drives)
     required = _read_requirements(requirements)
     # What can be refused is looked at before anything is simulated.
-    beside = _other_contributions(sources, first.scenario)
+    beside = _other_contributions(sources, whole)
     if two and campaign is not None and recording is not None:
         raise OptionError(
             "campaign",
