@@ -184,3 +184,28 @@ def test_other_sources_are_as_large_as_in_the_worst_state(
     assert true <= found.most * (1.0 + 1e-6)
     assert found.most <= 1.1 * true
     assert true > 1.3 * found.value
+
+
+@pytest.mark.parametrize("statistic", ["rms", "bound", "level"])
+def test_a_density_is_as_large_as_in_the_worst_state(
+    statistic: str, one_wing: mv.Scenario, tmp_path: Path
+) -> None:
+    """A narrow band at the torsion mode of a stiffer gear: by the mean square of each craft."""
+    plain = one_wing.with_({"array.modes.1.frequency": "12 Hz"})
+    scenario = plain.with_({"reducer.hysteresis": HYSTERESIS})
+    stuck = [
+        plain.with_si({"reducer.stiffness": 8400.0 + x}) for x in np.linspace(0.0, 2e4, 60).tolist()
+    ]
+    (tmp_path / "d.csv").write_text("frequency_hz,my_n2_m2_hz\n6.15,1\n6.16,1\n")
+    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], density="d.csv")
+    files, grid = FileAccess(folder=tmp_path), np.linspace(6.15, 6.16, 201)
+    r = Requirement(metric="ape", axis="y", limit="1 urad", statistic=statistic)
+    found = assess(r, [contribution_of_other(source, scenario, files)], "rss")
+    known = assess(r, [contribution_of_other(source, plain, files)], "rss")
+    rms = [float(np.sqrt(np.trapezoid(by_loads(x, grid)[:, 1, 4] ** 2, grid))) for x in stuck]
+    factor = known.most / rms[0]
+    assert known.least == pytest.approx(known.most)
+    assert max(rms) * factor <= found.most * (1.0 + 1e-3)
+    assert found.most <= 1.1 * max(rms) * factor
+    assert found.least <= min(rms) * factor * (1.0 + 1e-3)
+    assert max(rms) > 1.3 * rms[0]

@@ -302,13 +302,19 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
             f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or"
             " more"
         )
-    gaps = _missing_axes_gap(rows, chosen)
+    gaps, bounds = _missing_axes_gap(rows, chosen), None
     if chosen == _LOAD_DENSITIES:
-        f, S = _refine_density(f, S, resonance_frequency_grid(scenario))
-        by = line_of_sight_transfer(
-            scenario, np.maximum(f, 1e-6), _load_point_motion(source, scenario)
-        )
+        states, place = drive_states(scenario), _load_point_motion(source, scenario)
+        near = [resonance_frequency_grid(scenario)]
+        if states is not None:
+            near += [f + width * _OFFSETS for f, width in states.natural_frequencies.tolist()]
+        f, S = _refine_density(f, S, np.concatenate(near))
+        at = np.maximum(f, 1e-6)
+        by = line_of_sight_transfer(scenario, at, place)
         gaps = low_frequency_gap(bool(np.isnan(by).any()))
+        if states is not None:
+            found = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
+            bounds = np.einsum("sfkc,fc->sfk", found**2, S)
         S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
@@ -318,10 +324,13 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
         np.zeros(0),
         none,
         density=(f, S),
+        density_bounds=None if bounds is None else (bounds[0], bounds[1]),
         gaps=gaps,
     )
 
 
+_OFFSETS = np.linspace(-30.0, 30.0, 241)
+"""Frequencies about a resonance, in parts of its half-width."""
 _GRID_SPACING = 2e-3
 """Relative distance of a grid's frequencies, apart from resonances."""
 

@@ -167,6 +167,8 @@ class Contribution:
     """Which lines ring and die away, or are driven by noise, (k,): no part of the settled motion."""
     density: tuple[np.ndarray, np.ndarray] | None = None
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
+    density_bounds: tuple[np.ndarray, np.ndarray] | None = None
+    """Smallest and largest densities (n, 2) at these frequencies; None where they are known."""
     gaps: tuple[Unobserved, ...] = ()
     relative_error: float | np.ndarray = 0.0
     """Relative error of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
@@ -214,6 +216,20 @@ class Contribution:
         if self.frequency_error is None:
             return np.asarray(frequency_error_bound(self.frequency))
         return self.frequency_error
+
+    @property
+    def least_density(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """The density as small as it may be."""
+        if self.density is None or self.density_bounds is None:
+            return self.density
+        return self.density[0], self.density_bounds[0]
+
+    @property
+    def most_density(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """The density as large as it may be."""
+        if self.density is None or self.density_bounds is None:
+            return self.density
+        return self.density[0], self.density_bounds[1]
 
     @property
     def clocks(self) -> list[str]:

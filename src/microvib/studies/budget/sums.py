@@ -298,7 +298,13 @@ def assess(
     chosen = _with_gaps(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
     value = evaluate_lines(requirement, tones, densities)
-    least, most = metric_bounds(requirement, tones, gaps, densities, _swept_sources(chosen, rule))
+    smallest = [one.least_density for one in chosen if one.least_density is not None]
+    largest = None
+    if any(one.density_bounds is not None for one in chosen):
+        largest = [one.most_density for one in chosen if one.most_density is not None]
+    least, most = metric_bounds(
+        requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
+    )
     figure = _Figure(least, value, most)
     cases = _case_values(requirement, chosen, contributions, rule)
     lacking = _percentile_gaps(requirement, chosen, cases)
@@ -429,7 +435,7 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     if r.curve is not None:
         return float(_ratio_to_curve(r, tones.frequency, tones.most).max(initial=0.0))
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
-    densities = [one.density for one in chosen if one.density is not None]
+    densities = [one.most_density for one in chosen if one.most_density is not None]
     return evaluate_metric(plain, tones.frequency, tones.most, densities)
 
 
