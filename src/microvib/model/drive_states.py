@@ -44,7 +44,7 @@ class UncertainSpring:
     """Spring beside those of the linearised drive: ``low`` to ``high`` times its stiffness."""
 
     on: np.ndarray
-    """What stretches it, by the coordinates, (n,)."""
+    """Stretch by the coordinates, (n,)."""
     stiffness: float
     """[N m/rad]."""
     low: float
@@ -277,7 +277,7 @@ class _Reduced:
     stretch: np.ndarray  # (m, p, c)
 
     def with_spring(self, k: int, level: float, z: np.ndarray) -> _Reduced:
-        """The same with a spring at ``level`` times its dynamic stiffness (m,)."""
+        """Line of sight and stretch with a spring at ``level`` times its dynamic stiffness (m,)."""
         own = self.stretch_by_springs[:, k, k]
         if math.isinf(level):
             pull = 1.0 / own

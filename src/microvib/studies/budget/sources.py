@@ -202,7 +202,7 @@ class Contribution:
     sweep: Sweep | None = None
     """Search for the worst between the alternatives."""
     in_case: Callable[[int], Contribution] | None = None
-    """What it is on the craft of a case of a campaign, by its number among those that are drawn;
+    """Contribution on the craft of a case of a campaign, by its number among those that are drawn;
     None where it is the same in all. Of a drive with ``cases`` it tells the density alone."""
 
     @property
