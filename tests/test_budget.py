@@ -28,6 +28,7 @@ from microvib.signals.in_step import bases
 from microvib.signals.pointing import confidence_level_angle, metric_weight
 from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.budget.arrays import lacking
+from microvib.studies.budget.cases import with_craft_of_cases, with_nominal_craft
 from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -1244,6 +1245,66 @@ def test_a_campaign_that_lacks_cases_has_no_percentile() -> None:
     found = assess(requirement(percentile="95 percent"), [one], "rss")
     assert found.verdict == "not judged"
     assert found.why == ("percentile: 3 cases have no result",)
+
+
+class _Frequencies:
+    """Merged results of 50 cases, in which the second mode of the array is at 0.9 to 1.1 times its frequency."""
+
+    state, factors = np.full(50, DONE), np.linspace(0.9, 1.1, 50)
+
+    def __init__(self, scenario: mv.Scenario, key: str = "array.modes.1.frequency") -> None:
+        nominal = scenario.array.modes[1].frequency
+        changed = [{key: f * nominal} for f in self.factors.tolist()]
+        self.campaign = SimpleNamespace(design=SimpleNamespace(
+            samples=np.zeros((50, 1)), cases=50, uncertain=(1,), changes=changed.__getitem__,
+            scenario=lambda case: scenario.with_si(changed[case]),
+            study=SimpleNamespace(sampling=SimpleNamespace(method="random", count=50)),
+        ))  # fmt: skip
+
+
+def test_other_sources_of_a_case_are_on_the_craft_of_the_case(tmp_path: Path) -> None:
+    """A line beside a mode that scatters: of each case what the response of its own craft makes of it."""
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
+    (tmp_path / "lines.csv").write_text("frequency_hz,my_n_m\n1.25,0.01\n")
+    (tmp_path / "density.csv").write_text("frequency_hz,my_n2_m2_hz\n1.23,1e-3\n1.27,1e-3\n")
+    files, place = FileAccess(folder=tmp_path), rigid_motion_at(np.zeros(3))
+    results = _Frequencies(scenario)
+    drive = source("a", (9.0, 0.0, 0.0), cases=np.zeros((50, 1, 2)))
+    crafts = [results.campaign.design.scenario(k) for k in range(50)]
+    grid = np.linspace(1.23, 1.27, 401)
+
+    def line_of_sight(craft: mv.Scenario) -> float:
+        return float(np.abs(line_of_sight_transfer(craft, np.array([1.25]), place)[0, 1, 4])) * 1e-2
+
+    def mean_square(craft: mv.Scenario) -> float:
+        by = np.abs(line_of_sight_transfer(craft, grid, place)[:, 1, 4]) ** 2
+        return float(np.trapezoid(by, grid)) * 1e-3
+
+    for given, expected in (
+        ({"lines": "lines.csv"}, [line_of_sight(one) / math.sqrt(2.0) for one in crafts]),
+        ({"density": "density.csv"}, [math.sqrt(mean_square(one)) for one in crafts]),
+    ):
+        other = OtherSource(name="cooler", position=["0 m", "0 m", "0 m"], **given)
+        nominal = [contribution_of_other(other, scenario, files)]
+        beside = with_craft_of_cases(nominal, [other], files, results)
+        r = requirement(axis="y", percentile="80 percent")
+        found = assess(r, [drive, *beside], "rss")
+        assert found.spread is not None
+        assert found.spread[0].value == pytest.approx(np.quantile(expected, 0.5), rel=0.02)
+        assert found.value == pytest.approx(np.quantile(expected, 0.8), rel=0.02)
+        assert found.value > 1.2 * assess(requirement(axis="y"), [drive, *nominal], "rss").value
+
+
+def test_another_drive_that_was_run_on_the_nominal_craft_has_no_percentile() -> None:
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
+    one = source("a", (5.0, 0.5, 0.0), cases=np.zeros((50, 1, 2)))
+    other = source("b", (7.0, 0.5, 0.0))
+    r = requirement(percentile="80 percent")
+    for key, judged in (("array.modes.1.frequency", False), ("tracking.rate", True)):
+        beside = with_nominal_craft(other, _Frequencies(scenario, key))
+        found = assess(r, [one, beside], "rss")
+        assert (found.verdict == "pass") == judged
+        assert judged or f"the campaign varies {key}" in found.why[0]
 
 
 def test_what_a_slow_record_does_not_show_is_in_what_a_metric_may_be_at_most() -> None:

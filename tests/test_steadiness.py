@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -215,6 +216,35 @@ def test_noise_has_no_excess(seed: int) -> None:
     y = 0.1 * x + np.cos(2.0 * np.pi * 53.01 * t + 1.0)
     table = estimate_lines(y, FS, ())
     assert excesses(y, FS, [one for one in table if one.seen], table) == ()
+
+
+@pytest.mark.parametrize(
+    "ends", [(20.0, 45.0), (10.0, 60.0), (60.0, 10.0), (24.0, 30.0), (0.5, 3.0)]
+)
+@pytest.mark.parametrize("noise", [1e-3, 0.05])
+def test_a_tone_that_sweeps_through_a_band_is_no_floor(
+    ends: tuple[float, float], noise: float
+) -> None:
+    """A tone of amplitude 1 passes a band once, or goes through one during the whole record: in every
+    band that it crosses within the record in 2 s or more it is told with most of its size.
+    """
+    t, (first, last) = np.arange(16384) / FS, ends
+    phase = 2.0 * np.pi * (first * t + 0.5 * (last - first) * t**2 / 16.0)
+    x = np.cos(phase) + noise * np.random.default_rng(1).standard_normal(t.size)
+    rate, (low, high) = abs(last - first) / 16.0, sorted(ends)
+    found = {(one.low, one.high): one.amplitude for one in excesses(x, FS, ())}
+    edges = np.array([*(3.0 / 8.0 + 0.5 * k for k in range(5)), 2.375 * 2.0 ** (1.0 / 3.0)])
+    while edges[-1] < 60.0:
+        edges = np.append(edges, max(edges[-1] + 0.5, edges[-1] * 2.0 ** (1.0 / 3.0)))
+    crossed = 0
+    for a, b in pairwise(edges.tolist()):
+        within = a > low and b < high and b - a > 2.0 * rate
+        if not within and not a < low < high < b:
+            continue
+        crossed += 1
+        (size,) = (size for (f, g), size in found.items() if f < 0.5 * (a + b) < g)
+        assert size >= 0.7
+    assert crossed >= 1
 
 
 def test_excess_is_that_of_the_part_that_is_loud() -> None:

@@ -93,23 +93,9 @@ class HubLines:
         """One-sided density (n, 2) [rad^2/Hz] of the line of sight by noise, over the frequency
         (n,) [Hz]; None without.
         """
-        drives = () if self.los is None else (self.scenario, self.scenario.driven_wing)
-        found = [
-            one
-            for one in (
-                line_of_sight_noise_spectrum(drive) for drive in drives if drive is not None
-            )
-            if one is not None
-        ]
-        if len(found) < 2:
-            if found:
-                return found[0]
+        if self.los is None:
             return None
-        grid = np.union1d(found[0][0], found[1][0])
-        both = [
-            [np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T] for f, S in found
-        ]
-        return grid, np.sum(both, axis=0).T
+        return noise_spectrum_of_wings(self.scenario)
 
     def noise(self, metric: Metric, window: float) -> np.ndarray:
         """Mean square [rad^2] about both axes of torque noise in a ``window`` [s], (2,)."""
@@ -274,6 +260,20 @@ class HubLines:
                 columns.append(np.sqrt(self.mean_squares(metric, window)))
         rows = zip(self.names, self.frequency, np.hstack(columns), strict=True)
         return header, [[name, float(f), *row.tolist()] for name, f, row in rows]
+
+
+def noise_spectrum_of_wings(scenario: Scenario) -> tuple[np.ndarray, np.ndarray] | None:
+    """One-sided density (n, 2) [rad^2/Hz] of the line of sight by the noise of both wings' drives
+    that step, over the frequency (n,) [Hz]; None without.
+    """
+    drives = (scenario, scenario.driven_wing)
+    spectra = [line_of_sight_noise_spectrum(drive) for drive in drives if drive is not None]
+    found = [one for one in spectra if one is not None]
+    if len(found) < 2:
+        return found[0] if found else None
+    grid = np.union1d(found[0][0], found[1][0])
+    both = [[np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T] for f, S in found]
+    return grid, np.sum(both, axis=0).T
 
 
 def _rms(squares: np.ndarray) -> dict[str, float]:

@@ -51,6 +51,10 @@ of a median of squares.
 """
 
 
+_MAX_UNSURE = 0.9
+"""The most of that by which the floor of pieces must be lower: a tenth of it is lower in any case."""
+
+
 @dataclass(frozen=True)
 class Excess:
     """Excess of a band of a record over the counted lines and the floor, in the piece where that
@@ -180,26 +184,56 @@ def _floors(
 ) -> np.ndarray:
     """Density of the floor in each band, from the median of the bins that no line is near, and what
     it may be at most, (2, m).
+
+    A tone that sweeps through a band fills the bins of the whole record as noise does. In a short
+    piece it fills few of them, or none. So the floor is not above the median over the bins of all
+    pieces, of any length, where that is less than the whole record's by more than medians scatter.
     """
-    power = _power(rest[None, :], sample_rate)[0]
-    duration = rest.size / sample_rate
-    clear = np.ones(power.size, dtype=bool)
+    found = []
+    whole = _power(rest[None, :], sample_rate)
+    for band in pairwise(edges.tolist()):
+        own = _cells(whole, rest.size / sample_rate, band, lines)
+        found.append((_floor(own, rest.size / sample_rate), _UNSURE / math.sqrt(max(own.size, 1))))
+    floors, unsure = np.array(found).T
+    for pieces in _PIECES:
+        length = rest.size // pieces
+        if length < 4 * _BINS:
+            break
+        duration = length / sample_rate
+        windows = np.lib.stride_tricks.sliding_window_view(rest, length)
+        power = _power(windows[:: max(length // 2, 1)], sample_rate)
+        for k, band in enumerate(pairwise(edges.tolist())):
+            if min(band[0], band[1] - band[0]) * duration < 1.0:  # not a bin, or the mean's
+                continue
+            there = _floor(_cells(power, duration, band, lines), duration)
+            if there < floors[k] * (1.0 - min(unsure[k], _MAX_UNSURE)):
+                floors[k] = there
+    return np.array([floors, floors * (1.0 + unsure)])
+
+
+def _cells(
+    power: np.ndarray, duration: float, band: tuple[float, float], lines: Sequence[float]
+) -> np.ndarray:
+    """Mean squares (m,) of the bins of a ``band`` [Hz] that no line is near, or of all where these
+    are few, of pieces (p, l) of a ``duration`` [s].
+    """
+    bins = slice(math.ceil(band[0] * duration), min(math.ceil(band[1] * duration), power.shape[1]))
+    clear = np.ones(power.shape[1], dtype=bool)
     for f in lines:
         k = round(f * duration)
         clear[max(k - 3, 0) : k + 4] = False
-    found = []
-    for low, high in pairwise(edges.tolist()):
-        band = slice(math.ceil(low * duration), min(math.ceil(high * duration), power.size))
-        own = power[band][clear[band]]
-        if own.size < _FEW:
-            own = power[band]
-        # The median of the square of noise in a bin is ln 2 of its mean.
-        if own.size:
-            floor = float(np.median(own)) / math.log(2.0) * duration
-        else:
-            floor = 0.0
-        found.append((floor, floor * (1.0 + _UNSURE / math.sqrt(max(own.size, 1)))))
-    return np.array(found).T
+    own = power[:, bins][:, clear[bins]]
+    if own.size < _FEW:
+        own = power[:, bins]
+    return own.ravel()
+
+
+def _floor(cells: np.ndarray, duration: float) -> float:
+    """Density of noise of which bins of a ``duration`` [s] have the mean squares (m,)."""
+    if not cells.size:
+        return 0.0
+    # The median of the square of noise in a bin is ln 2 of its mean.
+    return float(np.median(cells)) / math.log(2.0) * duration
 
 
 def _power(pieces: np.ndarray, sample_rate: float) -> np.ndarray:

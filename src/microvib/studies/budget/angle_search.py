@@ -318,8 +318,10 @@ class _Search:
         else:
             return _larger_lines(a, b, paths.rise(on.low, on.high))
         best = max(a, b, key=lambda one: most_of_sources(r, [one], self._rule))
-        density = best.density and (best.density[0], best.density[1] * rise**2)
-        return replace(best, los=np.abs(best.los) * rise, density=density)
+        most = best.most_density
+        density = most and (most[0], most[1] * rise**2)
+        los = np.abs(best.los) * rise
+        return replace(best, los=los, density=density, density_bounds=None)
 
 
 def _larger_lines(a: Contribution, b: Contribution, rise: np.ndarray) -> Contribution:

@@ -122,7 +122,7 @@ def _over_orbit(
     drives = _drives_at_angles(first, turned, keys.get("recording"), harmonics)
 
     def sources(angle: float) -> list[Contribution]:
-        there = first.at_angle(Si(angle)).alone
+        there = first.at_angle(Si(angle))
         others = [contribution_of_other(one, there, files) for one in listed_sources]
         return [*(drive(angle) for drive in drives), *others]
 

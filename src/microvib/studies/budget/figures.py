@@ -140,10 +140,16 @@ def metric_bounds(
     gaps: Sequence[Unobserved],
     densities: Sequence[tuple[np.ndarray, np.ndarray]],
     moving: SweptLines | None = None,
+    largest: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> tuple[float, float]:
-    """Between which the figure lies: least and most; infinite where nothing bounds a gap."""
+    """Between which the figure lies: least and most; infinite where nothing bounds a gap.
+
+    Densities that are not known are given as small as they may be, and as ``largest`` once more.
+    """
+    if largest is None:
+        largest = densities
     if r.statistic == "level":
-        return _level_bounds(r, tones, gaps, densities, moving or SweptLines(tones))
+        return _level_bounds(r, tones, gaps, (densities, largest), moving or SweptLines(tones))
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     hidden_at, hidden = _unobserved_lines(gaps)
     least = evaluate_metric(r, lower, tones.least, densities, single_axis=True)
@@ -152,11 +158,11 @@ def metric_bounds(
         return least, math.inf
     if moving is not None and r.statistic == "bound":
         return least, _crest_bound(
-            r, moving, Unobserved("", 0.0, math.inf, hidden_at, hidden), densities
+            r, moving, Unobserved("", 0.0, math.inf, hidden_at, hidden), largest
         )
     f, most = np.concatenate([upper, hidden_at]), np.vstack([tones.most, hidden])
     beyond = _excess_of_bound(r, f, most) + _crest_offset(r, tones, upper, tones.most, 1.0)
-    return least, evaluate_metric(r, f, most, densities) + beyond
+    return least, evaluate_metric(r, f, most, largest) + beyond
 
 
 def _crest_offset(
@@ -260,10 +266,10 @@ def _level_bounds(
     r: Requirement,
     tones: CombinedLines,
     gaps: Sequence[Unobserved],
-    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    densities: tuple[Sequence[tuple[np.ndarray, np.ndarray]], ...],
     moving: SweptLines,
 ) -> tuple[float, float]:
-    """Least and most of a level.
+    """Least and most of a level; ``densities`` as small and as large as they may be.
 
     Harmonics of one clock keep their phases. Of all others neither phases nor the exact ratios of
     frequencies are known: they may crest together or make each other's crests lower. So the largest
@@ -279,14 +285,15 @@ def _level_bounds(
     axes = AXES[r.axis]
     both_within = 1.0 - (1.0 - r.confidence) / len(axes)
     known = Unobserved("", 0.0, math.inf, at[bounded], hidden[bounded])
-    found = [_largest_group_distribution(r, tones, known, densities, k) for k in axes]
+    smallest, largest = densities
+    found = [_largest_group_distribution(r, tones, known, smallest, k) for k in axes]
     least = max(spread.within(r.confidence, -beside) for spread, beside in found)
-    least = max(least, _mean_square_floor(r, tones, known, densities))
+    least = max(least, _mean_square_floor(r, tones, known, smallest))
     if not bounded.all():
         return least, math.inf
-    _, squares = metric_bounds(r.model_copy(update={"statistic": "rms"}), tones, gaps, densities)
-    if moving.together:
-        found = [_largest_group_distribution(r, moving.others, known, densities, k) for k in axes]
+    _, squares = metric_bounds(r.model_copy(update={"statistic": "rms"}), tones, gaps, largest)
+    if moving.together or largest is not smallest:
+        found = [_largest_group_distribution(r, moving.others, known, largest, k) for k in axes]
     most = moving.upper_bound_with(
         axes,
         lambda more: [

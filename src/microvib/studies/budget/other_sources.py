@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from microvib.model.coupling import (
     require_craft,
     resonance_frequency_grid,
 )
+from microvib.model.drive_states import DriveStates, drive_states
 from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
@@ -27,7 +28,6 @@ from microvib.studies.budget.files import AXES, OtherSource
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
-    held_drive_variants,
     low_frequency_gap,
     natural_frequencies,
     open_gap,
@@ -207,6 +207,7 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
     lost = np.isnan(sizes).any(axis=1)
     if chosen == LOAD_COLUMNS:
         loads, place = tones, _load_point_motion(source, scenario)
+        states = drive_states(scenario)
 
         def moved(on: Scenario, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """Line of sight by the loads of the lines at frequencies (k n,), and by which part it
@@ -219,12 +220,14 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
             return np.where(together, parts.sum(axis=0), most), np.where(together, 0.0, unsure)
 
         tones, relative_error = moved(scenario, f)
-        stands = held_drive_variants(scenario)
         relative_error = relative_error + response_uncertainty(
-            [lambda at, on=on: np.abs(moved(on, at)[0]) for on in stands],  # type: ignore[misc]
+            [
+                lambda at: np.abs(moved(scenario, at)[0]),
+                *_of_states(states, loads, place, phased),
+            ],
             f,
             np.asarray(frequency_error_bound(f)),
-            np.concatenate([natural_frequencies(on) for on in stands]),
+            natural_frequencies(scenario, states),
         )
     names = tuple(row.get("line") or f"{x:.5g} Hz" for row, x in zip(rows, f, strict=True))
     gaps = tuple(
@@ -242,6 +245,26 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
         source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),
         phased=bool(np.all(phased)), rings=rings,
     )  # fmt: skip
+
+
+def _of_states(
+    states: DriveStates | None, loads: np.ndarray, place: np.ndarray, phased: np.ndarray
+) -> list[Callable[[np.ndarray], np.ndarray]]:
+    """Smallest and largest line of sight (2, k n, 2) by the ``loads`` (k, 6) of lines at a place,
+    at frequencies (k n,) [Hz], n for each line, over all states of the drives; none where these are
+    known.
+    """
+    if states is None:
+        return []
+
+    def extremes(at: np.ndarray) -> np.ndarray:
+        each = np.repeat(np.nan_to_num(loads), at.size // loads.shape[0], axis=0)
+        parts = states.on_hub(place) * each[:, None, :]
+        found = states.extremes(at, np.dstack([parts.sum(axis=2), parts]))
+        together = np.repeat(phased, at.size // loads.shape[0])[:, None]
+        return np.where(together, found[..., 0], found[..., 1:].sum(axis=-1))
+
+    return [extremes]
 
 
 def _parse_bool(where: str, text: str) -> bool:
@@ -279,13 +302,19 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
             f"{path}: frequencies that ascend from 0 Hz or more are expected, and densities of 0 or"
             " more"
         )
-    gaps = _missing_axes_gap(rows, chosen)
+    gaps, bounds = _missing_axes_gap(rows, chosen), None
     if chosen == _LOAD_DENSITIES:
-        f, S = _refine_density(f, S, resonance_frequency_grid(scenario))
-        by = line_of_sight_transfer(
-            scenario, np.maximum(f, 1e-6), _load_point_motion(source, scenario)
-        )
+        states, place = drive_states(scenario), _load_point_motion(source, scenario)
+        near = [resonance_frequency_grid(scenario)]
+        if states is not None:
+            near += [f + width * _OFFSETS for f, width in states.natural_frequencies.tolist()]
+        f, S = _refine_density(f, S, np.concatenate(near))
+        at = np.maximum(f, 1e-6)
+        by = line_of_sight_transfer(scenario, at, place)
         gaps = low_frequency_gap(bool(np.isnan(by).any()))
+        if states is not None:
+            found = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
+            bounds = np.einsum("sfkc,fc->sfk", found**2, S)
         S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
@@ -295,10 +324,13 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
         np.zeros(0),
         none,
         density=(f, S),
+        density_bounds=None if bounds is None else (bounds[0], bounds[1]),
         gaps=gaps,
     )
 
 
+_OFFSETS = np.linspace(-30.0, 30.0, 241)
+"""Frequencies about a resonance, in parts of its half-width."""
 _GRID_SPACING = 2e-3
 """Relative distance of a grid's frequencies, apart from resonances."""
 

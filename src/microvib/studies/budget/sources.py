@@ -41,6 +41,7 @@ from microvib.model.coupling import (
     source_of,
 )
 from microvib.model.drive_matrices import coordinates
+from microvib.model.drive_states import DriveStates, drive_states
 from microvib.model.driven import noise_bands
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
@@ -68,8 +69,8 @@ assumed. What detent torque, friction and current loop change as the hub yields 
 runs of the scenario (``study.with_method_error``)."""
 HELD_DRIVE_UNCERTAINTY = 0.03
 """Relative error of lines of a craft on which another drive holds its wing, for its friction;
-assumed. What its detent torque changes comes on top, by the angles at which it may stand
-(``held_drive_variants``) or by its steps (``with_detent_mixing``)."""
+assumed. What its detent torque and its friction where it sticks change comes on top, by the states
+in which it may be (``model.drive_states``) or by its steps (``with_detent_mixing``)."""
 _FREE_BODY_REASON = f"below {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz, where without spacecraft.attitude_control lines mean nothing"
 
 
@@ -167,6 +168,8 @@ class Contribution:
     """Which lines ring and die away, or are driven by noise, (k,): no part of the settled motion."""
     density: tuple[np.ndarray, np.ndarray] | None = None
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
+    density_bounds: tuple[np.ndarray, np.ndarray] | None = None
+    """Smallest and largest densities (n, 2) at these frequencies; None where they are known."""
     gaps: tuple[Unobserved, ...] = ()
     relative_error: float | np.ndarray = 0.0
     """Relative error of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
@@ -199,6 +202,9 @@ class Contribution:
     """
     sweep: Sweep | None = None
     """Search for the worst between the alternatives."""
+    in_case: Callable[[int], Contribution] | None = None
+    """Contribution on the craft of a case of a campaign, by its number among those that are drawn;
+    None where it is the same in all. Of a drive with ``cases`` it tells the density alone."""
 
     @property
     def relative_errors(self) -> np.ndarray:
@@ -211,6 +217,20 @@ class Contribution:
         if self.frequency_error is None:
             return np.asarray(frequency_error_bound(self.frequency))
         return self.frequency_error
+
+    @property
+    def least_density(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """The density as small as it may be."""
+        if self.density is None or self.density_bounds is None:
+            return self.density
+        return self.density[0], self.density_bounds[0]
+
+    @property
+    def most_density(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """The density as large as it may be."""
+        if self.density is None or self.density_bounds is None:
+            return self.density
+        return self.density[0], self.density_bounds[1]
 
     @property
     def clocks(self) -> list[str]:
@@ -324,49 +344,22 @@ def _resonance_uncertainty(
 ) -> np.ndarray:
     """Relative error of lines of the clock, (2, k, 2), by the response at frequencies that they may
     have; of a second drive that does not step, also by where it may stand."""
-    if steps:
-        each = [scenario]
-    else:
-        each = held_drive_variants(scenario)
-    found = _drive_uncertainty(each, frequency)
+    states = drive_states(scenario, own=False, steps=steps)
+    found = _drive_uncertainty(scenario, states, frequency)
     return found * np.array([line.of_clock for line in lines])[:, None]
 
 
-def _drive_uncertainty(each: Sequence[Scenario], frequency: np.ndarray) -> np.ndarray:
-    """Relative error of lines that a torque on the rotor makes, (2, k, 2), in the first of several
-    scenarios.
+def _drive_uncertainty(
+    scenario: Scenario, states: DriveStates | None, frequency: np.ndarray
+) -> np.ndarray:
+    """Relative error of lines that a torque on the rotor makes, (2, k, 2), in a scenario of whose
+    drives the ``states`` are not known.
     """
-    return response_uncertainty(
-        [partial(los_per_rotor_torque, one) for one in each],
-        frequency,
-        np.asarray(frequency_error_bound(frequency)),
-        np.concatenate([natural_frequencies(one) for one in each]),
-    )
-
-
-_DETENT_STIFFNESS_RATIOS = np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
-"""Parts of its detent torque's stiffness that a drive may have where it stands."""
-
-
-def held_drive_variants(scenario: Scenario) -> list[Scenario]:
-    """A scenario, and the same with a second wing's drive that holds wherever it may stand between
-    two zeros of its detent torque.
-
-    There the detent torque, with what flux harmonics make, is a spring beside the electromagnetic one, of either sign. The angle is
-    not known: all are looked at.
-    """
-    other = scenario.other_wing
-    if other is None or not other.motor.torque_orders:
-        return [scenario]
-    motor = other.motor
-    part = motor.detent_stiffness / motor.electromagnetic_stiffness
-    key = "spacecraft.second_wing.motor"
-    return [scenario] + [
-        scenario.with_si(
-            {key: motor.model_copy(update={"current": motor.current * max(1.0 + x * part, 1e-3)})}
-        )
-        for x in _DETENT_STIFFNESS_RATIOS
-    ]
+    responses: list[Callable[[np.ndarray], np.ndarray]] = [partial(los_per_rotor_torque, scenario)]
+    if states is not None:
+        responses.append(lambda f: states.extremes(f, states.on_rotor)[..., 0])
+    off = np.asarray(frequency_error_bound(frequency))
+    return response_uncertainty(responses, frequency, off, natural_frequencies(scenario, states))
 
 
 def los_per_rotor_torque(scenario: Scenario, f: np.ndarray) -> np.ndarray:
@@ -385,9 +378,12 @@ def _by_torque(scenario: Scenario, f: np.ndarray, on: np.ndarray | None = None) 
     return np.abs(los)
 
 
-def natural_frequencies(scenario: Scenario) -> np.ndarray:
-    """Natural frequencies of drive and spacecraft [Hz]."""
-    return np.array([mode.frequency for mode in coupled_modes(scenario)])
+def natural_frequencies(scenario: Scenario, states: DriveStates | None = None) -> np.ndarray:
+    """Natural frequencies of drive and spacecraft [Hz], also at the ends of ``states``."""
+    own = [mode.frequency for mode in coupled_modes(scenario)]
+    if states is None:
+        return np.array(own)
+    return np.concatenate([own, states.natural_frequencies[:, 0]])
 
 
 _FREQUENCY_OFFSETS = np.linspace(-1.0, 1.0, 17)
@@ -407,7 +403,7 @@ def response_uncertainty(
     ----------
     responses : sequence of callable
         Sizes (k n, 2) of what lines move at frequencies (k n,) [Hz], n for each line, one line after another: first of what was
-        run, then of what it may be instead.
+        run, then of what it may be instead, or several of these, (j, k n, 2).
     frequency, off : ndarray
         Frequencies [Hz], (k,), and by how much each may be off [Hz].
     modes : ndarray
@@ -429,8 +425,9 @@ def response_uncertainty(
         [f, f[:, None] + off[:, None] * _FREQUENCY_OFFSETS, np.clip(nearest, f - off, f + off)]
     )
     size = np.concatenate(
-        [np.nan_to_num(each(at.ravel())).reshape(*at.shape, 2) for each in responses], axis=1
+        [np.nan_to_num(each(at.ravel())).reshape(-1, *at.shape, 2) for each in responses]
     )
+    size = np.concatenate([*size], axis=1)
     own = size[:, 0]
     ratio = np.divide(size, own[:, None], out=np.ones_like(size), where=own[:, None] > 0.0)
     return np.array([1.0 - ratio.min(axis=1), ratio.max(axis=1) - 1.0])
@@ -753,7 +750,7 @@ def contribution_of_recording(
         + noise[kept] / np.abs(los[kept])
         + _table_error(recording, f[kept])[:, None]
     )
-    beside = _drive_uncertainty(held_drive_variants(scenario), f[kept])
+    beside = _drive_uncertainty(scenario, drive_states(scenario, own=False), f[kept])
     return Contribution(
         name,
         f"clock lines of the recording {recording.title}, blocked-load method",

@@ -37,6 +37,12 @@ from microvib.studies.budget.arrays import (
     number_of_arrays,
     too_many_arrays,
 )
+from microvib.studies.budget.cases import (
+    drawn_cases,
+    with_craft_of_cases,
+    with_density_of_cases,
+    with_nominal_craft,
+)
 from microvib.studies.budget.figures import CombinedLines, evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -208,7 +214,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     first, two = drives[0], _has_second_wing(drives)
     required = _read_requirements(requirements)
     # What can be refused is looked at before anything is simulated.
-    beside = _other_contributions(sources, first.scenario)
+    beside = _other_contributions(sources, whole)
     if two and campaign is not None and recording is not None:
         raise OptionError(
             "campaign",
@@ -239,7 +245,11 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     if ensemble is not None:
         if two:
             found[:2] = [both_wings(whole, found[0], found[1], runs[0].lines, runs[1].lines)]
-        found[0] = with_campaign(found[0], ensemble)
+        found[0] = with_density_of_cases(with_campaign(found[0], ensemble), ensemble)
+        found[1:] = [with_nominal_craft(one, ensemble) for one in found[1:]]
+        beside = with_craft_of_cases(beside, *read_sources(sources), ensemble)
+        if measured is not None:
+            found[0] = _with_cases_of_another(found[0])
     found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
     found, without = _with_lacking(found, drives)
     found += beside
@@ -650,8 +660,7 @@ def with_campaign(drive: Contribution, results: Results) -> Contribution:
     Lines that were found and not expected are numbered by size in each case: they are the drive's
     where frequencies agree, and lines of their own beside them where not.
     """
-    counted = independent_cases(results.campaign.design)
-    drawn = counted & (results.state == DONE)
+    counted, drawn = independent_cases(results.campaign.design), drawn_cases(results)
     los = {
         name: np.array([results.of(name, key)[drawn] for key in ("los_x", "los_y")]).T
         for name in results.lines
@@ -668,6 +677,15 @@ def with_campaign(drive: Contribution, results: Results) -> Contribution:
     return replace(
         drive, cases=np.nan_to_num(found[:, kept]), cases_frequency=at, cases_lack="; ".join(lack)
     )
+
+
+def _with_cases_of_another(recorded: Contribution) -> Contribution:
+    """A recorded drive, of which a campaign's cases tell no percentile: they are the scenario's."""
+    why = (
+        "the campaign's cases are those of the scenario's drive, not of the recorded one (leave the"
+        " recording out, or the percentile)"
+    )
+    return replace(recorded, cases_lack="; ".join(filter(None, (recorded.cases_lack, why))))
 
 
 def _lines_in_cases(

@@ -298,9 +298,15 @@ def assess(
     chosen = _with_gaps(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
     value = evaluate_lines(requirement, tones, densities)
-    least, most = metric_bounds(requirement, tones, gaps, densities, _swept_sources(chosen, rule))
+    smallest = [one.least_density for one in chosen if one.least_density is not None]
+    largest = None
+    if any(one.density_bounds is not None for one in chosen):
+        largest = [one.most_density for one in chosen if one.most_density is not None]
+    least, most = metric_bounds(
+        requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
+    )
     figure = _Figure(least, value, most)
-    cases = _case_values(requirement, chosen, rule, densities)
+    cases = _case_values(requirement, chosen, contributions, rule)
     lacking = _percentile_gaps(requirement, chosen, cases)
     why = [
         *_open_reasons(requirement, chosen, value),
@@ -429,7 +435,7 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     if r.curve is not None:
         return float(_ratio_to_curve(r, tones.frequency, tones.most).max(initial=0.0))
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
-    densities = [one.density for one in chosen if one.density is not None]
+    densities = [one.most_density for one in chosen if one.most_density is not None]
     return evaluate_metric(plain, tones.frequency, tones.most, densities)
 
 
@@ -699,11 +705,11 @@ def _hidden_ratio_to_curve(r: Requirement, gaps: Sequence[Unobserved]) -> float:
 def _case_values(
     r: Requirement,
     chosen: Sequence[Contribution],
+    contributions: Sequence[Contribution],
     rule: Rule,
-    densities: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> np.ndarray | None:
-    """The figure of each case of a campaign, (cases,), with the phases of the nominal one; None
-    without one, and of levels.
+    """The figure of each case of a campaign, (cases,), with the phases of the nominal one and with
+    what other sources are on the craft of the case; None without a campaign, and of levels.
     """
     k, drawn = next(((k, one) for k, one in enumerate(chosen) if one.cases is not None), (0, None))
     if drawn is None or drawn.cases is None or r.statistic == "level":
@@ -723,11 +729,22 @@ def _case_values(
         if drawn.cases_frequency is None
         else drawn.cases_frequency
     )
-    for f, case in zip(at, drawn.cases, strict=True):
-        one = replace(own, frequency=f, los=case * phases)
-        tones = combine_lines([*chosen[:k], one, *chosen[k + 1 :]], rule, with_errors=False)
+    for number, (f, case) in enumerate(zip(at, drawn.cases, strict=True)):
+        each = [_in_case(r, number, *pair) for pair in zip(chosen, contributions, strict=True)]
+        each[k] = replace(own, frequency=f, los=case * phases, density=each[k].density)
+        tones = combine_lines(each, rule, with_errors=False)
+        densities = [one.density for one in each if one.density is not None]
         found.append(evaluate_metric(r, tones.frequency, tones.value, densities))
     return np.array(found)
+
+
+def _in_case(
+    r: Requirement, number: int, chosen: Contribution, source: Contribution
+) -> Contribution:
+    """A source on the craft of a case, at the alternative that is worst there."""
+    if source.in_case is None:
+        return chosen
+    return worst_alternative(r, source.in_case(number))
 
 
 def _percentile_gaps(

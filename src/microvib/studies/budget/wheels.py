@@ -19,6 +19,7 @@ import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY, frequency_error_bound
 from microvib.model.coupling import line_of_sight_transfer
+from microvib.model.drive_states import DriveStates, drive_states
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import (
@@ -32,7 +33,6 @@ from microvib.studies.budget.files import Requirement, Wheel
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
-    held_drive_variants,
     low_frequency_gap,
     natural_frequencies,
     response_uncertainty,
@@ -82,6 +82,11 @@ class WheelOnCraft:
     scenario: Scenario
     place: np.ndarray
     """Motion of the place by the hub's coordinates, (6, n)."""
+
+    @cached_property
+    def states(self) -> DriveStates | None:
+        """States in which the drives of the craft may be; None where these are known."""
+        return drive_states(self.scenario)
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -170,15 +175,26 @@ class WheelOnCraft:
         """Relative error of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
         drive that holds may stand.
         """
-        each = [replace(self, scenario=one) for one in held_drive_variants(self.scenario)]
-        modes = np.concatenate([natural_frequencies(one.scenario) for one in each])
-        return response_uncertainty([one._response for one in each], frequency, off, modes)
+        responses = [self._response]
+        if self.states is not None:
+            responses.append(self._responses_of_states)
+        modes = natural_frequencies(self.scenario, self.states)
+        return response_uncertainty(responses, frequency, off, modes)
 
     def _response(self, at: np.ndarray) -> np.ndarray:
         """Amplitudes (o n, 2) at frequencies (o n,) of one order after another."""
         return np.asarray(
             bound_over_phases(self._sizes(at.reshape(self.orders.size, -1)))[0].reshape(-1, 2)
         )
+
+    def _responses_of_states(self, at: np.ndarray) -> np.ndarray:
+        """Smallest and largest of these over all states of the drives, (2, o n, 2)."""
+        assert self.states is not None
+        order = np.repeat(np.arange(self.orders.size), at.size // self.orders.size)
+        forces = self.states.on_hub(self.place) @ self._parts.transpose(1, 2, 0)
+        found = self.states.extremes(at, forces[order]).sum(axis=-1)
+        speed = 2.0 * np.pi * at / self.orders[order]
+        return np.asarray(found * speed[:, None] ** 2)
 
     # ---- A range of speeds ----
 
@@ -188,11 +204,13 @@ class WheelOnCraft:
         low, high = (float(x) for x in self.frequencies(np.array(self.speeds))[[0, 1], [0, -1]])
         low, high = low * (1.0 - 2.0 * CLOCK_UNCERTAINTY), high * (1.0 + 2.0 * CLOCK_UNCERTAINTY)
         found = [np.geomspace(low, high, int(math.log(high / low) / _GRID) + 3), self._ends]
-        for mode in coupled_modes(self.scenario):
-            damping = max(mode.damping, 1e-6)
+        modes = [(mode.frequency, mode.damping) for mode in coupled_modes(self.scenario)]
+        if self.states is not None:
+            modes += [(f, width / f) for f, width in self.states.natural_frequencies.tolist()]
+        for frequency, damping in ((f, max(x, 1e-6)) for f, x in modes):
             reach = math.asinh(max(30.0, 2.0 * _GRID / damping))
             found.append(
-                mode.frequency
+                frequency
                 * (1.0 + damping * np.sinh(np.linspace(-reach, reach, 2 * int(10.0 * reach) + 1)))
             )
         grid = np.unique(np.concatenate(found))
@@ -218,12 +236,19 @@ class WheelOnCraft:
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
         return found * speed[:, :, None] ** 2
 
+    @cached_property
+    def in_any_state(self) -> WheelOnCraft:
+        """The wheel with the largest amplitudes over all states of the drives."""
+        if self.states is None:
+            return self
+        return _WheelInAnyState(self.name, self.wheel, self.scenario, self.place)
+
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Frequencies that each order passes, (n,) [Hz], and its amplitudes there, (n, 2)
         [rad].
         """
         found = []
-        for order, size in zip(self.orders, self.amplitudes, strict=True):
+        for order, size in zip(self.orders, self.in_any_state.amplitudes, strict=True):
             low, high = (speed * order / (2.0 * math.pi) for speed in self.speeds)
             passed = in_band(self.grid, low, high, frequency_error_bound(self.grid))
             found.append((self.grid[passed], size[passed]))
@@ -261,9 +286,22 @@ class WheelOnCraft:
         less, more = best.relative_errors + self._response_error(
             best.frequency, np.zeros(self.orders.size)
         )
+        largest = np.maximum(
+            (1.0 + more) * max(ratio, 1.0), self._ratio_in_any_state(scores[0], own)
+        )
         if r.curve is None and r.statistic != "rms":
-            best = replace(best, crests=self._crests(r, 1.0 + more.max(axis=0, initial=0.0)))
-        return replace(best, relative_error=np.array([less, (1.0 + more) * max(ratio, 1.0) - 1.0]))
+            known = best.relative_errors[1] if self.states is not None else more
+            best = replace(best, crests=self._crests(r, 1.0 + known.max(axis=0, initial=0.0)))
+        return replace(best, relative_error=np.array([less, largest - 1.0]))
+
+    def _ratio_in_any_state(self, score: _Score, own: float) -> float:
+        """The most that the figure of a score is at any speed in any state of the drives, over its
+        ``own`` as found; 1 where these are known.
+        """
+        if self.states is None or own <= 0.0:
+            return 1.0
+        wheel = self.in_any_state
+        return _maximise_over_speed(wheel, type(score)(wheel, score.r)).upper / own
 
     def _speed_of(self, one: Contribution) -> float:
         """[rad/s]."""
@@ -276,11 +314,11 @@ class WheelOnCraft:
         What is worst for all sources together need not be so for the wheel alone: nor its speed,
         nor the axis, nor the instant.
         """
-        found = [0.0, 0.0]
+        found, wheel = [0.0, 0.0], self.in_any_state
         for axis in _AXES[r.axis]:
-            score = _Crest(self, r.model_copy(update={"axis": "xy"[axis]}))
-            found[axis] = float(factor[axis]) * _maximise_over_speed(self, score).upper
-        together = float(factor.max()) * _maximise_over_speed(self, _Crest(self, r)).upper
+            score = _Crest(wheel, r.model_copy(update={"axis": "xy"[axis]}))
+            found[axis] = float(factor[axis]) * _maximise_over_speed(wheel, score).upper
+        together = float(factor.max()) * _maximise_over_speed(wheel, _Crest(wheel, r)).upper
         return found[0], found[1], together
 
     def _beyond(self, figure: Callable[[Contribution], float]) -> tuple[Unobserved, ...]:
@@ -295,6 +333,18 @@ class WheelOnCraft:
         ]
         why = f"its range of speeds ends nearer to the band than speeds are known ({CLOCK_UNCERTAINTY:g})"
         return tuple(Unobserved(why, 0.0, math.inf, one.frequency, np.abs(one.los)) for one in each)
+
+
+class _WheelInAnyState(WheelOnCraft):
+    """A wheel of which each order is as large as it is in the state of the drives that is worst for it
+    at its frequency.
+    """
+
+    @cached_property
+    def amplitudes(self) -> np.ndarray:
+        """Largest amplitudes of each order over the grid [rad], (o, m, 2)."""
+        at = np.tile(self.grid, self.orders.size)
+        return self._responses_of_states(at)[1].reshape(self.orders.size, -1, 2)
 
 
 def _rpm(speed: float) -> float:
@@ -325,7 +375,7 @@ class _Score:
 
     def breaks(self) -> Sequence[float]:
         """Frequencies [Hz] at which something changes at once."""
-        modes = natural_frequencies(self.wheel.scenario).tolist()
+        modes = natural_frequencies(self.wheel.scenario, self.wheel.states).tolist()
         return [f for f in (self.low, self.high, *modes) if 0.0 < f < math.inf]
 
     def amplitude(self, f: np.ndarray) -> np.ndarray:

@@ -1,0 +1,341 @@
+"""States in which the drives of a craft may be, and the line of sight over all of them.
+
+The linearised drives hold their shafts by springs of known stiffness. Some are not known: friction
+that sticks locks a shaft or, with presliding, holds it by the stiffness of its contacts; elements of
+a gear's hysteresis, or of a harness, stick or slide; teeth with backlash are in contact or not; detent torque is a
+spring of either sign. How much of each acts depends on the motion. With s_i between its ends, of
+springs g_i with the dynamic stiffness z_i, in coordinates of hub and wings,
+
+    (Z(omega) + sum s_i z_i g_i g_i') x = F,   los = L x
+
+Over one s_i the line of sight is a quotient of two linear functions, whose largest and smallest size
+are known in closed form (``_extremes_over_one``); the others are taken at some values (``_levels``).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from microvib.model.coupling import Source, receiver_of, require_craft, source_of
+from microvib.model.craft import hub_matrices
+from microvib.model.drive_matrices import coordinates
+from microvib.model.friction import Friction
+from microvib.model.linear import frequency_blocks
+from microvib.model.scenario import Scenario
+
+_MANY = 4
+"""Springs from which the others are taken at their ends alone."""
+_LEVELS = np.linspace(0.0, 1.0, 9)
+"""Parts of the way between its ends at which the only other spring is taken."""
+_RIGID = 1e3
+"""Times the largest stiffness of the system, for the modes of a shaft that is locked."""
+_LEAST_STIFFNESS = 1e-3
+"""Part of the electromagnetic stiffness that detent torque leaves at the least."""
+
+
+@dataclass(frozen=True)
+class UncertainSpring:
+    """Spring beside those of the linearised drive: ``low`` to ``high`` times its stiffness."""
+
+    on: np.ndarray
+    """Stretch by the coordinates, (n,)."""
+    stiffness: float
+    """[N m/rad]."""
+    low: float
+    high: float
+    """Infinite where it may be rigid."""
+    damping: float = 0.0
+    """[N m s/rad], which comes and goes with it."""
+
+
+def springs_of_drive(scenario: Scenario, *, held: bool) -> list[UncertainSpring]:
+    """Springs of a drive in its own coordinates, those of ``source_of``; ``held`` is one that does
+    not step, whose friction may stick for good and whose detent torque acts at one angle.
+
+    Of a drive that steps friction without presliding is not among them: it counts as one that slides.
+    """
+    reducer, motor, friction = scenario.reducer, scenario.motor, scenario.friction
+    rotor, output = coordinates(reducer, len(scenario.array.modes))[:2]
+    found = [*_of_friction(friction, output, held), *_of_friction(motor.friction, rotor, held)]
+    if friction.harness is not None and friction.harness.memory:
+        found.append(UncertainSpring(output, _stuck_stiffness(friction.harness.memory), 0.0, 1.0))
+    if not reducer.rigid:
+        twist = -rotor / reducer.h - output
+        stiffness = float(reducer.stiffness)
+        if reducer.hysteresis is not None:
+            found.append(UncertainSpring(twist, reducer.hysteresis.stiffness, 0.0, 1.0))
+        if reducer.backlash:
+            found.append(UncertainSpring(twist, stiffness, -1.0, 0.0, reducer.damping))
+    return found
+
+
+def springs_of_detent(scenario: Scenario) -> list[UncertainSpring]:
+    """Spring of the detent torque and flux harmonics of a drive, wherever its rotor stands."""
+    motor = scenario.motor
+    if motor.detent_stiffness == 0.0:
+        return []
+    rotor = coordinates(scenario.reducer, len(scenario.array.modes))[0]
+    part = motor.detent_stiffness / motor.electromagnetic_stiffness
+    least = max(-part, _LEAST_STIFFNESS - 1.0)
+    return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, part)]
+
+
+def _of_friction(friction: Friction, on: np.ndarray, held: bool) -> Iterator[UncertainSpring]:
+    """Spring of a shaft's friction that sticks."""
+    if friction.memory:
+        yield UncertainSpring(on, _stuck_stiffness(friction.memory), 0.0, 1.0)
+    elif held and friction.largest_torque > 0.0:
+        yield UncertainSpring(on, 1.0, 0.0, math.inf)
+
+
+def _stuck_stiffness(memory: Sequence[tuple[float, float]]) -> float:
+    """Stiffness [N m/rad] of friction all of whose elements stick."""
+    return math.fsum(stiffness for stiffness, _ in memory)
+
+
+@dataclass(frozen=True)
+class DriveStates:
+    """Craft of a scenario with what is not known of its drives; hub and wings in one system."""
+
+    scenario: Scenario
+    springs: tuple[UncertainSpring, ...]
+    """In the coordinates of hub, own wing and second wing."""
+
+    @cached_property
+    def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mass, damping and stiffness of hub, own wing and second wing, (n, n)."""
+        hub = receiver_of(self.scenario)
+        M, K, C, _ = hub_matrices(require_craft(self.scenario).spacecraft)
+        wings = [(source_of(self.scenario), hub.root)]
+        if hub.second is not None and hub.second_root is not None:
+            wings.append((hub.second, hub.second_root))
+        for wing, root in wings:
+            M, C, K = _with_wing(M, C, K, wing, root)
+        return M, C, K
+
+    @cached_property
+    def _los(self) -> np.ndarray:
+        """Line of sight by the coordinates, (2, n)."""
+        los = receiver_of(self.scenario).los
+        assert los is not None
+        return np.hstack([los, np.zeros((2, self._system[0].shape[0] - los.shape[1]))])
+
+    def on_hub(self, place: np.ndarray) -> np.ndarray:
+        """Forces on the coordinates by loads where the hub moves by ``place`` (6, h), (n, 6)."""
+        n = self._system[0].shape[0]
+        return np.vstack([place.T, np.zeros((n - place.shape[1], place.shape[0]))])
+
+    @property
+    def on_interface(self) -> np.ndarray:
+        """Forces on the coordinates by blocked loads at the own wing's interface, (n, 6)."""
+        return self.on_hub(receiver_of(self.scenario).root)
+
+    @property
+    def on_rotor(self) -> np.ndarray:
+        """Forces on the coordinates by a torque on the own rotor, (n, 1)."""
+        found = np.zeros((self._system[0].shape[0], 1))
+        found[receiver_of(self.scenario).root.shape[1]] = 1.0
+        return found
+
+    def extremes(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Smallest and largest line of sight [rad] over all states by ``forces`` on the coordinates
+        (n, c), or at each frequency (m, n, c), at frequencies (m,) [Hz], (2, m, 2, c).
+        """
+        each = np.broadcast_to(forces, (frequency.size, *forces.shape[-2:]))
+        n = self._system[0].shape[0]
+        found = [
+            self._extremes(frequency[part], each[part])
+            for part in frequency_blocks(frequency.size, n)
+        ]
+        return np.concatenate([np.zeros((2, 0, 2, forces.shape[-1])), *found], axis=1)
+
+    def _extremes(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        M, C, K = self._system
+        omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
+        G = np.array([spring.on for spring in self.springs]).reshape(-1, K.shape[0]).T
+        right = np.concatenate([forces, np.broadcast_to(G, (len(frequency), *G.shape))], axis=2)
+        moved = np.linalg.solve(K - omega**2 * M + 1j * omega * C, right.astype(complex))
+        c, z = (
+            forces.shape[2],
+            [s.stiffness + 1j * omega[:, 0, 0] * s.damping for s in self.springs],
+        )
+        start = _Reduced(
+            self._los @ moved[:, :, :c],
+            self._los @ moved[:, :, c:],
+            G.T @ moved[:, :, c:],
+            G.T @ moved[:, :, :c],
+        )
+        least, most = np.abs(start.los), np.abs(start.los)
+        for k, spring in enumerate(self.springs):
+            others = [j for j in range(len(self.springs)) if j != k]
+            for levels in itertools.product(*(self._levels(j) for j in others)):
+                at = start
+                for j, level in zip(others, levels, strict=True):
+                    at = at.with_spring(j, level, z[j])
+                low, high = _extremes_over_one(at, k, z[k], spring.low, spring.high)
+                least, most = np.minimum(least, low), np.maximum(most, high)
+        return np.array([least, most])
+
+    def _levels(self, k: int) -> list[float]:
+        """Values at which a spring is taken while another takes all between its ends."""
+        spring, count = self.springs[k], len(self.springs)
+        if count >= _MANY:
+            return [spring.low, spring.high]
+        parts = _LEVELS if count == 2 else _LEVELS[::4]
+        if math.isfinite(spring.high):
+            found = spring.low + (spring.high - spring.low) * parts
+        else:  # from nothing to rigid, by how stiff it is beside what it is fixed to
+            M, _, K = self._system
+            own = float(spring.on @ K @ spring.on) / spring.stiffness
+            with np.errstate(divide="ignore"):
+                found = spring.low + own * np.divide(parts, 1.0 - parts)
+        return sorted({0.0, *found.tolist()})
+
+    @cached_property
+    def natural_frequencies(self) -> np.ndarray:
+        """Natural frequencies [Hz] and half-widths of resonances [Hz] where all springs are at one
+        of their ends, (m, 2).
+        """
+        rigid = _RIGID * float(np.abs(np.diag(self._system[2])).max())
+        ends = [(s.low, min(s.high, rigid / s.stiffness)) for s in self.springs]
+        found = [self._modes(state) for state in itertools.product(*ends)]
+        return np.concatenate([np.zeros((0, 2)), *found])
+
+    def _modes(self, state: Sequence[float]) -> np.ndarray:
+        M, C, K = self._system
+        for level, s in zip(state, self.springs, strict=True):
+            K = K + level * s.stiffness * np.outer(s.on, s.on)
+            C = C + level * s.damping * np.outer(s.on, s.on)
+        n = K.shape[0]
+        inverse = np.linalg.solve(M, np.hstack([K, C]))
+        values = np.linalg.eigvals(
+            np.block([[np.zeros((n, n)), np.eye(n)], [-inverse[:, :n], -inverse[:, n:]]])
+        )
+        values = values[values.imag > 1e-6 * np.abs(values)]
+        return np.column_stack([np.abs(values), -values.real]) / (2.0 * np.pi)
+
+
+def drive_states(
+    scenario: Scenario, *, own: bool = True, steps: bool = False
+) -> DriveStates | None:
+    """States in which the drives of a craft may be; None where all is known.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The first drive on its craft.
+    own : bool
+        Of the first drive, too; else it is as linearised.
+    steps : bool
+        The second drive steps, whatever the scenario says, and is as linearised.
+    """
+    n = receiver_of(scenario).root.shape[1]
+    mine = springs_of_drive(scenario, held=False) if own else []
+    other, beside = scenario.other_wing, list[UncertainSpring]()
+    if other is not None and not steps:
+        wing = require_craft(scenario).spacecraft.second_wing
+        beside = springs_of_drive(other, held=wing is not None and wing.drive == "held")
+        beside += springs_of_detent(other)
+    if not mine and not beside:
+        return None
+    n_own = source_of(scenario).M.shape[0]
+    n_other = 0 if other is None else source_of(other).M.shape[0]
+    springs = [
+        *(_placed(one, n, n_other) for one in mine),
+        *(_placed(one, n + n_own, 0) for one in beside),
+    ]
+    return DriveStates(scenario, tuple(springs))
+
+
+def _placed(spring: UncertainSpring, before: int, behind: int) -> UncertainSpring:
+    """A spring of a wing by the coordinates of all."""
+    return replace(spring, on=np.concatenate([np.zeros(before), spring.on, np.zeros(behind)]))
+
+
+def _with_wing(
+    M: np.ndarray, C: np.ndarray, K: np.ndarray, wing: Source, root: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Matrices of a structure with a wing on it, where its interface moves by ``root`` (6, h) with
+    the first coordinates.
+    """
+    n, s = M.shape[0], wing.M.shape[0]
+    there = np.hstack([root, np.zeros((6, n - root.shape[1]))])
+    stirred, apart = there.T @ wing.G, np.zeros((n, s))
+    return (
+        np.block([[M + there.T @ wing.mass @ there, stirred], [stirred.T, wing.M]]),
+        np.block([[C, apart], [apart.T, wing.C]]),
+        np.block([[K, apart], [apart.T, wing.K]]),
+    )
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """Line of sight and stretch of springs by forces on the coordinates and by those of the springs."""
+
+    los: np.ndarray  # (m, 2, c)
+    los_by_springs: np.ndarray  # (m, 2, p)
+    stretch_by_springs: np.ndarray  # (m, p, p)
+    stretch: np.ndarray  # (m, p, c)
+
+    def with_spring(self, k: int, level: float, z: np.ndarray) -> _Reduced:
+        """Line of sight and stretch with a spring at ``level`` times its dynamic stiffness (m,)."""
+        own = self.stretch_by_springs[:, k, k]
+        if math.isinf(level):
+            pull = 1.0 / own
+        else:
+            pull = level * z / (1.0 + level * z * own)
+        of_forces = (pull[:, None] * self.stretch[:, k])[:, None, :]
+        of_springs = (pull[:, None] * self.stretch_by_springs[:, k])[:, None, :]
+        by, to = self.los_by_springs[:, :, [k]], self.stretch_by_springs[:, :, [k]]
+        return _Reduced(
+            self.los - by * of_forces,
+            self.los_by_springs - by * of_springs,
+            self.stretch_by_springs - to * of_springs,
+            self.stretch - to * of_forces,
+        )
+
+
+def _extremes_over_one(
+    at: _Reduced, k: int, z: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest line of sight, (m, 2, c), over one spring between ``low`` and ``high``
+    times its dynamic stiffness (m,).
+
+    It is (a + b s) / (1 + e s), whose square is a quotient of two real quadratics of s: extreme at an
+    end, or where the derivative of that is zero, a quadratic equation.
+    """
+    own = at.stretch_by_springs[:, k, k]
+    e = (z * own)[:, None, None]
+    a = at.los
+    b = z[:, None, None] * (
+        own[:, None, None] * a - at.los_by_springs[:, :, [k]] * at.stretch[:, [k], :]
+    )
+    n0, n1, n2 = np.abs(a) ** 2, 2.0 * (a.conj() * b).real, np.abs(b) ** 2
+    d0, d1, d2 = (
+        np.ones_like(n0),
+        2.0 * e.real * np.ones_like(n0),
+        np.abs(e) ** 2 * np.ones_like(n0),
+    )
+
+    def squared(s: np.ndarray) -> np.ndarray:
+        """Square of the line of sight at s, which may be infinite."""
+        inside = np.abs(s) <= 1.0
+        s, u = np.where(inside, s, 1.0), np.where(inside, 1.0, 1.0 / np.where(s == 0.0, 1.0, s))
+        top = np.where(inside, n0 + s * (n1 + s * n2), n2 + u * (n1 + u * n0))
+        bottom = np.where(inside, d0 + s * (d1 + s * d2), d2 + u * (d1 + u * d0))
+        return np.asarray(np.maximum(top, 0.0) / np.maximum(bottom, 1e-300))
+
+    A, B, C = n2 * d1 - n1 * d2, 2.0 * (n2 * d0 - n0 * d2), n1 * d0 - n0 * d1
+    root = np.sqrt(np.maximum(B**2 - 4.0 * A * C, 0.0))
+    q = -0.5 * (B + np.copysign(root, B))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = np.nan_to_num(np.array([q / A, C / q]), nan=low, posinf=low, neginf=low)
+    tried = [*np.clip(turns, low, high), np.full(n0.shape, low), np.full(n0.shape, high)]
+    sizes = np.sqrt([squared(s) for s in tried])
+    return sizes.min(axis=0), sizes.max(axis=0)

@@ -1,0 +1,211 @@
+"""Line of sight over all states of drives: against crafts with the springs of a state built in, and what budgets make of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.io.file_access import FileAccess
+from microvib.model.coupling import blocked_load_method, line_of_sight_transfer, source_of
+from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.rigid import rigid_motion_at
+from microvib.studies.budget.files import OtherSource, Requirement
+from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.sources import contribution_of_run
+from microvib.studies.budget.sums import assess, worst_alternative
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
+SMOOTH = {"coulomb": "0 N*m", "breakaway": "0 N*m", "stribeck_rate": "0.003 deg/s", "viscous": "0.0255 N*m*s/rad"}  # fmt: skip
+DRY = {**SMOOTH, "coulomb": "1 N*m", "breakaway": "1 N*m"}
+HELD = {"drive": "held", "interface": {"position": ["0.35 m", "-0.9 m", "-0.2 m"], "drive_axis": [0, -1, 0], "reference": [1, 0, 0]}}  # fmt: skip
+HYSTERESIS = {"loss": "1 arcmin", "stiffness": "20000 N*m/rad"}
+CENTER = rigid_motion_at(np.zeros(3))
+
+
+@pytest.fixture(scope="module")
+def one_wing() -> mv.Scenario:
+    return mv.load_scenario(EXAMPLE).with_({"friction": SMOOTH, "motor.detent_torque": "0 N*m"})
+
+
+def held(one_wing: mv.Scenario, friction: dict[str, object], **keys: object) -> mv.Scenario:
+    wing = {**HELD, "friction": friction}
+    return one_wing.with_({"spacecraft.second_wing": wing, **keys})
+
+
+def states_of(scenario: mv.Scenario) -> DriveStates:
+    found = drive_states(scenario)
+    assert found is not None
+    return found
+
+
+def by_loads(scenario: mv.Scenario, f: np.ndarray) -> np.ndarray:
+    return np.abs(line_of_sight_transfer(scenario, f, CENTER))
+
+
+def check_bounds(extremes: np.ndarray, each: list[np.ndarray], tolerance: float = 1e-9) -> None:
+    """No size (m, 2, 6) of any state is outside of the extremes, (2, m, 2, 6), and some are at them."""
+    least, most = np.min(each, axis=0), np.max(each, axis=0)
+    assert np.all(extremes[0] <= least * (1.0 + tolerance))
+    assert np.all(extremes[1] >= most * (1.0 - tolerance))
+    assert (
+        np.mean(extremes[1] <= 1.03 * most) > 0.75
+    )  # elsewhere states between those that are tried
+
+
+F = np.geomspace(0.3, 20.0, 60)
+
+
+def test_nothing_is_looked_at_where_drives_are_known(one_wing: mv.Scenario) -> None:
+    assert drive_states(one_wing) is None
+    assert drive_states(held(one_wing, SMOOTH)) is None
+    assert drive_states(mv.load_scenario(EXAMPLE)) is None  # its own friction slides
+    dry = held(one_wing, DRY)
+    assert drive_states(dry, steps=True) is None
+    assert drive_states(dry) is not None
+
+
+def test_the_state_that_was_linearised_is_among_them(one_wing: mv.Scenario) -> None:
+    """Loads at a place, at the interface and torque on the rotor, each by another way through the matrices."""
+    scenario = held(one_wing, SMOOTH, **{"motor.detent_torque": "1e-9 N*m"})
+    states = states_of(scenario)
+    found = states.extremes(F, states.on_hub(CENTER))
+    assert found[1] == pytest.approx(by_loads(scenario, F), rel=1e-6)
+    source = source_of(scenario)
+    blocked = source.blocked(F, np.ones(F.size))
+    los = blocked_load_method(scenario, F, blocked).los
+    assert los is not None
+    assert states.extremes(F, states.on_rotor)[1, :, :, 0] == pytest.approx(np.abs(los), rel=1e-6)
+    los = blocked_load_method(scenario, F, np.tile(np.eye(6)[4], (F.size, 1))).los
+    assert los is not None
+    at_interface = states.extremes(F, states.on_interface)[1, :, :, 4]
+    assert at_interface == pytest.approx(np.abs(los), rel=1e-6)
+
+
+@pytest.mark.parametrize("wing", ["own", "held"])
+def test_elements_of_a_hysteresis_stick_or_slide(wing: str, one_wing: mv.Scenario) -> None:
+    """Any part of their stiffness beside the gear's, as a gear that is so much stiffer."""
+    before = "" if wing == "own" else "spacecraft.second_wing."
+    start = one_wing if wing == "own" else held(one_wing, SMOOTH)
+    reducer = {"ratio": 100, "wave_generator_inertia": "0.052 kg*cm^2", "damping": "5 N*m*s/rad"}
+
+    def with_gear(stiffness: float, **more: object) -> mv.Scenario:
+        return start.with_(
+            {f"{before}reducer": {**reducer, "stiffness": f"{stiffness!r} N*m/rad", **more}}
+        )
+
+    states = states_of(with_gear(8400.0, hysteresis=HYSTERESIS))
+    each = [
+        by_loads(with_gear(8400.0 + x), F)
+        for x in (np.linspace(0.0, 1.0, 150) ** 2 * 20000.0).tolist()
+    ]
+    check_bounds(states.extremes(F, states.on_hub(CENTER)), each)
+
+
+def test_teeth_with_backlash_are_in_contact_or_not(one_wing: mv.Scenario) -> None:
+    scenario = one_wing.with_({"reducer.backlash": "1 arcmin"})
+    states = states_of(scenario)
+
+    def with_contact(part: float) -> mv.Scenario:
+        return one_wing.with_si({"reducer.stiffness": part * 8400.0, "reducer.damping": part * 5.0})
+
+    each = [
+        by_loads(with_contact(x), F)
+        for x in np.r_[np.geomspace(1e-8, 1e-2, 40), np.linspace(0.01, 1.0, 200)]
+    ]
+    check_bounds(states.extremes(F, states.on_hub(CENTER)), each, 1e-4)
+
+
+def test_a_held_shaft_that_sticks_is_a_locked_hinge(one_wing: mv.Scenario) -> None:
+    """As a drive of a stiff gear and a motor of any stiffness: from what it has to one that is rigid."""
+    states = states_of(held(one_wing, DRY))
+    smooth = held(one_wing, SMOOTH)
+    locked = smooth.with_si(
+        {
+            "spacecraft.second_wing.motor": smooth.motor.model_copy(update={"current": 1e6}),
+            "spacecraft.second_wing.reducer": smooth.reducer.model_copy(update={"stiffness": 1e11}),
+        }
+    )
+    found = states.extremes(F, states.on_hub(CENTER))
+    sizes = by_loads(locked, F)
+    assert np.all(found[1] >= sizes * (1.0 - 1e-3))
+    assert np.all(found[0] <= sizes * (1.0 + 1e-3))
+    assert np.max(found[1] / by_loads(smooth, F)) > 3.0
+    # with presliding, as stiff as its contacts and no stiffer
+    contacts = states_of(held(one_wing, {**DRY, "presliding": {"stiffness": "1 N*m/rad"}}))
+    soft = contacts.extremes(F, contacts.on_hub(CENTER))
+    assert soft[1] == pytest.approx(by_loads(held(one_wing, SMOOTH), F), rel=0.05)
+
+
+def test_a_line_of_the_drive_at_a_mode_of_a_wing_that_sticks(one_wing: mv.Scenario) -> None:
+    """The full step at 1.16 Hz, where the held array's second mode is once its shaft is locked: by the ratio of both crafts."""
+    rate = {"tracking.rate": "0.0208908 deg/s", "record.start": "steady", "record.duration": "4 s", "motor.detent_torque": "0.01 N*m", "array.modes.1.damping": "0.2 percent"}  # fmt: skip
+    most = []
+    for friction in (SMOOTH, DRY):
+        scenario = held(one_wing, friction, **rate)
+        one, _ = contribution_of_run("drive", scenario, mv.run_scenario(scenario))
+        k = one.names.index("full_step_1")
+        most.append(float((1.0 + one.relative_errors[1, k, 1]) * np.abs(one.los[k, 1])))
+    assert most[1] > 5.0 * most[0]
+
+
+@pytest.mark.parametrize("what", ["line", "wheel", "range"])
+def test_other_sources_are_as_large_as_in_the_worst_state(
+    what: str, one_wing: mv.Scenario, tmp_path: Path
+) -> None:
+    """A gear's hysteresis: at the torsion mode of a gear that is stiffer, and by no more than that."""
+    scenario = one_wing.with_(
+        {"reducer.hysteresis": HYSTERESIS, "array.modes.1.frequency": "12 Hz"}
+    )
+    plain = one_wing.with_({"array.modes.1.frequency": "12 Hz"})
+    stuck = [
+        plain.with_si({"reducer.stiffness": 8400.0 + x})
+        for x in np.linspace(0.0, 20000.0, 60).tolist()
+    ]
+    stuck += [plain.with_({"reducer.stiffness": "28400 N*m/rad"})]
+    # none of the modes of the linearised craft: the hub on the gear is at 4 Hz there, at 6 Hz where all sticks
+    f = 6.155
+    (tmp_path / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},0.2\n")
+    speeds = {"line": [f], "wheel": [f], "range": np.linspace(5.0, 7.0, 41).tolist()}[what]
+    harmonics = [{"order": 1, "axial_torque": "1e-6 N*m*s^2/rad^2"}]
+    wheel = {"speed": f"{60 * speeds[0]!r} rpm", "axis": [0, 1, 0], "harmonics": harmonics}
+    if what == "range":
+        wheel["speed_to"] = f"{60 * speeds[-1]!r} rpm"
+    given = {"lines": "lines.csv"} if what == "line" else {"wheel": wheel}
+    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], **given)
+    r = Requirement(metric="ape", axis="y", limit="1 urad")
+    one = contribution_of_other(source, scenario, FileAccess(folder=tmp_path))
+    found = assess(r, [worst_alternative(r, one)], "rss")
+    size = np.array([0.2 if what == "line" else 1e-6 * (2.0 * np.pi * x) ** 2 for x in speeds])
+    at = np.array(speeds)
+    true = max(float((by_loads(craft, at)[:, 1, 4] * size).max()) for craft in stuck) / np.sqrt(2.0)
+    assert true <= found.most * (1.0 + 1e-6)
+    assert found.most <= 1.1 * true
+    assert true > 1.3 * found.value
+
+
+@pytest.mark.parametrize("statistic", ["rms", "bound", "level"])
+def test_a_density_is_as_large_as_in_the_worst_state(
+    statistic: str, one_wing: mv.Scenario, tmp_path: Path
+) -> None:
+    """A narrow band at the torsion mode of a stiffer gear: by the mean square of each craft."""
+    plain = one_wing.with_({"array.modes.1.frequency": "12 Hz"})
+    scenario = plain.with_({"reducer.hysteresis": HYSTERESIS})
+    stuck = [
+        plain.with_si({"reducer.stiffness": 8400.0 + x}) for x in np.linspace(0.0, 2e4, 60).tolist()
+    ]
+    (tmp_path / "d.csv").write_text("frequency_hz,my_n2_m2_hz\n6.15,1\n6.16,1\n")
+    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], density="d.csv")
+    files, grid = FileAccess(folder=tmp_path), np.linspace(6.15, 6.16, 201)
+    r = Requirement(metric="ape", axis="y", limit="1 urad", statistic=statistic)
+    found = assess(r, [contribution_of_other(source, scenario, files)], "rss")
+    known = assess(r, [contribution_of_other(source, plain, files)], "rss")
+    rms = [float(np.sqrt(np.trapezoid(by_loads(x, grid)[:, 1, 4] ** 2, grid))) for x in stuck]
+    factor = known.most / rms[0]
+    assert known.least == pytest.approx(known.most)
+    assert max(rms) * factor <= found.most * (1.0 + 1e-3)
+    assert found.most <= 1.1 * max(rms) * factor
+    assert found.least <= min(rms) * factor * (1.0 + 1e-3)
+    assert max(rms) > 1.3 * rms[0]
