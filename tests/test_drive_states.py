@@ -10,7 +10,12 @@ import pytest
 import microvib as mv
 from microvib.io.file_access import FileAccess
 from microvib.model.coupling import blocked_load_method, line_of_sight_transfer, source_of
-from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.drive_states import (
+    DriveStates,
+    drive_states,
+    springs_of_detent,
+    springs_of_drive,
+)
 from microvib.model.rigid import rigid_motion_at
 from microvib.studies.budget.files import OtherSource, Requirement
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -209,3 +214,21 @@ def test_a_density_is_as_large_as_in_the_worst_state(
     assert found.most <= 1.1 * max(rms) * factor
     assert found.least <= min(rms) * factor * (1.0 + 1e-3)
     assert max(rms) > 1.3 * rms[0]
+
+
+def test_flux_harmonics_are_springs_of_a_held_drive_as_detent_torque_is(
+    one_wing: mv.Scenario,
+) -> None:
+    assert springs_of_detent(one_wing) == []
+    harmonic = one_wing.with_({"motor.flux_harmonics": [{"order": 3, "amplitude": 0.05}]})
+    (spring,) = springs_of_detent(harmonic)
+    part = harmonic.motor.detent_stiffness / harmonic.motor.electromagnetic_stiffness
+    assert 0.0 < part < 1.0
+    assert (spring.low, spring.high) == (-part, part)
+
+
+def test_strands_of_a_harness_stick_or_slide(one_wing: mv.Scenario) -> None:
+    strands = {"friction": "1 N*m", "presliding": {"stiffness": "4000 N*m/rad"}}
+    (spring,) = springs_of_drive(one_wing.with_({"friction.harness": strands}), held=False)
+    assert (spring.low, spring.high) == (0.0, 1.0)
+    assert spring.stiffness == pytest.approx(4000.0)
