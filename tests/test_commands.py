@@ -21,6 +21,7 @@ from support.terminal import in_terminal
 
 from microvib.cli.main import main
 
+PULSES = str(Path(__file__).parents[1] / "examples" / "pulses.yaml")
 RATES = [
     "rates",
     "state-1",
@@ -55,6 +56,7 @@ DONE = {
         "record.duration=0.5 s",
     ],
     "rates": RATES,
+    "margin": ["margin", PULSES, "--over", "driver.supply_voltage=60:62 V", "--count", "2"],
     "modes": ["modes", "modes.csv"],
     "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],
     "campaign create": ["campaign", "create", "study.yaml", "another"],
@@ -109,6 +111,10 @@ REFUSED = {
     "campaign report": (["campaign", "report", "old"], "is not a campaign"),
     "campaign case": (["campaign", "case", "batch", "7"], "7"),
     "serve": (["serve", "--no-browser", "--port", "0", "--host", "0.0.0.0"], "--allow-remote"),
+    "margin": (
+        ["margin", "state-1", "--over", "driver.supply_voltage=60:80 V"],
+        "pulse is expected where lost steps are counted",
+    ),
     "show": (["show", "state-1", "--set", "a=b"], "a: "),
     "new": (["new", "study.yaml"], "already exists"),
     "sensitivity": (["sensitivity", "state-1"], "no value of this scenario has a range"),

@@ -262,7 +262,7 @@ WRONG = {
     "a name, simulated": (lambda m: mv.simulate("state-9"), "state-9: there is no such file and no catalog scenario of th"),
     "a name, compared": (lambda m: mv.compare(m, "papers"), "papers: is not known; expected a scenario (of the catalog, or"),
     "a name, as evidence": (lambda m: mv.identify(m.scenario, ["a.uff"], ["reducer.damping"]), "'a.uff' is a name; expected a"),
-    "a key that is not fitted": (lambda m: mv.identify(m.scenario, [], ["reducer.dampin"]), "is not a key of the scenario; allowed"),
+    "a key that is not fitted": (lambda m: mv.identify(m.scenario, [], ["reducer.dampin"]), "is not a key of the scenario; did you mean reducer.damping? allowed are"),
     "a motion, written": (lambda m: mv.write_run(m, "out"), "of type Motion; expected what a run found (mv.run_scenario)"),
     "a table, plotted": (lambda m: mv.plot(mv.find_lines(m)), "is of type LineTable; expected a motion, spectrum, density, "),
     "channels as a number": (lambda m: mv.simulate(m.scenario, channels=3), "channels: 3 is not a list; one is expected, such as ["),

@@ -190,7 +190,7 @@ def test_modes_through_a_drive_of_voltages_are_those_of_the_kernels_derivative()
         ),
         (
             {"driver.drive": "power"},
-            r"driver\.drive: 'power' is not allowed; write 'current' or 'voltage'",
+            r"driver\.drive: 'power' is not allowed; write 'current', 'voltage' or 'pulse'",
         ),
         (
             VOLTAGE | {"driver.supply_voltage": 3.0},

@@ -360,8 +360,8 @@ def test_sas_size_writes_a_source_of_modes(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--inertia", "8.18"], "inertia and frequency, or array"),
-        (["--array", "reference-array", "--inertia", "8"], "array alone"),
+        (["--inertia", "8.18"], "give both inertia and frequency, or instead of them an array"),
+        (["--array", "reference-array", "--inertia", "8"], "or instead of them an array"),
         (["--inertia", "8.18", "--frequency", "1.19 rad/s"], "mixes angles and cycles"),
         (["--inertia", "8.18", "--frequency", "1.19", "--amplitude", "2"], "'2 deg'"),
         (

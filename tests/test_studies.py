@@ -414,7 +414,10 @@ def test_a_test_s_own_keys_and_keys_named_twice_are_not_fitted(recording, start)
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("reducer.stifness", "is not a key of the scenario; allowed are motor.current"),
+        (
+            "reducer.stifness",
+            r"is not a key of the scenario; did you mean reducer\.stiffness\? allowed are",
+        ),
         ("driver.microsteps", "is an integer; give its range"),
         ("reducer.stiffness=9000:3000", "needs a unit|below HIGH"),
         ("reducer.stiffness=9000 N*m/rad:3000 N*m/rad", "LOW must be below HIGH"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -103,7 +102,8 @@ def test_a_saved_run_says_the_same(
 
 
 def test_the_page_says_the_same(off: RunResult, tmp_path: Path) -> None:
-    (tmp_path / "run.pickle").write_bytes(pickle.dumps((off.motion, off.table)))
+    assert off.motion is not None
+    tasks._keep(tmp_path, off, off.motion)
     found = tasks.verdict(str(tmp_path), FAR, lambda *told: None)
     assert found["verdict"] == "not judged"
     assert found["gaps"][0] == WHY

@@ -124,7 +124,7 @@ def _value(scenario: Scenario, key: str) -> float:
 
 @dataclass(frozen=True)
 class _End:
-    """What a period leads to."""
+    """State and harmonics to which a period leads."""
 
     state: np.ndarray
     """The state at its end, seen from the command."""
@@ -139,7 +139,7 @@ class _Period:
 
     @property
     def sizes(self) -> np.ndarray:
-        """What a microstep moves of each state."""
+        """Motion of each state per microstep."""
         return self.map.sizes
 
     def advance(self, state: np.ndarray) -> _End:
