@@ -39,11 +39,20 @@ ORDERS, CORNERS = (1, 2, 4), np.geomspace(20.0, 2e4, 40)
 DAMPINGS, RESONANCES = (0.003, 0.02, 0.1), np.geomspace(20.0, 4e3, 80)
 """Dampings and frequencies [Hz] of a resonance of the table."""
 CHAIN, TABLE = "the chain's response", "a resonance of the table"
-FLUX = "harmonics of the motor's flux (or a driver.table)"
+DRIVER_TABLE = "a driver.table"
+FLUX, DETENT = "harmonics of the motor's flux", "detent torque"
+"""Effects of which each makes the lines of the other as long as the current is the same."""
 STATE_CHAIN_ADVICE = (
     "; state it in the preparation file (response; 'response: flat' where there is none)"
 )
 """Advice on the measuring chain."""
+ANOTHER_CURRENT_ADVICE = (
+    "; the two cannot be told apart at one current: add a recording at another one"
+    " (FILE@motor.current=...)"
+)
+"""Advice on detent torque and flux harmonics."""
+TYPICAL_SIZE = 0.01
+"""Torque of a harmonic that is looked for, over the motor's at its current."""
 DEFAULT_STIFFNESS = 1e4
 """Stiffness [N m/rad] that presliding is compared with where the reducer has none."""
 
@@ -55,6 +64,8 @@ class UnmodelledEffect:
     effect: str
     shifts: tuple[float, ...]
     """Changes of the coordinates."""
+    remedy: str = ""
+    """Advice on what would rule it out, a clause with its semicolon; empty where nothing is known."""
 
     def text(self, value: float, moved: float) -> str:
         """Why an estimate is not identifiable that it moves to another value."""
@@ -65,11 +76,7 @@ class UnmodelledEffect:
         by = f"by {100.0 * change:+.2g} %"
         if not abs(change) < 1.0:
             by = "by more than a factor of two" if value else "away from 0"  # slopes tell no more
-        if self.effect in (CHAIN, TABLE):
-            remedy = STATE_CHAIN_ADVICE
-        else:
-            remedy = ""
-        return f"not identifiable: the evidence does not rule out {self.effect}, which would move it {by}{remedy}"
+        return f"not identifiable: the evidence does not rule out {self.effect}, which would move it {by}{self.remedy}"
 
 
 def unmodelled_effects(
@@ -97,8 +104,19 @@ def unmodelled_effects(
                 found[effect] = np.where(np.abs(most) > np.abs(known), most, known)
             before = change
     return tuple(
-        UnmodelledEffect(effect, tuple(shifts.tolist())) for effect, shifts in found.items()
+        UnmodelledEffect(effect, tuple(shifts.tolist()), _remedy(problem, effect))
+        for effect, shifts in found.items()
     )
+
+
+def _remedy(problem: Problem, effect: str) -> str:
+    """Advice on what would rule out an effect; empty where nothing is known."""
+    if effect in (CHAIN, TABLE):
+        return STATE_CHAIN_ADVICE
+    currents = {test.motor.current for _, test in problem.tests}
+    if effect in (FLUX, DETENT) and len(currents) == 1:
+        return ANOTHER_CURRENT_ADVICE
+    return ""
 
 
 def shift_reason(
@@ -240,11 +258,23 @@ def _drive_effects(scenario: Scenario) -> Iterator[tuple[str, str, list[dict[str
             {"reducer.backlash": times * step} for times in (0.05, 0.3, 1.0)
         ]
         yield "reducer.backlash", "reducer.backlash", gaps
-    if driver.table is None:
-        for turned in range(4):
-            harmonic = {
-                "order": motor.detent_periods,
-                "amplitude": 0.01,
-                "phase": 0.5 * math.pi * turned,
-            }
-            yield FLUX, "driver.table", [{"driver.table": {"harmonics": [harmonic]}}]
+    yield from _full_step_effects(scenario)
+
+
+def _full_step_effects(scenario: Scenario) -> Iterator[tuple[str, str, list[dict[str, object]]]]:
+    """Effects of the order of the detent torque, in four phases each: a table of the driver, a
+    harmonic of the flux, the detent torque itself.
+    """
+    driver, motor = scenario.driver, scenario.motor
+    order, full = motor.detent_periods, motor.axis_torque_constant * motor.axis_current
+    for turned in range(4):
+        phase = 0.5 * math.pi * turned
+        if driver.table is None:
+            harmonic = {"order": order, "amplitude": TYPICAL_SIZE, "phase": phase}
+            yield DRIVER_TABLE, "driver.table", [{"driver.table": {"harmonics": [harmonic]}}]
+        if not motor.flux_harmonics:
+            harmonic = {"order": order - 1, "amplitude": TYPICAL_SIZE, "phase": phase}
+            yield FLUX, "motor.flux_harmonics", [{"motor.flux_harmonics": [harmonic]}]
+        if not motor.detent and motor.detent_torque == 0.0:
+            harmonic = {"order": order, "amplitude": TYPICAL_SIZE * full, "phase": phase}
+            yield DETENT, "motor.detent", [{"motor.detent": [harmonic]}]

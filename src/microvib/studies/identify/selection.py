@@ -64,6 +64,13 @@ class Effect:
     """Fitted keys of the effect."""
     whole: IntegerKey | None = None
     """Its whole number, each of which is tried."""
+    ranges: Mapping[str, str] = field(default_factory=dict)
+    """Ranges of fitted keys that have none of their own, as ``LOW:HIGH``."""
+
+    @property
+    def fitted(self) -> list[str]:
+        """Fitted keys with their ranges, as ``parse_fit`` takes them."""
+        return [f"{key}={self.ranges[key]}" if key in self.ranges else key for key in self.keys]
 
     @property
     def parameters(self) -> int:
@@ -73,6 +80,11 @@ class Effect:
 
 def _detent(scenario: Scenario) -> dict[str, object]:
     return {"motor.detent_torque": 0.05 * scenario.motor.torque_constant * scenario.motor.current}
+
+
+def _flux(scenario: Scenario) -> dict[str, object]:
+    order = scenario.motor.detent_periods - 1
+    return {"motor.flux_harmonics": [{"order": order, "amplitude": 0.01, "phase": 0.0}]}
 
 
 def _presliding(scenario: Scenario) -> dict[str, object]:
@@ -100,6 +112,12 @@ EFFECTS = {
         whole=IntegerKey(DAC_BITS, *DEFAULT_INTEGER_RANGES[DAC_BITS]),
     ),
     "motor.detent_torque": Effect({"motor.detent_torque": 0.0}, _detent, ("motor.detent_torque",)),
+    "motor.flux_harmonics": Effect(
+        {"motor.flux_harmonics": []},
+        _flux,
+        ("motor.flux_harmonics.0.amplitude", "motor.flux_harmonics.0.phase"),
+        ranges={"motor.flux_harmonics.0.phase": "-100 deg:100 deg"},  # amplitudes have either sign
+    ),
     "friction.presliding": Effect(
         {"friction.presliding": None}, _presliding, ("friction.presliding.stiffness",)
     ),
@@ -301,7 +319,7 @@ class Selector:
 
     def keys_of(self, scenario: Scenario, on: Sequence[str]) -> list[FitKey]:
         """Fitted keys of those effects."""
-        return [parse_fit(scenario, key) for name in on for key in EFFECTS[name].keys]
+        return [parse_fit(scenario, text) for name in on for text in EFFECTS[name].fitted]
 
     def fitted(self, on: Iterable[str]) -> Known:
         """The model with those effects and all whole numbers; see ``_fitted``."""

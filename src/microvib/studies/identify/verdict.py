@@ -19,7 +19,7 @@ from microvib.studies.identify.images import (
     quarter_turn_solutions,
 )
 from microvib.studies.identify.intervals import Z_95, Interval
-from microvib.studies.identify.keys import IntegerKey, fittable
+from microvib.studies.identify.keys import FitKey, IntegerKey, fittable
 from microvib.studies.identify.lacking import UnmodelledEffect, shift_reason
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import (
@@ -43,6 +43,8 @@ RELATIVE_STEP = 0.01
 ASSUMED_SETTLE_ERROR = 0.1
 """Relative error of a settling time that nobody measured."""
 SETTLE_KEY = "record.settle"
+DETENT_KEYS, FLUX_KEYS = ("motor.detent_torque", "motor.detent."), ("motor.flux_harmonics.",)
+"""Beginnings of the keys of torques of the same order."""
 ADDED_FREQUENCY_NOTE = (
     "; fitted as well, since no fit with the scenario's value explained the evidence"
 )
@@ -214,6 +216,8 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
             refused += "; it is at the end of its range: a wider one may explain them"
         return False, refused
     assert findings.intervals is not None
+    if refused := _single_current_reason(findings.problem, key):
+        return False, refused
     if not key.interior(x):
         return False, "not identifiable: at the end of its range"
     interval = findings.intervals[k]
@@ -241,6 +245,26 @@ def _verdict(findings: Findings, k: int) -> tuple[bool, str]:
         )
         return False, text + (known if turn else "")
     return _width(findings, k, interval, fit)
+
+
+def _single_current_reason(problem: Problem, key: FitKey) -> str:
+    """Why a detent torque and a flux harmonic that are fitted together are not identifiable; empty
+    where recordings at several currents tell them apart.
+
+    At one current a flux harmonic and detent torque of its order make the same full-step line, and
+    differ only in small lines that other effects make as well.
+    """
+    if len({test.motor.current for _, test in problem.tests}) > 1:
+        return ""
+    fitted = [one.key for one in problem.keys]
+    kinds = (DETENT_KEYS, FLUX_KEYS)
+    together = all(any(name.startswith(kind) for name in fitted) for kind in kinds)
+    if together and any(key.key.startswith(kind) for kind in kinds):
+        return (
+            "not identifiable: detent torque and flux harmonics are not told apart at one current;"
+            " add a recording at another one (FILE@motor.current=...)"
+        )
+    return ""
 
 
 def _quarter(problem: Problem) -> float:
