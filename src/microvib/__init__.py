@@ -23,6 +23,7 @@ _HOME = {
     "LineTable": "signals.line_table",
     "MicrovibError": "errors",
     "Motion": "solve.motion",
+    "NotDifferentiable": "solve.steady.derivatives",
     "NotPeriodic": "solve.steady.period",
     "ObjectError": "errors",
     "OptionError": "errors",
@@ -107,6 +108,7 @@ if TYPE_CHECKING:
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate, simulate_many
+    from microvib.solve.steady.derivatives import NotDifferentiable
     from microvib.solve.steady.period import NotPeriodic
     from microvib.solve.steady.state import steady_state
     from microvib.studies.budget.study import pointing_budget
@@ -123,6 +125,7 @@ __all__ = [
     "LineTable",
     "MicrovibError",
     "Motion",
+    "NotDifferentiable",
     "NotPeriodic",
     "ObjectError",
     "OptionError",

@@ -92,7 +92,7 @@ def test_run_change_run_again_and_cancel_over_a_slow_line(visit: Callable[..., A
     page.locator(".chip .name").nth(1).click()
     motion = mv.simulate(mv.load_scenario("state-1", {**SHORT, "motor.current": "0.5 A"}))
     api.expect(page.locator("#run tr", has_text="drive_1").first).to_contain_text(
-        f"{1e3 * mv.find_lines(motion)['drive_1'].amplitude:#.5g}"
+        f"{1e3 * mv.find_lines(motion)['drive_1'].amplitude:#.4g}"
     )
     page.reload()
     page.locator(".chip.done").nth(1).wait_for(timeout=240_000)
