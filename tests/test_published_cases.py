@@ -386,7 +386,7 @@ def test_draws_of_other_equations_are_told(tmp_path):
         ('{what: rms, band: "1:200 Hz"}', "{what: rms}", "band: missing; what: rms needs it"),
         ('{what: rms, band: "1:200 Hz"}', '{what: rms, band: "1:2000 Hz"}', "raise record.sample_rate"),
         ("    ratio: {metric: driving line, case: 32 microsteps, over: as tested, at_most: 0.5}\n", "", "what is compared is missing"),
-        ("line: drive_1", "line: drive_99", "drive_99: is no line of"),
+        ("line: drive_1", "line: drive_99", "drive_99: is not a line of"),
         ("low: 2 percent", "low: 20 percent", "do not rise in this order"),
         ("of: [motor.torque_constant, motor.current]", "of: [motor.torque_constant]", "wrong dimension"),
         ("driver.microsteps: 32}", "driver.microstep: 32}", "driver.microstep: unknown key"),

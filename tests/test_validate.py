@@ -231,7 +231,7 @@ def test_another_published_test_is_a_file(own_test):
     [
         ("state: 1, source", "state: 2, source", "there is no state 2"),
         ("larger:", "larget:", "larget: unknown key"),
-        ("than: drive_2", "than: drive_99", "drive_99: is no line of"),
+        ("than: drive_2", "than: drive_99", "drive_99: is not a line of"),
         ("value: 1 N*m", "value: 1 Hz", r"peaks\.0\.value"),
         ("PLACE/own.yaml", "nowhere.yaml", "nowhere.yaml: there is no such file"),
     ],

@@ -119,7 +119,7 @@ class Metric(Part):
 
     def _consistency_errors(self) -> Iterator[str]:
         if self.channel not in ALL_CHANNELS:
-            yield f"channel: {self.channel!r} is no channel of a motion, such as T_d or alpha_l"
+            yield f"channel: {self.channel!r} is not a channel of a motion, such as T_d or alpha_l"
         needed = _NEEDED[self.what]
         if self.floor is not None and self.what != "rms":
             yield f"floor: does not go with what: {self.what}; it adds to an rms"

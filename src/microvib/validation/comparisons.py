@@ -50,7 +50,7 @@ class Bar:
 def bar_of(test: CasesTest, comparison: Comparison, where: str) -> Bar | None:
     """Value and bounds of a comparison; None where nothing is comparable.
 
-    Raises ScenarioError for a bound that is no quantity of the metric's unit.
+    Raises ScenarioError for a bound whose unit is not that of the metric.
     """
     if comparison.figure:
         return _figure(comparison.figure, test.metrics, f"{where}.figure")

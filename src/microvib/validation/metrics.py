@@ -168,7 +168,7 @@ def _line_amplitude(metric: Metric, motion: Motion) -> float:
     table = find_lines(motion, metric.channel)
     if metric.line not in {one.name for one in table}:
         raise ScenarioError(
-            f"{metric.line}: is no line of '{motion.scenario.title}'; there are"
+            f"{metric.line}: is not a line of '{motion.scenario.title}'; there are"
             f" {', '.join(one.name for one in table)}"
         )
     amplitude = float(table[metric.line].amplitude)

@@ -91,7 +91,7 @@ class SimulatedState:
         """
         if line not in {one.name for one in self.table}:
             raise MicrovibError(
-                f"{line}: is no line of {self.motion.scenario.title or 'a state'}, of which the"
+                f"{line}: is not a line of {self.motion.scenario.title or 'a state'}, of which the"
                 " test claims something"
             )
         reference = self.motion.scenario.reference
