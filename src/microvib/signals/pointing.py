@@ -65,6 +65,7 @@ _INSTANTS = (
     32687,
     32653,
 )  # in one repetition of lines in step: primes, one of them
+_VANISHING = 1e-16  # of a transform, which is 1 at most: terms below change no part of the time
 _SMALL = 3e-3  # of the largest line: those below count as noise of their mean square
 _AT_ONCE = 4_000_000  # instants times lines that are summed at a time
 _HALVINGS = 60  # of the interval in which a level lies
@@ -318,9 +319,14 @@ class Distribution:
 
     def _part(self, angle: float, beside: np.ndarray) -> float:
         """Part of the time within an angle, less what is ``beside`` (n,)."""
-        rows = zip(angle - beside, self.inside, strict=True)
-        each = [np.interp(x, self.angle, row) if x >= 0.0 else 0.0 for x, row in rows]
-        return float(self.shares @ each)
+        x, rows = angle - beside, np.arange(len(self.inside))
+        if self.angle.size == 1:
+            return float(self.shares @ (x >= 0.0))
+        below = np.clip(np.searchsorted(self.angle, x) - 1, 0, self.angle.size - 2)
+        left, right = self.angle[below], self.angle[below + 1]
+        share = np.clip((x - left) / (right - left), 0.0, 1.0)
+        low, high = self.inside[rows, below], self.inside[rows, below + 1]
+        return float(self.shares @ np.where(x >= 0.0, low + share * (high - low), 0.0))
 
 
 def confidence_level_angle(
@@ -379,13 +385,11 @@ def distribution(
         angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
         over = angle / np.maximum(lines, 1e-300)
         return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
-    from scipy.special import j0
-
     # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi
     # n/L; its integral from -x to x.
     n = np.arange(1, _TERMS_OF_LEVEL)
     at = np.pi * n / reach
-    each, alone = np.ones((lines.shape[0], at.size)), of < 0
+    each, alone = np.exp(-0.5 * np.outer(noise, at) ** 2), of < 0
     for one in np.unique(of[~alone]):
         its = np.flatnonzero(of == one)
         for group, base in bases(f[its], lines[:, its].max(axis=0)):
@@ -393,14 +397,26 @@ def distribution(
                 alone[its[group]] = True
             else:
                 each = each * _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
-    for k in np.flatnonzero(alone):
-        each *= j0(np.outer(lines[:, k], at))
+    _multiply_unrelated(each, lines[:, alone], at)
     terms = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
-    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each * np.exp(-0.5 * np.outer(noise, at) ** 2)
+    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
-    inside = x - np.fft.fft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
+    inside = x - np.fft.rfft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
     rising = np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
     return Distribution(reach * x, rising, shares)
+
+
+def _multiply_unrelated(each: np.ndarray, lines: np.ndarray, at: np.ndarray) -> None:
+    """Multiply transforms (n, m) at ``at`` (m,) by those of ``lines`` (n, k) of unrelated phases,
+    the largest first: of many lines the product soon vanishes, and its tail is not computed.
+    """
+    from scipy.special import j0
+
+    for k in np.argsort(-lines.max(axis=0, initial=0.0)):
+        counts = np.flatnonzero(np.abs(each).max(axis=0) > _VANISHING)
+        end = counts[-1] + 1 if counts.size else 0
+        each[:, end:] = 0.0
+        each[:, :end] *= j0(np.outer(lines[:, k], at[:end]))
 
 
 def _lines_counted_as_noise(lines: np.ndarray, clock: np.ndarray, noise_ratio: float) -> np.ndarray:
@@ -451,7 +467,7 @@ def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.nd
         density = np.bincount(left, 1.0 - share, cells) + np.bincount(
             (left + 1) % cells, share, cells
         )
-        found.append(np.fft.fft(density)[1:_TERMS_OF_LEVEL].real / instants)
+        found.append(np.fft.rfft(density)[1:_TERMS_OF_LEVEL].real / instants)
     return np.array(found) * (-1.0) ** np.arange(1, _TERMS_OF_LEVEL)
 
 

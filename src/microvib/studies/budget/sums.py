@@ -42,6 +42,8 @@ from microvib.studies.campaign.statistics import NO_ESTIMATE, Estimate, draws_ne
 Rule = Literal["rss", "coherent", "bound"]
 SIGNIFICANT_PART = 0.01
 """Part of a figure's square from which what it leaves open is told."""
+_BELOW_CREST = 0.98
+"""Part of the crests of lines that stands for them beside a level: both are known to 1e-3."""
 
 
 @dataclass(frozen=True)
@@ -446,6 +448,22 @@ def _metric_of_source(r: Requirement, one: Contribution) -> float:
     return evaluate_metric(r, one.frequency, np.abs(one.los))
 
 
+def _exceeds(r: Requirement, frequency: np.ndarray, los: np.ndarray, least: float) -> bool:
+    """Whether the metric of lines is above ``least`` [rad].
+
+    A level takes long: it is computed only where neither crests nor the mean square tell. What is
+    within L for a part c of the time has a mean square of at most c L^2 + (1 - c) crest^2.
+    """
+    if r.statistic == "level":
+        crest = evaluate_metric(r.model_copy(update={"statistic": "bound"}), frequency, los)
+        if crest < _BELOW_CREST * least:
+            return False
+        rms = evaluate_metric(r.model_copy(update={"statistic": "rms"}), frequency, los)
+        if rms**2 - (1.0 - r.confidence) * crest**2 > (least / _BELOW_CREST) ** 2:
+            return True
+    return evaluate_metric(r, frequency, los) > least
+
+
 def _rms_and_bounds(
     r: Requirement, alternatives: Sequence[Contribution]
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -493,29 +511,22 @@ def _with_gaps(
 
 def _open_reasons(r: Requirement, chosen: Sequence[Contribution], value: float) -> list[str]:
     """Reasons that may reverse the verdict, a sentence without a stop each."""
+    least = math.sqrt(SIGNIFICANT_PART) * value
     found = []
     for one in chosen:
         for gap in one.gaps:
-            bounded = np.all(np.isfinite(gap.most))
-            if not (
-                bounded
-                and evaluate_metric(r, gap.frequency, gap.most) ** 2 < SIGNIFICANT_PART * value**2
-            ):
+            bounded = value > 0.0 and np.all(np.isfinite(gap.most))
+            if not bounded or _exceeds(r, gap.frequency, gap.most, least):
                 found.append(f"{one.source}: {gap.why}")
         at_edge = one.settled & (
             counts_in_band(r, one.frequency - one.off) != counts_in_band(r, one.frequency + one.off)
         )
-        size = evaluate_metric(
-            r.model_copy(update={"lowest": 0.0, "highest": None}),
-            one.frequency[at_edge],
-            one.los[at_edge],
-        )
-        if size**2 > SIGNIFICANT_PART * value**2:
+        whole_band = r.model_copy(update={"lowest": 0.0, "highest": None})
+        if _exceeds(whole_band, one.frequency[at_edge], one.los[at_edge], least):
             names = ", ".join(np.array(one.names)[at_edge])
             found.append(f"{one.source}: {names} within frequency uncertainty of a band edge")
         ringing = ~one.settled & counts_in_band(r, one.frequency)
-        size = evaluate_metric(r, one.frequency[ringing], np.abs(one.los[ringing]))
-        if size**2 > SIGNIFICANT_PART * value**2:
+        if _exceeds(r, one.frequency[ringing], np.abs(one.los[ringing]), least):
             names = ", ".join(np.array(one.names)[ringing])
             remedy = f"a longer record.settle{steady_start_advice(one.scenario)}"
             found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")

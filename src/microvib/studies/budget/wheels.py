@@ -49,6 +49,8 @@ known.
 """
 _GRID = 2e-3
 """Relative distance of frequencies of that grid apart from resonances."""
+_NEAR = 25
+"""Speeds tried about the best, for figures that are not largest where the score is."""
 _MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
@@ -559,5 +561,7 @@ def _maximise_over_speed(wheel: WheelOnCraft, score: _Score) -> _WorstSpeed:
     upper = max(closed, float(bounds.max(initial=0.0)), value)
     order, place = np.sort(tried), np.argsort(-values)
     k = int(np.searchsorted(order, tried[place[0]]))
-    near = np.linspace(order[max(k - 1, 0)], order[min(k + 1, order.size - 1)], 25)
+    first, last = order[max(k - 1, 0)], order[min(k + 1, order.size - 1)]
+    count = _NEAR if last - first > CLOCK_UNCERTAINTY * first else 1  # closer than speeds are known
+    near = np.linspace(first, last, count)
     return _WorstSpeed(np.r_[tried[place[:8]], near], value, upper)
