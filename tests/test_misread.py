@@ -91,7 +91,7 @@ def test_a_fit_to_a_reversed_recording_says_so(short, torque):
         short,
         [Recording({"Mz": -torque}, 4096.0, {"Mz": "N*m"}, title="made")],
         ["reducer.stiffness"],
-        starts=8,
+        starts=3,
     )
     assert not fit.goodness.explained
     assert "with its sign reversed the model explains it" in fit.notes[0]
@@ -106,7 +106,7 @@ def test_the_least_misfit_and_the_error_that_would_explain_are_told(short, torqu
         for o in one.observations
     ]
     fit = identify(
-        short, [replace(one, observations=tuple(wrong))], ["reducer.stiffness"], starts=8
+        short, [replace(one, observations=tuple(wrong))], ["reducer.stiffness"], starts=3
     )
     assert not fit.goodness.explained
     assert fit.converged

@@ -248,7 +248,9 @@ def test_what_lies_between_the_instants_of_a_window_is_covered(metric: p.Metric)
     slope = np.abs(np.gradient(shape, fine, axis=0))
     known = p.slope_in_window(metric, f, T, fine)
     inner = slice(2, -2)
-    assert slope[inner] == pytest.approx(known[inner], rel=1e-3, abs=1e-4 * known.max())
+    # pytest.approx compares a million numbers one by one, in ten seconds
+    allowed = np.maximum(1e-3 * known[inner], 1e-4 * known.max())
+    assert np.all(np.abs(slope[inner] - known[inner]) <= allowed)
     curved = np.abs(np.diff(shape, 2, axis=0)) / (fine[1] - fine[0]) ** 2
     assert np.all(curved.max(axis=0) <= p.curvature_in_window(metric, f, T) * 1.01 + 1e-4)
     for cells in (p.HALF_WINDOW, p.WHOLE_WINDOW):

@@ -18,6 +18,9 @@ class Phases:
         m = scenario.motor.phases
         self.axes = np.array([0.0, math.pi / 2]) if m == 2 else 2 * math.pi * np.arange(m) / m
         self.m = m
+        each = [(h.order, h.amplitude, h.phase) for h in scenario.motor.flux_harmonics]
+        order, amplitude, phase = np.array(each).reshape(-1, 3).T
+        self.flux = order[:, None], amplitude, phase[:, None]
 
     def goal(self, k):
         """References of the phases after the microstep ``k`` [A]."""
@@ -39,9 +42,8 @@ class Phases:
         begun, before, after, ramp = self.way
         reference = before + (after - before) * (min((t - begun) / ramp, 1.0) if ramp else 1.0)
         electrical = motor.rotor_teeth * tm - self.axes
-        shape = np.sin(electrical)
-        for h in motor.flux_harmonics:
-            shape = shape + h.amplitude * np.sin(h.order * electrical + h.phase)
+        order, amplitude, phase = self.flux
+        shape = np.sin(electrical) + amplitude @ np.sin(order * electrical + phase)
         emf = motor.torque_constant * wm * shape
         if driver.drive == "voltage":
             u = motor.winding_resistance * reference
