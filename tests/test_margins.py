@@ -322,8 +322,8 @@ def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, ta
     seen.append((scenario, mv.find_lines(scenario, start="steady")))
     seen.append((scenario, lines_of_stream(scenario, 3)[0]))
     sizes = [x.amplitude for _, t in seen for x in t if x.amplitude > 5e-5]
-    judged = 0
-    for size in sorted(sizes)[::14]:
+    tried = judged = 0
+    for size in sorted(sizes)[::42]:
         for limit in (
             limit_of(size * part, *band)
             for part in (0.96, 1.002, 1.04)
@@ -331,8 +331,10 @@ def test_no_parameter_of_the_record_turns_a_verdict_round(scenario, motion_1, ta
         ):
             verdicts = {judge(lines, limit, other).verdict for other, lines in seen}
             assert not {"pass", "fail"} <= verdicts, limit
+            tried += 1
             judged += len(verdicts - {"not judged"})
-    assert judged > 100
+    assert tried > 70
+    assert judged > 0.45 * tried
 
 
 def test_what_is_not_settled_is_told_with_the_time_that_it_takes(table, scenario):
