@@ -49,7 +49,7 @@ DONE = {
         "--starts",
         "2",
         "--band",
-        "40:170 Hz",
+        "40:60 Hz",
         "--set",
         "record.settle=0.2 s",
         "--set",

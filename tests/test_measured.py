@@ -290,6 +290,15 @@ def test_preparations_that_do_not_go(tmp_path, how, complaint):
         read(tmp_path, mat(Mz=MZ, fs=RATE), "test.mat", how)
 
 
+def test_what_the_preparation_did_is_noted_in_words(tmp_path):
+    how = "channels: {Mz: -b, Fx: a}\nunits: {a: 20 N, b: V}\nsensitivity: {b: 0.02 N*m/V}"
+    notes = read(tmp_path, mat(a=MZ, b=MZ, fs=RATE), "test.mat", how).notes
+    assert "channels: Mz from b with its sign reversed, Fx from a" in notes
+    assert "a in units of 20 N, b in units of V" in notes
+    assert "b with a sensitivity of 0.02 N*m/V" in notes
+    assert not any("{" in note for note in notes)
+
+
 def test_a_unit_of_the_preparation_takes_the_place_of_the_files(tmp_path):
     """It is not applied on top of it."""
     text = "time [s],Mz [kN*m]\n" + table(T, 1e3 * MZ)

@@ -159,7 +159,8 @@ def _in_units(recording: Recording, given: dict[str, str]) -> Recording:
         channels[name], units[name] = values * found[0], found[1]
     if not given:
         return recording
-    return recording.noted(f"units {given}", channels=channels, units=units)
+    note = ", ".join(f"{name} in units of {text}" for name, text in given.items())
+    return recording.noted(note, channels=channels, units=units)
 
 
 def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
@@ -177,7 +178,8 @@ def _scaled(recording: Recording, given: dict[str, str]) -> Recording:
         channels[name], units[name] = values * found[0], found[1]
     if not given:
         return recording
-    return recording.noted(f"sensitivity {given}", channels=channels, units=units)
+    note = ", ".join(f"{name} with a sensitivity of {text}" for name, text in given.items())
+    return recording.noted(note, channels=channels, units=units)
 
 
 def _turned(recording: Recording, axes: tuple[str, str, str]) -> Recording:

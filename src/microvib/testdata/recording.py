@@ -452,12 +452,13 @@ class Recording:
         RecordingError
             For a channel that is not there.
         """
-        channels, units = {}, {}
+        channels, units, sources = {}, {}, []
         for new, old in names.items():
             if old.startswith("-"):
-                sign, old = (-1.0, old[1:])
+                sign, old, reversed_ = (-1.0, old[1:], " with its sign reversed")
             else:
-                sign, old = (1.0, old)
+                sign, old, reversed_ = (1.0, old, "")
+            sources.append(f"{new} from {old}{reversed_}")
             channels[new], units[new] = sign * self[old], self.units.get(old, "")
         faults, alone = (
             told
@@ -468,7 +469,7 @@ class Recording:
         )
         table = None if self.table is None else self.table.renamed(names)
         return self.noted(
-            f"channels {dict(names)}",
+            f"channels: {', '.join(sources)}",
             channels=channels,
             units=units,
             faults=faults,
