@@ -46,7 +46,7 @@ from microvib.studies.budget.study import (
     summary,
     with_campaign,
 )
-from microvib.studies.budget.sums import assess, combine_lines
+from microvib.studies.budget.sums import assess, combine_lines, metric_exceeds
 from microvib.studies.budget.wheels import bound_over_phases
 from microvib.studies.campaign.cases import compute_bytes
 from microvib.studies.campaign.design import read_design
@@ -1940,6 +1940,24 @@ def test_a_campaign_keeps_the_line_of_sight(tmp_path: Path) -> None:
     assert "percentile: P50 needs 6 cases, and the campaign has 3" in whole_budget.judged[0].why
     with pytest.raises(mv.MicrovibError, match="another scenario: tracking differs"):
         ensemble_of(scenario.with_si({"tracking.rate": 1e-3}), tmp_path / "c")
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.997])
+@pytest.mark.parametrize(("metric", "axis"), [("ape", "x"), ("rpe", "radial"), ("smear", "y")])
+def test_crests_and_mean_square_say_of_a_level_what_the_level_says(
+    metric: str, axis: str, confidence: float
+) -> None:
+    """From far below the level to far above it, where neither need be computed, and about it, where it is."""
+    r = requirement(metric=metric, axis=axis, statistic="level", confidence=confidence, **(
+        {} if metric == "ape" else {"window": "0.2 s"}
+    ))  # fmt: skip
+    random = np.random.default_rng(3)
+    for count in (1, 2, 7):
+        f = random.uniform(0.5, 40.0, count)
+        los = random.lognormal(0.0, 1.0, (count, 2)) * URAD
+        level = evaluate_metric(r, f, los)
+        for part in (0.01, 0.3, 0.7, 0.98, 0.999, 1.001, 1.02, 1.3, 3.0, 100.0):
+            assert metric_exceeds(r, f, los, part * level) is (part < 1.0)
 
 
 def test_the_example_as_a_command(tmp_path: Path) -> None:

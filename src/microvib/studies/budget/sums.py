@@ -448,7 +448,7 @@ def _metric_of_source(r: Requirement, one: Contribution) -> float:
     return evaluate_metric(r, one.frequency, np.abs(one.los))
 
 
-def _exceeds(r: Requirement, frequency: np.ndarray, los: np.ndarray, least: float) -> bool:
+def metric_exceeds(r: Requirement, frequency: np.ndarray, los: np.ndarray, least: float) -> bool:
     """Whether the metric of lines is above ``least`` [rad].
 
     A level takes long: it is computed only where neither crests nor the mean square tell. What is
@@ -516,17 +516,17 @@ def _open_reasons(r: Requirement, chosen: Sequence[Contribution], value: float) 
     for one in chosen:
         for gap in one.gaps:
             bounded = value > 0.0 and np.all(np.isfinite(gap.most))
-            if not bounded or _exceeds(r, gap.frequency, gap.most, least):
+            if not bounded or metric_exceeds(r, gap.frequency, gap.most, least):
                 found.append(f"{one.source}: {gap.why}")
         at_edge = one.settled & (
             counts_in_band(r, one.frequency - one.off) != counts_in_band(r, one.frequency + one.off)
         )
         whole_band = r.model_copy(update={"lowest": 0.0, "highest": None})
-        if _exceeds(whole_band, one.frequency[at_edge], one.los[at_edge], least):
+        if metric_exceeds(whole_band, one.frequency[at_edge], one.los[at_edge], least):
             names = ", ".join(np.array(one.names)[at_edge])
             found.append(f"{one.source}: {names} within frequency uncertainty of a band edge")
         ringing = ~one.settled & counts_in_band(r, one.frequency)
-        if _exceeds(r, one.frequency[ringing], np.abs(one.los[ringing]), least):
+        if metric_exceeds(r, one.frequency[ringing], np.abs(one.los[ringing]), least):
             names = ", ".join(np.array(one.names)[ringing])
             remedy = f"a longer record.settle{steady_start_advice(one.scenario)}"
             found.append(f"{one.source}: {names} rings or is driven by noise ({remedy})")
