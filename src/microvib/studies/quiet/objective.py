@@ -17,7 +17,7 @@ from microvib.io.tables import csv_rows, parse_finite
 from microvib.model.scenario import Scenario
 from microvib.results import TORQUE, Measure
 from microvib.studies.budget.figures import evaluate_metric
-from microvib.studies.budget.files import Requirement, Requirements, read_file
+from microvib.studies.budget.files import Requirement, Requirements, Statistic, read_file
 from microvib.studies.budget.sums import ratio_to_curve
 from microvib.studies.quiet.measure import DriveLines
 from microvib.units import band as ends
@@ -45,7 +45,8 @@ class Objective:
     """Frequencies [Hz] and amplitudes [N m] of a limit, straight between them on logarithmic
     scales."""
     requirements: tuple[Requirement, ...] = ()
-    """On the line of sight, of which that counts which is nearest to its limit."""
+    """On the line of sight, of which that counts which is nearest to its limit. Levels are replaced by
+    bounds, which are a hundredth of the work and no lower."""
 
     @property
     def sees_pointing(self) -> bool:
@@ -138,7 +139,7 @@ def _pointing(file: Path, scenario: Scenario) -> Objective:
             "is on a line of sight, which this scenario has not; spacecraft.line_of_sight is expected",
         )
     chosen = tuple(
-        one.model_copy(update={"percentile": None})
+        one.model_copy(update={"percentile": None, "statistic": _quick(one)})
         for one in read_file(file, Requirements).requirements
     )
     for one in chosen:
@@ -146,6 +147,13 @@ def _pointing(file: Path, scenario: Scenario) -> Objective:
             raise OptionError("requirement", f"{one.name or file}: lacks {one.incomplete}")
     named = ", ".join(one.name or f"no. {k}" for k, one in enumerate(chosen, 1))
     return Objective(f"requirement nearest to its limit, of {named}", OF_LIMIT, requirements=chosen)
+
+
+def _quick(one: Requirement) -> Statistic:
+    """Statistic by which a search judges a requirement: a bound in place of a level."""
+    if one.statistic == "level":
+        return "bound"
+    return one.statistic
 
 
 def _limit_curve(file: Path) -> Objective:

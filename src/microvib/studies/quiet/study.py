@@ -310,10 +310,10 @@ def quiet(  # noqa: PLR0913 - keyword options
     file = None if keep is None else Path(keep)
     with evaluations(wanted, file, workers) as figures:
         told = _Told(effort, len(parsed), progress, on_best)
-        task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, told)
+        task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, effort, told)
         if check is not None:
             return task.checked(Path(check))
-        return task.searched(effort)
+        return task.searched()
 
 
 JUDGING = 20
@@ -331,7 +331,8 @@ class _Told:
         on_best: Callable[[str], None] | None,
     ) -> None:
         self._progress, self._on_best, self._done = progress, on_best, 0
-        searched = ALONE_EFFORT * levers + effort // 2 + effort if levers else 0
+        alone = min(ALONE_EFFORT, effort) * levers
+        searched = alone + max(effort // 2, 4) + effort if levers else 0
         self._total = searched + 3 * JUDGING
 
     def step(self, count: int = 1) -> None:
@@ -357,6 +358,7 @@ class _Task:
     cases: DrawnCases
     figures: Evaluations
     bits: int | None
+    effort: int
     told: _Told
 
     def checked(self, file: Path) -> QuietDrive:
@@ -364,13 +366,13 @@ class _Task:
         table = {"driver.table": read_current_table(file)}
         return self._judged(None, self.scenario.with_(table), (), (), None)
 
-    def searched(self, effort: int) -> QuietDrive:
+    def searched(self) -> QuietDrive:
         """The best setting, judged, with what each lever brings alone."""
         alone = tuple(self._alone(lever) for lever in self.levers)
         nominal = self._search([{}], self.levers)
-        best = nominal.run(max(effort // 2, 4), tuple(nominal.as_it_is()))
+        best = nominal.run(max(self.effort // 2, 4), tuple(nominal.as_it_is()))
         search = self._search(self.cases.searched, self.levers, robust=True)
-        found = search.run(effort, (best.setting, *search.as_it_is()))
+        found = search.run(self.effort, (best.setting, *search.as_it_is()))
         if not math.isfinite(found.worst):
             why = found.why_not or "no setting brings all cases to their rate"
             raise OptionError(
@@ -399,7 +401,7 @@ class _Task:
 
     def _alone(self, lever: Lever) -> LeverAlone:
         search = self._search([{}], (lever,))
-        best = search.run(ALONE_EFFORT, tuple(search.as_it_is()))
+        best = search.run(min(ALONE_EFFORT, self.effort), tuple(search.as_it_is()))
         if best.why_not:
             return LeverAlone(lever.name, "", math.inf, math.inf, best.why_not)
         changed = with_levers(searched_record(self.scenario), (lever,), best.setting)
