@@ -340,24 +340,12 @@ def draw_cases(found: QuietDrive) -> Figure:
         if math.isfinite(one.p95):
             ax.axvline(one.p95 / measure.size, color=colour, linestyle="--", linewidth=0.8)
     ax.set_xscale("log")
-    _plain_numbers(ax.xaxis)
+    sheets.plain_numbers(ax.xaxis)
     ax.set_xlabel(f"{found.objective.text} [{measure.unit}]")
     ax.set_ylabel("cases up to it [%]")
     ax.set_ylim(0.0, 101.0)
     ax.legend(loc="best")
     return figure
-
-
-def _plain_numbers(axis: Any) -> None:
-    """Numbers such as 0.5 and 20 on a logarithmic axis, in place of powers."""
-    from matplotlib.ticker import LogFormatter, StrMethodFormatter
-
-    class Plain(LogFormatter):
-        def _num_to_string(self, x: float, vmin: float, vmax: float) -> str:
-            return f"{x:g}"
-
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(Plain(minor_thresholds=(2.0, 0.5)))
 
 
 def draw_lines(found: QuietDrive) -> Figure:
@@ -383,7 +371,7 @@ def draw_lines(found: QuietDrive) -> Figure:
             zorder=3,
         )
     ax.set_yscale("log")
-    _plain_numbers(ax.yaxis)
+    sheets.plain_numbers(ax.yaxis)
     ax.set_ylabel("amplitude [mN m]")
     ax.set_xticks(at, [row.name for row in rows], rotation=30, ha="right")
     ax.legend(loc="upper right")
@@ -408,7 +396,7 @@ def draw_pareto(found: QuietDrive) -> Figure:
         found.before.nominal / measure.size, color=sheets.GREY, linestyle=":", label="as it is"
     )
     ax.set_yscale("log")
-    _plain_numbers(ax.yaxis)
+    sheets.plain_numbers(ax.yaxis)
     ax.set_xlabel("torque margin with its factors")
     ax.set_ylabel(f"worst case [{measure.unit}]")
     ax.legend(loc="best")

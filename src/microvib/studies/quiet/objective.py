@@ -5,6 +5,7 @@ the line of sight.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -58,7 +59,10 @@ class Objective:
         if found.problem:
             return math.inf
         if self.requirements:
-            return max(_of_requirement(one, found) for one in self.requirements)
+            assert found.los is not None
+            return max(
+                part_of_limit(one, found.los_frequency, found.los) for one in self.requirements
+            )
         if self.curve:
             return self._over_curve(found)
         if self.band is not None:
@@ -80,14 +84,15 @@ class Objective:
         return float(np.max(ratios, initial=found.unexplained / math.exp(limit.min())))
 
 
-def _of_requirement(one: Requirement, found: DriveLines) -> float:
-    """Part of its limit that a requirement's figure reaches with the drive's lines alone."""
-    assert found.los is not None
+def part_of_limit(one: Requirement, frequency: np.ndarray, los: np.ndarray) -> float:
+    """Part of its limit that a requirement's figure reaches with lines of one clock, (k,) [Hz] and
+    complex (k, 2) [rad].
+    """
     if one.curve is not None:
-        return float(ratio_to_curve(one, found.los_frequency, np.abs(found.los)).max(initial=0.0))
+        return float(ratio_to_curve(one, frequency, np.abs(los)).max(initial=0.0))
     assert one.limit is not None
-    clock = np.zeros(found.los.shape, dtype=int)
-    return evaluate_metric(one, found.los_frequency, found.los, clock=clock) / one.limit
+    clock = np.zeros(los.shape, dtype=int)
+    return evaluate_metric(one, frequency, los, clock=clock) / one.limit
 
 
 def parse_objective(
@@ -133,20 +138,31 @@ def parse_objective(
 
 
 def _pointing(file: Path, scenario: Scenario) -> Objective:
+    chosen = quickly_judged(read_file(file, Requirements).requirements, scenario)
+    named = ", ".join(one.name or f"no. {k}" for k, one in enumerate(chosen, 1))
+    return Objective(f"requirement nearest to its limit, of {named}", OF_LIMIT, requirements=chosen)
+
+
+def quickly_judged(
+    requirements: Sequence[Requirement], scenario: Scenario
+) -> tuple[Requirement, ...]:
+    """Requirements as many cases are compared by: a bound in place of a level, and no percentiles.
+
+    OptionError where one lacks a window, or the scenario a line of sight.
+    """
     if scenario.spacecraft is None or scenario.spacecraft.line_of_sight is None:
         raise OptionError(
             "requirement",
-            "is on a line of sight, which this scenario has not; spacecraft.line_of_sight is expected",
+            "is on a line of sight, which this scenario has not; spacecraft.line_of_sight is"
+            " expected",
         )
-    chosen = tuple(
-        one.model_copy(update={"percentile": None, "statistic": _quick(one)})
-        for one in read_file(file, Requirements).requirements
-    )
-    for one in chosen:
+    for k, one in enumerate(requirements, 1):
         if one.incomplete:
-            raise OptionError("requirement", f"{one.name or file}: lacks {one.incomplete}")
-    named = ", ".join(one.name or f"no. {k}" for k, one in enumerate(chosen, 1))
-    return Objective(f"requirement nearest to its limit, of {named}", OF_LIMIT, requirements=chosen)
+            raise OptionError("requirement", f"lacks {one.incomplete}", one.name or f"no. {k}")
+    return tuple(
+        one.model_copy(update={"percentile": None, "statistic": _quick(one)})
+        for one in requirements
+    )
 
 
 def _quick(one: Requirement) -> Statistic:
