@@ -50,6 +50,7 @@ _HOME = {
     "plot": "reports.plots",
     "pointing_budget": "studies.budget.study",
     "psd": "analysis.spectra",
+    "quiet": "studies.quiet.study",
     "rate_grid": "studies.rates",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
@@ -114,6 +115,7 @@ if TYPE_CHECKING:
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
+    from microvib.studies.quiet.study import quiet
     from microvib.studies.rates import plan_rates, rate_grid
     from microvib.testdata.recording import Recording, RecordingError
     from microvib.units import Si
@@ -153,6 +155,7 @@ __all__ = [
     "plot",
     "pointing_budget",
     "psd",
+    "quiet",
     "rate_grid",
     "read_recording",
     "read_run",

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import Target, load, set_option, target_options
+from microvib.cli.common import PATH, Target, load, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
-from microvib.units import quantity
+from microvib.units import Si, quantity
+
+if TYPE_CHECKING:
+    from microvib.model.scenario import Scenario
+    from microvib.reports.outcome import Outcome
 
 MIN_CASES_FOR_PROCESSES = 40
 """Cases that take longer than to start processes for them."""
@@ -43,6 +50,24 @@ MIN_CASES_FOR_PROCESSES = 40
     help="Smallest separation of the rate from resonances, e.g. '5 percent' of the rate.",
 )
 @click.option(
+    "--requirement",
+    type=PATH,
+    metavar="FILE",
+    help="Plan by the line of sight: requirements as of `budget`, in place of --limit.",
+)
+@click.option(
+    "--sources",
+    type=PATH,
+    metavar="FILE",
+    help="With --requirement: other sources, as of `budget`, at the rates that are judged.",
+)
+@click.option(
+    "--judge",
+    default=1,
+    type=click.IntRange(1, 100),
+    help="With --requirement: how many of the best rates a budget judges.",
+)
+@click.option(
     "--linear",
     is_flag=True,
     help="Use the linearised drive in closed form: instant, but driving lines only.",
@@ -51,7 +76,8 @@ MIN_CASES_FOR_PROCESSES = 40
 @target_options("Folder for tables and pictures [default: print only].")
 def rates(
     scenario: str, low: str, high: str, count: int, microsteps: str | None, limit: str | None, band: str | None,
-    keep_away: str | None, linear: bool, settings: tuple[str, ...], target: Target,
+    keep_away: str | None, requirement: Path | None, sources: Path | None, judge: int, linear: bool,
+    settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Plan the rate of SCENARIO: lines against modes over rate (Campbell diagram), forbidden and
     best rates.
@@ -73,6 +99,16 @@ def rates(
         counts = _counts(microsteps)
     many = not linear and count * (1 if counts is None else len(counts)) >= MIN_CASES_FOR_PROCESSES
     workers = os.cpu_count() if many else None
+    if requirement is not None:
+        for name, given in (("limit", limit), ("band", band), ("keep_away", keep_away)):
+            if given is not None:
+                raise OptionError(
+                    name, "is of a torque, and requirement of the line of sight; leave one out"
+                )
+        if linear:
+            raise OptionError("linear", "has no line of sight; leave it out with requirement")
+        target.present(_on_sight(loaded, grid, counts, requirement, sources, judge, workers))
+        return
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
             loaded,
@@ -87,6 +123,28 @@ def rates(
         )
         note = linear_text(plan) if linear else ""
     target.present(rates_outcome(plan, note))
+
+
+def _on_sight(
+    scenario: Scenario, grid: Sequence[Si], counts: tuple[int, ...] | None, requirement: Path,
+    sources: Path | None, judge: int, workers: int | None,
+) -> Outcome:  # fmt: skip
+    """A plan by the line of sight."""
+    from microvib.reports.rates_on_sight import sight_outcome
+    from microvib.studies.rates_on_sight import plan_rates_on_sight
+
+    with progress_bar("solving", "cases") as progress:
+        plan = plan_rates_on_sight(
+            scenario,
+            grid,
+            requirement,
+            counts,
+            sources=sources,
+            judged=judge,
+            workers=workers,
+            progress=progress,
+        )
+    return sight_outcome(plan)
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -4,6 +4,7 @@ harmonic.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from microvib.model.driver import MAX_TABLE
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180.0}
 FORMS = (
-    "i_a,i_b (currents over I, a row for each microstep of an electrical turn), angle_deg or"
+    "i_a,i_b (currents over I, a row for each microstep of an electrical turn), i_a_of_N,i_b_of_N"
+    " (whole numbers, of which N is I), angle_deg or"
     " angle_rad (added to theta_e, a row for"
     " each of them), or order,amplitude_deg,phase_deg (harmonics of what is added; _rad in place of"
     " _deg is read, too)"
@@ -36,6 +38,9 @@ def read_current_table(path: Path) -> dict[str, Any]:
     columns = {name: _parsed(path, rows, j, name) for j, name in enumerate(names)}
     if names == ["i_a", "i_b"]:
         return _currents(columns["i_a"], columns["i_b"])
+    whole = _whole_numbers(path, names)
+    if whole:
+        return _currents(*(columns[name] / whole for name in names))
     angle = _angle(columns, "angle")
     if len(names) == 1 and angle is not None:
         theta_e = 2.0 * np.pi * np.arange(angle.size) / angle.size + angle
@@ -46,6 +51,30 @@ def read_current_table(path: Path) -> dict[str, Any]:
     if phase is None:
         phase = 0.0 * amplitude
     return {"harmonics": list(map(_harmonic, columns["order"], amplitude, phase))}
+
+
+def integer_columns(levels: int) -> tuple[str, str]:
+    """Names of the columns of a table of whole numbers, of which ``levels`` is the current I."""
+    return f"i_a_of_{levels}", f"i_b_of_{levels}"
+
+
+_INTEGER_COLUMN = re.compile(r"i_[ab]_of_(\d{1,8})")
+
+
+def _whole_numbers(path: Path, names: list[str]) -> int:
+    """The whole number that stands for the current I; 0 where columns are no table of whole
+    numbers.
+    """
+    found = [_INTEGER_COLUMN.fullmatch(name) for name in names]
+    if len(names) != 2 or not all(found):
+        return 0
+    levels = int(found[0][1]) if found[0] else 0
+    if names != list(integer_columns(levels)) or not levels:
+        raise ScenarioError(
+            f"{path}: {','.join(names)} is not allowed; i_a_of_N,i_b_of_N is expected, with one N above"
+            " 0, which stands for the current I"
+        )
+    return levels
 
 
 def _parsed(path: Path, rows: list[list[str]], column: int, name: str) -> np.ndarray:

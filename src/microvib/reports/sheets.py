@@ -186,6 +186,18 @@ def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> li
     return said
 
 
+def plain_numbers(axis: Any) -> None:
+    """Numbers such as 0.5 and 20 on a logarithmic axis, in place of powers."""
+    from matplotlib.ticker import LogFormatter, StrMethodFormatter
+
+    class Plain(LogFormatter):
+        def _num_to_string(self, x: float, vmin: float, vmax: float) -> str:
+            return f"{x:g}"
+
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(Plain(minor_thresholds=(2.0, 0.5)))
+
+
 def png(figure: Figure) -> Writer:
     """Writer of a figure as PNG to a path."""
     return lambda path: figure.savefig(path, format="png", dpi=200)

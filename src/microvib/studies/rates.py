@@ -369,7 +369,7 @@ def plan_rates(  # noqa: PLR0913 - keyword options
     """
     scenario = as_scenario(scenario)
     _check_linear(scenario, linear)
-    grid, counts = _checked_grid(scenario, rates, microsteps)
+    grid, counts = rates_and_counts(scenario, rates, microsteps)
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
     modes = tuple(mode for mode in coupled_modes(scenario) if _may_resonate(mode))
@@ -417,7 +417,7 @@ def _check_linear(scenario: Scenario, linear: bool) -> None:
         )
 
 
-def _checked_grid(
+def rates_and_counts(
     scenario: Scenario, rates: Sequence[GivenQuantity], microsteps: Sequence[int] | None
 ) -> tuple[list[Si], tuple[int, ...]]:
     """Rates [rad/s] and microstep counts of a plan; OptionError."""

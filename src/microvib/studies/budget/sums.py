@@ -415,7 +415,7 @@ def worst_alternative(requirement: Requirement, one: Contribution) -> Contributi
     if requirement.curve is not None:
         return max(
             one.alternatives,
-            key=lambda x: _ratio_to_curve(requirement, x.frequency, np.abs(x.los)).max(initial=0.0),
+            key=lambda x: ratio_to_curve(requirement, x.frequency, np.abs(x.los)).max(initial=0.0),
         )
     rms, most = _rms_and_bounds(requirement, one.alternatives)
     if requirement.statistic != "level":
@@ -435,7 +435,7 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     chosen = [worst_alternative(r, one) for one in contributions]
     tones = combine_lines(chosen, rule)
     if r.curve is not None:
-        return float(_ratio_to_curve(r, tones.frequency, tones.most).max(initial=0.0))
+        return float(ratio_to_curve(r, tones.frequency, tones.most).max(initial=0.0))
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
     densities = [one.most_density for one in chosen if one.most_density is not None]
     return evaluate_metric(plain, tones.frequency, tones.most, densities)
@@ -444,7 +444,7 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
     """Metric of the lines of one source; for a curve, the largest ratio to it."""
     if r.curve is not None:
-        return float(_ratio_to_curve(r, one.frequency, np.abs(one.los)).max(initial=0.0))
+        return float(ratio_to_curve(r, one.frequency, np.abs(one.los)).max(initial=0.0))
     return evaluate_metric(r, one.frequency, np.abs(one.los))
 
 
@@ -613,14 +613,14 @@ def _rank_shares_by_curve(
     sources, lines = _rank_shares(r, [replace(one, density=None) for one in chosen])
     of = {(one.source, name): k for one in chosen for k, name in enumerate(one.names)}
     over = {
-        one.source: _ratio_to_curve(r, one.frequency, np.abs(one.los) * one.settled[:, None])
+        one.source: ratio_to_curve(r, one.frequency, np.abs(one.los) * one.settled[:, None])
         for one in chosen
     }
     parts = (replace(x, share=float(over[x.source][of[x.source, x.line]])) for x in lines)
     return sources, tuple(sorted(parts, key=lambda x: -x.share))
 
 
-def _ratio_to_curve(
+def ratio_to_curve(
     r: Requirement, frequency: np.ndarray, amplitude: np.ndarray, *, single_axis: bool = False
 ) -> np.ndarray:
     """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band;
@@ -660,9 +660,9 @@ def _assess_by_curve(
     low, high = tones.frequency_bounds
     maybe = [tones.frequency, low, high, *np.clip(edges[:, None], low, high)]
     over_least = np.min(
-        [_ratio_to_curve(r, f, tones.least, single_axis=True) for f in maybe], axis=0
+        [ratio_to_curve(r, f, tones.least, single_axis=True) for f in maybe], axis=0
     )
-    over_most = np.max([_ratio_to_curve(r, f, tones.most) for f in maybe], axis=0)
+    over_most = np.max([ratio_to_curve(r, f, tones.most) for f in maybe], axis=0)
     size, limit = _size_and_limit_of_worst_line(own, tones)
     figure = _Figure(
         limit * float(over_least.max(initial=0.0)),
@@ -691,7 +691,7 @@ def _size_and_limit_of_worst_line(r: Requirement, tones: CombinedLines) -> tuple
     """Size of the line that comes nearest to a curve, and what that allows there [rad]; where no
     line counts, 0 and the least that the curve allows.
     """
-    over = _ratio_to_curve(r, tones.frequency, tones.value)
+    over = ratio_to_curve(r, tones.frequency, tones.value)
     if not over.any():
         return 0.0, float(min(point.amplitude for point in r.curve or ()))
     worst = [int(np.argmax(over))]
@@ -705,7 +705,7 @@ def _hidden_ratio_to_curve(r: Requirement, gaps: Sequence[Unobserved]) -> float:
     if any(not np.all(np.isfinite(gap.most)) for gap in gaps):
         return math.inf
     return max(
-        (float(_ratio_to_curve(r, gap.frequency, gap.most).max(initial=0.0)) for gap in gaps),
+        (float(ratio_to_curve(r, gap.frequency, gap.most).max(initial=0.0)) for gap in gaps),
         default=0.0,
     )
 

@@ -177,14 +177,15 @@ def _hashable(value: Any) -> Any:
     return value
 
 
+def read_study(file: Path) -> Study:
+    """A study file; ScenarioError with one sentence per problem."""
+    data = parse_yaml(read_text(file, "study", ()), str(file))
+    return validate_part(Study, data, origin=str(file))
+
+
 def read_design(file: Path) -> Design:
     """Design of a study file; ScenarioError with one sentence per problem."""
-    data = parse_yaml(read_text(file, "study", ()), str(file))
-    return design(
-        validate_part(Study, data, origin=str(file)),
-        WORKING_FOLDER.in_folder_of(str(file)),
-        str(file),
-    )
+    return design(read_study(file), WORKING_FOLDER.in_folder_of(str(file)), str(file))
 
 
 def limit_of(study: Study) -> Limit | None:
@@ -197,13 +198,21 @@ def limit_of(study: Study) -> Limit | None:
         raise ScenarioError(str(error)) from None
 
 
-def design(study: Study, files: FileAccess = WORKING_FOLDER, origin: str = "study") -> Design:
+def design(
+    study: Study,
+    files: FileAccess = WORKING_FOLDER,
+    origin: str = "study",
+    scenario: Scenario | None = None,
+) -> Design:
     """Draw the cases of a study; its scenario, and arrays that vary, are names of the catalog or of
-    ``files``.
+    ``files``. Another ``scenario`` can take the place of the study's.
 
     Every level and the ends of every distribution are tried, one by one, so that what cannot be
     computed is known now.
     """
+    if scenario is not None:
+        with error_context(origin):
+            return _draw_cases(study, scenario, files)
     file = files.under("scenario").path(study.scenario)
     base = load_scenario(str(file) if file.is_file() else study.scenario, dict(study.set))
     with error_context(origin):

@@ -1,0 +1,408 @@
+"""A quieter drive as text, tables, pictures, and the files that its driver takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from microvib.io.current_table import integer_columns
+from microvib.io.scenario_file import dump_scenario
+from microvib.io.tables import rows_csv
+from microvib.model.torque_margin import ResistingTorque, TorqueMargin, lag_of_array, torque_margin
+from microvib.reports import sheets
+from microvib.reports.document import Fact, Text
+from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture, Verdict
+from microvib.results import COUNT, Column, Measure, Table
+from microvib.studies.campaign.statistics import draws_needed
+from microvib.studies.quiet.levers import levels_of, with_levers
+from microvib.studies.quiet.objective import OF_LIMIT
+from microvib.studies.quiet.starts import SEARCHED, STARTS
+from microvib.studies.quiet.study import (
+    P95,
+    Constraints,
+    LeverAlone,
+    LineChange,
+    QuietDrive,
+    Spread,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHOWN_LINES = 12
+"""Lines that a report shows, the largest first."""
+
+
+def quiet_outcome(found: QuietDrive, target: float | None = None) -> Outcome:
+    """A quieter drive for those who decide: what to change, what it brings over the cases, what it
+    costs.
+
+    With a ``target``, in SI, the verdict is on the 95 % quantile over the cases; objectives that are
+    parts of a limit have it.
+    """
+    if found.objective.measure == OF_LIMIT:
+        target = 1.0
+    title = found.scenario.title or "drive"
+    first: list[Item] = [
+        Text(_decision(found)),
+        _designs(found),
+        *(Text(text) for text in _warnings(found)),
+        Picture(
+            "cases", lambda: draw_cases(found), "Before and after over the cases", _CASES_CAPTION
+        ),
+    ]
+    return Outcome(
+        "Quieter drive",
+        f"Quieter drive: {title}",
+        _summary(found),
+        _verdict(found, target),
+        tuple(_facts(found, target)),
+        (
+            Part("", tuple(first)),
+            Part("Each lever alone, on the drive as it is", tuple(_alone(found))),
+            Part("Line by line", tuple(_lines(found))),
+            Part("Torque margin", tuple(_margins(found))),
+            Part("What was tried", tuple(_tried(found)), new_page=False),
+            Part("Cases", (Pairs(tuple(_cases(found))),)),
+        ),
+        found.scenario,
+        data={"levers": _data(found)},
+        other_files=dict(_handed_over(found)),
+    )
+
+
+_CASES_CAPTION = (
+    "Each step is a drawn case, from its worst start. Dashed: the 95 % quantile. What is far right"
+    " slips and sticks, or found another motion."
+)
+
+
+def _summary(found: QuietDrive) -> str:
+    starts = len(STARTS)
+    return (
+        f"Objective: {found.objective.text}. Judged on {found.after.cases.size} drawn cases, each from"
+        f" {starts} starts; {found.runs} runs were simulated."
+    )
+
+
+def _decision(found: QuietDrive) -> str:
+    figure = found.objective.measure.figure
+    before, after = found.before, found.after
+    change = _change(before.p95, after.p95)
+    verb = "Set" if found.setting is not None else "Judged"
+    return (
+        f"{verb}: {found.setting_text}. 95 % of cases: {figure(before.p95)} before,"
+        f" {figure(after.p95)} after{change}; the drive as it is: {figure(before.nominal)} before,"
+        f" {figure(after.nominal)} after{_change(before.nominal, after.nominal)}."
+    )
+
+
+def _change(before: float, after: float) -> str:
+    if not (0.0 < before < math.inf and 0.0 < after < math.inf):
+        return ""
+    return f" ({20.0 * math.log10(after / before):+.1f} dB)"
+
+
+def _spread_columns(measure: Measure) -> tuple[Column, ...]:
+    return (
+        Column("design", "design"),
+        Column("nominal", "as it is", measure, absent="fails"),
+        Column("median", "median", measure, absent="fails"),
+        Column("p95", "P95", measure, absent="fails"),
+        Column("p95_most", "P95 at most", measure, absent="not bounded"),
+        Column("worst", "worst case", measure, absent="fails"),
+        Column("several_motions", "cases with several motions", COUNT),
+        Column("failed", "cases that fail", COUNT),
+    )
+
+
+def _spread_row(one: Spread) -> tuple[Any, ...]:
+    return (
+        one.design,
+        one.nominal,
+        one.median,
+        one.p95,
+        one.p95_most,
+        one.worst,
+        one.coexisting,
+        one.failed,
+    )
+
+
+def _designs(found: QuietDrive) -> Table:
+    designs = [found.before, found.after, *([found.best_nominal] if found.best_nominal else [])]
+    columns = _spread_columns(found.objective.measure)
+    return Table(
+        "designs",
+        columns,
+        tuple(map(_spread_row, designs)),
+        caption="Each case counts from its worst start. *P95 at most*: upper end of the 95 % confidence"
+        " interval of the quantile.",
+    )
+
+
+def _warnings(found: QuietDrive) -> Iterator[str]:
+    figure = found.objective.measure.figure
+    best = found.best_nominal
+    if found.trap and best is not None:
+        yield (
+            f"The trap: the setting that is best for the drive as it is ({found.best_nominal_text})"
+            f" gives {figure(best.from_rest)} from rest, and {figure(best.p95)} in 95 % of the cases;"
+            f" {best.coexisting} of {best.cases.size} cases have several motions there."
+        )
+    if found.after.coexisting:
+        yield (
+            f"In {found.after.coexisting} of {found.after.cases.size} cases the start decides which of"
+            " several motions the quieter drive has; the table has the loudest."
+        )
+    needed = draws_needed(P95)
+    if found.after.cases.size < needed:
+        yield (
+            f"{found.after.cases.size} cases do not bound a 95 % quantile; from {needed} on they do"
+            " (`--cases`)."
+        )
+    if found.cases.assumed:
+        yield "The spread of the cases is assumed, not measured: state yours with `--study`."
+    at_end = list(_at_end(found))
+    if at_end:
+        yield f"At the end of its range, beyond which it was not tried: {', '.join(at_end)}."
+
+
+def _at_end(found: QuietDrive) -> Iterator[str]:
+    if found.setting is None:
+        return
+    for lever, numbers in zip(found.levers, found.setting.numbers, strict=True):
+        hard_end = lever.name == "ramp"
+        if (
+            not lever.choices
+            and lever.name != "table"
+            and not hard_end
+            and numbers[0] in (0.0, 1.0)
+        ):
+            yield lever.name
+
+
+def _verdict(found: QuietDrive, target: float | None) -> Verdict:
+    if target is None:
+        return ""
+    if found.after.p95_most <= target:
+        return "pass"
+    if found.after.p95 > target:
+        return "fail"
+    return "not judged"
+
+
+def _facts(found: QuietDrive, target: float | None) -> Iterator[Fact]:
+    measure = found.objective.measure
+    yield Fact(measure.figure(found.after.p95) or "fails", f"95 % of cases, {found.objective.text}")
+    yield Fact(measure.figure(found.before.p95) or "fails", "before")
+    yield Fact(f"{found.margins[1].margin:+.2f}", "torque margin with its factors")
+    if target is not None:
+        verdict = _verdict(found, target)
+        status: Literal["", "pass", "fail"] = "" if verdict == "not judged" else verdict
+        yield Fact(verdict.capitalize(), f"P95 at most {measure.figure(target)}", status)
+
+
+def _alone(found: QuietDrive) -> Iterator[Item]:
+    if not found.alone:
+        return
+    measure = found.objective.measure
+    columns = (
+        Column("lever", "lever", role="key"),
+        Column("figure", "worst start", measure, absent="fails"),
+        Column("from_rest", "from rest", measure, absent="fails"),
+        Column("setting", "setting"),
+    )
+    rows = [(x.lever, x.figure, x.from_rest, _setting_or_reason(x)) for x in found.alone]
+    yield Table("levers_alone", columns, tuple(rows))
+
+
+def _setting_or_reason(one: LeverAlone) -> str:
+    return one.setting or f"not allowed: {one.why_not}"
+
+
+def _lines(found: QuietDrive) -> Iterator[Item]:
+    yield Picture("lines", lambda: draw_lines(found), "Lines before and after", _LINES_CAPTION)
+    yield Table.of(
+        "lines", LineChange, found.lines, for_readers=found.lines[:SHOWN_LINES], brief=SHOWN_LINES
+    )
+
+
+_LINES_CAPTION = "Bars: the drive as it is, from rest. Ticks: 95 % quantile over the cases."
+
+
+def _margins(found: QuietDrive) -> Iterator[Item]:
+    before, after = found.margins
+    yield Text(
+        f"Motor torque {_torque(after.available)}, required {_torque(after.required)} with all factors:"
+        f" margin {after.margin:+.2f} (before: {before.margin:+.2f}). The array stays"
+        f" {math.degrees(lag_of_array(found.quieter)):.2g} deg behind its command by friction."
+    )
+    yield Table.of("torque_margin", ResistingTorque, after.resisting, caption=_FACTORS)
+
+
+_FACTORS = (
+    "Factors as ECSS-E-ST-33-01C is commonly quoted with for calculated torques; not compared with its"
+    " text. The sum counts with a further factor."
+)
+
+
+def _torque(value: float) -> str:
+    return Measure("mN m", 1e-3, ".4g").figure(value)
+
+
+def _tried(found: QuietDrive) -> Iterator[Item]:
+    if len(found.tried) < 2:
+        return
+    allowed = [one for one in found.tried if math.isfinite(one.worst)]
+    refused = len(found.tried) - len(allowed)
+    searched = ", ".join(start.name for start in SEARCHED)
+    yield Text(
+        f"{len(found.tried)} settings over {len(found.cases.searched)} cases, {searched}; {refused} of"
+        " them are not allowed or do not come to their rate."
+    )
+    yield Picture("pareto", lambda: draw_pareto(found), "Quietness against torque margin", _PARETO)
+    columns = (
+        Column("worst", "worst case", found.objective.measure, absent="fails"),
+        Column("setting", "setting"),
+    )
+    from microvib.studies.quiet.study import in_words
+
+    rows = [
+        (one.worst, one.why_not or in_words(found.scenario, found.levers, one.setting))
+        for one in found.tried
+    ]
+    yield Table("tried", columns, tuple(rows), for_readers=tuple(rows[:5]), brief=0)
+
+
+_PARETO = (
+    "Every setting that was tried: its worst case in the search against its torque margin. Settings that"
+    " were given up early are lower bounds (hollow)."
+)
+
+
+def _cases(found: QuietDrive) -> Iterator[tuple[str, str]]:
+    for sentence in found.cases.text:
+        name, _, text = sentence.partition(": ")
+        yield name, text
+    yield "starts", "; ".join(start.name for start in STARTS)
+
+
+# ---- What is handed over ----
+
+
+def _handed_over(found: QuietDrive) -> Iterator[tuple[str, str]]:
+    yield "scenario.yaml", dump_scenario(_titled(found))
+    table = found.quieter.driver.table
+    if table is None or not table.currents:
+        return
+    rows = np.array(table.currents)
+    if found.bits is None:
+        yield "table.csv", rows_csv(["i_a", "i_b"], rows.tolist())
+        return
+    levels = levels_of(found.bits)
+    whole = np.rint(rows * levels).astype(int)
+    yield "table.csv", rows_csv(list(integer_columns(levels)), whole.tolist())
+
+
+def _titled(found: QuietDrive) -> Any:
+    title = found.scenario.title or "drive"
+    return found.quieter.model_copy(update={"title": f"{title}, quieter"})
+
+
+def _data(found: QuietDrive) -> dict[str, Any]:
+    settings = {}
+    if found.setting is not None:
+        settings = {
+            lever.name: {"setting": lever.show(found.scenario, numbers), "numbers": list(numbers)}
+            for lever, numbers in zip(found.levers, found.setting.numbers, strict=True)
+        }
+    return {"objective": found.objective.text, "levers": settings}
+
+
+# ---- Pictures ----
+
+
+def draw_cases(found: QuietDrive) -> Figure:
+    """Part of the cases up to each figure, before and after."""
+    figure, ax = sheets.one_axes(3.0)
+    measure = found.objective.measure
+    designs = [(found.before, sheets.GREY), (found.after, sheets.BLUE)]
+    if found.best_nominal is not None:
+        designs.append((found.best_nominal, sheets.RED))
+    for one, colour in designs:
+        values = np.sort(one.cases[np.isfinite(one.cases)]) / measure.size
+        parts = 100.0 * np.arange(1, values.size + 1) / one.cases.size
+        ax.step(values, parts, where="post", color=colour, label=one.design)
+        if math.isfinite(one.p95):
+            ax.axvline(one.p95 / measure.size, color=colour, linestyle="--", linewidth=0.8)
+    ax.set_xscale("log")
+    sheets.plain_numbers(ax.xaxis)
+    ax.set_xlabel(f"{found.objective.text} [{measure.unit}]")
+    ax.set_ylabel("cases up to it [%]")
+    ax.set_ylim(0.0, 101.0)
+    ax.legend(loc="best")
+    return figure
+
+
+def draw_lines(found: QuietDrive) -> Figure:
+    """The largest lines before and after."""
+    figure, ax = sheets.one_axes(3.2)
+    rows = found.lines[:SHOWN_LINES]
+    at = np.arange(len(rows))
+    for offset, colour, label, bar, tick in (
+        (-0.2, sheets.GREY, "before", "before", "before_p95"),
+        (0.2, sheets.BLUE, "after", "after", "after_p95"),
+    ):
+        heights = np.array([getattr(row, bar) for row in rows]) * 1e3
+        quantiles = np.array([getattr(row, tick) for row in rows]) * 1e3
+        ax.bar(
+            at + offset, np.where(heights > 0.0, heights, np.nan), 0.38, color=colour, label=label
+        )
+        ax.scatter(
+            at + offset,
+            np.where(quantiles > 0.0, quantiles, np.nan),
+            marker="_",
+            s=120,
+            color="black",
+            zorder=3,
+        )
+    ax.set_yscale("log")
+    sheets.plain_numbers(ax.yaxis)
+    ax.set_ylabel("amplitude [mN m]")
+    ax.set_xticks(at, [row.name for row in rows], rotation=30, ha="right")
+    ax.legend(loc="upper right")
+    return figure
+
+
+def draw_pareto(found: QuietDrive) -> Figure:
+    """Worst figure of every setting against its torque margin."""
+    figure, ax = sheets.one_axes(3.0)
+    measure = found.objective.measure
+    best = found.tried[0].worst
+    constraints: Constraints = found.constraints
+    points = [
+        (_margin(found, one.setting, constraints).margin, one.worst / measure.size)
+        for one in found.tried
+        if math.isfinite(one.worst)
+    ]
+    margins, figures = np.array(points).T
+    ax.scatter(margins, figures, s=16, facecolors="none", edgecolors=sheets.GREY)
+    ax.scatter(margins[:1], [best / measure.size], s=40, color=sheets.BLUE, label="chosen")
+    ax.axhline(
+        found.before.nominal / measure.size, color=sheets.GREY, linestyle=":", label="as it is"
+    )
+    ax.set_yscale("log")
+    sheets.plain_numbers(ax.yaxis)
+    ax.set_xlabel("torque margin with its factors")
+    ax.set_ylabel(f"worst case [{measure.unit}]")
+    ax.legend(loc="best")
+    return figure
+
+
+def _margin(found: QuietDrive, setting: Any, constraints: Constraints) -> TorqueMargin:
+    changed = with_levers(found.scenario, found.levers, setting)
+    return torque_margin(changed, constraints.factors)

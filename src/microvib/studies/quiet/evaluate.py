@@ -1,0 +1,189 @@
+"""Figures of designs: every case from every start, on all cores, each computed once and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from microvib.errors import MicrovibError, OutputError, ScenarioError
+from microvib.io.tables import package_versions
+from microvib.model.line_names import is_unlisted
+from microvib.model.part import to_plain_data
+from microvib.model.scenario import Scenario
+from microvib.studies.quiet.measure import DriveLines, measure_lines
+from microvib.studies.quiet.objective import Objective
+from microvib.studies.quiet.starts import STARTS, Start
+from microvib.studies.workers import Calls, parallel_calls
+
+SEARCH_DURATION = 4.0
+"""Longest record [s] of a run in a search; those that judge have the scenario's."""
+KEPT = 3e-3
+"""Part of the largest line from which lines are kept."""
+UNEXPECTED = "largest other line"
+"""Name of the largest line that no order of the drive explains, whose frequency is each case's own."""
+FULL_STEPS = 8.0
+"""Full steps that a record has at least."""
+
+
+def searched_record(scenario: Scenario) -> Scenario:
+    """The scenario with a record that is as short as its full steps allow."""
+    rate = abs(scenario.rate or 0.0) * abs(scenario.reducer.h)
+    step = scenario.driver.full_step(scenario.motor) / rate
+    duration = max(SEARCH_DURATION, FULL_STEPS * step)
+    if scenario.record.duration <= duration:
+        return scenario
+    return scenario.with_si({"record.duration": duration})
+
+
+class Figure(NamedTuple):
+    """The objective's figure of one drive from one start, with its larger lines."""
+
+    value: float
+    lines: tuple[tuple[str, float, float], ...] = ()
+    """Name, frequency [Hz] and amplitude [N m]."""
+
+
+NOTHING = Figure(math.inf)
+"""Figure of a drive that there is not, or that does not come to its rate."""
+
+
+def _figure(scenario: Scenario, start: str, objective: Objective) -> Figure:
+    """The figure of one drive; its start goes to another process by name."""
+    begun = next(x for x in STARTS if x.name == start).begun(scenario)
+    found = measure_lines(begun, pointing=objective.sees_pointing)
+    return Figure(objective.of(found), tuple(_larger_lines(found)))
+
+
+def _larger_lines(found: DriveLines) -> Iterator[tuple[str, float, float]]:
+    """Lines with a name, and the largest of those that nothing expects."""
+    least = KEPT * float(found.amplitude.max(initial=0.0))
+    nameless: list[tuple[float, float]] = []
+    for name, f, a in zip(
+        found.names, found.frequency.tolist(), found.amplitude.tolist(), strict=True
+    ):
+        if a < least:
+            continue
+        if is_unlisted(name):
+            nameless.append((a, f))
+        else:
+            yield name, f, a
+    if nameless:
+        amplitude, frequency = max(nameless)
+        yield UNEXPECTED, frequency, amplitude
+
+
+@dataclass(frozen=True)
+class Case:
+    """One drive from one start, whose figure is wanted; or why there is no such drive."""
+
+    scenario: Scenario | None
+    start: Start
+    problem: str = ""
+
+
+class Evaluations:
+    """Figures of one objective, each computed once; those of a file are not computed again."""
+
+    def __init__(self, objective: Objective, calls: Calls, file: Path | None) -> None:
+        self.objective, self._calls, self._file = objective, calls, file
+        self._known = _read(file)
+        self._of = f"{package_versions()['microvib']} {objective!r}"
+        self.runs = 0
+        """Runs that were simulated."""
+
+    def values(self, cases: Sequence[Case]) -> np.ndarray:
+        """The figure of each case, (cases,); infinite where there is no motion at the rate."""
+        return np.array([one.value for one in self.figures(cases)])
+
+    def figures(self, cases: Sequence[Case]) -> list[Figure]:
+        """The figure of each case with its lines."""
+        keys = [self._key(case) for case in cases]
+        new = {
+            key: case
+            for key, case in zip(keys, cases, strict=True)
+            if key not in self._known and case.scenario is not None
+        }
+        arguments = [(case.scenario, case.start.name, self.objective) for case in new.values()]
+        found = self._calls(_figure, arguments) if new else []
+        self._keep(dict(zip(new, found, strict=True)))
+        self.runs += len(found)
+        return [self._known.get(key, NOTHING) for key in keys]
+
+    def _key(self, case: Case) -> str:
+        if case.scenario is None:
+            return ""
+        data = to_plain_data(case.scenario)
+        for words in ("title", "source", "sources", "reference"):
+            data.pop(words, None)
+        text = f"{self._of} {case.start.name} {json.dumps(data, sort_keys=True, default=str)}"
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    def _keep(self, found: dict[str, Figure]) -> None:
+        self._known |= found
+        if self._file is None or not found:
+            return
+        lines = "".join(f"{json.dumps([key, *one])}\n" for key, one in found.items())
+        try:
+            with self._file.open("a", encoding="utf-8") as file:
+                file.write(lines)
+        except OSError as error:
+            raise OutputError(f"{self._file}: cannot be written ({error.strerror})") from None
+
+
+def _read(file: Path | None) -> dict[str, Figure]:
+    """Figures of a file by their keys; a last line that was cut off is left out."""
+    if file is None or not file.exists():
+        return {}
+    known: dict[str, Figure] = {}
+    try:
+        lines = file.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise MicrovibError(f"{file}: cannot be read as figures of a search ({error})") from None
+    for k, line in enumerate(lines, 1):
+        try:
+            key, value, lines = json.loads(line or "null") or ("", 0.0, [])
+            kept = tuple((str(name), float(f), float(a)) for name, f, a in lines)
+            known[str(key)] = Figure(float(value), kept)
+        except (ValueError, TypeError):
+            if k < len(lines) - 1:
+                raise MicrovibError(
+                    f"{file}, line {k}: is no figure of a search; another file is expected"
+                ) from None
+    return known
+
+
+@contextmanager
+def evaluations(
+    objective: Objective,
+    file: Path | None = None,
+    workers: int | None = None,
+) -> Iterator[Evaluations]:
+    """Figures on all cores, or on threads without ``workers``."""
+    with parallel_calls(None, workers) as calls:
+        yield Evaluations(objective, calls, file)
+
+
+def drawn(
+    base: Scenario,
+    cases: Iterable[dict[str, Any]],
+    starts: Sequence[Start],
+    change: Callable[[Scenario], Scenario],
+) -> list[Case]:
+    """Every case from every start, cases first, after a ``change`` of each."""
+    found = []
+    for changes in cases:
+        try:
+            scenario: Scenario | None = change(base.with_si(changes) if changes else base)
+            problem = ""
+        except ScenarioError as error:
+            scenario, problem = None, str(error)
+        found += [Case(scenario, start, problem) for start in starts]
+    return found

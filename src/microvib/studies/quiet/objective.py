@@ -1,0 +1,200 @@
+"""What a search makes small: a line, a band, the RMS, lines over a limit curve, or a requirement on
+the line of sight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from microvib.analysis.lines import expected_in
+from microvib.errors import MicrovibError, OptionError, did_you_mean
+from microvib.io.tables import csv_rows, parse_finite
+from microvib.model.scenario import Scenario
+from microvib.results import TORQUE, Measure
+from microvib.studies.budget.figures import evaluate_metric
+from microvib.studies.budget.files import Requirement, Requirements, Statistic, read_file
+from microvib.studies.budget.sums import ratio_to_curve
+from microvib.studies.quiet.measure import DriveLines
+from microvib.units import band as ends
+from microvib.units import within_band
+
+OF_LIMIT = Measure("% of the limit", 0.01, "#.4g")
+RMS = "rms"
+HARMONICS = 8
+"""Members of each family of lines."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One figure of a drive's lines, to be made small."""
+
+    text: str
+    """In words."""
+    measure: Measure = TORQUE
+    """Measure of the figure: torques [N m], or parts of a limit."""
+    line: str = ""
+    """Name of a line."""
+    band: tuple[float, float] | None = None
+    """Ends [Hz] of a band whose largest line counts."""
+    curve: tuple[tuple[float, float], ...] = ()
+    """Frequencies [Hz] and amplitudes [N m] of a limit, straight between them on logarithmic
+    scales."""
+    requirements: tuple[Requirement, ...] = ()
+    """On the line of sight, of which that counts which is nearest to its limit. Levels are replaced by
+    bounds, which are a hundredth of the work and no lower."""
+
+    @property
+    def sees_pointing(self) -> bool:
+        """Whether it is of the line of sight."""
+        return bool(self.requirements)
+
+    def of(self, found: DriveLines) -> float:
+        """The figure of some lines, infinite where the drive does not follow its command."""
+        if found.problem:
+            return math.inf
+        if self.requirements:
+            assert found.los is not None
+            return max(
+                part_of_limit(one, found.los_frequency, found.los) for one in self.requirements
+            )
+        if self.curve:
+            return self._over_curve(found)
+        if self.band is not None:
+            inside = within_band(found.frequency, *self.band)
+            return float(np.max(found.amplitude[inside], initial=found.unexplained))
+        if self.line:
+            named = [
+                a for name, a in zip(found.names, found.amplitude, strict=True) if name == self.line
+            ]
+            return float(max(named, default=0.0))
+        return found.rms
+
+    def _over_curve(self, found: DriveLines) -> float:
+        f, limit = np.log(np.array(self.curve)).T
+        at = np.log(np.maximum(found.frequency, 1e-300))
+        inside = (at >= f[0]) & (at <= f[-1])
+        allowed = np.exp(np.interp(at, f, limit))
+        ratios = np.where(inside, found.amplitude / allowed, 0.0)
+        return float(np.max(ratios, initial=found.unexplained / math.exp(limit.min())))
+
+
+def part_of_limit(one: Requirement, frequency: np.ndarray, los: np.ndarray) -> float:
+    """Part of its limit that a requirement's figure reaches with lines of one clock, (k,) [Hz] and
+    complex (k, 2) [rad].
+    """
+    if one.curve is not None:
+        return float(ratio_to_curve(one, frequency, np.abs(los)).max(initial=0.0))
+    assert one.limit is not None
+    clock = np.zeros(los.shape, dtype=int)
+    return evaluate_metric(one, frequency, los, clock=clock) / one.limit
+
+
+def parse_objective(
+    given: str, scenario: Scenario, requirement: str | Path | None = None
+) -> Objective:
+    """Read an objective.
+
+    Parameters
+    ----------
+    given : str
+        ``rms``, the name of a line such as ``drive_1``, a band such as ``"0.5:150 Hz"``, or a CSV
+        file of a limit with the columns frequency_hz and amplitude_n_m.
+    scenario : Scenario
+        The drive, whose lines have names.
+    requirement : str or path, optional
+        File of requirements on the line of sight, as of ``microvib budget``; in place of ``given``.
+
+    Raises
+    ------
+    OptionError
+        For what is none of these.
+    """
+    if requirement is not None:
+        return _pointing(Path(requirement), scenario)
+    text = given.strip()
+    if text == RMS:
+        return Objective("RMS of all lines")
+    if text.endswith(".csv"):
+        return _limit_curve(Path(text))
+    if ":" in text:
+        low, high = ends(text)
+        return Objective(f"largest line from {low:g} to {high:g} Hz", band=(low, high))
+    names = [x.name for x in expected_in(scenario, scenario.record.sample_rate, HARMONICS)]
+    if text not in names:
+        near = did_you_mean(text, names)
+        raise OptionError(
+            "objective",
+            f"is no line of this drive; {near}allowed are rms, a band such as '0.5:150 Hz', a CSV file"
+            f" of a limit, or a line: {', '.join(names)}",
+            text,
+        )
+    return Objective(f"line {text}", line=text)
+
+
+def _pointing(file: Path, scenario: Scenario) -> Objective:
+    chosen = quickly_judged(read_file(file, Requirements).requirements, scenario)
+    named = ", ".join(one.name or f"no. {k}" for k, one in enumerate(chosen, 1))
+    return Objective(f"requirement nearest to its limit, of {named}", OF_LIMIT, requirements=chosen)
+
+
+def quickly_judged(
+    requirements: Sequence[Requirement], scenario: Scenario
+) -> tuple[Requirement, ...]:
+    """Requirements as many cases are compared by: a bound in place of a level, and no percentiles.
+
+    OptionError where one lacks a window, or the scenario a line of sight.
+    """
+    if scenario.spacecraft is None or scenario.spacecraft.line_of_sight is None:
+        raise OptionError(
+            "requirement",
+            "is on a line of sight, which this scenario has not; spacecraft.line_of_sight is"
+            " expected",
+        )
+    for k, one in enumerate(requirements, 1):
+        if one.incomplete:
+            raise OptionError("requirement", f"lacks {one.incomplete}", one.name or f"no. {k}")
+    return tuple(
+        one.model_copy(update={"percentile": None, "statistic": _quick(one)})
+        for one in requirements
+    )
+
+
+def _quick(one: Requirement) -> Statistic:
+    """Statistic by which a search judges a requirement: a bound in place of a level."""
+    if one.statistic == "level":
+        return "bound"
+    return one.statistic
+
+
+def _limit_curve(file: Path) -> Objective:
+    head, *rows = csv_rows(file, MicrovibError) or [[]]
+    names = [name.strip().lower() for name in head]
+    wanted = ["frequency_hz", "amplitude_n_m"]
+    if names != wanted:
+        raise OptionError(
+            "objective",
+            f"{file}: the first line is no {','.join(wanted)}, which a limit begins with",
+        )
+    points = tuple(
+        (_positive(file, k, row, 0, wanted), _positive(file, k, row, 1, wanted))
+        for k, row in enumerate(rows, 2)
+    )
+    if len(points) < 2 or any(b[0] <= a[0] for a, b in pairwise(points)):
+        raise OptionError(
+            "objective", f"{file}: two points or more with ascending frequencies are expected"
+        )
+    return Objective(f"lines over the limit {file.name}", OF_LIMIT, curve=points)
+
+
+def _positive(file: Path, row: int, cells: list[str], column: int, names: list[str]) -> float:
+    where = f"{file}, row {row}: {names[column]}"
+    value = parse_finite(where, "".join(cells[column : column + 1]), MicrovibError)
+    if not value > 0.0:
+        raise OptionError("objective", f"{where}: {value:g} is not above 0")
+    return value

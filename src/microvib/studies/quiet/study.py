@@ -1,0 +1,514 @@
+"""Search for what makes a drive quieter, and proof of what was found: ``quiet(scenario, ...)``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from microvib.errors import OptionError, expect_list, whole_number
+from microvib.io.current_table import read_current_table
+from microvib.model.driver import MAX_TABLE
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.torque_margin import (
+    MotorisationFactors,
+    TorqueMargin,
+    lag_of_array,
+    torque_margin,
+)
+from microvib.results import COUNT, DECIBEL, FREQUENCY, TORQUE, Column
+from microvib.solve.integration import Progress
+from microvib.studies.campaign.statistics import quantile
+from microvib.studies.quiet.cases import JUDGE_CASES, DrawnCases, draw_cases
+from microvib.studies.quiet.evaluate import Evaluations, Figure, drawn, evaluations, searched_record
+from microvib.studies.quiet.levers import (
+    Lever,
+    Setting,
+    TableLimits,
+    parse_levers,
+    with_levers,
+)
+from microvib.studies.quiet.objective import Objective, parse_objective
+from microvib.studies.quiet.search import Drives, Search, Tried
+from microvib.studies.quiet.starts import SEARCHED, STARTS, require_constant_rate
+
+DEFAULT_EFFORT, EFFORT_RANGE = 200, (4, 100_000)
+"""Settings that a search tries over the drawn cases."""
+CASES_RANGE = (8, 10_000)
+ALONE_EFFORT = 24
+"""Settings of each lever alone that are tried on the drive as it is."""
+COEXISTING = 1.25
+"""Ratio of the figures from two starts from which they have led to different motions."""
+P95 = 0.95
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """What every setting must keep."""
+
+    margin: float = 0.0
+    """Least torque margin, with its factors."""
+    factors: MotorisationFactors = field(default_factory=MotorisationFactors)
+    lag: float = math.inf
+    """Largest quasi-static angle [rad] by which the array stays behind its command."""
+
+    def why_not(self, scenario: Scenario) -> str:
+        """Why a drive does not keep them; empty where it does."""
+        found = torque_margin(scenario, self.factors)
+        if found.margin < self.margin:
+            return f"torque margin {found.margin:.2f}, below {self.margin:.2f}"
+        lag = lag_of_array(scenario)
+        if lag > self.lag:
+            return f"the array stays {math.degrees(lag):.3g} deg behind its command"
+        driver, motor = scenario.driver, scenario.motor
+        if driver.supply_voltage is not None and driver.drive == "current":
+            needed = driver.largest_reference(motor) * motor.winding_resistance
+            if needed > driver.supply_voltage:
+                return f"the currents take {needed:.3g} V, above the supply of {driver.supply_voltage:.3g} V"
+        return ""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The figure of one design: of the drive as it is, and over cases, each from its worst start."""
+
+    design: Annotated[str, Column("design", "design")]
+    nominal: float
+    """Of the drive as it is, from its worst start."""
+    from_rest: float
+    cases: np.ndarray
+    """Of each case from its worst start, (cases,); infinite where it does not come to its rate."""
+    coexisting: Annotated[int, Column("coexisting", "cases with several motions", COUNT)]
+    """Cases in which different starts lead to different motions."""
+
+    @property
+    def median(self) -> float:
+        """Median over cases."""
+        return float(np.median(self.cases))
+
+    @property
+    def p95(self) -> float:
+        """95 % quantile over cases."""
+        return float(np.quantile(self.cases, P95, method="higher"))
+
+    @property
+    def p95_most(self) -> float:
+        """Upper end of its two-sided 95 % interval between order statistics; nan where there are
+        too few cases for one.
+        """
+        return quantile(self.cases, P95).high
+
+    @property
+    def worst(self) -> float:
+        """Largest of all cases."""
+        return float(self.cases.max())
+
+    @property
+    def failed(self) -> int:
+        """Cases that do not come to their rate."""
+        return int(np.sum(~np.isfinite(self.cases)))
+
+
+@dataclass(frozen=True)
+class LeverAlone:
+    """What one lever brings by itself, on the drive as it is."""
+
+    lever: str
+    setting: str
+    figure: float
+    """From its worst start."""
+    from_rest: float
+    why_not: str = ""
+
+
+@dataclass(frozen=True)
+class LineChange:
+    """One line before and after, 0-to-peak [N m], each case from its worst start."""
+
+    name: Annotated[str, Column("line", "line")]
+    frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
+    before: Annotated[float, Column("before_n_m", "before", TORQUE)]
+    after: Annotated[float, Column("after_n_m", "after", TORQUE)]
+    before_median: Annotated[float, Column("before_median_n_m", measure=TORQUE)]
+    after_median: Annotated[float, Column("after_median_n_m", measure=TORQUE)]
+    before_p95: Annotated[float, Column("before_p95_n_m", "before, P95", TORQUE)]
+    after_p95: Annotated[float, Column("after_p95_n_m", "after, P95", TORQUE)]
+
+    @property
+    def change(self) -> Annotated[float, Column("change_db", "change", DECIBEL)]:
+        """Change of the drive as it is, from rest [dB]; nan where the line is not there."""
+        return _decibel(self.before, self.after)
+
+    @property
+    def change_p95(self) -> Annotated[float, Column("change_p95_db", "change, P95", DECIBEL)]:
+        """Change of the 95 % quantile [dB]."""
+        return _decibel(self.before_p95, self.after_p95)
+
+
+def _decibel(before: float, after: float) -> float:
+    if before > 0.0 and after > 0.0:
+        return 20.0 * math.log10(after / before)
+    return math.nan
+
+
+@dataclass(frozen=True)
+class QuietDrive:
+    """What a search found, judged on drawn cases that it had not seen."""
+
+    scenario: Scenario
+    """As it was."""
+    quieter: Scenario
+    """With the levers set."""
+    objective: Objective
+    levers: tuple[Lever, ...]
+    setting: Setting | None
+    """None of a table that was only checked."""
+    constraints: Constraints
+    cases: DrawnCases
+    before: Spread
+    after: Spread
+    best_nominal: Spread | None
+    """The setting that is best for the drive as it is, where that is another."""
+    best_nominal_text: str
+    alone: tuple[LeverAlone, ...]
+    lines: tuple[LineChange, ...]
+    tried: tuple[Tried, ...]
+    runs: int
+    bits: int | None = None
+
+    @cached_property
+    def margins(self) -> tuple[TorqueMargin, TorqueMargin]:
+        """Torque margins before and after."""
+        factors = self.constraints.factors
+        return torque_margin(self.scenario, factors), torque_margin(self.quieter, factors)
+
+    @property
+    def setting_text(self) -> str:
+        """The setting in words."""
+        if self.setting is None:
+            return "the table that was given"
+        return in_words(self.scenario, self.levers, self.setting)
+
+    @property
+    def trap(self) -> bool:
+        """Whether the setting that is best for the drive as it is is worse over the cases."""
+        one = self.best_nominal
+        return one is not None and one.p95 > 1.05 * self.after.p95
+
+    def __repr__(self) -> str:
+        figure = self.objective.measure.figure
+        return (
+            f"{self.objective.text} of {self.scenario.brief}: {figure(self.before.nominal)} before,"
+            f" {figure(self.after.nominal)} after; P95 of {self.after.cases.size} cases"
+            f" {figure(self.before.p95)} before, {figure(self.after.p95)} after\n  {self.setting_text}"
+        )
+
+
+def in_words(scenario: Scenario, levers: Sequence[Lever], setting: Setting) -> str:
+    """A setting of levers in words."""
+    return "; ".join(
+        lever.show(scenario, numbers)
+        for lever, numbers in zip(levers, setting.numbers, strict=True)
+    )
+
+
+def quiet(  # noqa: PLR0913 - keyword options
+    scenario: GivenScenario,
+    objective: str = "rms",
+    levers: Sequence[str] = (),
+    *,
+    requirement: str | Path | None = None,
+    study: str | Path | None = None,
+    check: str | Path | None = None,
+    constraints: Constraints | None = None,
+    bits: int | None = None,
+    table_rows: int = MAX_TABLE,
+    cases: int = JUDGE_CASES,
+    effort: int = DEFAULT_EFFORT,
+    keep: str | Path | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    on_best: Callable[[str], None] | None = None,
+) -> QuietDrive:
+    """Search for the setting of levers that makes a drive quietest over how it may be.
+
+    The search makes the worst of some drawn cases small, each from rest and from a higher rate. What
+    it finds is judged on other cases and from more starts, since motions coexist: a drive that is
+    quiet from rest may slip and stick after a reversal. Array modes that ring from the start and die
+    away do not count.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The drive at a constant rate.
+    objective : str
+        What is made small: ``rms`` of all lines, a line such as ``drive_1``, the largest line of a
+        band such as ``"0.5:150 Hz"``, or lines over a limit of a CSV file.
+    levers : sequence of str
+        What may be changed (``studies.quiet.levers.parse_levers``), such as
+        ``["ramp", "table", "reducer.damping=0.5:5 N*m*s/rad"]``.
+    requirement : str or path, optional
+        Requirements on the line of sight in place of the objective, as of ``pointing_budget``, for
+        the drive's lines alone.
+    study : str or path, optional
+        Study file of a campaign, whose variations are those of the cases; without it a spread is
+        assumed.
+    check : str or path, optional
+        Table of currents that is judged in place of a search.
+    constraints : Constraints, optional
+        Least torque margin, largest lag of the array.
+    bits, table_rows : int, optional
+        What the driver's table can hold.
+    cases : int
+        Cases that judge.
+    effort : int
+        Settings that are tried over the cases of the search.
+    keep : str or path, optional
+        File in which every figure is kept; a search that was interrupted goes on from it.
+    workers : int, optional
+        Processes that simulate; without it threads of this one do.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with runs.
+    on_best : callable, optional
+        Called with a sentence for each setting that is better than those before.
+
+    Returns
+    -------
+    QuietDrive
+        The quieter drive, before and after over the cases, every line, what each lever brings.
+
+    Raises
+    ------
+    OptionError
+        For an objective, lever or number that is not allowed.
+    ScenarioError
+        Where study or table do not fit the scenario.
+    MicrovibError
+        For a drive without a constant rate.
+    """
+    scenario = as_scenario(scenario)
+    require_constant_rate(scenario)
+    expect_list(levers, "levers", '["ramp", "table"]')
+    whole_number("effort", effort, *EFFORT_RANGE)
+    whole_number("cases", cases, *CASES_RANGE)
+    if bits is not None:
+        whole_number("bits", bits, 2, 24)
+    constraints = constraints or Constraints()
+    wanted = parse_objective(objective, scenario, requirement)
+    if check is not None:
+        if levers:
+            raise OptionError("lever", "does not go with check, which judges a table as it is")
+        parsed: tuple[Lever, ...] = ()
+    else:
+        parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
+    sampled = draw_cases(scenario, parsed, None if study is None else Path(study), cases)
+    file = None if keep is None else Path(keep)
+    with evaluations(wanted, file, workers) as figures:
+        told = _Told(effort, len(parsed), progress, on_best)
+        task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, effort, told)
+        if check is not None:
+            return task.checked(Path(check))
+        return task.searched()
+
+
+JUDGING = 20
+"""Settings that the judgement of one design counts as in the progress."""
+
+
+class _Told:
+    """How far a search is, and its best setting so far."""
+
+    def __init__(
+        self,
+        effort: int,
+        levers: int,
+        progress: Progress | None,
+        on_best: Callable[[str], None] | None,
+    ) -> None:
+        self._progress, self._on_best, self._done = progress, on_best, 0
+        alone = min(ALONE_EFFORT, effort) * levers
+        searched = alone + max(effort // 2, 4) + effort if levers else 0
+        self._total = searched + 3 * JUDGING
+
+    def step(self, count: int = 1) -> None:
+        """So many settings more are done."""
+        self._done = min(self._done + count, self._total)
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+    def best(self, text: str) -> None:
+        """A setting is better than all before."""
+        if self._on_best is not None:
+            self._on_best(text)
+
+
+@dataclass
+class _Task:
+    """A search, or a check, with all that it needs."""
+
+    scenario: Scenario
+    objective: Objective
+    levers: tuple[Lever, ...]
+    constraints: Constraints
+    cases: DrawnCases
+    figures: Evaluations
+    bits: int | None
+    effort: int
+    told: _Told
+
+    def checked(self, file: Path) -> QuietDrive:
+        """A table that was given, judged."""
+        table = {"driver.table": read_current_table(file)}
+        return self._judged(None, self.scenario.with_(table), (), (), None)
+
+    def searched(self) -> QuietDrive:
+        """The best setting, judged, with what each lever brings alone."""
+        alone = tuple(self._alone(lever) for lever in self.levers)
+        nominal = self._search([{}], self.levers)
+        best = nominal.run(max(self.effort // 2, 4), tuple(nominal.as_it_is()))
+        search = self._search(self.cases.searched, self.levers, robust=True)
+        found = search.run(self.effort, (best.setting, *search.as_it_is()))
+        if not math.isfinite(found.worst):
+            why = found.why_not or "no setting brings all cases to their rate"
+            raise OptionError(
+                "lever", f"no setting is allowed: {why}", ", ".join(x.name for x in self.levers)
+            )
+        quieter = with_levers(self.scenario, self.levers, found.setting)
+        return self._judged(found.setting, quieter, alone, search.tried, best.setting)
+
+    def _search(
+        self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...], robust: bool = False
+    ) -> Search:
+        base = searched_record(self.scenario)
+        drives = Drives(base, cases, SEARCHED, self.constraints.why_not)
+
+        def on_tried(one: Tried, better: bool) -> None:
+            self.told.step()
+            if robust and better:
+                self.told.best(self._best_in_words(one))
+
+        return Search(drives, levers, self.figures, on_tried)
+
+    def _best_in_words(self, best: Tried) -> str:
+        figure = self.objective.measure.figure(best.worst)
+        text = in_words(self.scenario, self.levers, best.setting)
+        return f"{figure} in the worst of {len(self.cases.searched)} cases: {text}"
+
+    def _alone(self, lever: Lever) -> LeverAlone:
+        search = self._search([{}], (lever,))
+        best = search.run(min(ALONE_EFFORT, self.effort), tuple(search.as_it_is()))
+        if best.why_not:
+            return LeverAlone(lever.name, "", math.inf, math.inf, best.why_not)
+        changed = with_levers(searched_record(self.scenario), (lever,), best.setting)
+        from_starts = self.figures.values(drawn(changed, [{}], STARTS, _unchanged))
+        text = in_words(self.scenario, (lever,), best.setting)
+        return LeverAlone(lever.name, text, float(from_starts.max()), float(from_starts[0]))
+
+    def _judged(
+        self,
+        setting: Setting | None,
+        quieter: Scenario,
+        alone: tuple[LeverAlone, ...],
+        tried: tuple[Tried, ...],
+        best_nominal: Setting | None,
+    ) -> QuietDrive:
+        before, lines_before = self._over_cases("as it is", self.scenario, None)
+        if setting is None:
+            after, lines_after = self._over_cases("with the table", self.scenario, quieter)
+        else:
+            after, lines_after = self._over_cases("quieter", self.scenario, setting)
+        other, text = None, ""
+        if best_nominal is not None and best_nominal != setting:
+            other, _ = self._over_cases("best as it is", self.scenario, best_nominal)
+            text = in_words(self.scenario, self.levers, best_nominal)
+        return QuietDrive(
+            self.scenario,
+            quieter,
+            self.objective,
+            self.levers,
+            setting,
+            self.constraints,
+            self.cases,
+            before,
+            after,
+            other,
+            text,
+            alone,
+            tuple(_line_changes(lines_before, lines_after)),
+            tried,
+            self.figures.runs,
+            self.bits,
+        )
+
+    def _over_cases(
+        self, name: str, base: Scenario, change: Setting | Scenario | None
+    ) -> tuple[Spread, list[list[Figure]]]:
+        """A design over the cases that judge: its spread, and figures of the drive as it is and of
+        every case by starts.
+        """
+
+        def changed(scenario: Scenario) -> Scenario:
+            if change is None:
+                return scenario
+            if isinstance(change, Scenario):
+                return scenario.with_si({"driver.table": change.driver.table})
+            return with_levers(scenario, self.levers, change)
+
+        every = drawn(base, [{}, *self.cases.judged], STARTS, changed)
+        found = self.figures.figures(every)
+        self.told.step(JUDGING)
+        by_case = [found[k : k + len(STARTS)] for k in range(0, len(found), len(STARTS))]
+        values = np.array([[one.value for one in starts] for starts in by_case])
+        worst, least = values.max(axis=1), values.min(axis=1)
+        several = int(np.sum(worst[1:] > COEXISTING * least[1:]))
+        return Spread(name, float(worst[0]), float(values[0, 0]), worst[1:], several), by_case
+
+
+def _unchanged(scenario: Scenario) -> Scenario:
+    return scenario
+
+
+def _line_changes(
+    before: Sequence[Sequence[Figure]], after: Sequence[Sequence[Figure]]
+) -> Iterator[LineChange]:
+    """Every line of either, those of the drive as it is from rest and over cases; the largest first."""
+    names: dict[str, float] = {}
+    for by_starts in (*before, *after):
+        for figure in by_starts:
+            for name, frequency, _ in figure.lines:
+                names.setdefault(name, frequency)
+    rows = [
+        LineChange(
+            name,
+            frequency,
+            _amplitude(before[0][0], name),
+            _amplitude(after[0][0], name),
+            *_quantiles(before[1:], after[1:], name),
+        )
+        for name, frequency in names.items()
+    ]
+    yield from sorted(
+        rows, key=lambda row: -max(row.before, row.after, row.before_p95, row.after_p95)
+    )
+
+
+def _quantiles(
+    before: Sequence[Sequence[Figure]], after: Sequence[Sequence[Figure]], name: str
+) -> Iterator[float]:
+    """Medians before and after, then 95 % quantiles, of a line in each case from its worst start."""
+    sizes = [
+        np.array([max(_amplitude(one, name) for one in starts) for starts in cases])
+        for cases in (before, after)
+    ]
+    for part in (0.5, P95):
+        for values in sizes:
+            yield float(np.quantile(values, part, method="higher"))
+
+
+def _amplitude(figure: Figure, name: str) -> float:
+    return max((a for line, _, a in figure.lines if line == name), default=0.0)

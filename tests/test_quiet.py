@@ -1,0 +1,276 @@
+"""A quieter drive: levers, objectives, starts, search, and what is handed over."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.io.current_table import read_current_table
+from microvib.model.torque_margin import MotorisationFactors, lag_of_array, torque_margin
+from microvib.reports.outcome import study_contents, terminal_text
+from microvib.reports.quiet import quiet_outcome
+from microvib.studies.quiet.cases import draw_cases
+from microvib.studies.quiet.levers import (
+    Setting,
+    TableLimits,
+    levels_of,
+    parse_levers,
+    table_rows,
+    with_levers,
+)
+from microvib.studies.quiet.measure import measure_lines
+from microvib.studies.quiet.objective import parse_objective
+from microvib.studies.quiet.starts import STARTS
+from microvib.studies.quiet.study import Constraints, QuietDrive, quiet
+
+SHORT = {"record.settle": "10 s", "record.duration": "4 s"}
+
+
+@pytest.fixture(scope="module")
+def drive() -> mv.Scenario:
+    return mv.load_scenario("state-1").with_(SHORT)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("quiet") / "figures.jsonl"
+
+
+@pytest.fixture(scope="module")
+def found(drive: mv.Scenario, kept: Path) -> QuietDrive:
+    return quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=kept)
+
+
+# ---- Lines of a settled drive ----
+
+
+def test_the_rms_of_a_run_is_that_of_the_steady_state(drive: mv.Scenario) -> None:
+    for changes in ({}, {"driver.microstep_ramp": 1.0}):
+        scenario = drive.with_(changes)
+        series = np.abs(mv.steady_state(scenario).harmonics()[1:])
+        steady = math.sqrt(0.5 * float(np.sum(series**2)))
+        assert measure_lines(scenario).rms == pytest.approx(steady, rel=5e-3)
+
+
+def test_what_rings_from_the_start_does_not_count(drive: mv.Scenario) -> None:
+    ramp = drive.with_({"driver.microstep_ramp": 1.0})
+    from_rest, from_above = (measure_lines(start.begun(ramp)) for start in STARTS[:2])
+    assert "array_mode_1" not in from_above.names
+    assert from_above.rms == pytest.approx(from_rest.rms, rel=0.02)
+
+
+def test_starts_find_motions_that_coexist(drive: mv.Scenario) -> None:
+    """Ramp and detent table together: a start from rest slips and sticks at 30 Hz, one from above
+    does not."""
+    levers = parse_levers(["ramp", "table"], drive)
+    both = with_levers(drive, levers, Setting(tuple(lever.guess for lever in levers)))
+    from_rest, from_above = (measure_lines(start.begun(both)) for start in STARTS[:2])
+    assert from_rest.rms > 15e-3
+    assert from_above.rms < 1.5e-3
+    assert not from_rest.problem
+
+
+def test_a_drive_that_loses_its_steps_has_no_figure(drive: mv.Scenario) -> None:
+    weak = measure_lines(drive.with_({"motor.current": "1 mA"}))
+    assert weak.problem
+    assert parse_objective("rms", drive).of(weak) == math.inf
+
+
+# ---- Levers ----
+
+
+def test_a_table_cancels_the_detent_torque_at_standstill(drive: mv.Scenario) -> None:
+    """Torque K_m I sin(angle of the table - theta_e) - T sin 4 theta_e is zero at the command."""
+    motor, driver = drive.motor, drive.driver
+    full = motor.torque_constant * motor.current
+    amplitude = math.asin(motor.detent_torque / full)
+    rows = table_rows(driver, [(4, complex(amplitude))])
+    theta_e = driver.electrical_angle(np.arange(len(rows)))
+    torque = full * (rows[:, 1] * np.cos(theta_e) - rows[:, 0] * np.sin(theta_e))
+    wanted = motor.detent_torque * np.sin(4 * theta_e)
+    assert np.max(np.abs(torque - wanted)) < 2e-3 * motor.detent_torque
+    (table,) = parse_levers(["table"], drive)
+    guessed = with_levers(drive, [table], Setting((table.guess,)))
+    assert guessed.driver.table is not None
+    assert np.allclose(guessed.driver.table.currents, rows, atol=1e-12)
+
+
+def test_bits_make_whole_numbers(drive: mv.Scenario) -> None:
+    (table,) = parse_levers(["table"], drive, TableLimits(bits=8))
+    made = with_levers(drive, [table], Setting((table.guess,)))
+    assert made.driver.table is not None
+    rows = np.array(made.driver.table.currents) * levels_of(8)
+    assert np.allclose(rows, np.rint(rows), atol=1e-9)
+
+
+def test_levers_act_on_their_keys(drive: mv.Scenario) -> None:
+    levers = parse_levers(["current=0.3:0.6 A", "gains", "microsteps=16,32", "damping"], drive)
+    made = with_levers(drive, levers, Setting(((0.0,), (1.0,), (32.0,), (1.0,))))
+    assert made["motor.current"] == pytest.approx(0.3)
+    assert made["driver.proportional_gain"] == pytest.approx(1000.0)
+    assert made["driver.integral_gain"] == pytest.approx(12000.0)
+    assert made["driver.microsteps"] == 32
+    assert made["reducer.damping"] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("lever", "sentence"),
+    [
+        ("spring", "lever spring: is none"),
+        ("reducer.stiffness", "wants a range"),
+        ("current=0.6:0.3 A", "LOW must be below HIGH"),
+        ("current=0.3:0.6 V", "lever current=0.3:0.6 V"),
+        ("microsteps=0", "whole numbers from 1 on"),
+        ("wings", "needs spacecraft.second_wing.stagger"),
+    ],
+)
+def test_a_wrong_lever_is_one_sentence(drive: mv.Scenario, lever: str, sentence: str) -> None:
+    with pytest.raises(mv.OptionError, match=sentence) as caught:
+        parse_levers([lever], drive)
+    assert "\n" not in str(caught.value)
+
+
+def test_two_levers_over_one_key_are_refused(drive: mv.Scenario) -> None:
+    with pytest.raises(mv.OptionError, match=r"motor\.current is set by two levers"):
+        parse_levers(["current", "motor.current=0.1:0.2 A"], drive)
+
+
+def test_a_lever_that_the_cases_vary_is_refused(drive: mv.Scenario) -> None:
+    levers = parse_levers(["reducer.stiffness=4000:6000 N*m/rad"], drive)
+    with pytest.raises(mv.OptionError, match=r"sets reducer\.stiffness, which the cases vary"):
+        draw_cases(drive, levers)
+
+
+# ---- Objectives ----
+
+
+def test_objectives_see_what_they_name(drive: mv.Scenario, tmp_path: Path) -> None:
+    lines = measure_lines(drive)
+    drive_1 = parse_objective("drive_1", drive).of(lines)
+    assert drive_1 == pytest.approx(47.8e-3, rel=0.01)
+    assert parse_objective("40:60 Hz", drive).of(lines) == drive_1
+    assert parse_objective("60:120 Hz", drive).of(lines) == pytest.approx(13.7e-3, rel=0.01)
+    limit = tmp_path / "limit.csv"
+    limit.write_text("frequency_hz,amplitude_n_m\n10,0.01\n200,0.01\n")
+    assert parse_objective(str(limit), drive).of(lines) == pytest.approx(drive_1 / 0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("drive_one", "is no line of this drive"),
+        ("5:1 Hz", "band"),
+        ("missing.csv", "missing.csv"),
+    ],
+)
+def test_a_wrong_objective_is_one_sentence(drive: mv.Scenario, text: str, sentence: str) -> None:
+    with pytest.raises(mv.MicrovibError, match=sentence):
+        parse_objective(text, drive)
+
+
+def test_a_requirement_wants_a_line_of_sight(drive: mv.Scenario) -> None:
+    with pytest.raises(mv.OptionError, match="line of sight"):
+        parse_objective("rms", drive, "examples/requirement.yaml")
+
+
+# ---- Margins ----
+
+
+def test_the_torque_margin_is_that_of_the_sum(drive: mv.Scenario) -> None:
+    found = torque_margin(drive)
+    on_output = drive.friction.breakaway_torque / 100.0
+    on_rotor = drive.motor.friction.viscous * abs(drive.rate or 0.0) * 100.0
+    required = 2.0 * (3.0 * (on_output + on_rotor) + 1.5 * drive.motor.detent_torque)
+    assert found.required == pytest.approx(required, rel=1e-9)
+    assert found.margin == pytest.approx(0.3 * 0.6 / required - 1.0)
+    relaxed = torque_margin(drive, MotorisationFactors(friction=1.5))
+    assert relaxed.margin > found.margin
+
+
+def test_the_lag_is_that_of_the_steady_state(drive: mv.Scenario) -> None:
+    for viscous in ("0.0255 N*m*s/rad", "50 N*m*s/rad"):
+        changed = drive.with_({"friction.viscous": viscous})
+        state = mv.steady_state(changed)
+        behind = float(np.mean((changed.rate or 0.0) * state.time - state["theta_l"]))
+        assert lag_of_array(changed) == pytest.approx(behind, rel=0.02)
+
+
+def test_a_constraint_forbids_settings(drive: mv.Scenario) -> None:
+    with pytest.raises(mv.OptionError, match="torque margin"):
+        quiet(drive, "rms", ["ramp"], constraints=Constraints(margin=50.0), cases=8, effort=4)
+
+
+# ---- The search ----
+
+
+def test_a_full_ramp_is_found(found: QuietDrive) -> None:
+    assert found.setting is not None
+    assert found.quieter["driver.microstep_ramp"] == pytest.approx(1.0, abs=0.02)
+    assert found.before.from_rest == pytest.approx(36.5e-3, rel=0.02)
+    assert found.after.from_rest < 6e-3
+
+
+def test_cases_count_from_their_worst_start(found: QuietDrive) -> None:
+    """With a full ramp some cases slip and stick; the drive as it is from rest does not."""
+    assert found.after.cases.size == 8
+    assert found.after.worst > 3.0 * found.after.from_rest
+    assert found.after.coexisting > 0
+    text = terminal_text(quiet_outcome(found))
+    assert "several motions" in text
+    assert "assumed" in text
+
+
+def test_an_interrupted_search_goes_on_from_its_file(
+    found: QuietDrive, drive: mv.Scenario, kept: Path
+) -> None:
+    lines = kept.read_text().splitlines(keepends=True)
+    kept.write_text("".join(lines[:-1]) + lines[-1][:20])  # as a power failure leaves it
+    again = quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=kept)
+    assert again.runs <= 1
+    assert np.array_equal(again.after.cases, found.after.cases)
+    assert again.setting == found.setting
+
+
+def test_a_file_of_something_else_is_refused(drive: mv.Scenario, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("a,b\n1,2\n3,4\n")
+    with pytest.raises(mv.MicrovibError, match="is no figure of a search"):
+        quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=other)
+
+
+def test_verdicts_are_on_the_quantile_over_cases(found: QuietDrive) -> None:
+    assert quiet_outcome(found).verdict == ""
+    assert quiet_outcome(found, 1e-3).verdict == "fail"
+    assert quiet_outcome(found, 1.0).verdict == "not judged"  # eight cases bound no quantile
+
+
+def test_the_folder_has_what_a_driver_takes(found: QuietDrive) -> None:
+    files, report = study_contents(quiet_outcome(found))
+    assert {"scenario.yaml", "lines.csv", "designs.csv", "levers.json", "cases.png"} <= set(files)
+    assert "ramp" in json.loads(str(files["levers.json"]))["levers"]
+    assert report is not None
+
+
+def test_a_table_of_somebody_else_is_checked(drive: mv.Scenario, tmp_path: Path) -> None:
+    (table,) = parse_levers(["table"], drive, TableLimits(bits=10))
+    made = with_levers(drive, [table], Setting((table.guess,)))
+    assert made.driver.table is not None
+    whole = np.rint(np.array(made.driver.table.currents) * levels_of(10)).astype(int)
+    file = tmp_path / "table.csv"
+    rows = "".join(f"{a},{b}\n" for a, b in whole.tolist())
+    file.write_text(f"i_a_of_511,i_b_of_511\n{rows}")
+    assert np.allclose(read_current_table(file)["currents"], made.driver.table.currents)
+    checked = quiet(drive, "full_step_1", check=file, cases=8, effort=4)
+    assert checked.setting is None
+    assert checked.after.from_rest == pytest.approx(1.05e-3, rel=0.2)
+    assert checked.before.from_rest == pytest.approx(5.11e-3, rel=0.02)
+
+
+def test_a_drive_without_a_rate_is_refused(drive: mv.Scenario) -> None:
+    with pytest.raises(mv.MicrovibError, match=r"tracking\.profile"):
+        quiet(drive.with_({"tracking": {"profile": [{"rate": "0.06 deg/s"}]}}), "rms", ["ramp"])
