@@ -16,9 +16,10 @@ from microvib.studies.campaign.design import Design, design, read_study
 from microvib.studies.campaign.study_file import Study
 from microvib.studies.quiet.levers import Lever, fixed
 
-SEARCH_SEED, JUDGE_SEED = 1, 2
-"""Seeds of the cases that are searched on, and of those that are judged."""
-SEARCH_CASES, JUDGE_CASES = 16, 80
+SEARCH_SEED, CHOICE_SEED, JUDGE_SEED = 1, 3, 2
+"""Seeds of the cases that are searched on, of those by which one of the best settings is chosen, and
+of those that judge it."""
+SEARCH_CASES, CHOICE_CASES, JUDGE_CASES = 16, 48, 80
 """How many of each there are."""
 STIFFNESS, FRICTION, DETENT = "30 percent", "50 percent", "20 percent"
 """By how much values may be off either way where no study says so."""
@@ -37,6 +38,7 @@ class DrawnCases:
     assumed: bool
     """Whether nobody stated the spread."""
     searched: tuple[dict[str, Any], ...]
+    chosen_by: tuple[dict[str, Any], ...]
     judged: tuple[dict[str, Any], ...]
 
 
@@ -79,15 +81,21 @@ def draw_cases(
             validate_part(Study, {**_plain(spread), "sampling": sampling}), files, origin, scenario
         )
 
-    searched, judged = drawn(SEARCH_SEED, SEARCH_CASES), drawn(JUDGE_SEED, count)
-    cases = tuple(judged.changes(k) for k in range(judged.cases))
+    searched, chosen_by = drawn(SEARCH_SEED, SEARCH_CASES), drawn(CHOICE_SEED, CHOICE_CASES)
+    judged = drawn(JUDGE_SEED, count)
+    cases = _changes(judged)
     _require_free_levers(levers, cases[0])
     return DrawnCases(
         tuple(_in_words(judged)),
         study is None,
-        tuple(searched.changes(k) for k in range(searched.cases)),
+        _changes(searched),
+        _changes(chosen_by),
         cases,
     )
+
+
+def _changes(drawn: Design) -> tuple[dict[str, Any], ...]:
+    return tuple(drawn.changes(k) for k in range(drawn.cases))
 
 
 def _plain(study: Study) -> dict[str, Any]:

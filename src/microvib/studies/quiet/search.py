@@ -29,6 +29,8 @@ IMPROVED = 2
 """Settings that are improved, the best of those points."""
 FIRST_STEP = 0.15
 """First step of an improvement, as a part of each range."""
+NEAR = 0.1
+"""Difference in any number, as a part of its range, below which settings are near to each other."""
 SEED = 7
 SMALLEST = 1e-12
 """Figure that stands for 0 on a logarithmic scale."""
@@ -78,6 +80,20 @@ class Search:
     def tried(self) -> tuple[Tried, ...]:
         """All settings that were tried, best first."""
         return tuple(sorted(self._tried.values(), key=lambda one: one.worst))
+
+    @property
+    def best(self) -> float:
+        """Least worst figure of all settings so far."""
+        return self._best
+
+    def unlike(self, count: int) -> tuple[Setting, ...]:
+        """The best settings that were tried, so many at most, that are not near to a better one."""
+        chosen: list[Setting] = []
+        for one in self.tried:
+            far = all(_distance(one.setting, other) >= NEAR for other in chosen)
+            if far and math.isfinite(one.worst):
+                chosen.append(one.setting)
+        return tuple(chosen[:count])
 
     def worst(self, setting: Setting, bound: float = math.inf) -> float:
         """Worst figure of a setting; once one is above the ``bound``, that."""
@@ -219,3 +235,9 @@ class Search:
             bounds=[(0.0, 1.0)] * start.size,
             options={"maxfev": most, "initial_simplex": simplex, "xatol": 2e-3, "fatol": 5e-3},
         )
+
+
+def _distance(one: Setting, other: Setting) -> float:
+    """Largest difference of two settings in any number; choices that differ are far."""
+    pairs = zip(itertools.chain(*one.numbers), itertools.chain(*other.numbers), strict=True)
+    return max((abs(a - b) for a, b in pairs), default=0.0)

@@ -237,10 +237,10 @@ def quiet(  # noqa: PLR0913 - keyword options
 ) -> QuietDrive:
     """Search for the setting of levers that makes a drive quietest over how it may be.
 
-    The search makes the worst of some drawn cases small, each from rest and from a higher rate. What
-    it finds is judged on other cases and from more starts, since motions coexist: a drive that is
-    quiet from rest may slip and stick after a reversal. Array modes that ring from the start and die
-    away do not count.
+    The search makes the worst of some drawn cases small, each from rest and from a higher rate. One of
+    its best settings is chosen by more cases and from more starts, and judged on others again, since
+    motions coexist: a drive that is quiet from rest may slip and stick after a reversal. Array modes
+    that ring from the start and die away do not count.
 
     Parameters
     ----------
@@ -316,8 +316,10 @@ def quiet(  # noqa: PLR0913 - keyword options
         return task.searched()
 
 
-JUDGING = 20
-"""Settings that the judgement of one design counts as in the progress."""
+CANDIDATES = 6
+"""Settings of a search of which one is chosen by more cases."""
+CHOOSING, JUDGING = 4, 20
+"""Settings that a choice and the judgement of one design count as in the progress."""
 
 
 class _Told:
@@ -333,7 +335,7 @@ class _Told:
         self._progress, self._on_best, self._done = progress, on_best, 0
         alone = min(ALONE_EFFORT, effort) * levers
         searched = alone + max(effort // 2, 4) + effort if levers else 0
-        self._total = searched + 3 * JUDGING
+        self._total = searched + (CANDIDATES * CHOOSING if levers else 0) + 3 * JUDGING
 
     def step(self, count: int = 1) -> None:
         """So many settings more are done."""
@@ -372,7 +374,8 @@ class _Task:
         nominal = self._search([{}], self.levers)
         best = nominal.run(max(self.effort // 2, 4), tuple(nominal.as_it_is()))
         search = self._search(self.cases.searched, self.levers, robust=True)
-        found = search.run(self.effort, (best.setting, *search.as_it_is()))
+        search.run(self.effort, (best.setting, *search.as_it_is()))
+        found = self._chosen(search)
         if not math.isfinite(found.worst):
             why = found.why_not or "no setting brings all cases to their rate"
             raise OptionError(
@@ -380,6 +383,15 @@ class _Task:
             )
         quieter = with_levers(self.scenario, self.levers, found.setting)
         return self._judged(found.setting, quieter, alone, search.tried, best.setting)
+
+    def _chosen(self, search: Search) -> Tried:
+        """The one of the best settings whose worst is least over more cases and all starts."""
+        drives = Drives(search.drives.base, self.cases.chosen_by, STARTS, self.constraints.why_not)
+        choice = Search(drives, self.levers, self.figures)
+        for setting in search.unlike(CANDIDATES):
+            choice.worst(setting, choice.best)
+            self.told.step(CHOOSING)
+        return choice.tried[0] if choice.tried else search.tried[0]
 
     def _search(
         self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...], robust: bool = False
