@@ -47,6 +47,7 @@ _HOME = {
     "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
     "plan_rates": "studies.rates",
+    "plan_rates_by_pointing": "studies.rates_by_pointing",
     "plot": "reports.plots",
     "pointing_budget": "studies.budget.study",
     "psd": "analysis.spectra",
@@ -117,6 +118,7 @@ if TYPE_CHECKING:
     from microvib.studies.identify.fit import identify
     from microvib.studies.quiet.study import quiet
     from microvib.studies.rates import plan_rates, rate_grid
+    from microvib.studies.rates_by_pointing import plan_rates_by_pointing
     from microvib.testdata.recording import Recording, RecordingError
     from microvib.units import Si
 
@@ -152,6 +154,7 @@ __all__ = [
     "new_scenario",
     "open_source",
     "plan_rates",
+    "plan_rates_by_pointing",
     "plot",
     "pointing_budget",
     "psd",

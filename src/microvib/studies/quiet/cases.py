@@ -19,7 +19,7 @@ from microvib.studies.quiet.levers import Lever, fixed
 SEARCH_SEED, CHOICE_SEED, JUDGE_SEED = 1, 3, 2
 """Seeds of the cases that are searched on, of those by which one of the best settings is chosen, and
 of those that judge it."""
-SEARCH_CASES, CHOICE_CASES, JUDGE_CASES = 16, 48, 80
+SEARCH_CASES, CHOICE_CASES, JUDGE_CASES = 16, 96, 80
 """How many of each there are."""
 STIFFNESS, FRICTION, DETENT = "30 percent", "50 percent", "20 percent"
 """By how much values may be off either way where no study says so."""
