@@ -41,7 +41,7 @@ from microvib.model.coupling import (
     source_of,
 )
 from microvib.model.drive_matrices import coordinates
-from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.driven import noise_bands
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
@@ -250,10 +250,15 @@ class Contribution:
 
 
 def contribution_of_run(
-    name: str, scenario: Scenario, result: RunResult, *, other_steps: bool = False
+    name: str,
+    scenario: Scenario,
+    result: RunResult,
+    *,
+    other_steps: bool = False,
+    other_sticking: Sticking = MAY_STICK,
 ) -> tuple[Contribution, HubLines]:
-    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps;
-    and all lines of its loads.
+    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps
+    and may stick; and all lines of its loads.
     """
     source = result.state or result.motion
     assert source is not None
@@ -267,7 +272,10 @@ def contribution_of_run(
     )
     reasons = map(open_gap, filter(None, (unknown, _between_clock_lines(result))))
     relative_error = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
-        scenario, own, found.frequency, other_steps
+        scenario,
+        own,
+        found.frequency,
+        drive_states(scenario, own=False, steps=other_steps, sticking=(MAY_STICK, other_sticking)),
     )
     if result.state is None and (gap := record_gap(scenario, result.table.duration)):
         relative_error[0] = np.maximum(relative_error[0], 1.0 - 1.0 / gap.overstated)
@@ -334,17 +342,16 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
     more = (
         own + held + np.minimum(rings / size, RINGING_FACTOR) + np.maximum(hidden / size - 1.0, 0.0)
     )
-    dies_away = [bool(ringing_reason(x, table, scenario)) for x in lines]
+    dies_away = np.array([bool(ringing_reason(x, table, scenario)) for x in lines], dtype=bool)
     less = np.where((hidden > 0.0) | dies_away, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
 
 def _resonance_uncertainty(
-    scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, steps: bool
+    scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, states: DriveStates | None
 ) -> np.ndarray:
     """Relative error of lines of the clock, (2, k, 2), by the response at frequencies that they may
-    have; of a second drive that does not step, also by where it may stand."""
-    states = drive_states(scenario, own=False, steps=steps)
+    have, and by the ``states`` in which a second drive may be."""
     found = _drive_uncertainty(scenario, states, frequency)
     return found * np.array([line.of_clock for line in lines])[:, None]
 
