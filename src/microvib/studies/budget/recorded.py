@@ -1,7 +1,9 @@
-"""Excess of the six loads of a recording over the counted lines and their floor, as line-of-sight motion."""
+"""What the six loads of a recording hold beside the counted lines: their excess over these and the
+floor, as line-of-sight motion, and lines of higher order that the floor may hide."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,13 +13,65 @@ import numpy as np
 from microvib.analysis.lines import expected_in
 from microvib.model.coupling import blocked_load_method, rotation_to_hub_axes
 from microvib.model.linear import coupled_modes
+from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
 from microvib.signals.clock import near_mains
-from microvib.signals.line_fit import estimate_lines
+from microvib.signals.line_fit import SEPARATION, estimate_lines
 from microvib.signals.line_table import Line, LineTable
-from microvib.signals.unaccounted import Excess, excesses, joined
+from microvib.signals.tones import HannSpectrum
+from microvib.signals.unaccounted import Excess, excesses, joined, samples_of_lines
 from microvib.testdata.recording import Recording
+
+_SCALLOP = 1.18
+"""Amplitude of a tone over the larger of its two nearest bins, at most, with a Hann window."""
+_NOISE = 3.0
+"""Floors by which noise may make a line seem smaller: one line in five hundred more."""
+
+
+class HigherOrders(NamedTuple):
+    """Orders of the clock that are not listed: largest amplitudes of each load."""
+
+    frequency: np.ndarray
+    """[Hz], (m,)."""
+    amplitude: np.ndarray
+    """As they stand in the spectrum, (m, 6) [N, N m]."""
+    noise: np.ndarray
+    """By how much noise may lower that, (m, 6)."""
+
+
+def higher_orders(
+    scenario: Scenario, recording: Recording, rows: Mapping[str, LineTable], clock_ratio: float
+) -> HigherOrders:
+    """All multiples of the electrical frequency up to the edge of the passband, but for the lines of
+    which ``rows`` has amplitudes in each channel.
+
+    Where they are closer than a record resolves, every second bin stands for those about it.
+    """
+    table = next(iter(rows.values()), None)
+    f_d, driver = scenario.driving_frequency, scenario.driver
+    if table is None or not f_d:
+        return HigherOrders(np.zeros(0), np.zeros((0, 6)), np.zeros((0, 6)))
+    electrical = clock_ratio * f_d / (driver.beats * driver.microsteps)
+    resolved = SEPARATION / table.duration
+    step = electrical if electrical >= resolved else 2.0 / table.duration
+    f = step * np.arange(
+        max(1, math.ceil(resolved / step)), int(PASSBAND * recording.sample_rate / step) + 1
+    )
+    listed = np.array([line.place for line in table])
+    near = np.abs(f[:, None] - listed) < 0.5 * min(step, resolved)
+    f = f[~near.any(axis=1)]
+    amplitude, noise = np.zeros((f.size, 6)), np.zeros((f.size, 6))
+    for k, channel in enumerate(COMPONENTS):
+        if channel in rows:
+            seen = [line for line in rows[channel] if line.seen]
+            x = recording[channel] - samples_of_lines(
+                seen, recording[channel].size, recording.sample_rate
+            )
+            spectrum = HannSpectrum.of(x - x.mean(), recording.sample_rate)
+            amplitude[:, k] = [_SCALLOP * spectrum.height(at, 0.0) for at in f.tolist()]
+            noise[:, k] = _NOISE * spectrum.floors(f)
+    return HigherOrders(f, amplitude, noise)
 
 
 class Unaccounted(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -60,7 +60,7 @@ from microvib.signals.line_table import (
 )
 from microvib.solve.steady.period import common_period
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.recorded import unaccounted
+from microvib.studies.budget.recorded import higher_orders, unaccounted
 from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
@@ -737,6 +737,7 @@ def contribution_of_recording(
         gaps.append(
             Unobserved("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint])
         )
+    gaps += _higher_orders_gap(scenario, recording, recorded.tables, table.clock_ratio or 1.0)
     for k in np.flatnonzero(~(seen | faint)):
         why = f"{expected[k].name} ({status[k]}; a longer recording)"
         if status[k] in DISTORTED:
@@ -772,6 +773,26 @@ def contribution_of_recording(
         scenario=scenario,
         recorded=(loads[kept], floors[kept]),
     )
+
+
+def _higher_orders_gap(
+    scenario: Scenario, recording: Recording, tables: Mapping[str, LineTable], clock_ratio: float
+) -> Iterator[Unobserved]:
+    """The gap of orders of a recording that are not listed and that no excess shows."""
+    found = higher_orders(scenario, recording, tables, clock_ratio)
+    by_each = _line_of_sight_by_load(scenario, found.frequency, rotation_to_hub_axes(scenario))
+    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, found.noise**2))
+    most = np.einsum("jka,kj->ka", by_each, found.amplitude) + noise
+    known = np.all(np.isfinite(most), axis=1)
+    if known.any():
+        yield Unobserved(
+            "orders that are not listed, of which the recording's floor may hide lines"
+            " (a longer recording, or --harmonics N)",
+            0.0,
+            math.inf,
+            found.frequency[known],
+            most[known],
+        )
 
 
 def recording_at_angle(measured: Contribution, scenario: Scenario) -> Contribution:
