@@ -181,8 +181,8 @@ def campaign_outcome(s: Summary) -> Outcome:
             Part(
                 "",
                 (
-                    *(_levels(s) if s.several else lines),
                     _up_to_the_passband(s),
+                    *(_levels(s) if s.several else lines),
                     *map(Text, _against_limit(s)),
                 ),
             ),
