@@ -1923,6 +1923,30 @@ def test_an_order_that_is_not_listed_and_that_a_floor_hides_keeps_it_from_passin
     assert high.verdict == "pass"
 
 
+@pytest.mark.parametrize("band", [{}, {"highest": "0.25 Hz"}, {"lowest": "0.1 Hz"}])
+def test_what_is_too_slow_for_a_recording_keeps_it_from_passing(band: dict[str, str]) -> None:
+    """A tone of 0.2 Hz in a record of 16 s, which no line and no band accounts for."""
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
+    steady = scenario.model_copy(update={"spacecraft": None}).with_({"record.start": "steady"})
+    ground, f, size = mv.run_scenario(steady).motion, 0.2, 0.05
+    assert ground is not None
+    rng, t, rate = np.random.default_rng(1), ground.time, scenario.record.sample_rate
+    loads = {n: ground[n] + 1e-4 * rng.normal(size=t.size) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}  # fmt: skip
+    loads["Mx"] = loads["Mx"] + size * np.cos(2.0 * np.pi * f * t + 1.0)
+    recording = Recording(loads, rate, {n: "N" if n[0] == "F" else "N*m" for n in loads}, "table")
+    one = contribution_of_recording("drive", scenario, recording, harmonics=2)
+    load = rotation_to_hub_axes(scenario)[:, 3][None, :] * size
+    los = blocked_load_method(scenario, np.array([f]), load).los
+    assert los is not None
+    true = float(np.abs(los[0, 0])) / math.sqrt(2.0)
+    asked = requirement(metric="ape", axis="x", limit=f"{0.9 * true!r} rad", **band)
+    found = assess(asked, [one], "rss")
+    assert true <= found.most
+    assert found.verdict != "pass"
+    above = requirement(metric="ape", axis="x", limit=f"{0.9 * true!r} rad", lowest="1 Hz")
+    assert assess(above, [one], "rss").verdict == "pass"
+
+
 def test_a_glitch_in_a_recording_keeps_it_from_passing() -> None:
     """It may have been a blow, of which lines of the step clock say nothing."""
     scenario = scenario_of(

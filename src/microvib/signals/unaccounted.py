@@ -149,6 +149,16 @@ def excesses(
     return tuple(worst[k] for k in sorted(worst))
 
 
+def slow_rms(x: np.ndarray, sample_rate: float) -> tuple[float, float]:
+    """Frequency [Hz] below which a record ``x`` (n,) is too short for bands, and the RMS that it has
+    there beside its mean.
+    """
+    duration = x.size / sample_rate
+    low = _FIRST * _PIECES[0] / duration
+    power = _power((x - x.mean())[None, :], sample_rate)[0]
+    return low, math.sqrt(float(np.sum(power[1 : math.ceil(low * duration)])))
+
+
 def joined(found: Sequence[Excess]) -> list[list[Excess]]:
     """Excesses of one channel, or of several, joined where their bands touch."""
     groups: list[list[Excess]] = []

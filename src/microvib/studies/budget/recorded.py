@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.analysis.lines import expected_in
-from microvib.model.coupling import blocked_load_method, rotation_to_hub_axes
+from microvib.model.coupling import blocked_load_method, receiver_of, rotation_to_hub_axes
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
@@ -20,7 +20,13 @@ from microvib.signals.clock import near_mains
 from microvib.signals.line_fit import SEPARATION, estimate_lines
 from microvib.signals.line_table import Line, LineTable
 from microvib.signals.tones import HannSpectrum
-from microvib.signals.unaccounted import Excess, excesses, joined, samples_of_lines
+from microvib.signals.unaccounted import (
+    Excess,
+    excesses,
+    joined,
+    samples_of_lines,
+    slow_rms,
+)
 from microvib.testdata.recording import Recording
 
 _SCALLOP = 1.18
@@ -108,6 +114,24 @@ def unaccounted(
             yield Unaccounted(why, low, high, np.sum(together, axis=0))
 
 
+def below_all_bands(
+    scenario: Scenario, recording: Recording, rows: Mapping[str, LineTable]
+) -> Unaccounted:
+    """All that a recording holds beside its lines below the lowest band, for which it is too short,
+    as one tone where the line of sight sees most of each channel.
+    """
+    low, most = 0.0, np.zeros(2)
+    for channel, table in rows.items():
+        x = recording[channel]
+        seen = [line for line in table if line.seen]
+        rest = x - samples_of_lines(seen, x.size, recording.sample_rate)
+        low, rms = slow_rms(rest, recording.sample_rate)
+        start = min(max(receiver_of(scenario).lowest, 1e-3), low)
+        most = most + _largest_response(scenario, channel, start, low) * math.sqrt(2.0) * rms
+    why = f"what the recording holds below {low:.3g} Hz, for which it is too short (a longer recording)"
+    return Unaccounted(why, 0.0, low, most)
+
+
 def _other_lines(
     scenario: Scenario, x: np.ndarray, sample_rate: float, clock: LineTable
 ) -> list[Line]:
@@ -125,12 +149,15 @@ def _seen(scenario: Scenario, channel: str, one: Excess) -> np.ndarray:
     """Upper bound of the line of sight from a channel's excess, at the most sensitive frequency of the band,
     (2,) [rad].
     """
-    modes = [
-        mode.frequency for mode in coupled_modes(scenario) if one.low < mode.frequency < one.high
-    ]
-    f = np.array([*np.geomspace(one.low, one.high, 9), *modes])
+    return _largest_response(scenario, channel, one.low, one.high) * one.amplitude
+
+
+def _largest_response(scenario: Scenario, channel: str, low: float, high: float) -> np.ndarray:
+    """Line of sight by one of a channel, at the most sensitive frequency between two [Hz], (2,)."""
+    modes = [mode.frequency for mode in coupled_modes(scenario) if low < mode.frequency < high]
+    f = np.array([*np.geomspace(low, high, 9), *modes])
     column = rotation_to_hub_axes(scenario)[:, COMPONENTS.index(channel)]
     los = blocked_load_method(scenario, f, np.tile(column, (f.size, 1))).los
     assert los is not None
-    size: np.ndarray = np.nan_to_num(np.abs(los)).max(axis=0) * one.amplitude
+    size: np.ndarray = np.nan_to_num(np.abs(los)).max(axis=0)
     return size

@@ -60,7 +60,7 @@ from microvib.signals.line_table import (
 )
 from microvib.solve.steady.period import common_period
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.recorded import higher_orders, unaccounted
+from microvib.studies.budget.recorded import below_all_bands, higher_orders, unaccounted
 from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
@@ -751,6 +751,9 @@ def contribution_of_recording(
         Unobserved(why, low, high, np.array([math.sqrt(low * high)]), size[None, :], between=True)
         for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names))
     ]
+    slow = below_all_bands(scenario, recording, recorded.tables)
+    ends, most_of_slow = np.array([0.1 * slow.high, slow.high]), np.tile(slow.most, (2, 1))
+    gaps.append(Unobserved(slow.why, 0.0, slow.high, ends, most_of_slow, between=True))
     spread = np.array([_relative_uncertainty(row) for row in found])
     relative_error = (
         BLOCKED_LOAD_UNCERTAINTY
