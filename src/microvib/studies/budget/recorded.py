@@ -1,4 +1,4 @@
-"""What the six loads of a recording hold beside the counted lines: their excess over these and the
+"""Remainder of the six loads of a recording beside the counted lines: their excess over these and the
 floor, as line-of-sight motion, and lines of higher order that the floor may hide."""
 
 from __future__ import annotations
