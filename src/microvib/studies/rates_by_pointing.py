@@ -36,7 +36,7 @@ MAX_JUDGED = 100
 
 @dataclass(frozen=True)
 class PointingCase:
-    """What the drive's lines make of the line of sight at one rate and microstep count."""
+    """Motion of the line of sight by the drive's lines at one rate and microstep count."""
 
     microsteps: Annotated[int, MICROSTEPS]
     rate: Annotated[float, Column("rate_deg_s", "rate", RATE)]
@@ -47,7 +47,7 @@ class PointingCase:
     line: Annotated[str, Column("line", "largest line")] = ""
     frequency: Annotated[float, Column("frequency_hz", "at", FREQUENCY)] = math.nan
     amplitude: Annotated[float, Column("amplitude_rad", "amplitude", POINTING_ANGLE)] = math.nan
-    """Of that line, the larger of both axes [rad]."""
+    """Amplitude of that line, the larger of both axes [rad]."""
     solved: Annotated[str, Column("solved", "solved", report_only=True)] = ""
     """Steady, or why in time, or why not at all."""
 
@@ -155,7 +155,7 @@ def plan_rates_by_pointing(  # noqa: PLR0913 - keyword options
 def _case(
     scenario: Scenario, rate: Si, microsteps: int, asked: tuple[Requirement, ...]
 ) -> PointingCase:
-    """What the drive's lines use at one rate."""
+    """Part of the limits that the drive's lines use at one rate."""
     changed = at_rate(scenario, rate, microsteps)
     try:
         state, why = find_steady(changed)

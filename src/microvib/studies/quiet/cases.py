@@ -34,7 +34,7 @@ class DrawnCases:
     """Cases of one spread, as changes of a scenario's keys in SI."""
 
     text: tuple[str, ...]
-    """What varies, in sentences without a stop."""
+    """Variations, in sentences without a stop."""
     assumed: bool
     """Whether nobody stated the spread."""
     searched: tuple[dict[str, Any], ...]

@@ -56,7 +56,7 @@ class Setting:
     """One setting of all levers."""
 
     numbers: tuple[tuple[float, ...], ...]
-    """Of each lever, those between 0 and 1 or its choice."""
+    """Numbers of each lever between 0 and 1, or its choice."""
 
 
 def with_levers(scenario: Scenario, levers: Sequence[Lever], setting: Setting) -> Scenario:
@@ -253,7 +253,7 @@ NAMED = ("ramp", "table", "microsteps", "rate", "current", "gains", "damping", "
 
 @dataclass(frozen=True)
 class TableLimits:
-    """What a driver's table can hold."""
+    """Size of a table that a driver can hold."""
 
     bits: int | None = None
     rows: int = MAX_TABLE

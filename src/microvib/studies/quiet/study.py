@@ -49,7 +49,7 @@ P95 = 0.95
 
 @dataclass(frozen=True)
 class Constraints:
-    """What every setting must keep."""
+    """Bounds that every setting must keep."""
 
     margin: float = 0.0
     """Least torque margin, with its factors."""
@@ -79,10 +79,10 @@ class Spread:
 
     design: Annotated[str, Column("design", "design")]
     nominal: float
-    """Of the drive as it is, from its worst start."""
+    """Figure of the drive as it is, from its worst start."""
     from_rest: float
     cases: np.ndarray
-    """Of each case from its worst start, (cases,); infinite where it does not come to its rate."""
+    """Figures of the cases, each from its worst start, (cases,); infinite where it does not come to its rate."""
     coexisting: Annotated[int, Column("coexisting", "cases with several motions", COUNT)]
     """Cases in which different starts lead to different motions."""
 
@@ -116,7 +116,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeverAlone:
-    """What one lever brings by itself, on the drive as it is."""
+    """Gain that one lever brings by itself, on the drive as it is."""
 
     lever: str
     setting: str
@@ -158,7 +158,7 @@ def _decibel(before: float, after: float) -> float:
 
 @dataclass(frozen=True)
 class QuietDrive:
-    """What a search found, judged on drawn cases that it had not seen."""
+    """Result of a search, judged on drawn cases that it had not seen."""
 
     scenario: Scenario
     """As it was."""
