@@ -306,6 +306,7 @@ def quiet(  # noqa: PLR0913 - keyword options
         parsed: tuple[Lever, ...] = ()
     else:
         parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
+        _require_seen(parsed, wanted)
     sampled = draw_cases(scenario, parsed, None if study is None else Path(study), cases)
     file = None if keep is None else Path(keep)
     with evaluations(wanted, file, workers) as figures:
@@ -314,6 +315,18 @@ def quiet(  # noqa: PLR0913 - keyword options
         if check is not None:
             return task.checked(Path(check))
         return task.searched()
+
+
+def _require_seen(levers: Sequence[Lever], objective: Objective) -> None:
+    """OptionError where a lever acts on nothing that the objective is of."""
+    for lever in levers:
+        if lever.name == "wings" and not objective.sees_pointing:
+            raise OptionError(
+                "lever",
+                "acts on what two wings do to the craft together; give requirement in place of an"
+                " objective, which is of the first drive's torque",
+                "wings",
+            )
 
 
 CANDIDATES = 6
