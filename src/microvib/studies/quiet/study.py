@@ -41,7 +41,7 @@ DEFAULT_EFFORT, EFFORT_RANGE = 200, (4, 100_000)
 """Settings that a search tries over the drawn cases."""
 CASES_RANGE = (8, 10_000)
 ALONE_EFFORT = 24
-"""Settings of each lever alone that are tried on the drive as it is."""
+"""Settings of each lever alone that are tried on the nominal drive."""
 COEXISTING = 1.25
 """Ratio of the figures from two starts from which they have led to different motions."""
 P95 = 0.95
@@ -75,11 +75,11 @@ class Constraints:
 
 @dataclass(frozen=True)
 class Spread:
-    """The figure of one design: of the drive as it is, and over cases, each from its worst start."""
+    """The figure of one design: of the nominal drive, and over cases, each from its worst start."""
 
     design: Annotated[str, Column("design", "design")]
     nominal: float
-    """Figure of the drive as it is, from its worst start."""
+    """Figure of the nominal drive, from its worst start."""
     from_rest: float
     cases: np.ndarray
     """Figures of the cases, each from its worst start, (cases,); infinite where it does not come to its rate."""
@@ -116,7 +116,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeverAlone:
-    """Gain that one lever brings by itself, on the drive as it is."""
+    """Gain that one lever brings by itself, on the nominal drive."""
 
     lever: str
     setting: str
@@ -141,7 +141,7 @@ class LineChange:
 
     @property
     def change(self) -> Annotated[float, Column("change_db", "change", DECIBEL)]:
-        """Change of the drive as it is, from rest [dB]; nan where the line is not there."""
+        """Change of the nominal drive, from rest [dB]; nan where the line is not there."""
         return _decibel(self.before, self.after)
 
     @property
@@ -173,7 +173,7 @@ class QuietDrive:
     before: Spread
     after: Spread
     best_nominal: Spread | None
-    """The setting that is best for the drive as it is, where that is another."""
+    """The setting that is best for the nominal drive, where that is another."""
     best_nominal_text: str
     alone: tuple[LeverAlone, ...]
     lines: tuple[LineChange, ...]
@@ -196,7 +196,7 @@ class QuietDrive:
 
     @property
     def trap(self) -> bool:
-        """Whether the setting that is best for the drive as it is is worse over the cases."""
+        """Whether the setting that is best for the nominal drive is worse over the cases."""
         one = self.best_nominal
         return one is not None and one.p95 > 1.05 * self.after.p95
 
@@ -442,14 +442,14 @@ class _Task:
         tried: tuple[Tried, ...],
         best_nominal: Setting | None,
     ) -> QuietDrive:
-        before, lines_before = self._over_cases("as it is", self.scenario, None)
+        before, lines_before = self._over_cases("before", self.scenario, None)
         if setting is None:
             after, lines_after = self._over_cases("with the table", self.scenario, quieter)
         else:
             after, lines_after = self._over_cases("quieter", self.scenario, setting)
         other, text = None, ""
         if best_nominal is not None and best_nominal != setting:
-            other, _ = self._over_cases("best as it is", self.scenario, best_nominal)
+            other, _ = self._over_cases("best nominal", self.scenario, best_nominal)
             text = in_words(self.scenario, self.levers, best_nominal)
         return QuietDrive(
             self.scenario,
@@ -473,7 +473,7 @@ class _Task:
     def _over_cases(
         self, name: str, base: Scenario, change: Setting | Scenario | None
     ) -> tuple[Spread, list[list[Figure]]]:
-        """A design over the cases that judge: its spread, and figures of the drive as it is and of
+        """A design over the cases that judge: its spread, and figures of the nominal drive and of
         every case by starts.
         """
 
@@ -501,7 +501,7 @@ def _unchanged(scenario: Scenario) -> Scenario:
 def _line_changes(
     before: Sequence[Sequence[Figure]], after: Sequence[Sequence[Figure]]
 ) -> Iterator[LineChange]:
-    """Every line of either, those of the drive as it is from rest and over cases; the largest first."""
+    """Every line of either, those of the nominal drive from rest and over cases; the largest first."""
     names: dict[str, float] = {}
     for by_starts in (*before, *after):
         for figure in by_starts:
