@@ -122,7 +122,7 @@ def expected_lines(
     if not f_d:
         return tuple(modes)
     driver, motor = scenario.driver, scenario.motor
-    errors = tuple(e._replace(phase=0.0) for e in scenario.reducer.errors)
+    errors = tuple(e._replace(phase=0.0) for e in scenario.rotor_harmonics)
     turn, orders = _orders(driver, motor, errors, harmonics)
     base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
     clock = [
@@ -155,7 +155,7 @@ def distance_to_clock_line(scenario: Scenario, frequency: float, tolerance: floa
     if driver.distorted:
         combs.append(electrical)
     rotor = electrical / motor.rotor_teeth
-    distances = [abs(float(e.order) * rotor - frequency) for e in scenario.reducer.errors]
+    distances = [abs(float(e.order) * rotor - frequency) for e in scenario.rotor_harmonics]
     for comb in combs:
         off = abs(frequency - round(frequency / comb) * comb)
         distances += [off, comb - off]
@@ -209,7 +209,7 @@ def _orders(
             of: Kind = "wave generator"
         else:
             of = "gear train"
-        orders.setdefault(e.order, (e.line, of, f"transmission error, {e.origin}"))
+        orders.setdefault(e.order, (e.line, of, f"{e.cause}, {e.origin}"))
     side = motor.side_line_order
     if side is not None and turn > 2 * SIDEBANDS * side * z:
         for k in range(1, harmonics + 1):

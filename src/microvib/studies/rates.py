@@ -756,7 +756,7 @@ def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
     orders += [(electrical_line(n), n * electrical) for n in torques if n % motor.full_steps]
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     return orders + [
-        (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0
+        (e.line, float(e.order) / turn) for e in scenario.rotor_harmonics if e.amplitude > 0.0
     ]
 
 
