@@ -243,7 +243,7 @@ class Driver(Part):
         yield from shape_errors(self.microstep_shape)
         if self.microstep_shape and self.microstep_ramp:
             yield (
-                "microstep_shape: is not known with a microstep_ramp, which spreads the whole"
+                "microstep_shape: cannot be combined with microstep_ramp, which spreads the whole"
                 " microstep; leave out one of both"
             )
         if self.pulsed:
@@ -284,7 +284,8 @@ class Driver(Part):
                 )
         if self.compensation:
             yield (
-                "compensation: is not known with drive: pulse, whose steps come evenly; leave it out"
+                "compensation: cannot be combined with drive: pulse, whose steps come evenly; leave"
+                " it out"
             )
         if self.table is not None and not self.table.currents:
             yield (

@@ -30,6 +30,8 @@ Kind = Literal[
     "other",
 ]
 
+SPREAD = "spread by compensation"
+"""What origins say of lines of which ``driver.compensation`` makes many that lie closely together."""
 _SAME_LINE = 1e-6
 """Part by which frequencies of one line may differ."""
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
@@ -200,6 +202,8 @@ def _orders(
                 made = ", ".join(makers.get(k * unit // z, ()))
             else:
                 made = ""
+            if driver.compensates:
+                made = f"{made}, {SPREAD}" if made else SPREAD
             orders.setdefault(
                 k * unit,
                 (str(LineName(stem, k)), kind, f"{origin}, order {k}{made and f': {made}'}"),

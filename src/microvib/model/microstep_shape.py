@@ -24,7 +24,8 @@ class MicrostepPart(Part):
             float,
             Quantity(
                 "",
-                "fraction of the way from the references before the microstep to those after it; null, of the first part alone, is what the others leave",
+                "fraction of the way from the references before the microstep to those after it;"
+                " null, allowed in the first part, is what the others leave",
                 gt=0,
                 le=1,
             ),

@@ -180,15 +180,19 @@ class Scenario(Part):
         if slope >= 1.0 / self.reducer.ratio:
             yield (
                 f"driver.compensation: the sum of order x amplitude is {slope:g} rad; it must be below"
-                f" 1/ratio, {1.0 / self.reducer.ratio:g} rad, or microsteps would come in no order"
+                f" 1/ratio, {1.0 / self.reducer.ratio:g} rad, or microsteps would come out of order"
             )
             return
         lasts, most = driver.shape.lasts, self.highest_driving_frequency
+        if driver.compensates:
+            where = "at the fastest rate of the command and the steepest driver.compensation"
+        else:
+            where = "at the fastest rate of the command"
         if lasts * most > 1.0 - 1e-9:
             yield (
                 f"driver.microstep_shape.{len(driver.microstep_shape) - 1}.after: {1e3 * lasts:g} ms is"
-                f" not before the next microstep, which comes after {1e3 / most:.6g} ms at the fastest"
-                " rate of the command; shorten it, or lower the rate"
+                f" not before the next microstep, which comes after {1e3 / most:.6g} ms {where};"
+                " shorten it, or lower the rate"
             )
 
     def _second_plane_errors(self) -> Iterator[str]:

@@ -18,6 +18,8 @@ CYCLES_SEEN = 2.0
 """Cycles of a variation from which a record shows what lines are over it: a Hann window over two
 weighs all parts of a cycle alike, sin^2 + cos^2.
 """
+COMPENSATION = "driver.compensation"
+"""Key of what changes the time from microstep to microstep."""
 _WHOLE_CYCLES = 0.99
 """Part of these cycles that counts as all of them: a record is a whole number of samples."""
 NEGLIGIBLE_SHARE = 1e-3
@@ -100,11 +102,10 @@ def _compensation(scenario: Scenario) -> Iterator[SlowVariation]:
     """Harmonics of the driver's compensation, which change the rate of the rotor and the time from
     microstep to microstep.
     """
-    key = "driver.compensation"
     for one in scenario.driver.compensation:
         share = one.order * one.amplitude * scenario.reducer.ratio
         cycle = _turn_of_rotor(scenario) / _slowest_order(scenario, Fraction(one.order))
-        yield SlowVariation(key, f"{key} (order {one.order})", cycle, share)
+        yield SlowVariation(COMPENSATION, f"{COMPENSATION} (order {one.order})", cycle, share)
 
 
 def _friction_over_angle(scenario: Scenario) -> Iterator[SlowVariation]:

@@ -241,8 +241,8 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
     its record.
 
     A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions
-    have a memory, where microsteps do not come evenly (``driver.compensation``), or where the search finds nothing that a start from rest leads to, it is the
-    motion that a run from rest settles to.
+    have a memory, where microsteps do not come evenly (``driver.compensation``), or where the search
+    finds nothing that a start from rest leads to, it is the motion that a run from rest settles to.
 
     Parameters
     ----------
