@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.special import j0
+from support.derivatives_by_solving import relative_derivatives
 from support.scenarios import NO_FRICTION, baseline, limit_of
 
 import microvib as mv
@@ -125,6 +126,18 @@ def test_the_steady_state_is_that_of_a_run(changes):
     assert 60 * state.frequency == pytest.approx(each)  # whole periods
     found, run = state.harmonics("T_d")[1:count], series[each : each * count : each]
     assert np.linalg.norm(run - found) < 1e-3 * np.linalg.norm(found)
+
+
+def test_derivatives_by_compensation_are_those_of_solving_again():
+    s = smooth(**ERROR, **COMPENSATION, **{"solver.refinement": 4})
+    keys, orders = (
+        ["driver.compensation.0.amplitude", "driver.compensation.0.phase"],
+        [1, 1557, 1600],
+    )
+    found = steady_state(s).derivatives(keys, orders).relative
+    for row, key in zip(found, keys, strict=True):
+        solved = relative_derivatives(s, key, orders)
+        assert row == pytest.approx(solved, rel=2e-3, abs=5e-3), key
 
 
 def test_what_repeats_with_compensation_is_known_everywhere():

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import rodas4
+from support.derivatives_by_solving import relative_derivatives
 from support.scenarios import NO_FRICTION, baseline
 
 import microvib as mv
@@ -123,6 +124,16 @@ def test_the_steady_state_is_that_of_a_run(after, rate):
     for name in ("drive_1", "drive_2", "drive_3", "full_step_1"):
         assert run[name].amplitude == pytest.approx(found[name].amplitude, rel=2e-3), name
         assert abs(math.remainder(run[name].phase - found[name].phase, 2 * math.pi)) < 5e-3, name
+
+
+@pytest.mark.parametrize("after", [0.006, 0.0178])
+def test_derivatives_by_a_part_are_those_of_solving_again(after):
+    parts = {"driver.microstep_shape": [{}, {"fraction": 0.7, "after": after}]}
+    s = baseline().with_si(FREE | RIGID_LOAD | parts | {"solver.refinement": 4})
+    keys, orders = ["driver.microstep_shape.1.after", "driver.microstep_shape.1.fraction"], [16, 32]
+    found = steady_state(s).derivatives(keys, orders).relative
+    for row, key in zip(found, keys, strict=True):
+        assert row == pytest.approx(relative_derivatives(s, key, orders), rel=1e-3), key
 
 
 def test_the_reference_integration_finds_the_same_lines():

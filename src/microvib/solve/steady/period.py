@@ -107,6 +107,9 @@ class PeriodMap:
             )
         )
         self.start = scenario.record.settle + (section - count) / rate
+        evenly = gone + (0.5 - SECTION_PHASE) * turned
+        self.after_clock = self.start - (scenario.record.settle + (evenly - count) / rate)
+        """Time [s] from where an ordinary period begins, which the step clock alone says, to ``start``."""
         self.command = Command.lasting(scenario, self.start)
         self.times, self.commands = self.command.microsteps(
             self.start, self.start + microsteps / f_d
