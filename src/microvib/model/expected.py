@@ -31,7 +31,7 @@ Kind = Literal[
 ]
 
 SPREAD = "spread by compensation"
-"""What origins say of lines of which ``driver.compensation`` makes many that lie closely together."""
+"""Words in the origin of a line that ``driver.compensation`` makes into many, closely together."""
 _SAME_LINE = 1e-6
 """Part by which frequencies of one line may differ."""
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected

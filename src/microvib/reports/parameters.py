@@ -215,8 +215,8 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
 
 
 def _microstep_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
-    """What parts of microsteps leave of the first driving line, and over which frequencies compensation
-    spreads it; nothing of ordinary microsteps."""
+    """Part of the first driving line that parts of microsteps leave, and frequencies over which
+    compensation spreads it; nothing of ordinary microsteps."""
     driver, f_d, rows = scenario.driver, scenario.driving_frequency, []
     if driver.microstep_shape and f_d:
         left = float(np.abs(driver.shape.spectrum(np.array([f_d]))[0]))

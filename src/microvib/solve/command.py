@@ -119,7 +119,7 @@ class Command:
     def _within(
         start: float, stop: float, t: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Those of the times ``t`` (m,), in order, that are in [start, stop), and their rows.
+        """Keep of the times ``t`` (m,), in order, those in [start, stop), with their rows.
 
         One at ``start`` may have been computed as just before it. It is taken again then, which
         changes nothing: a row has what the references are, not their change.
