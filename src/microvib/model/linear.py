@@ -77,7 +77,8 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     Currents are assumed to follow instantly, those of voltages by their windings, about a rotor
     without load; friction is viscous only, and detent torque, stick and errors of the driver do not
     exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the
-    staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes, and of a
+    staircase, whose order k falls by sinc(k r); parts of a microstep multiply it by the spectrum of
+    their fractions. Compensation of the gear is left out. Empty where the rate is zero or changes, and of a
     pulse drive, between whose pulses nothing pulls.
     """
     f_d = scenario.driving_frequency
@@ -170,6 +171,9 @@ def staircase_torque(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     )
     ramped = order * scenario.driver.microstep_ramp
     sawtooth = -1j * step / (math.pi * order) * (np.sinc(ramped) * np.exp(-1j * math.pi * ramped))
+    if scenario.driver.microstep_shape:
+        frequency = order * (scenario.driving_frequency or 0.0)
+        sawtooth = sawtooth * scenario.driver.shape.spectrum(frequency)
     return np.asarray(scenario.motor.electromagnetic_stiffness * sawtooth)
 
 

@@ -72,8 +72,7 @@ class SampleIntervals:
 
 def max_driving_frequency(scenario: Scenario) -> float:
     """The highest driving frequency [Hz] at any time."""
-    fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
-    return scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
+    return scenario.highest_driving_frequency
 
 
 def sample_intervals(scenario: Scenario, start: float = 0.0) -> SampleIntervals:

@@ -27,7 +27,13 @@ from microvib.analysis.unseen import (
     nonlinear_torque_bounds,
     out_of_band_lines,
 )
-from microvib.errors import OptionError, SimulationError, expect_list, whole_number
+from microvib.errors import (
+    OptionError,
+    ScenarioError,
+    SimulationError,
+    expect_list,
+    whole_number,
+)
 from microvib.model.line_names import (
     SECOND_DRIVE,
     driving_line,
@@ -409,11 +415,16 @@ def plan_rates(  # noqa: PLR0913 - keyword options
 
 
 def _check_linear(scenario: Scenario, linear: bool) -> None:
-    """OptionError for a drive without a linearised one."""
+    """OptionError for a drive without a linearised one, or whose lines that does not give."""
     if scenario.driver.pulsed and linear:
         raise OptionError(
             "linear",
             "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out",
+        )
+    if scenario.driver.compensates and linear:
+        raise OptionError(
+            "linear",
+            "does not know how driver.compensation spreads the driving lines; leave it out",
         )
 
 
@@ -499,13 +510,25 @@ def at_rate(scenario: Scenario, rate: GivenQuantity, microsteps: int) -> Scenari
     return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
+def _case_at(scenario: Scenario, rate: Si, microsteps: int) -> Scenario | RateCase:
+    """``at_rate``; where microsteps follow too quickly for their parts, a case that says so."""
+    try:
+        return at_rate(scenario, rate, microsteps)
+    except ScenarioError as why:
+        if not scenario.driver.microstep_shape:
+            raise
+        return RateCase(rate, microsteps, (), str(why))
+
+
 def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
     """One case with the full model, its steady state ``confirmed`` by a run from rest that is
     waited for to its end.
 
     Where a second wing is driven, lines of both drives.
     """
-    changed = at_rate(scenario, rate, microsteps)
+    changed = _case_at(scenario, rate, microsteps)
+    if isinstance(changed, RateCase):
+        return changed
     first = _full_case(changed, rate, microsteps, confirmed)
     other = changed.driven_wing
     if other is None or other.rate == 0.0:
@@ -619,7 +642,9 @@ _NOISE_QUANTILE_FACTOR = 2.0
 
 def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
     """One case with the linearised drive, of which there is nothing to be ``confirmed``."""
-    changed = at_rate(scenario, rate, microsteps)
+    changed = _case_at(scenario, rate, microsteps)
+    if isinstance(changed, RateCase):
+        return changed
     first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
     if other is None or other.rate == 0.0:
         return first
@@ -756,7 +781,7 @@ def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
     orders += [(electrical_line(n), n * electrical) for n in torques if n % motor.full_steps]
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     return orders + [
-        (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0
+        (e.line, float(e.order) / turn) for e in scenario.rotor_harmonics if e.amplitude > 0.0
     ]
 
 

@@ -58,7 +58,8 @@ class NotDifferentiable(SimulationError):
 class LineDerivatives:
     """Derivatives of the harmonics of a steady state by some parameters.
 
-    Phases are those of cosines at the start of the period, on the step clock.
+    Phases are those of cosines at the start of the period, on the step clock; with late parts of
+    microsteps or compensation, where it would start without them.
     """
 
     keys: tuple[str, ...]
@@ -187,6 +188,9 @@ class _Period:
         result: np.ndarray = (
             2.0 * frequency * (-gained - 2j * math.pi * frequency * self.orders * total)
         )
+        late = self.map.after_clock
+        if late != 0.0:
+            result = result * np.exp(-2j * math.pi * frequency * self.orders * late)
         return result
 
 

@@ -241,8 +241,8 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
     its record.
 
     A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions
-    have a memory, or where the search finds nothing that a start from rest leads to, it is the
-    motion that a run from rest settles to.
+    have a memory, where microsteps do not come evenly (``driver.compensation``), or where the search
+    finds nothing that a start from rest leads to, it is the motion that a run from rest settles to.
 
     Parameters
     ----------
@@ -273,9 +273,12 @@ def _steady_state(scenario: Scenario, confirmed: bool) -> SteadyState:
             f"there are more than {MAX_MODES} modes, for which time integration is faster"
         )
     repeat, quarter = common_period(scenario)
-    attempts = (
-        () if scenario.has_memory or repeat > MAX_PERIOD_QUARTER_TURNS * quarter else ATTEMPTS
-    )
+    if scenario.has_memory or scenario.driver.compensates:
+        attempts: tuple[tuple[int, int], ...] = ()
+    elif repeat > MAX_PERIOD_QUARTER_TURNS * quarter:
+        attempts = ()
+    else:
+        attempts = ATTEMPTS
     spent = 0.0
     for multiple, warm_up in attempts:
         period = PeriodMap(scenario, multiple * repeat)
