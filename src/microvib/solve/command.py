@@ -66,9 +66,10 @@ class Command:
         change = self._rates[following] - self._rates[leg]
         return np.where(span > 0.0, change / np.where(span > 0.0, span, 1.0), 0.0)
 
-    def microsteps(self, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times [s], (m,), in [start, stop), and of each i_A*, i_B* [A] and electrical angle [rad]
-        after it, and the time [s] of the ramp to them, of a pulse drive that of the pulse, (m, 4)."""
+    def crossings(self, start: float, stop: float) -> np.ndarray:
+        """Times [s] of the microsteps in [start, stop), the rotor's microsteps made after each, and
+        microsteps per second there, (3, m).
+        """
         edges = np.unique(
             np.concatenate(
                 [[start, stop], self._times[(self._times > start) & (self._times < stop)]]
@@ -79,10 +80,14 @@ class Command:
             for a, b in pairwise(edges.tolist())
             for lo, hi in self._monotone(a, b)
         ]
-        if found:
-            t, k, rate = np.concatenate(found, axis=1)
-        else:
-            t, k, rate = np.zeros((3, 0))
+        if not found:
+            return np.zeros((3, 0))
+        return np.concatenate(found, axis=1)
+
+    def microsteps(self, start: float, stop: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times [s], (m,), in [start, stop), and of each i_A*, i_B* [A] and electrical angle [rad]
+        after it, and the time [s] of the ramp to them, of a pulse drive that of the pulse, (m, 4)."""
+        t, k, rate = self.crossings(start, stop)
         with np.errstate(divide="ignore"):
             ramp = np.where(rate > 0.0, self._driver.microstep_ramp / rate, 0.0)
         if self._driver.pulsed:
