@@ -46,6 +46,7 @@ _HOME = {
     "load_scenario": "io.scenario_file",
     "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
+    "plan_profile": "studies.profiles.plan",
     "plan_rates": "studies.rates",
     "plot": "reports.plots",
     "pointing_budget": "studies.budget.study",
@@ -114,6 +115,7 @@ if TYPE_CHECKING:
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
+    from microvib.studies.profiles.plan import plan_profile
     from microvib.studies.rates import plan_rates, rate_grid
     from microvib.testdata.recording import Recording, RecordingError
     from microvib.units import Si
@@ -149,6 +151,7 @@ __all__ = [
     "load_scenario",
     "new_scenario",
     "open_source",
+    "plan_profile",
     "plan_rates",
     "plot",
     "pointing_budget",

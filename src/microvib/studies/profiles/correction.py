@@ -10,7 +10,6 @@ in place of the drive.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -27,9 +26,12 @@ ITERATIONS = 12
 RELAXATION = 0.8
 """Part of a change of D that is taken over."""
 DESIGN_PART = 0.85
-"""Part of the limit that a shape is designed for, so that what it is measured with keeps it."""
-LONGEST_PERIODS = 3.0
-"""Periods of the slowest mode that a shape has where no shape keeps the limit."""
+"""Part of the limit that a shape is designed for, so that what it is measured with keeps it; after
+``_PATIENCE`` iterations it is made smaller by the same factor in each."""
+_PATIENCE = 4
+LONGEST, FALLBACK = 2.0, 1.25
+"""Periods of the slowest mode that a shape has at most, and those it has where none so long keeps the
+limit. Slower shapes crawl microstep by microstep, and D then depends on the shape."""
 _BETWEEN = 9
 """Points over the frequencies at which a shape is held down, between the cases by interpolation."""
 
@@ -104,7 +106,7 @@ def correct(
     """
     transition, found = first, []
     offset: np.ndarray | None = None
-    for _ in range(ITERATIONS):
+    for k in range(ITERATIONS):
         profile, change = task.build(transition)
         ringing = measure_all(calls, cases, profile)
         worst = over_limit(cases, ringing, task)
@@ -113,7 +115,8 @@ def correct(
             break
         measured = _offsets(cases, ringing, transition, change)
         offset = measured if offset is None else offset + RELAXATION * (measured - offset)
-        transition = _shape(task, cases, offset, change)
+        part = DESIGN_PART ** (1 + max(k - _PATIENCE, 0))
+        transition = _shape(task, _samples(task, cases, offset, change), part)
     return _best(found)
 
 
@@ -145,15 +148,14 @@ def _offsets(
     return np.array(rows)
 
 
-def _shape(
-    task: Task, cases: Sequence[Case], offset: np.ndarray, change: float
-) -> RateProfile:
-    samples = _samples(task, cases, offset, change)
+def _shape(task: Task, samples: Samples, part: float) -> RateProfile:
+    """The shortest shape within a ``part`` of the limits; where there is none, the best of one
+    length."""
+    least = 1.0 / task.bounds.acceleration
     try:
-        return shortest_change(samples, task.period, task.bounds, DESIGN_PART)[0]
+        return shortest_change(samples, task.period, task.bounds, part, LONGEST)[0]
     except MicrovibError:
-        least = 1.0 / task.bounds.acceleration
-        return least_residual(samples, LONGEST_PERIODS * task.period + least, task.bounds)[0]
+        return least_residual(samples, FALLBACK * task.period + least, task.bounds)[0]
 
 
 def _samples(
@@ -202,8 +204,3 @@ def frequencies_between(cases: Sequence[Case]) -> list[float]:
     """Frequencies, over the nominal one, halfway between those of the cases."""
     x = sorted({case.frequency for case in cases})
     return [0.5 * (a + b) for a, b in zip(x, x[1:], strict=False)]
-
-
-def unknown(ringing: Sequence[Sequence[Ringing]]) -> bool:
-    """Whether some ringing is not known."""
-    return any(math.isinf(one.most) for of_case in ringing for one in of_case)

@@ -158,10 +158,14 @@ class Shape:
         each = [run.verdict for run in self.runs if run.counts]
         if "fail" in each:
             return "fail"
-        linear = all(one.worst <= one.limit for one in self.residuals)
-        if not each or "not judged" in each or not linear:
+        if not each or "not judged" in each or self.linear_over_limit > 1.0:
             return "not judged"
         return "pass"
+
+    @property
+    def linear_over_limit(self) -> float:
+        """Largest bound on residuals over its limit; 0 where there is none."""
+        return max((one.worst / one.limit for one in self.residuals), default=0.0)
 
     @property
     def over_limit(self) -> float:
@@ -196,6 +200,8 @@ class ProfilePlan:
     frequency_uncertainty: float
     damping_uncertainty: float
     friction_uncertainty: float
+    wind_up: float
+    """Angle [rad] that is commanded first in the shape for the full model."""
     too_long: tuple[str, ...] = ()
     """Shapes that keep the limit at no length that was tried."""
 
@@ -224,8 +230,17 @@ class ProfilePlan:
 
     @property
     def nearest(self) -> Shape:
-        """The best shape; where there is none, the one whose runs come nearest to the limit."""
-        return self.best or min(self.shapes, key=lambda shape: shape.over_limit)
+        """The best shape; where there is none, the one whose runs come nearest to the limit; without
+        runs the shortest that keeps it in the linearised drive.
+        """
+        if self.best is not None:
+            return self.best
+        if any(shape.runs for shape in self.shapes):
+            return min(self.shapes, key=lambda shape: shape.over_limit)
+        keeping = [shape for shape in self.shapes if shape.linear_over_limit <= 1.0]
+        if keeping:
+            return min(keeping, key=lambda shape: shape.duration)
+        return min(self.shapes, key=lambda shape: shape.linear_over_limit)
 
     @property
     def period(self) -> float:
@@ -236,7 +251,16 @@ class ProfilePlan:
         """The scenario with a shape as ``tracking.profile``, from rest; its record begins where the
         profile ends.
         """
-        return with_profile(self.scenario, shape.whole)
+        made = with_profile(self.scenario, shape.whole)
+        legs = [leg.model_dump() for leg in made.tracking.profile or ()]
+        changes = {
+            "tracking.rate": None,
+            "tracking.profile": legs,
+            "record.settle": made.record.settle,
+            "record.start": "rest",
+            "reference": None,
+        }
+        return self.scenario.with_si(changes)
 
     def instants(self, shape: Shape) -> Instants:
         """When the microsteps of a shape come, up to its end."""
@@ -340,7 +364,8 @@ def plan_profile(  # noqa: PLR0913 - keyword options
     with parallel_calls(progress, workers) as calls:
         shapes, too_long = study.shapes(calls if runs else None)
     return ProfilePlan(
-        scenario, manoeuvre, study.modes[0], shapes, most, study.attenuation, *spreads, too_long
+        scenario, manoeuvre, study.modes[0], shapes, most, study.attenuation, *spreads,
+        study.wind_up, too_long
     )
 
 

@@ -64,7 +64,11 @@ class Bounds:
 
 
 def shortest_change(
-    samples: Samples, period: float, bounds: Bounds, factor: float = 1.0
+    samples: Samples,
+    period: float,
+    bounds: Bounds,
+    factor: float = 1.0,
+    longest: float = LONGEST,
 ) -> tuple[RateProfile, float]:
     """The shortest change of rate with all residuals within ``factor`` of what is allowed.
 
@@ -78,6 +82,8 @@ def shortest_change(
         Largest rate and acceleration.
     factor : float
         Part of what is allowed that is used.
+    longest : float
+        Periods up to which it is searched, besides what the acceleration needs.
 
     Returns
     -------
@@ -87,16 +93,16 @@ def shortest_change(
     Raises
     ------
     MicrovibError
-        Where even ``LONGEST`` periods are too short.
+        Where even the ``longest`` is too short.
     """
-    least = max(1.0 / bounds.acceleration, 0.0)
-    low, high = least, max(2.0 * period, 2.0 * least)
+    least = 1.0 / bounds.acceleration
+    low, high = least, least + min(2.0, longest) * period
     best = least_residual(samples, high, bounds)
     while best[1] > factor:
-        low, high = high, 1.5 * high
-        if high > LONGEST * period + 2.0 * least:
+        low, high = high, high + 2.0 * period
+        if high > least + longest * period:
             raise MicrovibError(
-                f"limit: no profile of up to {LONGEST:g} periods of the slowest mode keeps it;"
+                f"limit: no profile of up to {longest:g} periods of the slowest mode keeps it;"
                 " allow more ringing, less uncertainty or more acceleration"
             )
         best = least_residual(samples, high, bounds)
