@@ -89,8 +89,10 @@ class RateProfile:
         )
 
     def scaled(self, first: float, last: float) -> RateProfile:
-        """A profile from 0 to 1 as one from the rate ``first`` to the rate ``last``."""
-        return RateProfile(self.times, first + (last - first) * self.rates)
+        """A profile from 0 to 1 as one from the rate ``first`` to the rate ``last``, exactly."""
+        rates = first + (last - first) * self.rates
+        rates[-1] = last
+        return RateProfile(self.times, rates)
 
     def convolved(self, times: np.ndarray, parts: np.ndarray) -> RateProfile:
         """Mean of the profile delayed by ``times`` (n,), with the weights ``parts`` (n,): the profile
