@@ -10,9 +10,7 @@ from microvib.cli.progress import progress_bar
 
 @click.command()
 @click.argument("scenario")
-@click.option(
-    "--initial-rate", default="0 deg/s", metavar="RATE", help="Rate of the array before."
-)
+@click.option("--initial-rate", default="0 deg/s", metavar="RATE", help="Rate of the array before.")
 @click.option(
     "--final-rate", metavar="RATE", help="Rate of the array after it [default: the scenario's]."
 )

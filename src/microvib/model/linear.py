@@ -208,9 +208,7 @@ def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarra
     load, h = scenario.load, scenario.reducer.h
     rotor, output = load.rotor + load.cross, load.output + load.cross
     modes = (
-        load.H
-        + load.R
-        + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency)[..., None])
+        load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency)[..., None])
     )
     if scenario.reducer.rigid:
         shafts = [rotor - output / h]

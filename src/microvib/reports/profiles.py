@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -53,8 +53,16 @@ class ShownShape:
     periods: Annotated[float, Column("periods", "periods", _PERIODS)]
     delay: Annotated[float, Column("delay_s", "later than step", TIME)]
     lag: Annotated[float, Column("lag_deg", measure=ARRAY_ANGLE)]
-    acceleration: Annotated[float, Column("largest_acceleration_deg_s2", measure=Measure("deg/s^2", math.radians(1.0), file_size=math.radians(1.0)))]
-    linear_nominal: Annotated[float, Column("linear_nominal_db", "linear", _BELOW, report_only=True)]
+    acceleration: Annotated[
+        float,
+        Column(
+            "largest_acceleration_deg_s2",
+            measure=Measure("deg/s^2", math.radians(1.0), file_size=math.radians(1.0)),
+        ),
+    ]
+    linear_nominal: Annotated[
+        float, Column("linear_nominal_db", "linear", _BELOW, report_only=True)
+    ]
     linear_worst: Annotated[float, Column("linear_worst_db", "linear, worst", _BELOW)]
     measured_nominal: Annotated[float, Column("run_nominal_db", "run", _BELOW)]
     measured_worst: Annotated[float, Column("run_worst_db", "runs, worst", _BELOW)]
@@ -68,7 +76,9 @@ class ShownMode:
 
     name: Annotated[str, Column("mode", "mode")]
     frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
-    damping: Annotated[float, Column("damping_percent", "damping", Measure("%", 0.01, ".3g", file_size=0.01))]
+    damping: Annotated[
+        float, Column("damping_percent", "damping", Measure("%", 0.01, ".3g", file_size=0.01))
+    ]
     step: Annotated[float, Column("step_n_m", "ringing of a step", TORQUE)]
 
 
@@ -246,7 +256,9 @@ def _manoeuvre_text(plan: ProfilePlan) -> str:
     if manoeuvre.angle is None:
         return f"From {first} to {last}"
     angle = ARRAY_ANGLE.figure(manoeuvre.angle)
-    return f"{angle} gained between {first} and {last}, at most {RATE.figure(manoeuvre.largest_rate)}"
+    return (
+        f"{angle} gained between {first} and {last}, at most {RATE.figure(manoeuvre.largest_rate)}"
+    )
 
 
 def _limit_text(plan: ProfilePlan) -> str:
@@ -371,10 +383,12 @@ def draw_profiles(plan: ProfilePlan) -> Figure:
 
 
 def _draw_rate(
-    ax: Axes, plan: ProfilePlan, shape: Shape, longest: float, style: dict[str, object]
+    ax: Axes, plan: ProfilePlan, shape: Shape, longest: float, style: dict[str, Any]
 ) -> None:
     profile, manoeuvre = shape.profile, plan.manoeuvre
-    times = np.concatenate([[-longest, 0.0], profile.times, [max(2.0 * longest, profile.times[-1])]])
+    times = np.concatenate(
+        [[-longest, 0.0], profile.times, [max(2.0 * longest, profile.times[-1])]]
+    )
     ends = [manoeuvre.initial_rate] * 2, [manoeuvre.final_rate]
     rates = np.concatenate([ends[0], profile.rates, ends[1]])
     ax.plot(times, np.degrees(rates), label=shape.name, **style)

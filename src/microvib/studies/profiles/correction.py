@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -22,13 +22,19 @@ from microvib.studies.profiles.runs import Case, Ringing, measure
 from microvib.studies.profiles.shortest import Bounds, Samples, least_residual, shortest_change
 from microvib.studies.workers import Calls
 
-ITERATIONS = 12
+ITERATIONS = 18
 RELAXATION = 0.8
 """Part of a change of D that is taken over."""
 DESIGN_PART = 0.85
-"""Part of the limit that a shape is designed for, so that what it is measured with keeps it; after
-``_PATIENCE`` iterations it is made smaller by the same factor in each."""
-_PATIENCE = 4
+"""Part of the limit that the shortest shape is designed for, so that what it is measured with keeps
+it."""
+_SHORTEST, _AT_A_LENGTH = 5, 4
+"""Iterations with the shortest shape, and where these do not keep the limit those with the best shape
+of a fixed length, which are made for each of several lengths."""
+_LONGER = 0.08
+"""Periods by which a next length is longer."""
+_KEPT = 0.98
+"""Ringing over its limit at which a shape of a fixed length is taken."""
 LONGEST, FALLBACK = 2.0, 1.25
 """Periods of the slowest mode that a shape has at most, and those it has where none so long keeps the
 limit. Slower shapes crawl microstep by microstep, and D then depends on the shape."""
@@ -62,6 +68,9 @@ class Task:
     period: float
     """Of the slowest mode [s]."""
     bounds: Bounds
+    early: bool
+    """Whether friction lets go at the begin of the change, rather than holding at its end: D rings on
+    from there, and is the same for shapes of other lengths."""
 
 
 def measure_all(
@@ -71,9 +80,7 @@ def measure_all(
     return tuple(calls(measure, [(case, profile) for case in cases]))
 
 
-def over_limit(
-    cases: Sequence[Case], ringing: Sequence[Sequence[Ringing]], task: Task
-) -> float:
+def over_limit(cases: Sequence[Case], ringing: Sequence[Sequence[Ringing]], task: Task) -> float:
     """Largest ringing over its limit."""
     return max(
         one.most / most
@@ -82,9 +89,7 @@ def over_limit(
     )
 
 
-def correct(
-    task: Task, cases: Sequence[Case], first: RateProfile, calls: Calls
-) -> Attempt:
+def correct(task: Task, cases: Sequence[Case], first: RateProfile, calls: Calls) -> Attempt:
     """The shortest shape found that keeps the limits in all cases by runs of the full model; where
     none does, the one that comes nearest.
 
@@ -113,10 +118,14 @@ def correct(
         found.append(Attempt(transition, profile, tuple(cases), ringing, worst))
         if _is_settled(found, task.period):
             break
-        measured = _offsets(cases, ringing, transition, change)
+        measured = _offsets(task, found[-1], change)
         offset = measured if offset is None else offset + RELAXATION * (measured - offset)
-        part = DESIGN_PART ** (1 + max(k - _PATIENCE, 0))
-        transition = _shape(task, _samples(task, cases, offset, change), part)
+        samples = _samples(task, cases, offset, change)
+        if k < _SHORTEST:
+            transition = _shape(task, samples)
+            continue
+        longer = _LONGER * task.period if (k - _SHORTEST) % _AT_A_LENGTH == 0 else 0.0
+        transition = least_residual(samples, transition.duration + longer, task.bounds)[0]
     return _best(found)
 
 
@@ -128,43 +137,43 @@ def _best(found: Sequence[Attempt]) -> Attempt:
 
 
 def _is_settled(found: Sequence[Attempt], period: float) -> bool:
-    """Whether the last two shapes keep the limits and are as long as each other."""
+    """Whether the last two shapes keep the limits and are as long as each other, or one of a fixed
+    length keeps them."""
+    if len(found) > _SHORTEST + 1:
+        return found[-1].worst <= _KEPT
     if len(found) < 3 or max(attempt.worst for attempt in found[-2:]) > 1.0:
         return False
     return abs(found[-1].transition.duration - found[-2].transition.duration) < 0.01 * period
 
 
-def _offsets(
-    cases: Sequence[Case],
-    ringing: Sequence[Sequence[Ringing]],
-    transition: RateProfile,
-    change: float,
-) -> np.ndarray:
-    """D of each case and mode, complex (c, n)."""
+def _offsets(task: Task, attempt: Attempt, change: float) -> np.ndarray:
+    """D of each case and mode, complex (c, n); at the begin of the shape where it is made early."""
     rows = []
-    for case, of_case in zip(cases, ringing, strict=True):
+    for case, of_case in zip(attempt.cases, attempt.ringing, strict=True):
         value = np.array([one.value for one in of_case])
-        rows.append(value / (case.gains * change) - transition.residual(case.eigenvalues))
+        s = case.eigenvalues
+        beside = value / (case.gains * change) - attempt.transition.residual(s)
+        if task.early:
+            beside = beside * np.exp(-s * attempt.transition.duration)
+        rows.append(beside)
     return np.array(rows)
 
 
-def _shape(task: Task, samples: Samples, part: float) -> RateProfile:
-    """The shortest shape within a ``part`` of the limits; where there is none, the best of one
+def _shape(task: Task, samples: Samples) -> RateProfile:
+    """The shortest shape within ``DESIGN_PART`` of the limits; where there is none, the best of one
     length."""
     least = 1.0 / task.bounds.acceleration
     try:
-        return shortest_change(samples, task.period, task.bounds, part, LONGEST)[0]
+        return shortest_change(samples, task.period, task.bounds, DESIGN_PART, LONGEST)[0]
     except MicrovibError:
         return least_residual(samples, FALLBACK * task.period + least, task.bounds)[0]
 
 
-def _samples(
-    task: Task, cases: Sequence[Case], offset: np.ndarray, change: float
-) -> Samples:
+def _samples(task: Task, cases: Sequence[Case], offset: np.ndarray, change: float) -> Samples:
     """Points over the cases, interpolated over the frequency among those that are alike but for it."""
     parts = list(_sampled_groups(task, cases, offset, change))
     s, allowed, beside = (np.concatenate([part[k] for part in parts]) for k in range(3))
-    return Samples(s, allowed.real, beside)
+    return Samples(s, allowed.real, beside, task.early)
 
 
 def _sampled_groups(
@@ -203,4 +212,4 @@ def _interpolated(at: np.ndarray, x: np.ndarray, values: np.ndarray) -> np.ndarr
 def frequencies_between(cases: Sequence[Case]) -> list[float]:
     """Frequencies, over the nominal one, halfway between those of the cases."""
     x = sorted({case.frequency for case in cases})
-    return [0.5 * (a + b) for a, b in zip(x, x[1:], strict=False)]
+    return [0.5 * (a + b) for a, b in pairwise(x)]

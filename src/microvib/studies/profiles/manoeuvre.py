@@ -92,9 +92,7 @@ class Manoeuvre:
             return self.final_rate - self.initial_rate
         return self.final_rate - self.slew(transitions, wind_up)[0]
 
-    def slew(
-        self, transitions: Sequence[RateProfile], wind_up: float = 0.0
-    ) -> tuple[float, float]:
+    def slew(self, transitions: Sequence[RateProfile], wind_up: float = 0.0) -> tuple[float, float]:
         """Rate of the slew [rad/s] and how long it is held [s], after a ``wind_up`` [rad].
 
         Over the first change the angle gained is (r_0 - r_1) T + (r - r_0) (T - tau), over the hold

@@ -34,7 +34,9 @@ class UncertainMode:
 
     def eigenvalue(self, factor: float = 1.0) -> complex:
         """Eigenvalue [1/s] at the nominal damping and ``factor`` times the frequency."""
-        return complex(_eigenvalues(np.array([factor * self.frequency]), np.array([self.damping]))[0])
+        return complex(
+            _eigenvalues(np.array([factor * self.frequency]), np.array([self.damping]))[0]
+        )
 
     def eigenvalues(self, frequencies: int, dampings: int) -> np.ndarray:
         """Eigenvalues [1/s] at even points over both ranges, (n,)."""
@@ -63,7 +65,9 @@ class UncertainMode:
         sides = list(zip(corners, np.roll(corners, -1), strict=True))
         slope = profile.residual_slope(-float(np.max(corners.real)))
         aim = GRID_SHARE * size * (self.allowed if math.isfinite(self.allowed) else 1.0)
-        spacing = max(2.0 * aim / max(slope, 1e-300), sum(abs(b - a) for a, b in sides) / _MOST_POINTS)
+        spacing = max(
+            2.0 * aim / max(slope, 1e-300), sum(abs(b - a) for a, b in sides) / _MOST_POINTS
+        )
         bound = 0.0
         for first, last in sides:
             count = math.ceil(abs(last - first) / spacing)
@@ -76,7 +80,9 @@ class UncertainMode:
         """Eigenvalues [1/s] at the ends of both ranges, complex (4,), in turn."""
         low, high = self.frequency * (1.0 - self.spread), self.frequency * (1.0 + self.spread)
         light, heavy = self.dampings
-        return _eigenvalues(np.array([low, high, high, low]), np.array([light, light, heavy, heavy]))
+        return _eigenvalues(
+            np.array([low, high, high, low]), np.array([light, light, heavy, heavy])
+        )
 
 
 def _eigenvalues(frequency: np.ndarray, damping: np.ndarray) -> np.ndarray:

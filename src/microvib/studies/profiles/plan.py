@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from microvib.studies.profiles.manoeuvre import Manoeuvre
 from microvib.studies.profiles.modes import UncertainMode
 from microvib.studies.profiles.rate_profile import RateProfile
 from microvib.studies.profiles.runs import Case, Ringing, case_of, with_profile
-from microvib.studies.profiles.shapes import SHAPERS, jump, ramp, s_curve, shaped, shortest_of
+from microvib.studies.profiles.shapes import SHAPERS, ramp, s_curve, shaped, shortest_of
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
 from microvib.studies.workers import Calls, parallel_calls
 from microvib.units import GivenQuantity, quantity
@@ -170,7 +170,9 @@ class Shape:
     @property
     def over_limit(self) -> float:
         """Largest ringing over its limit in the runs that count; infinite where it is not known."""
-        return max((run.ringing.most / run.limit for run in self.runs if run.counts), default=math.inf)
+        return max(
+            (run.ringing.most / run.limit for run in self.runs if run.counts), default=math.inf
+        )
 
 
 @dataclass(frozen=True)
@@ -276,16 +278,16 @@ class ProfilePlan:
 def plan_profile(  # noqa: PLR0913 - keyword options
     scenario: GivenScenario,
     *,
-    initial_rate: GivenQuantity = 0.0,
+    initial_rate: GivenQuantity = "0 deg/s",
     final_rate: GivenQuantity | None = None,
     angle: GivenQuantity | None = None,
     largest_rate: GivenQuantity | None = None,
     largest_acceleration: GivenQuantity | None = None,
     limit: GivenQuantity | None = None,
     attenuation: float = DEFAULT_ATTENUATION,
-    frequency_uncertainty: GivenQuantity = "10 percent",
-    damping_uncertainty: GivenQuantity = "50 percent",
-    friction_uncertainty: GivenQuantity = "0 percent",
+    frequency_uncertainty: GivenQuantity | float = "10 percent",
+    damping_uncertainty: GivenQuantity | float = "50 percent",
+    friction_uncertainty: GivenQuantity | float = "0 percent",
     runs: bool = True,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -350,22 +352,32 @@ def plan_profile(  # noqa: PLR0913 - keyword options
         scenario, initial_rate, final_rate, angle, largest_rate, largest_acceleration
     )
     most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
-    if not 0.0 < attenuation <= 100.0:
-        raise OptionError("attenuation", "must be above 0 and at most 100 dB", f"{attenuation:g}")
-    spreads = [
-        _part(key, given)
-        for key, given in (
-            ("frequency_uncertainty", frequency_uncertainty),
-            ("damping_uncertainty", damping_uncertainty),
-            ("friction_uncertainty", friction_uncertainty),
-        )
-    ]
-    study = _Study(scenario, manoeuvre, most, float(attenuation), *spreads)
+    lowered = float(quantity("attenuation", cast(GivenQuantity, attenuation), ""))
+    if not 0.0 < lowered <= 100.0:
+        raise OptionError("attenuation", "must be above 0 and at most 100 dB", f"{lowered:g}")
+    study = _Study(
+        scenario,
+        manoeuvre,
+        most,
+        lowered,
+        _part("frequency_uncertainty", frequency_uncertainty),
+        _part("damping_uncertainty", damping_uncertainty),
+        _part("friction_uncertainty", friction_uncertainty),
+    )
     with parallel_calls(progress, workers) as calls:
         shapes, too_long = study.shapes(calls if runs else None)
     return ProfilePlan(
-        scenario, manoeuvre, study.modes[0], shapes, most, study.attenuation, *spreads,
-        study.wind_up, too_long
+        scenario,
+        manoeuvre,
+        study.modes[0],
+        shapes,
+        most,
+        study.attenuation,
+        study.frequency_uncertainty,
+        study.damping_uncertainty,
+        study.friction_uncertainty,
+        study.wind_up,
+        too_long,
     )
 
 
@@ -387,10 +399,12 @@ def _expect_modes(scenario: Scenario) -> None:
         )
 
 
-def _part(key: str, given: GivenQuantity) -> float:
-    value = float(quantity(key, given, ""))
+def _part(key: str, given: GivenQuantity | float) -> float:
+    value = float(quantity(key, cast(GivenQuantity, given), ""))
     if not 0.0 <= value <= 0.5:
-        raise OptionError(key, "must be at least 0 and at most 50 percent", f"{100.0 * value:g} percent")
+        raise OptionError(
+            key, "must be at least 0 and at most 50 percent", f"{100.0 * value:g} percent"
+        )
     return value
 
 
@@ -411,12 +425,18 @@ def _manoeuvre(
     if largest_acceleration is not None:
         fastest = float(
             quantity(
-                "largest_acceleration", largest_acceleration, "rad/s^2", positive=True, example="deg/s^2"
+                "largest_acceleration",
+                largest_acceleration,
+                "rad/s^2",
+                positive=True,
+                example="deg/s^2",
             )
         )
     if angle is None:
         if largest_rate is not None:
-            raise OptionError("largest_rate", "applies to a rotation by an angle; give an angle, too")
+            raise OptionError(
+                "largest_rate", "applies to a rotation by an angle; give an angle, too"
+            )
         if initial == final:
             raise OptionError(
                 "final_rate",
@@ -468,8 +488,7 @@ class _Study:
         found = tuple(
             mode
             for mode in coupled_modes(self.scenario)
-            if mode.fixed_frequency is not None
-            and LineName.parse(mode.name).family != CONTROL_MODE
+            if mode.fixed_frequency is not None and LineName.parse(mode.name).family != CONTROL_MODE
         )
         clock = self.scenario.tracking.clock_ratio
         gains = np.abs(rate_step_response(self.scenario, found)) * clock
@@ -496,7 +515,11 @@ class _Study:
     def modes(self) -> tuple[tuple[UncertainMode, ...], ...]:
         """Modes for each change of rate, with what its residual may be."""
         return tuple(
-            tuple(self._mode(mode, gain, abs(last - first)) for mode, gain in self.ringing_modes if mode.name in self.names)
+            tuple(
+                self._mode(mode, gain, abs(last - first))
+                for mode, gain in self.ringing_modes
+                if mode.name in self.names
+            )
             for first, last in self.manoeuvre.changes
         )
 
@@ -609,7 +632,9 @@ class _Study:
         """The drive as it is."""
         return case_of(self.scenario, self.names, 1.0, 1.0, 1.0)
 
-    def cases(self, frequencies: Sequence[float], damping: float = 1.0, friction: float = 1.0) -> list[Case]:
+    def cases(
+        self, frequencies: Sequence[float], damping: float = 1.0, friction: float = 1.0
+    ) -> list[Case]:
         """Drives with modes at factors of their frequencies."""
         return [
             case_of(self.scenario, self.names, factor, damping, friction) for factor in frequencies
@@ -630,7 +655,9 @@ class _Study:
         points = (1.0 - x, 1.0 - 0.5 * x, 1.0, 1.0 + 0.5 * x, 1.0 + x) if x > 0.0 else (1.0,)
         found = self.cases(points)
         if u > 0.0:
-            found += [case for part in (1.0 - u, 1.0 + u) for case in self.cases(points, friction=part)]
+            found += [
+                case for part in (1.0 - u, 1.0 + u) for case in self.cases(points, friction=part)
+            ]
         return found
 
     def checks(self) -> list[Case]:
@@ -658,7 +685,12 @@ class _Study:
         return tuple(found), tuple(too_long)
 
     def _runs(
-        self, name: str, cases: Sequence[Case], profile: RateProfile, calls: Calls, counts: bool = True
+        self,
+        name: str,
+        cases: Sequence[Case],
+        profile: RateProfile,
+        calls: Calls,
+        counts: bool = True,
     ) -> tuple[Run, ...]:
         ringing = measure_all(calls, cases, self.whole(profile))
         return tuple(self._as_runs(name, cases, ringing, counts))
@@ -741,6 +773,7 @@ class _Study:
             self._limits_of_change(change),
             self.period,
             self.bounds(change),
+            early=change == 0 and self.manoeuvre.initial_rate == 0.0,
         )
         return correct(task, cases, self._linear_shape(change), calls)
 

@@ -71,9 +71,7 @@ class RateProfile:
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """Rates at times (n,); at a jump that after it."""
-        index = np.clip(
-            np.searchsorted(self.times, t, side="right") - 1, 0, self.times.size - 1
-        )
+        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.times.size - 1)
         following = np.minimum(index + 1, self.times.size - 1)
         span = self.times[following] - self.times[index]
         part = np.divide(t - self.times[index], span, out=np.zeros_like(span), where=span > 0.0)

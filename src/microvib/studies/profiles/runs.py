@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -217,7 +218,7 @@ def recorded(scenario: Scenario, modes: Sequence[CoupledMode]) -> Scenario:
     """
     every = sorted(mode.frequency for mode in coupled_modes(scenario))
     mine = {mode.frequency for mode in modes}
-    apart = [b - a for a, b in zip(every, every[1:], strict=False) if {a, b} & mine and b > a]
+    apart = [b - a for a, b in pairwise(every) if {a, b} & mine and b > a]
     slowest = min(mine)
     wanted = max([_PERIODS_RECORDED / slowest, *(_RESOLVED / gap for gap in apart)])
     record = scenario.record

@@ -74,7 +74,9 @@ def extra_insensitive(frequency: float, damping: float, tolerated: float) -> Imp
     two others beside it.
     """
     decay = _half_period_decay(damping)
-    undamped = np.array([0.25 * (1.0 + tolerated), 0.5 * (1.0 - tolerated), 0.25 * (1.0 + tolerated)])
+    undamped = np.array(
+        [0.25 * (1.0 + tolerated), 0.5 * (1.0 - tolerated), 0.25 * (1.0 + tolerated)]
+    )
     parts = undamped * decay ** np.arange(3)
     return np.arange(3) * 0.5 / frequency, parts / np.sum(parts)
 

@@ -42,7 +42,16 @@ class Samples:
     allowed: np.ndarray
     """Largest residual of a change of rate by one, (n,)."""
     offset: np.ndarray
-    """Residual that is there besides, complex (n,)."""
+    """Residual that is there besides, complex (n,): at the end of the change of rate, or at its begin
+    where it is made ``early``."""
+    early: bool = False
+    """Whether what makes the offset happens at the begin, from where it rings on to the end."""
+
+    def offset_after(self, duration: float) -> np.ndarray:
+        """Offset at the end of a change of rate of a ``duration`` [s], complex (n,)."""
+        if self.early:
+            return np.asarray(self.offset * np.exp(self.s * duration))
+        return self.offset
 
 
 def samples_of(modes: Sequence[UncertainMode]) -> Samples:
@@ -126,7 +135,7 @@ def least_residual(samples: Samples, duration: float, bounds: Bounds) -> tuple[R
     ramped = math.isfinite(bounds.acceleration)
     response = _responses(samples.s, grid, ramped)
     size = response.shape[1]
-    A, b = _projections(samples, response)
+    A, b = _projections(samples, response, samples.offset_after(duration))
     cost = np.zeros(size + 1)
     cost[-1] = 1.0
     most = bounds.acceleration * duration / INTERVALS if ramped else math.inf
@@ -154,14 +163,16 @@ def _responses(s: np.ndarray, grid: np.ndarray, ramped: bool) -> np.ndarray:
     return np.asarray((step[:, :-1] - step[:, 1:]) / (s[:, None] * (grid[1] - grid[0])))
 
 
-def _projections(samples: Samples, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _projections(
+    samples: Samples, response: np.ndarray, offset: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Rows A x <= b that hold the residuals below the last unknown, times what is allowed."""
     angles = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
     turn = np.exp(-1j * angles)[:, None]
     over = math.cos(math.pi / DIRECTIONS) * samples.allowed
     rows = (turn[:, :, None] * (response / over[:, None])[None]).real
     rows = rows.reshape(-1, response.shape[1])
-    right = -(turn * (samples.offset / over)[None]).real.ravel()
+    right = -(turn * (offset / over)[None]).real.ravel()
     return np.hstack([rows, np.full((rows.shape[0], 1), -1.0)]), right
 
 
