@@ -365,7 +365,7 @@ def test_files_of_a_plan(plan):
     assert int(instants[-1]["count"]) == round(turned)
     times = np.array([float(row["time_s"]) for row in instants])
     assert np.all(np.diff(times) > 0.0)
-    assert "friction holds the array" in terminal_text(outcome)
+    assert "It begins with 0.00637 deg at the full rate" in terminal_text(outcome)
     assert "With friction 10 % less or more" in terminal_text(outcome)
 
 

@@ -38,6 +38,7 @@ LEAST_DECIBEL = -100.0
 """Ringing below a step's under which figures say no more."""
 _BELOW = Measure("dB", form=".1f")
 _PERIODS = Measure(form=".3g")
+_WIND_UP = Measure("deg", math.radians(1.0), ".3g")
 _EXACT_TIME = Measure("s", form=".9g")
 _CURVE_POINTS = 241
 _BEYOND = 1.5
@@ -84,7 +85,7 @@ class ShownMode:
 
 @dataclass(frozen=True)
 class ShownResidual:
-    """What a mode rings with after a shape in the linearised drive."""
+    """Ringing of a mode after a shape in the linearised drive."""
 
     shape: Annotated[str, Column("shape", "shape")]
     mode: Annotated[str, Column("mode", "mode")]
@@ -313,8 +314,8 @@ def _sentences(plan: ProfilePlan) -> Iterator[str]:
         )
     if shape.name == FULL and plan.manoeuvre.initial_rate == 0.0:
         yield (
-            "It begins by winding the drive up: friction holds the array until the command is ahead by"
-            f" {ARRAY_ANGLE.figure(plan.wind_up)}."
+            f"It begins with {_WIND_UP.figure(plan.wind_up)} at the full rate that wind the drive up, while"
+            " friction holds the array: nine tenths of the angle at which it breaks away."
         )
     elif shape.name == FULL:
         yield (

@@ -66,7 +66,7 @@ class Task:
     limits: Callable[[Case], np.ndarray]
     """Limits of the modes in a case [N m], (n,)."""
     period: float
-    """Of the slowest mode [s]."""
+    """Period of the slowest mode [s]."""
     bounds: Bounds
     early: bool
     """Whether friction lets go at the begin of the change, rather than holding at its end: D rings on

@@ -14,7 +14,7 @@ from microvib.studies.profiles.rate_profile import RateProfile
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """What the array is to do: from a rate to a rate, and where it has an ``angle``, gaining it on a
+    """Motion that the array is to make: from a rate to a rate, and where it has an ``angle``, gaining it on a
     target that moves with the final rate all the time.
     """
 

@@ -53,7 +53,7 @@ MAX_MODES = 8
 
 @dataclass(frozen=True)
 class Run:
-    """What a mode rings with after a shape, in a run of the full model."""
+    """Ringing of a mode after a shape, in a run of the full model."""
 
     shape: str
     case: Case
@@ -62,7 +62,7 @@ class Run:
     limit: float
     """[N m]."""
     step: float
-    """What a step of the rate leaves ringing in the linearised drive of the case, of the mode that
+    """Ringing that a step of the rate leaves in the linearised drive of the case, of the mode that
     rings most [N m]."""
     counts: bool = True
     """Whether a verdict depends on it."""
@@ -86,7 +86,7 @@ class Run:
 
 @dataclass(frozen=True)
 class ModeResidual:
-    """What a mode rings with after a shape, in the linearised drive."""
+    """Ringing of a mode after a shape, in the linearised drive."""
 
     shape: str
     mode: str
@@ -108,7 +108,7 @@ class Shape:
     profile: RateProfile
     """Rates of the manoeuvre from time 0 [rad/s]."""
     whole: RateProfile
-    """The same after what brings the array from rest to the rate before it."""
+    """The whole from rest: what brings the array to the rate before the manoeuvre, and this."""
     residuals: tuple[ModeResidual, ...]
     """In the linearised drive; none of a shape that allows for what that lacks."""
     runs: tuple[Run, ...]
@@ -470,7 +470,7 @@ def _tracking_rate(scenario: Scenario) -> float:
 
 @dataclass(frozen=True)
 class _Study:
-    """What a plan is made of."""
+    """Parts of a plan: modes, limits, cases, shapes."""
 
     scenario: Scenario
     manoeuvre: Manoeuvre
@@ -550,7 +550,7 @@ class _Study:
         return np.full(len(case.names), self.limit)
 
     def step_ringing(self, case: Case) -> float:
-        """What the largest change of rate leaves ringing as a step in a case, of the mode that rings
+        """Ringing that the largest change of rate leaves as a step in a case, of the mode that rings
         most [N m]."""
         return float(np.max(np.abs(case.gains))) * self.manoeuvre.largest_change
 
@@ -568,7 +568,7 @@ class _Study:
 
     @cached_property
     def lead(self) -> RateProfile | None:
-        """What brings the array from rest to the rate before the manoeuvre, until hardly anything
+        """Profile that brings the array from rest to the rate before the manoeuvre, until hardly anything
         rings; None where it begins at rest.
         """
         initial = self.manoeuvre.initial_rate

@@ -66,7 +66,7 @@ class Case:
 
     @property
     def text(self) -> str:
-        """What is off, in words."""
+        """Errors of the case, in words."""
         parts = [
             f"{what} {100.0 * (factor - 1.0):+.3g} %"
             for what, factor in (
@@ -79,14 +79,14 @@ class Case:
 
 @dataclass(frozen=True)
 class Ringing:
-    """What a mode rings with at the end of a manoeuvre, in one run."""
+    """Ringing of a mode at the end of a manoeuvre, in one run."""
 
     amplitude: float
     """0-to-peak [N m]; nan where it is not known."""
     phase: float
     """Phase of the cosine then [rad]."""
     most: float
-    """What it may be at most [N m]; infinite where nothing is known."""
+    """Largest amplitude that it may have [N m]; infinite where nothing is known."""
     status: str
 
     @property
@@ -232,7 +232,7 @@ def recorded(scenario: Scenario, modes: Sequence[CoupledMode]) -> Scenario:
 
 
 def measure(case: Case, profile: RateProfile) -> tuple[Ringing, ...]:
-    """What each mode of a case rings with at the end of a ``profile`` from rest, by a run of the full model."""
+    """Ringing of each mode of a case at the end of a ``profile`` from rest, by a run of the full model."""
     run = with_profile(recorded(case.scenario, case.modes), profile)
     try:
         torque = torque_from_rest(run)
