@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import microvib as mv
+from microvib.analysis.start import wind_up
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.linear import coupled_modes, rate_step_response
@@ -365,7 +366,9 @@ def test_files_of_a_plan(plan):
     assert int(instants[-1]["count"]) == round(turned)
     times = np.array([float(row["time_s"]) for row in instants])
     assert np.all(np.diff(times) > 0.0)
-    assert "It begins with 0.00637 deg at the full rate" in terminal_text(outcome)
+    said = terminal_text(outcome)
+    wound = 0.9 * math.degrees(wind_up(plan.scenario))
+    assert f"It begins with {wound:.3g} deg at the full rate" in said
     assert "With friction 10 % less or more" in terminal_text(outcome)
 
 
@@ -380,6 +383,28 @@ def test_a_stop_turns_through_its_microsteps(state_1):
     made = plan.commanded(shape)
     assert made.tracking.profile[-1].rate == 0.0
     assert made.record.settle == pytest.approx(shape.start + shape.duration)
+
+
+@pytest.mark.long
+def test_a_stop_is_quiet_and_says_what_another_begin_costs(state_1):
+    plan = mv.plan_profile(
+        state_1, initial_rate="0.06 deg/s", final_rate="0 deg/s", damping_uncertainty=0.0
+    )
+    best = plan.best
+    assert best.name == FULL
+    assert best.duration < 1.5 * plan.period
+    late = [run for run in best.runs if run.case.late]
+    assert {run.case.late for run in late} == {0.25, 0.5, 0.75}
+    assert not any(run.counts for run in late)
+    assert max(run.below_step for run in late) > 2.0 * best.measured_worst
+    said = terminal_text(profile_outcome(plan))
+    into = plan.microsteps_into_full_step(best)
+    assert f"It is made for a begin {into:.2f} microsteps after a full step" in said
+    turned = plan.commanded(best).tracking.breakpoints()
+    before = turned[0] <= best.start + 1e-9
+    count = np.trapezoid(turned[1][before], turned[0][before]) / (math.radians(1.8) / 16 / 100)
+    assert into == pytest.approx(count % 16, abs=1e-6)
+    assert "Begun a quarter, half or three quarters of a full step later" in said
 
 
 TWO_MODES = {

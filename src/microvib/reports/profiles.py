@@ -318,11 +318,9 @@ def _sentences(plan: ProfilePlan) -> Iterator[str]:
             " friction holds the array: nine tenths of the angle at which it breaks away."
         )
     elif shape.name == FULL:
-        yield (
-            "It holds for the electrical angle at which the manoeuvre begins here: detent torque acts"
-            " otherwise at others."
-        )
-    yield from _friction_sentence(plan, shape)
+        begin = plan.microsteps_into_full_step(shape)
+        yield f"It is made for a begin {begin:.2f} microsteps after a full step."
+    yield from _beside_the_verdict(shape)
     for name in plan.too_long:
         yield f"{name}: too long at every length that keeps the limit."
 
@@ -340,18 +338,30 @@ def _best_text(plan: ProfilePlan, shape: Shape) -> str:
     return f"Best: {what}."
 
 
-def _friction_sentence(plan: ProfilePlan, shape: Shape) -> Iterator[str]:
-    found = [run for run in shape.runs if not run.counts]
-    if not found:
-        return
-    worst = max(run.ringing.most for run in found)
-    below = max(decibel(run.below_step) for run in found)
-    known = TORQUE.figure(worst) if math.isfinite(worst) else "unknown"
-    yield (
-        f"With friction {SHARE.figure(FRICTION_CHECK)} less or more, which is not part of the verdict, the"
-        f" worst ringing is {known}, {below:.1f} dB against a step"
-        " (`--friction-uncertainty` makes it part of the shape)."
-    )
+def _beside_the_verdict(shape: Shape) -> Iterator[str]:
+    """Sentences on runs that are not part of the verdict: friction that is off, another begin."""
+    beside = [run for run in shape.runs if not run.counts]
+    friction = [run for run in beside if run.case.friction != 1.0]
+    late = [run for run in beside if run.case.late]
+    if friction:
+        yield (
+            f"With friction {SHARE.figure(FRICTION_CHECK)} less or more, which is not part of the verdict, the"
+            f" worst ringing is {_worst_text(friction)}"
+            " (`--friction-uncertainty` makes it part of the shape)."
+        )
+    if late:
+        yield (
+            "Begun a quarter, half or three quarters of a full step later, which is not part of the verdict"
+            f" either, the worst ringing is {_worst_text(late)}: detent torque is then another one."
+        )
+
+
+def _worst_text(runs: list[Run]) -> str:
+    worst = max(run.ringing.most for run in runs)
+    if math.isinf(worst):
+        return "unknown"
+    below = max(decibel(run.below_step) for run in runs)
+    return f"{TORQUE.figure(worst)}, {below:.1f} dB against a step"
 
 
 def draw_profiles(plan: ProfilePlan) -> Figure:

@@ -27,7 +27,7 @@ from microvib.studies.profiles.correction import (
 from microvib.studies.profiles.manoeuvre import Manoeuvre
 from microvib.studies.profiles.modes import UncertainMode
 from microvib.studies.profiles.rate_profile import RateProfile
-from microvib.studies.profiles.runs import Case, Ringing, case_of, with_profile
+from microvib.studies.profiles.runs import Case, Ringing, case_of, measure, with_profile
 from microvib.studies.profiles.shapes import SHAPERS, ramp, s_curve, shaped, shortest_of
 from microvib.studies.profiles.shortest import Bounds, samples_of, shortest_change
 from microvib.studies.workers import Calls, parallel_calls
@@ -39,6 +39,8 @@ LINEAR, FULL = "shortest, linearised drive", "shortest, full model"
 DEFAULT_ATTENUATION = 30.0
 FRICTION_CHECK = 0.1
 """Part by which friction is off in runs that show what this does, where no uncertainty is given."""
+LATE_PARTS = (0.25, 0.5, 0.75)
+"""Parts of a full step by which a manoeuvre begins later in runs that show what this does."""
 WOUND = 0.9
 """Part of the angle at which the output breaks away that is commanded before it is to move."""
 _SETTLED = 5.0
@@ -263,6 +265,15 @@ class ProfilePlan:
             "reference": None,
         }
         return self.scenario.with_si(changes)
+
+    def microsteps_into_full_step(self, shape: Shape) -> float:
+        """Microsteps that the command has made since a full step when a shape begins, not rounded; from
+        rest 0.
+        """
+        driver, motor = self.scenario.driver, self.scenario.motor
+        begin = np.array([shape.start + driver.delay])
+        count = float(Command(self.commanded(shape)).count(begin)[0])
+        return abs(count) % (driver.beats * driver.microsteps / motor.full_steps)
 
     def instants(self, shape: Shape) -> Instants:
         """When the microsteps of a shape come, up to its end."""
@@ -746,6 +757,7 @@ class _Study:
             *self._as_runs(FULL, attempt.cases, attempt.ringing, True),
             *self._runs(FULL, checks, profile, calls),
             *self._friction_runs(profile, calls),
+            *self._late_runs(profile, calls),
         )
         return self._shape(FULL, profile, runs)
 
@@ -759,6 +771,23 @@ class _Study:
             for case in self.cases((1.0,), friction=part)
         ]
         return self._runs(FULL, cases, profile, calls, counts=False)
+
+    def _late_runs(self, profile: RateProfile, calls: Calls) -> tuple[Run, ...]:
+        """Runs that show what another electrical angle at the begin does, where the array moves before."""
+        if self.lead is None:
+            return ()
+        driver, motor = self.scenario.driver, self.scenario.motor
+        whole_step = driver.beats * driver.microsteps / motor.full_steps
+        per_second = abs(self.manoeuvre.initial_rate * self.scenario.reducer.ratio)
+        clock = self.scenario.tracking.clock_ratio
+        step_time = whole_step * driver.microstep(motor) / (per_second * clock)
+        cases, calls_of = [], []
+        for part in LATE_PARTS:
+            case = replace(self.nominal, late=part)
+            cases.append(case)
+            calls_of.append((case, self.lead.then(profile, part * step_time)))
+        ringing = calls(measure, calls_of)
+        return tuple(self._as_runs(FULL, cases, ringing, False))
 
     def _corrected(
         self, change: int, before: Sequence[RateProfile], cases: Sequence[Case], calls: Calls

@@ -44,6 +44,8 @@ class Case:
     """Frequency of the first mode over its nominal one."""
     damping: float = 1.0
     friction: float = 1.0
+    late: float = 0.0
+    """Part of a full step by which the manoeuvre begins later."""
 
     @cached_property
     def modes(self) -> tuple[CoupledMode, ...]:
@@ -74,6 +76,8 @@ class Case:
             )
             if factor != 1.0
         ]  # fmt: skip
+        if self.late:
+            parts.append(f"begun {self.late:g} full step later")
         return ", ".join(parts) or "nominal"
 
 
