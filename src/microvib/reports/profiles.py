@@ -415,7 +415,7 @@ def _draw_ringing(ax: Axes, plan: ProfilePlan, shape: Shape, colour: str) -> Non
     found = [
         (100.0 * (run.case.frequency - 1.0), decibel(run.below_step))
         for run in shape.runs
-        if run.mode == mode.name and run.case.damping == run.case.friction == 1.0
+        if run.counts and run.mode == mode.name and run.case.damping == run.case.friction == 1.0
     ]
     if found:
         x, y = np.array(sorted(found)).T
