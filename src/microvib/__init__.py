@@ -46,6 +46,7 @@ _HOME = {
     "load_scenario": "io.scenario_file",
     "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
+    "plan_profile": "studies.profiles.plan",
     "plan_rates": "studies.rates",
     "plan_rates_by_pointing": "studies.rates_by_pointing",
     "plot": "reports.plots",
@@ -116,6 +117,7 @@ if TYPE_CHECKING:
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
+    from microvib.studies.profiles.plan import plan_profile
     from microvib.studies.quiet.study import quiet
     from microvib.studies.rates import plan_rates, rate_grid
     from microvib.studies.rates_by_pointing import plan_rates_by_pointing
@@ -153,6 +155,7 @@ __all__ = [
     "load_scenario",
     "new_scenario",
     "open_source",
+    "plan_profile",
     "plan_rates",
     "plan_rates_by_pointing",
     "plot",

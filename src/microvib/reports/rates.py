@@ -34,6 +34,7 @@ from microvib.studies.rates import (
     Resonance,
     linear_error,
 )
+from microvib.studies.stepping_modes import SteppingMode, stepping_modes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,6 +83,7 @@ def rates_outcome(plan: RatePlan, note: str = "") -> Outcome:
         (
             Part("", tuple(first)),
             Part("Campbell diagram", (campbell,), new_page=True),
+            Part("Stepping modes over rate", _stepping_modes(plan)),
             Part(f"Forbidden rates, {_criteria(plan)}", _forbidden(plan)),
             Part("Resonances (line meets mode), strongest first", _resonances(plan)),
             Part("Without a steady state", tuple(map(Text, _unsolved(plan)))),
@@ -114,6 +116,21 @@ def _forbidden(plan: RatePlan) -> tuple[Item, ...]:
     if plan.forbidden:
         return (bands,)
     return (bands, Text("None."))
+
+
+def _stepping_modes(plan: RatePlan) -> tuple[Item, ...]:
+    """Table of the microstep count to be used in each range of rates, where there are several."""
+    found = stepping_modes(plan)
+    if not found:
+        return ()
+    return (
+        Table.of("stepping_modes", SteppingMode, found),
+        Text(
+            "A count changes with the rate only where it brings at least 3 dB, or keeps the limit. What a"
+            " change of the count itself makes ring is not in it.",
+            note=True,
+        ),
+    )
 
 
 def _resonances(plan: RatePlan) -> tuple[Item, ...]:

@@ -128,9 +128,10 @@ class Command:
         there = slice(first, int(np.searchsorted(t, stop)))
         return np.maximum(t[there], start), rows[there]
 
-    def _whole(self, start: float, stop: float) -> tuple[np.ndarray, ...]:
-        """Times [s] of whole microsteps in [start, stop), microsteps made after each, 1 or -1 by the
-        direction of each, and the time [s] of its ramp or pulse, (m,) each."""
+    def crossings(self, start: float, stop: float) -> np.ndarray:
+        """Times [s] of whole microsteps in [start, stop), the rotor's microsteps made after each, 1 or
+        -1 by the direction of each, and microsteps per second there, (4, m).
+        """
         edges = np.unique(
             np.concatenate(
                 [[start, stop], self._times[(self._times > start) & (self._times < stop)]]
@@ -141,10 +142,14 @@ class Command:
             for a, b in pairwise(edges.tolist())
             for lo, hi in self._monotone(a, b)
         ]
-        if found:
-            t, k, way, rate = np.concatenate(found, axis=1)
-        else:
-            t, k, way, rate = np.zeros((4, 0))
+        if not found:
+            return np.zeros((4, 0))
+        return np.concatenate(found, axis=1)
+
+    def _whole(self, start: float, stop: float) -> tuple[np.ndarray, ...]:
+        """Times [s] of whole microsteps in [start, stop), microsteps made after each, 1 or -1 by the
+        direction of each, and the time [s] of its ramp or pulse, (m,) each."""
+        t, k, way, rate = self.crossings(start, stop)
         with np.errstate(divide="ignore"):
             ramp = np.where(rate > 0.0, self._driver.microstep_ramp / rate, 0.0)
         if self._driver.pulsed:

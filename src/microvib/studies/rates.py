@@ -302,10 +302,11 @@ class RatePlan:
 
     def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
         return min(
-            ((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None
+            ((case, self.top(case)) for case in cases), key=lambda item: item[1], default=None
         )
 
-    def _top(self, case: RateCase) -> float:
+    def top(self, case: RateCase) -> float:
+        """Largest line of a case within the band, or what a hidden one may have [N m]."""
         known = (case.largest(self.band), case.largest(self.band, hidden=True))
         return max((line.amplitude for line in known if line is not None), default=0.0)
 
