@@ -331,6 +331,8 @@ def _require_seen(levers: Sequence[Lever], objective: Objective) -> None:
 
 CANDIDATES = 6
 """Settings of a search of which one is chosen by more cases."""
+AS_GOOD = 1.1
+"""Ratio of their worst figures up to which settings are taken for equally good."""
 CHOOSING, JUDGING = 4, 20
 """Settings that a choice and the judgement of one design count as in the progress."""
 
@@ -388,7 +390,7 @@ class _Task:
         best = nominal.run(max(self.effort // 2, 4), tuple(nominal.as_it_is()))
         search = self._search(self.cases.searched, self.levers, robust=True)
         search.run(self.effort, (best.setting, *search.as_it_is()))
-        found = self._chosen(search)
+        found = self._chosen(search, best.setting)
         if not math.isfinite(found.worst):
             why = found.why_not or "no setting brings all cases to their rate"
             raise OptionError(
@@ -397,14 +399,18 @@ class _Task:
         quieter = with_levers(self.scenario, self.levers, found.setting)
         return self._judged(found.setting, quieter, alone, search.tried, best.setting)
 
-    def _chosen(self, search: Search) -> Tried:
-        """The one of the best settings whose worst is least over more cases and all starts."""
+    def _chosen(self, search: Search, nominal: Setting) -> Tried:
+        """The one of the best settings, and of the ``nominal`` drive's best, whose worst is least over
+        more cases and all starts; of those that are as good, that with the least median.
+        """
         drives = Drives(search.drives.base, self.cases.chosen_by, STARTS, self.constraints.why_not)
         choice = Search(drives, self.levers, self.figures)
-        for setting in search.unlike(CANDIDATES):
-            choice.worst(setting, choice.best)
+        for setting in dict.fromkeys((*search.unlike(CANDIDATES - 1), nominal)):
+            choice.worst(setting, AS_GOOD * choice.best)
             self.told.step(CHOOSING)
-        return choice.tried[0] if choice.tried else search.tried[0]
+        finished = [one for one in choice.tried if math.isfinite(one.median)]
+        alike = [one for one in finished if one.worst <= AS_GOOD * choice.best]
+        return min(alike, key=lambda one: one.median, default=search.tried[0])
 
     def _search(
         self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...], robust: bool = False
