@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 from support.scenarios import baseline, recorded
 
 import microvib as mv
+from microvib.studies.identify import parse_fit
+from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.fit import Fit
 from microvib.studies.identify.selection import EFFECTS, effects_of, with_effects
 
@@ -60,4 +65,44 @@ def test_flux_harmonics_are_a_candidate_of_the_order_that_makes_full_step_lines(
         assert harmonic.torque_order == drive.motor.detent_periods
     without = with_effects(baseline().with_(TRUTH), [name], [])
     assert without.motor.flux_harmonics == ()
-    assert EFFECTS[name].fitted[1] == "motor.flux_harmonics.0.phase=-100 deg:100 deg"
+    assert EFFECTS[name].keys[1] == "motor.flux_harmonics.0.phase"
+
+
+def coordinates(*keys: str) -> Coordinates:
+    drive = baseline().with_(TRUTH)
+    return Coordinates(tuple(parse_fit(drive, key) for key in keys))
+
+
+AMPLITUDE, PHASE = "motor.flux_harmonics.0.amplitude", "motor.flux_harmonics.0.phase"
+
+
+@pytest.mark.parametrize("phase", ["", "=-100 deg:100 deg"])
+def test_an_amplitude_and_its_phase_are_moved_by_their_cartesian_parts(phase: str) -> None:
+    by_keys = coordinates("motor.detent_torque", AMPLITUDE, PHASE + phase)
+    both = by_keys.cartesian()
+    assert both.pairs == ((1, 2),)
+    for values in ((6e-3, 0.02, 0.35), (6e-3, 0.02, -1.6), (2e-3, 0.2, 1.7)):
+        assert both.values(both.point(values)) == pytest.approx(values)
+        assert by_keys.values(by_keys.point(values)) == pytest.approx(values)
+    # the same drive, written in another way
+    same = by_keys.values(by_keys.point((6e-3, -0.02, 0.35 + math.pi)))
+    assert same == pytest.approx((6e-3, 0.02, 0.35))
+    # an amplitude of 0 is no border: half the way to the opposite is 0
+    there, opposite = both.point((6e-3, 0.02, 0.35)), both.point((6e-3, -0.02, 0.35))
+    assert both.values(0.5 * (there + opposite))[1] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_phase_whose_range_excludes_some_is_moved_by_itself() -> None:
+    assert coordinates(AMPLITUDE, PHASE + "=0 deg:30 deg").cartesian().pairs == ()
+    assert coordinates(PHASE).cartesian().pairs == ()
+    narrow = coordinates(AMPLITUDE, PHASE + "=-100 deg:100 deg")
+    values = narrow.values(narrow.point((0.02, 3.0)))
+    assert values == pytest.approx((-0.02, 3.0 - math.pi))
+
+
+def test_amplitudes_of_pairs_begin_at_all_sizes_and_phases_all_around() -> None:
+    both = coordinates(AMPLITUDE, PHASE).cartesian()
+    parts = np.random.default_rng(1).uniform(size=(4000, 2))
+    sizes, phases = np.array([both.values(x) for x in both.spread(parts)]).T
+    assert np.quantile(sizes, (0.0, 0.5, 1.0)) == pytest.approx((0.003, 0.03, 0.3), rel=0.1)
+    assert abs(np.mean(np.exp(1j * phases))) < 0.05

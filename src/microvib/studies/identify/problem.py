@@ -21,6 +21,7 @@ from microvib.model.line_names import ARRAY_MODE, LineName
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
+from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.keys import (
     FREQUENCY_RANGE_FACTOR,
     MAX_WIDENINGS,
@@ -224,18 +225,13 @@ class BestSoFar:
             self._tell()
 
 
-def _start_coordinates(
+def _start_values(
     scenario: Scenario, tests: Sequence[Scenario], keys: Sequence[FitKey]
-) -> np.ndarray:
-    """Coordinates of the scenario's values or, of a key with one in each test, of its test's."""
+) -> list[float]:
+    """The scenario's values or, of a key with one in each test, its test's."""
     shared = {name: value for name, value, _ in scenario.entries()}
     own = [{name: value for name, value, _ in test.entries()} for test in tests]
-    return np.array(
-        [
-            key.coordinate(float((shared if key.test is None else own[key.test])[key.key]))
-            for key in keys
-        ]
-    )
+    return [float((shared if key.test is None else own[key.test])[key.key]) for key in keys]
 
 
 class Problem:
@@ -261,9 +257,12 @@ class Problem:
         self.weights = self.tight = np.array(
             [total_standard_deviation(o, trust.each) for _, o in self.observed]
         )
-        self.start = _start_coordinates(scenario, [test for _, test in tests], self.keys)
-        self.spans = np.array([key.span for key in self.keys])
-        self.low, self.high = np.array([key.reach for key in self.keys]).T
+        self.coordinates = Coordinates(tuple(self.keys))
+        self.start = self.coordinates.start(
+            _start_values(scenario, [test for _, test in tests], self.keys)
+        )
+        self.spans = self.coordinates.spans
+        self.low, self.high = self.coordinates.limits
         self.best_so_far = best_so_far or BestSoFar()
 
     def again(
@@ -282,7 +281,27 @@ class Problem:
             keys,
             trust or self.trust,
             best_so_far=self.best_so_far,
-        )
+        ).with_cartesian(self.is_cartesian)
+
+    @property
+    def is_cartesian(self) -> bool:
+        """Whether amplitudes and phases are moved by their Cartesian parts."""
+        return bool(self.coordinates.pairs)
+
+    def with_cartesian(self, cartesian: bool = True) -> Problem:
+        """The problem with Cartesian parts for amplitudes that are fitted with their phases, or
+        without; itself where that changes nothing.
+        """
+        coordinates = Coordinates(tuple(self.keys))
+        if cartesian:
+            coordinates = coordinates.cartesian()
+        if coordinates == self.coordinates:
+            return self
+        other = copy(self)
+        other.coordinates, other.spans = coordinates, coordinates.spans
+        other.low, other.high = coordinates.limits
+        other.start = coordinates.start(self.values(self.start))
+        return other
 
     def looser(self, factors: np.ndarray) -> Problem:
         """Problem with each figure's standard deviation ``factors`` (figures,) times as large;
@@ -310,7 +329,7 @@ class Problem:
             self.trust,
             best_so_far=self.best_so_far,
             whole=self,
-        )
+        ).with_cartesian(self.is_cartesian)
         if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)):
             return self
         return short
@@ -342,7 +361,10 @@ class Problem:
     def within(self, x: np.ndarray) -> Problem:
         """With ranges of ours widened until ``x`` lies inside, as far as they may be."""
         keys = list(self.keys)
+        pairs = {k for pair in self.coordinates.pairs for k in pair}
         for k, c in enumerate(x):
+            if k in pairs:
+                continue
             for _ in range(MAX_WIDENINGS):
                 if keys[k].interior(float(c)):
                     keys[k] = keys[k]
@@ -419,10 +441,7 @@ class Problem:
 
     def point(self, values: dict[str, float]) -> np.ndarray:
         """Coordinates of the fitted keys' values, by label, within their reach."""
-        each = zip(self.keys, self.low, self.high, strict=True)
-        return np.array(
-            [min(max(key.coordinate(values[key.label]), low), high) for key, low, high in each]
-        )
+        return self.coordinates.point([values[key.label] for key in self.keys])
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
@@ -438,7 +457,7 @@ class Problem:
 
     def values(self, x: np.ndarray) -> list[float]:
         """The fitted keys' values at ``x``, in their order."""
-        return [key.value(float(c)) for key, c in zip(self.keys, x, strict=True)]
+        return self.coordinates.values(x)
 
     def named(self, x: np.ndarray) -> dict[str, float]:
         """The fitted keys' values at ``x``, by label."""
