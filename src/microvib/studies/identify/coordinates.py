@@ -113,7 +113,7 @@ class Coordinates:
         return x
 
     def _in_range(self, a: int, p: int, size: float, phase: float) -> tuple[float, float]:
-        """The same amplitude and phase within their ranges; as they are where they never are."""
+        """Amplitude and phase as they are written within their ranges; unchanged where they never are."""
         amplitude, its = self.keys[a], self.keys[p]
         folded = math.remainder(phase, math.tau)
         for sign in sorted((1.0, -1.0), key=lambda sign: sign * size < 0.0):

@@ -76,7 +76,7 @@ class FitKey:
         return self.key.endswith(".phase")
 
     def relative_to(self, value: float) -> float:
-        """What changes of a value are relative to: the value, or 1 rad for a phase."""
+        """Size that changes of a value are relative to: the value, or 1 rad for a phase."""
         if self.is_phase:
             return 1.0
         return value

@@ -29,14 +29,15 @@ from microvib.studies.identify.keys import (
     range_around,
 )
 from microvib.studies.interrupts import result, threads
+from microvib.studies.relative_phase import phase_multiples
 from microvib.units import Si
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")
 
 FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
-"""Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is
-trusted beyond.
+"""Relative accuracy of frequencies and decays, and that of the phase of each line [rad], that no
+observation is trusted beyond.
 """
 HUBER_THRESHOLD = 5.0
 """Standard deviations from which a residual counts in proportion, not by its square: a start far
@@ -44,6 +45,8 @@ off still shows the way.
 """
 TORQUE_FORMS = ("amplitude", "nearest_bin", "level")
 """Forms of figures in N m."""
+FULL_STEPS = 4
+"""Full steps in an electrical period of two phases."""
 _MISSING_DIFFERENCE = (
     dict.fromkeys((*TORQUE_FORMS, "decay"), 5.0)
     | dict.fromkeys(("phase", "branch", "turn"), math.pi)
@@ -166,9 +169,14 @@ def difference(o: Observation, simulated: Simulated | None) -> float:
     return (value - o.value) / max(abs(o.value), 1e-6)
 
 
-def total_standard_deviation(o: Observation, each: float, less: float = 1.0) -> float:
+def total_standard_deviation(
+    o: Observation, each: float, less: float = 1.0, steps: int = FULL_STEPS
+) -> float:
     """Standard deviation that the difference of one observation is measured by: its own, divided by
     ``less``, and the model's.
+
+    Of a phase (m phi_j - n phi_k, ``relative_phase``, with ``steps`` full steps in an electrical
+    period) that of m phi_j: the error of phi_k is shared by all phases against this line.
     """
     own = o.uncertainty / less
     if o.form in TORQUE_FORMS:
@@ -177,7 +185,38 @@ def total_standard_deviation(o: Observation, each: float, less: float = 1.0) -> 
         return math.hypot(own / o.value, FREQUENCY_FLOOR)
     if o.form == "decay":
         return math.hypot(own / max(abs(o.value), 1e-6), DECAY_FLOOR)
-    return math.hypot(own, PHASE_FLOOR)
+    return math.hypot(own, PHASE_FLOOR * _multiples(o, steps)[0])
+
+
+def _multiples(o: Observation, steps: int) -> tuple[int, int]:
+    """Times that the phases of a line and of the one that it is against count in an angle."""
+    if not o.against:
+        return 1, 0
+    return phase_multiples(o.line, o.against, steps)
+
+
+def shared_errors(
+    observed: Sequence[tuple[int, Observation]], tests: Sequence[Scenario], common: float
+) -> np.ndarray:
+    """Standard deviations (figures, errors) by which errors that figures share move their
+    differences.
+
+    There is one of each recording's scale, where its ``common`` deviation is not 0, and one of the
+    phase of each line that others are relative to.
+    """
+    columns = []
+    if common:
+        for k in range(len(tests)):
+            columns.append([common * (j == k and o.form in TORQUE_FORMS) for j, o in observed])
+    for k, name in dict.fromkeys((j, o.against) for j, o in observed if o.against):
+        steps = tests[k].motor.alike_per_turn
+        columns.append(
+            [
+                -PHASE_FLOOR * _multiples(o, steps)[1] if (j, o.against) == (k, name) else 0.0
+                for j, o in observed
+            ]
+        )
+    return np.array(columns).reshape(-1, len(observed)).T
 
 
 @dataclass(frozen=True)
@@ -255,8 +294,12 @@ class Problem:
             self.tests = [(one, with_short_record(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
         self.weights = self.tight = np.array(
-            [total_standard_deviation(o, trust.each) for _, o in self.observed]
+            [
+                total_standard_deviation(o, trust.each, steps=self.tests[k][1].motor.alike_per_turn)
+                for k, o in self.observed
+            ]
         )
+        self.shared = shared_errors(self.observed, [test for _, test in self.tests], trust.common)
         self.coordinates = Coordinates(tuple(self.keys))
         self.start = self.coordinates.start(
             _start_values(scenario, [test for _, test in tests], self.keys)
@@ -506,8 +549,8 @@ class Problem:
     def residuals(
         self, points: Sequence[np.ndarray], also: Sequence[Sequence[Mapping[str, object]]] = ()
     ) -> list[np.ndarray]:
-        """Weighted differences of all observations, each recording's common error, and the prior's
-        of all parameters.
+        """Weighted differences of all observations, the errors that they share, and the prior's of
+        all parameters.
 
         ``also`` are changes to other keys at each of the points, of each test.
         """
@@ -529,23 +572,22 @@ class Problem:
 
     def least(self, change: np.ndarray) -> np.ndarray:
         """A change of residuals, (rows,) or several (n, rows), without whole turns of angles."""
+        n, q = self.shared.shape
         angles = np.flatnonzero([o.is_angle for _, o in self.observed])
-        turn = math.tau / self.weights[angles]
-        change = change.copy()
-        change[..., angles] -= turn * np.rint(change[..., angles] / turn)
-        return change
+        d = change[..., :n] * self.weights + change[..., n : n + q] @ self.shared.T
+        turns = np.rint(d[..., angles] / math.tau)
+        if not np.any(turns):
+            return change
+        d[..., angles] -= math.tau * turns
+        return np.concatenate([*self.weighted(d), change[..., n + q :]], axis=-1)
 
     def weighted(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Differences over their standard deviations, the most likely common error taken off; and
-        that of each recording.
+        """Differences (..., figures) over their standard deviations, the most likely errors that
+        they share taken off; and these over their standard deviations, (..., errors).
+
+        The sum of squares of both is that of the differences with their whole covariance.
         """
-        if self.trust.common == 0.0:
-            return d / self.weights, np.zeros(0)
-        r, errors = d / self.weights, np.zeros(len(self.tests))
-        for k in range(len(self.tests)):
-            mine = np.array([j == k and o.form in TORQUE_FORMS for j, o in self.observed])
-            w = self.weights[mine] ** -2
-            common = float(d[mine] @ w) / (float(w.sum()) + self.trust.common**-2)
-            r[mine] -= common / self.weights[mine]
-            errors[k] = common / self.trust.common
-        return r, errors
+        part = self.shared / self.weights[:, None]
+        normal = part.T @ part + np.eye(part.shape[1])
+        errors = np.linalg.solve(normal, part.T @ (d / self.weights).T).T
+        return (d - errors @ self.shared.T) / self.weights, errors

@@ -282,9 +282,9 @@ def _step(
     single = np.ones(fit.at.size)
     for i, (_, o) in enumerate(problem.observed):
         if noisy[i]:
-            single[i] = (
-                total_standard_deviation(o, problem.trust.each, TWO_DRAW_SCATTER) / problem.tight[i]
-            ) ** 2
+            steps = problem.tests[problem.observed[i][0]][1].motor.alike_per_turn
+            each = total_standard_deviation(o, problem.trust.each, TWO_DRAW_SCATTER, steps)
+            single[i] = (each / problem.tight[i]) ** 2
     own = np.where(
         np.append(noisy, np.zeros(fit.at.size - noisy.size, bool)),
         np.maximum(single, fit.variance),
