@@ -55,8 +55,8 @@ QUICK = {
     "array.rigid_inertia": None,
     "array.inertia": 0.13,
     "tracking.rate": math.radians(0.3),
-    "record.settle": 1.0,
-    "record.duration": 2.0,
+    "record.settle": 2.0,
+    "record.duration": 3.0,
     "record.sample_rate": 2048.0,
 }
 
