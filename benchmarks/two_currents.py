@@ -1,8 +1,8 @@
 """How often intervals of detent torque, flux harmonic and its phase hold the truth, where all three
 are identified from recordings at two currents that another code made.
 
-``python benchmarks/two_currents.py [--draws N] [--seed N] [--local] [--one-current]
-[--results FILE]``
+``python benchmarks/two_currents.py [--draws N] [--seed N] [--only N ...] [--local]
+[--one-current] [--results FILE]``
 
 Each drive is state 1's with a detent torque, a third harmonic of the flux linkage, its phase and a
 clock that are drawn. Its motion is that of ``benchmarks/open/integrator.py``, which shares no code
@@ -186,6 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--draws", type=int, default=100, help="drives (default: 100)")
     parser.add_argument("--seed", type=int, default=1, help="of drives and noise (default: 1)")
     parser.add_argument("--local", action="store_true", help="one local fit from the truth each")
+    parser.add_argument("--only", type=int, nargs="*", help="draws of these numbers, from 0")
     parser.add_argument("--one-current", action="store_true", help="both at the same current")
     parser.add_argument(
         "--results",
@@ -200,15 +201,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         lines = options.results.read_text().splitlines()
     known = {row["draw"]: row for line in lines if (row := json.loads(line))["of"] == asked}
     model = start()
-    for k in range(options.draws):
+    draws = options.only or range(options.draws)
+    for k in draws:
         if k not in known:
             random = np.random.default_rng([options.seed, k])
             known[k] = {"of": asked, "draw": k, **one(model, currents, random, options.local)}
             if options.results:
                 with options.results.open("a") as file:
                     file.write(json.dumps(known[k]) + "\n")
-        print(f"{k + 1} of {options.draws} drives, {known[k]['seconds']:.0f} s", file=sys.stderr)
-    for what, (n, of) in counts([known[k] for k in range(options.draws)]).items():
+        print(f"drive {k}, {known[k]['seconds']:.0f} s", file=sys.stderr)
+    for what, (n, of) in counts([known[k] for k in draws]).items():
         low, high = binomtest(n, of).proportion_ci(0.95) if of else (math.nan, math.nan)
         print(f"{n:4d} of {of:4d}  {what} ({100.0 * low:.0f} to {100.0 * high:.0f} %)")
 
