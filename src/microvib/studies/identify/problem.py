@@ -216,7 +216,7 @@ def shared_errors(
                 for j, o in observed
             ]
         )
-    return np.array(columns).reshape(-1, len(observed)).T
+    return np.array(columns).reshape(len(columns), len(observed)).T
 
 
 @dataclass(frozen=True)
