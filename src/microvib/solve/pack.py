@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from microvib.model.friction import Friction
 from microvib.model.harness import Harness
 from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel, nodes, propagate, propagators
+from microvib.solve import kernel, nodes, propagate, propagators, replay
 from microvib.solve.noise import roughness, torque_noise
 from microvib.solve.sampling import ERROR_WEIGHTS
 from microvib.solve.vector import whole_lanes
@@ -24,6 +24,20 @@ SCRATCH_ROWS = 19
 """Rows of a run's scratch."""
 MIN_STEP_RATIO = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
+
+
+MODAL_FIELDS = ("H", "H_m", "V", "V_m", "D", "Lam")
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a replay notes; see ``replay.replay``."""
+
+    accuracy: float
+    noted: bool
+    modes: np.ndarray
+    moments: np.ndarray
+    span: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -93,6 +107,44 @@ class Packed:
         if not self.drive.elements.size:
             return samples
         return samples._replace(rates_shown=max(samples.rates_shown, ERROR_WEIGHTS[0]))
+
+    def replay(self, stop: float, plan: np.ndarray, results: Replayed, period: Any) -> int:
+        """Advance to the time ``stop`` [s] by the recorded steps ``plan``; see ``replay.replay``."""
+        tables = self.propagators._replace(accuracy=results.accuracy)
+        return int(
+            replay.replay(
+                stop,
+                plan,
+                results.noted,
+                results.modes,
+                results.moments,
+                results.span,
+                self.state,
+                self.drive,
+                tables,
+                period.times,
+                period.commands,
+                *self.lanes,
+                self.scratch.ravel(),
+            )
+        )
+
+    def beside(self, scenario: Scenario) -> Packed:
+        """Another drive with the state, the linear part and the scratch of this one; with tables of
+        its own for modes that differ. For replays alone.
+        """
+        drive = _require_finite(_drive(scenario))
+        drive = drive._replace(shaped=drive.shaped or self.drive.shaped)
+        return replace(self, drive=drive, propagators=self._tables_for(drive))
+
+    def _tables_for(self, drive: Any) -> Any:
+        """Propagators of this drive with the modes of another."""
+        t = self.propagators
+        if all(np.array_equal(getattr(drive, x), getattr(self.drive, x)) for x in MODAL_FIELDS):
+            return t
+        t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
+        propagators.tabulate_modes(t, drive, _moments(2, 2 if drive.H_m.size else 1))
+        return t
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -312,6 +364,12 @@ def _require_finite(drive: Any) -> Any:
     """The drive, if compiled code may see it: parameters that are finite can give constants that
     are not.
     """
+    bounded = drive._replace(U_max=0.0)  # one look at all of them: this is asked for each drive
+    arrays = [x.ravel() for x in bounded if isinstance(x, np.ndarray)]
+    if math.isfinite(sum(x for x in bounded if not isinstance(x, np.ndarray))) and math.isfinite(
+        float(np.sum(np.concatenate(arrays)))
+    ):
+        return drive
     for name, value in zip(drive._fields, drive, strict=True):
         finite = math.isfinite(value) if isinstance(value, float) else np.all(np.isfinite(value))
         if name != "U_max" and not finite:

@@ -5,7 +5,6 @@ through its range.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -16,13 +15,13 @@ from microvib.analysis.lines import expected_in, lines_of_samples
 from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
-from microvib.model.scenario import ASSUMED_SOURCE, GivenScenario, Scenario, as_scenario
+from microvib.model.ranges import noted_ranges, values_without_range
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import FREQUENCY, TORQUE, Column
 from microvib.signals.line_table import Line
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
-from microvib.units import Quantity, convert
 
 STEP = 0.02
 """Part by which a value is changed for the derivative, to both sides."""
@@ -44,7 +43,6 @@ NOT_RANKED = (
     " is not well known, such as  sources: {reducer.stiffness: 'assumed; range 8000 N*m/rad to"
     " 10000 N*m/rad'}"
 )
-_RANGE = re.compile(r"; range (.+) to (.+)$")
 
 
 @dataclass(frozen=True)
@@ -139,49 +137,6 @@ class Ranking:
         return iter(self.lines)
 
 
-def unranked_values(scenario: Scenario) -> dict[str, str]:
-    """Values with a source of their own, or assumed for want of one, that are not ranked though they
-    are assumed or have a range, and why.
-    """
-    found, ranked = {}, noted_ranges(scenario)
-    for key, value, _ in scenario.entries():
-        source = scenario.sources.get(key, "")
-        if scenario.source_of(key) == ASSUMED_SOURCE and value:
-            source = ASSUMED_SOURCE
-        if key in ranked or value is None:
-            continue
-        if _RANGE.search(source):
-            found[key] = "not a continuous value"
-        elif source.startswith("assumed"):
-            found[key] = "assumed, without a range"
-    return found
-
-
-def noted_ranges(scenario: Scenario) -> dict[str, tuple[float, float]]:
-    """Ranges [SI] that sources of continuous values note, as ``...; range LOW to HIGH``, by dotted
-    key.
-    """
-    found = {}
-    for key, value, quantity in scenario.entries():
-        noted = _RANGE.search(scenario.sources.get(key, ""))
-        if noted and isinstance(value, float):
-            found[key] = _ends(key, quantity, *noted.groups())
-    return found
-
-
-def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[float, float]:
-    unit = quantity.unit if quantity else ""
-    try:
-        ends = convert(low, unit), convert(high, unit)
-    except ValueError as error:
-        raise MicrovibError(f"sources.{key}: the range {low} to {high} {error}") from None
-    if not ends[0] < ends[1]:
-        raise MicrovibError(
-            f"sources.{key}: range {low} to {high}: the first must be below the second"
-        )
-    return ends
-
-
 def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) -> Ranking:
     """Rank values whose source notes a range by their effect on the MAX_LINES largest lines.
 
@@ -236,7 +191,7 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     each = iter({} if isinstance(found, str) else found for found in runs)
     found = [[next(each) for _ in scan.points] for scan in scans]
     lines = tuple(_effects_on(line, scans, found) for line in main)
-    return Ranking(lines, tuple(failed), unranked_values(scenario))
+    return Ranking(lines, tuple(failed), values_without_range(scenario))
 
 
 def _effects_on(
