@@ -36,8 +36,8 @@ from microvib.solve import kernel
 from microvib.solve.steady.period import PeriodMap
 from microvib.solve.steady.state import SteadyState, steady_state
 
-LEAST = 3e-3
-"""Part of the largest line below which a line is left out."""
+LEAST, LINES = 3e-3, 24
+"""Part of the largest line below which a line is left out, and how many are looked at."""
 FINER = 4
 """Times by which steps are finer, beside those of derivatives."""
 NEAR, FAR = 3e-5, 1e-4
@@ -111,7 +111,8 @@ def continuous_keys(state: SteadyState) -> list[str]:
 def of_drive(state: SteadyState, keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Relative derivatives (keys, lines), their errors, and where these are not known."""
     found = state.derivatives(keys)
-    large = np.abs(found.amplitudes) > LEAST * np.abs(found.amplitudes).max()
+    size = np.abs(found.amplitudes)
+    large = np.sort(np.argsort(-size)[: min(LINES, int(np.sum(size > LEAST * size.max())))])
     orders = found.orders[large]
     near, far = (np.array([difference(state, k, orders, h) for k in keys]) for h in (NEAR, FAR))
     own = found.relative[:, large]

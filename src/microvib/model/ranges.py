@@ -17,7 +17,9 @@ def noted_ranges(scenario: Scenario) -> dict[str, tuple[float, float]]:
     """Ranges [SI] that sources of continuous values note, as ``...; range LOW to HIGH``, by dotted
     key.
     """
-    found = {}
+    found: dict[str, tuple[float, float]] = {}
+    if not any(_RANGE.search(text) for text in scenario.sources.values()):
+        return found
     for key, value, quantity in scenario.entries():
         noted = _RANGE.search(scenario.sources.get(key, ""))
         if noted and isinstance(value, float):

@@ -40,10 +40,10 @@ from microvib.solve.steady.search import STICKING_STATES
 
 FINER = 2
 """Times by which steps are finer than those of the solution."""
-SETTLED, FINE, COARSE = 1e-12, 1e-10, 1e-6
-"""Accuracies of replays: of what others are beside, of those others, and of those that only serve to
-close a period. Iterations end at a tenth of it, over what a microstep moves."""
-STATE_STEP, PARAMETER_STEP = 1e-6, 3e-7
+SETTLED, FINE = 1e-12, 1e-9
+"""Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
+it, over what a microstep moves."""
+STATE_STEP, PARAMETER_STEP = 5e-6, 6e-7
 """Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
 CHECKED, TOLERANCE = 1e-5, 1e-3
 """Part of themselves by which parameters change to see whether lines follow their derivatives, and by
@@ -51,15 +51,15 @@ how much the change may differ, over it and the largest relative derivative of t
 """
 CLOSED, MAX_CLOSING_STEPS = 1e-10, 8
 """Gap of a period that counts as closed, over what a microstep moves, and corrections until then."""
-SAME_STEPS = 1e-3
-"""Way of the start, over what a microstep moves, within which the recorded steps stay as good."""
+SAME_STEPS = 2e-5
+"""Way of the start, over what a microstep moves, within which steps and derivatives stay as good."""
 NOT_CLOSED = "with finer steps the period does not close about the motion that was found"
 KINK = "a friction just sticks there, or just does not"
 FIRST_ROWS = 4096
 """Steps of a period for which there is room at first."""
-TERMS, INTERVALS = 6, 8
+TERMS, INTERVALS = 10, 8
 """Terms of the expansion of a phase about the middle of an interval, and intervals per period of the
-highest harmonic: their error is (pi / 8)^6 / 6!, 5e-6, for the highest and less for others."""
+highest harmonic: their error is (pi / 8)^10 / 10!, 2e-11, which counts because it jumps where an event crosses an edge."""
 
 
 class NotDifferentiable(SimulationError):
@@ -178,14 +178,12 @@ class _Recorded:
         self.here = self._replayed(self.map, state, SETTLED, noted=True)
         return self.here
 
-    def beside(
-        self, state: np.ndarray, scenario: Scenario | None = None, accuracy: float = FINE
-    ) -> _End:
+    def beside(self, state: np.ndarray, scenario: Scenario | None = None) -> _End:
         """From another state, or of another drive, with the steps that were recorded.
 
         Raises SimulationError where the same events do not occur.
         """
-        return self._replayed(self._map_of(scenario), state, accuracy)
+        return self._replayed(self._map_of(scenario), state, FINE)
 
     def has_same_events(self, state: np.ndarray, scenario: Scenario) -> bool:
         """Whether another drive, from another state, has the same events with steps of its own."""
@@ -265,32 +263,26 @@ def _offset(period: PeriodMap) -> np.ndarray:
 class _Differences:
     """Differences of a recorded period in each state that moves."""
 
-    def __init__(self, period: _Recorded, state: np.ndarray, accuracy: float) -> None:
+    def __init__(self, period: _Recorded, state: np.ndarray) -> None:
         self.period, self.state, self.sizes = period, state, period.map.sizes
         at_rest = STICKING_STATES[period.here.state[STICKING_STATES] == 0.0]
         self.moving = np.setdiff1d(np.arange(state.size), [*period.map.idle, *at_rest])
-        ends = [
-            period.beside(self.moved(STATE_STEP * unit), accuracy=accuracy)
-            for unit in np.eye(self.moving.size)
-        ]
+        ends = [period.beside(self.moved(STATE_STEP * unit)) for unit in np.eye(self.moving.size)]
         self._of_state = np.column_stack([self.gained(end) for end in ends]) / STATE_STEP
         self._ends = [period.here, *ends]
 
     @cached_property
     def harmonics(self) -> np.ndarray:
-        """Harmonics of the recorded period, (k,)."""
-        here: np.ndarray = self._each[:, 0]
+        """Harmonics of the period that closes, (k,)."""
+        here: np.ndarray = self.period.harmonics([self.period.here])[:, 0]
         return here
 
     @cached_property
     def _of_harmonics(self) -> np.ndarray:
         """Their derivatives by each state that moves, (k, n)."""
-        result: np.ndarray = (self._each[:, 1:] - self._each[:, :1]) / STATE_STEP
+        each = self.period.harmonics(self._ends)
+        result: np.ndarray = (each[:, 1:] - each[:, :1]) / STATE_STEP
         return result
-
-    @cached_property
-    def _each(self) -> np.ndarray:
-        return self.period.harmonics(self._ends)
 
     def moved(self, by: np.ndarray) -> np.ndarray:
         """The start, moved; by what a microstep moves."""
@@ -308,22 +300,27 @@ class _Differences:
         result: np.ndarray = np.linalg.solve(np.eye(self.moving.size) - self._of_state, gained)
         return result
 
-    @property
-    def gap(self) -> np.ndarray:
+    def close(self) -> bool:
+        """Move the start to where the recorded steps close the period; False where that is too far
+        for them, and then only there.
+        """
+        gap, by = self._gap(), np.zeros(self.moving.size)
+        for _ in range(MAX_CLOSING_STEPS):
+            change = self.closing(gap)
+            by += change
+            self.state = self.moved(change)
+            if float(np.max(np.abs(by))) > SAME_STEPS:
+                return False
+            self.period.settle(self.state)
+            gap = self._gap()
+            if float(np.max(np.abs(gap))) < CLOSED:
+                return True
+        raise NotDifferentiable(NOT_CLOSED)
+
+    def _gap(self) -> np.ndarray:
         """By how much the period does not close, over what a microstep moves."""
         result: np.ndarray = ((self.period.here.state - self.state) / self.sizes)[self.moving]
         return result
-
-    def closed(self) -> np.ndarray:
-        """The start from which the recorded steps close the period."""
-        period, by = self.period, self.closing(self.gap)
-        for _ in range(MAX_CLOSING_STEPS):
-            start = self.moved(by)
-            gap = ((period.settle(start).state - start) / self.sizes)[self.moving]
-            if float(np.max(np.abs(gap))) < CLOSED:
-                return start
-            by += self.closing(gap)
-        raise NotDifferentiable(NOT_CLOSED)
 
     def by_parameters(
         self, keys: Sequence[str], values: np.ndarray
@@ -383,12 +380,9 @@ def _about_closed(period: _Recorded, state: np.ndarray) -> _Differences:
     """Differences about the state from which a period ends where it starts."""
     for _ in range(MAX_CLOSING_STEPS):
         period.record(state)
-        about = _Differences(period, state, COARSE)
-        by = about.closing(about.gap)
-        if float(np.max(np.abs(by))) < SAME_STEPS:
-            with suppress(
-                SimulationError
-            ):  # steps that are too short for their events to move so far
-                return _Differences(period, about.closed(), FINE)
-        state = about.moved(by)
+        about = _Differences(period, state)
+        with suppress(SimulationError):  # steps too short for their events to move so far
+            if about.close():
+                return about
+        state = about.state
     raise NotDifferentiable(NOT_CLOSED)
