@@ -78,7 +78,7 @@ def with_spread(state: SteadyState, table: LineTable) -> LineTable:
 
 
 def spread_sentence(table: LineTable) -> str:
-    """What the spread of a table's lines is, and which of them have none; empty without ranges."""
+    """Sentence on the spread of a table's lines, and on those that have none; empty without ranges."""
     if table.no_spread:
         return (
             "How far lines move within the ranges that sources note is not known to first order:"

@@ -524,7 +524,17 @@ class Scenario(Part):
         """Make a copy with one number [SI] changed so little that it needs no check, which would
         take longer than what is done with the copy; fields that follow from others are renewed.
 
-        ``key`` is one of ``entries``. Sources are as they were.
+        Parameters
+        ----------
+        key : str
+            Dotted key, one of ``entries``.
+        value : float
+            The number, in SI.
+
+        Returns
+        -------
+        Scenario
+            The changed copy, with sources as they were.
         """
         result: Scenario = nudged_part(self, key.split("."), value)
         return result

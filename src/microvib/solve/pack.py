@@ -26,12 +26,13 @@ MIN_STEP_RATIO = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
 
 
+ELECTRICAL_FIELDS = ("R", "L", "K_P", "K_I", "K_D", "K_V")
 MODAL_FIELDS = ("H", "H_m", "V", "V_m", "D", "Lam")
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """What a replay notes; see ``replay.replay``."""
+    """Notes of a replay; see ``replay.replay``."""
 
     accuracy: float
     noted: bool
@@ -54,6 +55,8 @@ class Packed:
     scratch: np.ndarray
     lanes: tuple[np.ndarray, np.ndarray, np.ndarray]
     """Scratch of the propagators."""
+    held: np.ndarray
+    """The state ``y`` at rest with holding currents."""
 
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
         """Advance to the time ``stop`` [s]; see ``propagate.advance``."""
@@ -138,13 +141,23 @@ class Packed:
         return replace(self, drive=drive, propagators=self._tables_for(drive))
 
     def _tables_for(self, drive: Any) -> Any:
-        """Propagators of this drive with the modes of another."""
-        t = self.propagators
-        if all(np.array_equal(getattr(drive, x), getattr(self.drive, x)) for x in MODAL_FIELDS):
-            return t
-        t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
-        propagators.tabulate_modes(t, drive, _moments(2, 2 if drive.H_m.size else 1))
+        """Propagators of this drive as another takes them: with its modes, and with its currents,
+        which decay within a step, so that deficits by them would be no cubics.
+        """
+        t, modal = self.propagators, _moments(2, 2 if drive.H_m.size else 1)
+        if self._differs(drive, ELECTRICAL_FIELDS):
+            A = _linear_part(drive, self.state._replace(y=self.held))
+            others = {x: np.zeros_like(getattr(t, x)) for x in ("nodes", "pieces", "modes", "sums")}
+            t = t._replace(A=A, columns=_columns_of(A), **others)
+            propagators.tabulate(t, drive, _moments(kernel.MODES, 6), modal)
+        elif self._differs(drive, MODAL_FIELDS):
+            t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
+            propagators.tabulate_modes(t, drive, modal)
         return t
+
+    def _differs(self, drive: Any, fields: tuple[str, ...]) -> bool:
+        """Whether another drive differs from this one in some of its fields."""
+        return not all(np.array_equal(getattr(drive, x), getattr(self.drive, x)) for x in fields)
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -205,7 +218,7 @@ def pack(scenario: Scenario) -> Packed:
     )
     width = max(kernel.N_CHANNELS + size, 32)
     _set_holding_state(scenario, drive, state)
-    sizes = _state_sizes(scenario)
+    sizes, held = _state_sizes(scenario), state.y.copy()
     tables = _propagators(scenario, drive, state, sizes)
     if scenario.record.rotor_offset != 0.0:
         _set_holding_state(
@@ -224,6 +237,7 @@ def pack(scenario: Scenario) -> Packed:
         sizes,
         np.zeros((SCRATCH_ROWS, width)),
         (lanes, lanes.ravel(), by_node),
+        held,
     )
 
 
@@ -265,7 +279,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         inputs=6 if math.isfinite(drive.U_max) else 4,
         levels=levels,
         A=A,
-        columns=A.transpose(0, 2, 1).reshape(-1, 4).copy(),
+        columns=_columns_of(A),
         per_size=per_size[propagators.INPUTS],
         per_layer=np.maximum(per_size[propagators.INPUTS], _friction_layer_rates(drive)),
         nodes=np.zeros((propagators.PATTERNS * levels * propagators.NODE_ROWS, 4)),
@@ -279,6 +293,11 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     )
     propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
     return tables
+
+
+def _columns_of(A: np.ndarray) -> np.ndarray:
+    """Columns of the matrices of all patterns, in two rows of four each."""
+    return A.transpose(0, 2, 1).reshape(-1, 4).copy()
 
 
 def _friction_layer_rates(drive: Any) -> np.ndarray:

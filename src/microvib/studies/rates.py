@@ -83,7 +83,9 @@ class RateLine:
     """Frequency over the driving frequency."""
     frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", measure=TORQUE)]
-    spread: Annotated[float, Column("spread_n_m", measure=TORQUE)] = math.nan
+    spread: Annotated[float, Column("spread_n_m", measure=TORQUE)] = field(
+        default=math.nan, compare=False
+    )
     """First-order change of the amplitude within the ranges that sources note
     (``microvib.analysis.spread``)."""
     away: float = 0.0

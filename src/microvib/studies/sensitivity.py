@@ -257,7 +257,7 @@ class _Base:
 
     @classmethod
     def of(cls, scenario: Scenario, keys: Sequence[str]) -> _Base:
-        """Of a steady state where the record starts in one, else of a run from rest."""
+        """Base of a scenario: its steady state where the record starts in one, else a run from rest."""
         why = ""
         if scenario.record.start == "steady":
             state, why = find_steady(scenario, whole=False)

@@ -14,9 +14,10 @@ of x and p, and one-sided differences with small steps are exact to about as muc
 coefficients are integrated over each step, not made of samples.
 
 **Where there is no derivative.** Lines have kinks where a friction just sticks or just does not
-(grazing). The run on is therefore asked, too: a period with steps of its own, from where the
-derivatives say that a changed drive repeats, must close (``_Linearity``). Where it does not, or another
-sequence of events follows, the derivative is not given.
+(grazing), and near them derivatives depend on the steps. So all parameters are changed together, once
+up and once down by a hundred-thousandth, with coarser steps: a period that chooses its steps itself,
+from where the derivatives say that the changed drive repeats, must have the same events, and between
+the two lines must go where the derivatives lead. Where they do not, the derivative is not given.
 """
 
 from __future__ import annotations
@@ -38,17 +39,17 @@ from microvib.solve.sampling import step_buffer
 from microvib.solve.steady.period import PeriodMap, search_error
 from microvib.solve.steady.search import STICKING_STATES
 
-FINER = 2
-"""Times by which steps are finer than those of the solution."""
+FINER, COARSER = 3, 2
+"""Times by which steps are finer than those of the solution: for the derivatives, and for their check."""
 SETTLED, FINE = 1e-12, 1e-9
 """Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
 it, over what a microstep moves."""
 STATE_STEP, PARAMETER_STEP = 5e-6, 6e-7
 """Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
 CHECKED, TOLERANCE = 1e-5, 1e-3
-"""Part of themselves by which parameters change to see whether lines follow their derivatives, and by
-how much the change may differ, over it and the largest relative derivative of the line (at least 1).
-"""
+"""Part of themselves by which parameters change to see whether lines follow their derivatives with
+other steps, and by how much they may not, over it and the largest relative derivative of the line (at
+least 1)."""
 CLOSED, MAX_CLOSING_STEPS = 1e-10, 8
 """Gap of a period that counts as closed, over what a microstep moves, and corrections until then."""
 SAME_STEPS = 2e-5
@@ -85,8 +86,8 @@ class LineDerivatives:
     """Derivatives of the complex amplitudes [N m per SI unit], (p, k); nan where there is none."""
     disagreement: np.ndarray
     """How far the lines are from where the derivatives lead when all parameters change by CHECKED of
-    themselves, over that change and the line's largest relative derivative (at least 1), (p, k);
-    infinite where other events occur."""
+    themselves and steps are coarser, over that change and the line's largest relative derivative (at
+    least 1), (p, k); infinite where other events occur."""
 
     @property
     def relative(self) -> np.ndarray:
@@ -109,22 +110,29 @@ def line_derivatives(
     if scenario.has_memory:
         raise NotDifferentiable("friction with memory has no derivatives here")
     values = np.array([_value(scenario, key) for key in keys])
-    finer = scenario.with_si({"solver.refinement": FINER * scenario.solver.refinement})
-    shaped = any(key.endswith("stribeck_shape") for key in keys)
-    period = _Recorded(PeriodMap(finer, microsteps), orders, shaped)
-    about = _about_closed(period, state - _offset(period.map))
+    about = _about_closed(_recorded(scenario, microsteps, keys, orders, FINER), state)
     moved, total = about.by_parameters(keys, values)
+    known = np.all(np.isfinite(moved), axis=0)
+    off = np.zeros(orders.size)
+    if np.any(known):
+        own = [key for key, counts in zip(keys, known, strict=True) if counts]
+        coarser = _recorded(scenario, microsteps, keys, orders, COARSER)
+        off = about.disagreement(coarser, own, moved[:, known], total[:, known])
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.abs(total) / np.abs(about.harmonics)[:, None]
         largest = np.fmax(np.fmax.reduce(relative, axis=1, initial=1.0), 1.0)
-        known = np.all(np.isfinite(moved), axis=0)
-        off = np.zeros(orders.size)
-        if np.any(known):
-            own = [key for key, counts in zip(keys, known, strict=True) if counts]
-            off = about.nonlinearity(own, values[known], moved[:, known], total[:, known])
         disagreement = np.where(known[:, None], off / largest, np.inf)
         derivatives = np.where(disagreement <= TOLERANCE, (total / values).T, np.nan)
     return LineDerivatives(tuple(keys), values, orders, about.harmonics, derivatives, disagreement)
+
+
+def _recorded(
+    scenario: Scenario, microsteps: int, keys: Sequence[str], orders: np.ndarray, finer: int
+) -> _Recorded:
+    """A period to be recorded, with steps some times as fine as the solution's."""
+    changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement})
+    shaped = any(key.endswith("stribeck_shape") for key in keys)
+    return _Recorded(PeriodMap(changed, microsteps), orders, shaped)
 
 
 def _value(scenario: Scenario, key: str) -> float:
@@ -187,9 +195,11 @@ class _Recorded:
 
     def has_same_events(self, state: np.ndarray, scenario: Scenario) -> bool:
         """Whether another drive, from another state, has the same events with steps of its own."""
-        steps = self._steps(self._map_of(scenario), state)
-        own, others = (x[:, kernel.STEP_EVENT] for x in (self._plan, steps))
-        return np.array_equal(own[own >= 0.0], others[others >= 0.0])
+        return _same_events(self._plan, self._steps(self._map_of(scenario), state))
+
+    def has_events_of(self, other: _Recorded) -> bool:
+        """Whether another recording has the same events."""
+        return _same_events(self._plan, other._plan)
 
     def harmonics(self, ends: Sequence[_End]) -> np.ndarray:
         """Fourier coefficients [N m] of the torque T_d = -dL/dt, by parts of those of the momentum L,
@@ -240,7 +250,7 @@ class _Recorded:
         stop = period.start + 1.0 / period.frequency
         status = period.packed.replay(stop, self._plan, results, period)
         if status != kernel.OK:
-            raise search_error(status)
+            raise NotDifferentiable(KINK) from search_error(status)
         if self._modes is None:
             self._modes = results.modes
         elif not np.array_equal(self._modes, results.modes):
@@ -249,6 +259,12 @@ class _Recorded:
             period.packed.state.y[None], period.turn([-period.microsteps]), start[None]
         )[0]
         return _End(end - _offset(period), moments, float(span[GAINED]), period.frequency)
+
+
+def _same_events(steps: np.ndarray, others: np.ndarray) -> bool:
+    """Whether steps (n, STEP_COLUMNS) have the same events in the same order."""
+    one, other = (x[:, kernel.STEP_EVENT] for x in (steps, others))
+    return np.array_equal(one[one >= 0.0], other[other >= 0.0])
 
 
 def _offset(period: PeriodMap) -> np.ndarray:
@@ -284,9 +300,9 @@ class _Differences:
         result: np.ndarray = (each[:, 1:] - each[:, :1]) / STATE_STEP
         return result
 
-    def moved(self, by: np.ndarray) -> np.ndarray:
-        """The start, moved; by what a microstep moves."""
-        state = self.state.copy()
+    def moved(self, by: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """The start, or another one, moved; by what a microstep moves."""
+        state = (self.state if start is None else start).copy()
         state[self.moving] += by * self.sizes[self.moving]
         return state
 
@@ -347,37 +363,73 @@ class _Differences:
             total[:, known] = own / PARAMETER_STEP + self._of_harmonics @ moved[:, known]
         return moved, total
 
-    def nonlinearity(
-        self, keys: Sequence[str], values: np.ndarray, moved: np.ndarray, total: np.ndarray
+    def disagreement(
+        self, other: _Recorded, keys: Sequence[str], moved: np.ndarray, total: np.ndarray
     ) -> np.ndarray:
-        """How far the logarithms of harmonics are from where the derivatives lead, when all
-        parameters change by the part CHECKED of themselves, up or down: over that part, (k,);
-        infinite where other events occur.
+        """How far logarithms of harmonics are from where the derivatives lead, with the steps of
+        ``other``: between all parameters less by the part CHECKED of themselves, or more, and as much
+        more, or less; over that part, (k,). Infinite where other events occur.
         """
         signs = np.where(np.random.default_rng(len(keys)).random(len(keys)) < 0.5, -1.0, 1.0)
-        worst = np.zeros(self.harmonics.size)
-        for part in (CHECKED * signs, -CHECKED * signs):
-            scenario = self.period.map.scenario
-            for key, value in zip(keys, (values * (1.0 + part)).tolist(), strict=True):
-                scenario = scenario.nudged(key, value)
-            start = self.moved(moved @ part)
-            try:
-                if not self.period.has_same_events(start, scenario):
-                    return np.full(worst.size, np.inf)
-                end = self.period.beside(start, scenario)
-            except SimulationError:
-                return np.full(worst.size, np.inf)
-            left = self.closing(((end.state - start) / self.sizes)[self.moving])
-            there = self.period.harmonics([end])[:, 0] + self._of_harmonics @ left
-            with np.errstate(divide="ignore", invalid="ignore"):
-                went = np.log(there / self.harmonics)  # phases turn, which is no kink
-                off = np.abs(went - (total @ part) / self.harmonics)
-            worst = np.maximum(worst, off / CHECKED)
-        return worst
+        try:
+            state = self._closed_by(other)
+            above, below = (
+                self._reached(other, state, moved, keys, part)
+                for part in (CHECKED * signs, -CHECKED * signs)
+            )
+        except SimulationError:
+            return np.full(self.harmonics.size, np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.log(above / below) / (2.0 * CHECKED)
+            off: np.ndarray = np.abs(slope - (total @ signs) / self.harmonics)
+        return off
+
+    def _closed_by(self, other: _Recorded) -> np.ndarray:
+        """The start from which the steps of another recording close the period.
+
+        Raises NotDifferentiable where they have other events.
+        """
+        state = self.state
+        end = other.record(state)
+        if not self.period.has_events_of(other):
+            raise NotDifferentiable(KINK)
+        for _ in range(MAX_CLOSING_STEPS):
+            gap = ((end.state - state) / self.sizes)[self.moving]
+            if float(np.max(np.abs(gap))) < CLOSED:
+                return state
+            state = self.moved(self.closing(gap), state)
+            end = other.settle(state)
+        raise NotDifferentiable(NOT_CLOSED)
+
+    def _reached(
+        self,
+        other: _Recorded,
+        state: np.ndarray,
+        moved: np.ndarray,
+        keys: Sequence[str],
+        part: np.ndarray,
+    ) -> np.ndarray:
+        """Harmonics that repeat when all parameters change by a ``part`` of themselves, (k,), beside
+        the ``state`` that the steps of another recording close.
+
+        Raises SimulationError where other events occur.
+        """
+        scenario, start = other.map.scenario, self.moved(moved @ part, state)
+        for key, change in zip(keys, part.tolist(), strict=True):
+            scenario = scenario.nudged(key, scenario[key] * (1.0 + change))
+        if not other.has_same_events(start, scenario):
+            raise NotDifferentiable(KINK)
+        end = other.beside(start, scenario)
+        left = self.closing(((end.state - start) / self.sizes)[self.moving])
+        result: np.ndarray = other.harmonics([end])[:, 0] + self._of_harmonics @ left
+        return result
 
 
 def _about_closed(period: _Recorded, state: np.ndarray) -> _Differences:
-    """Differences about the state from which a period ends where it starts."""
+    """Differences about the state from which a period ends where it starts, near a ``state`` as
+    ``PeriodMap`` has it.
+    """
+    state = state - _offset(period.map)
     for _ in range(MAX_CLOSING_STEPS):
         period.record(state)
         about = _Differences(period, state)

@@ -111,8 +111,8 @@ class PeriodMap:
         self.evaluations = 0.0
 
     def beside(self, scenario: Scenario, packed: Packed) -> PeriodMap:
-        """The same microsteps from the same start, of another drive whose rate may differ a little;
-        ``packed`` has its parameters and the state of this one.
+        """Map of another drive over the same microsteps, from the same start; its rate may differ a
+        little, and ``packed`` has its parameters and the state of this one.
         """
         f_d = scenario.driving_frequency
         assert f_d
