@@ -136,6 +136,20 @@ def test_near_a_kink_there_is_no_derivative() -> None:
     assert np.mean(np.isnan(kinked.derivatives[:, large])) > 0.5
 
 
+def test_a_parameter_that_is_zero_has_one_with_a_scale() -> None:
+    """Of viscous friction that is not there yet, beside steady states with a little of it."""
+    scenario = mv.load_scenario("state-1").with_si({"friction.viscous": 0.0})
+    state, scale = steady_state(scenario), 5.0
+    found = state.derivatives(["friction.viscous"], LINES, scales={"friction.viscous": scale})
+    fine = scenario.with_si({"solver.refinement": 4})
+    none, some = (
+        np.abs(steady_state(fine.with_si({"friction.viscous": x})).harmonics()[list(LINES)])
+        for x in (0.0, 1e-3 * scale)
+    )
+    along = (found.derivatives[0] * found.amplitudes.conj() / np.abs(found.amplitudes)).real
+    assert 1e-3 * scale * along / none == pytest.approx(some / none - 1.0, rel=0.05, abs=1e-5)
+
+
 def test_what_has_none_is_refused(state: SteadyState) -> None:
     with pytest.raises(MicrovibError, match=r"driver\.microsteps: 16 has no derivative"):
         state.derivatives(["driver.microsteps"])

@@ -47,14 +47,15 @@ def spread_of(state: SteadyState, orders: list[int]) -> Spread:
     if not ranges or not orders:
         return Spread({}, tuple(ranges))
     keys = tuple(ranges)
+    ways = {key: _way(state.scenario, key, ends) for key, ends in ranges.items()}
+    nothing = {key: way for key, way in ways.items() if state.scenario[key] == 0.0}
     try:
-        found = state.derivatives(keys, orders)
+        found = state.derivatives(keys, orders, scales=nothing)
     except MicrovibError as why:
         return Spread({}, keys, str(why))
-    ways = np.array([_way(state.scenario, key, ends) for key, ends in ranges.items()])
     with np.errstate(divide="ignore", invalid="ignore"):
         along = np.conj(found.amplitudes) / np.abs(found.amplitudes)
-        changes = np.real(found.derivatives * along) * ways[:, None]
+        changes = np.real(found.derivatives * along) * np.array(list(ways.values()))[:, None]
     total = np.sqrt(np.sum(changes**2, axis=0))
     return Spread(dict(zip(orders, total.tolist(), strict=True)), keys)
 

@@ -23,7 +23,7 @@ the two lines must go where the derivatives lead. Where they do not, the derivat
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -99,31 +99,59 @@ class LineDerivatives:
 
 
 def line_derivatives(
-    scenario: Scenario, state: np.ndarray, microsteps: int, keys: Sequence[str], orders: np.ndarray
+    scenario: Scenario,
+    state: np.ndarray,
+    microsteps: int,
+    keys: Sequence[str],
+    orders: np.ndarray,
+    scales: Mapping[str, float],
 ) -> LineDerivatives:
     """Derivatives of the harmonics ``orders`` (k,) by the parameters ``keys``, about the steady
-    ``state`` at the start of a period of ``microsteps``.
+    ``state`` at the start of a period of ``microsteps``; ``scales`` [SI] are of those that are 0.
 
     Raises NotDifferentiable where the motion is none that repeats from its state alone, or is not
-    closed by finer steps, and MicrovibError for a key that is not a number other than 0.
+    closed by finer steps, and MicrovibError for a key that is not a number, or is 0 without a scale.
     """
     if scenario.has_memory:
         raise NotDifferentiable("friction with memory has no derivatives here")
-    values = np.array([_value(scenario, key) for key in keys])
+    values = np.array([_value(scenario, key, scales) for key in keys])
+    sizes = np.array([scales.get(key, abs(x)) for key, x in zip(keys, values, strict=True)])
+    parameters = _Parameters(tuple(keys), sizes)
     about = _about_closed(_recorded(scenario, microsteps, keys, orders, FINER), state)
-    moved, total = about.by_parameters(keys, values)
+    moved, total = about.by_parameters(parameters)
     known = np.all(np.isfinite(moved), axis=0)
     off = np.zeros(orders.size)
     if np.any(known):
-        own = [key for key, counts in zip(keys, known, strict=True) if counts]
         coarser = _recorded(scenario, microsteps, keys, orders, COARSER)
+        own = parameters.only(known)
         off = about.disagreement(coarser, own, moved[:, known], total[:, known])
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.abs(total) / np.abs(about.harmonics)[:, None]
         largest = np.fmax(np.fmax.reduce(relative, axis=1, initial=1.0), 1.0)
         disagreement = np.where(known[:, None], off / largest, np.inf)
-        derivatives = np.where(disagreement <= TOLERANCE, (total / values).T, np.nan)
+        derivatives = np.where(disagreement <= TOLERANCE, (total / sizes).T, np.nan)
     return LineDerivatives(tuple(keys), values, orders, about.harmonics, derivatives, disagreement)
+
+
+@dataclass(frozen=True)
+class _Parameters:
+    """Parameters, and what their changes are relative to."""
+
+    keys: tuple[str, ...]
+    scales: np.ndarray
+    """[SI], (p,)."""
+
+    def changed(self, scenario: Scenario, parts: np.ndarray) -> Scenario:
+        """Scenario in which each parameter is more by a part of its scale."""
+        for key, change in zip(self.keys, (parts * self.scales).tolist(), strict=True):
+            if change:
+                scenario = scenario.nudged(key, scenario[key] + change)
+        return scenario
+
+    def only(self, some: np.ndarray) -> _Parameters:
+        """Some of the parameters."""
+        keys = tuple(key for key, counts in zip(self.keys, some, strict=True) if counts)
+        return _Parameters(keys, self.scales[some])
 
 
 def _recorded(
@@ -135,9 +163,13 @@ def _recorded(
     return _Recorded(PeriodMap(changed, microsteps), orders, shaped)
 
 
-def _value(scenario: Scenario, key: str) -> float:
+def _value(scenario: Scenario, key: str, scales: Mapping[str, float]) -> float:
     value = scenario[key]
-    if not isinstance(value, float) or value == 0.0 or not math.isfinite(value):
+    if (
+        not isinstance(value, float)
+        or not math.isfinite(value)
+        or (not value and key not in scales)
+    ):
         raise MicrovibError(f"{key}: {value} has no derivative; expected a number other than 0")
     return value
 
@@ -338,23 +370,21 @@ class _Differences:
         result: np.ndarray = ((self.period.here.state - self.state) / self.sizes)[self.moving]
         return result
 
-    def by_parameters(
-        self, keys: Sequence[str], values: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives by the parameters, over their values: of the start that repeats, over what a
+    def by_parameters(self, parameters: _Parameters) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by the parameters, over their scales: of the start that repeats, over what a
         microstep moves, (n, p), and of its harmonics, (k, p); nan where there is none.
         """
-        scenario = self.period.map.scenario
+        count = len(parameters.keys)
         ends: list[_End | None] = []
-        for key, value in zip(keys, values.tolist(), strict=True):
-            changed = scenario.nudged(key, value * (1.0 + PARAMETER_STEP))
+        for part in PARAMETER_STEP * np.eye(count):
             try:
+                changed = parameters.changed(self.period.map.scenario, part)
                 ends.append(self.period.beside(self.state, changed))
             except SimulationError:
                 ends.append(None)
         known = np.array([end is not None for end in ends], dtype=bool)
-        moved = np.full((self.moving.size, len(keys)), np.nan)
-        total = np.full((self.harmonics.size, len(keys)), np.nan, dtype=complex)
+        moved = np.full((self.moving.size, count), np.nan)
+        total = np.full((self.harmonics.size, count), np.nan, dtype=complex)
         found = [end for end in ends if end is not None]
         if found:
             gained = np.column_stack([self.gained(end) for end in found])
@@ -364,17 +394,22 @@ class _Differences:
         return moved, total
 
     def disagreement(
-        self, other: _Recorded, keys: Sequence[str], moved: np.ndarray, total: np.ndarray
+        self, other: _Recorded, parameters: _Parameters, moved: np.ndarray, total: np.ndarray
     ) -> np.ndarray:
         """How far logarithms of harmonics are from where the derivatives lead, with the steps of
         ``other``: between all parameters less by the part CHECKED of themselves, or more, and as much
         more, or less; over that part, (k,). Infinite where other events occur.
         """
-        signs = np.where(np.random.default_rng(len(keys)).random(len(keys)) < 0.5, -1.0, 1.0)
+        count = len(parameters.keys)
+        signs = np.where(np.random.default_rng(count).random(count) < 0.5, -1.0, 1.0)
         try:
             state = self._closed_by(other)
             above, below = (
-                self._reached(other, state, moved, keys, part)
+                self._reached(
+                    other,
+                    parameters.changed(other.map.scenario, part),
+                    self.moved(moved @ part, state),
+                )
                 for part in (CHECKED * signs, -CHECKED * signs)
             )
         except SimulationError:
@@ -401,22 +436,12 @@ class _Differences:
             end = other.settle(state)
         raise NotDifferentiable(NOT_CLOSED)
 
-    def _reached(
-        self,
-        other: _Recorded,
-        state: np.ndarray,
-        moved: np.ndarray,
-        keys: Sequence[str],
-        part: np.ndarray,
-    ) -> np.ndarray:
-        """Harmonics that repeat when all parameters change by a ``part`` of themselves, (k,), beside
-        the ``state`` that the steps of another recording close.
+    def _reached(self, other: _Recorded, scenario: Scenario, start: np.ndarray) -> np.ndarray:
+        """Harmonics of a changed scenario that repeat near a ``start``, with the steps of another
+        recording, (k,).
 
         Raises SimulationError where other events occur.
         """
-        scenario, start = other.map.scenario, self.moved(moved @ part, state)
-        for key, change in zip(keys, part.tolist(), strict=True):
-            scenario = scenario.nudged(key, scenario[key] * (1.0 + change))
         if not other.has_same_events(start, scenario):
             raise NotDifferentiable(KINK)
         end = other.beside(start, scenario)
