@@ -15,7 +15,7 @@ coefficients are integrated over each step, not made of samples.
 
 **Where there is no derivative.** Lines have kinks where a friction just sticks or just does not
 (grazing), and near them derivatives depend on the steps. So all parameters are changed together, once
-up and once down by a hundred-thousandth, with coarser steps: a period that chooses its steps itself,
+up and once down by a hundred-thousandth, with finer steps: a period that chooses its steps itself,
 from where the derivatives say that the changed drive repeats, must have the same events, and between
 the two lines must go where the derivatives lead. Where they do not, the derivative is not given.
 """
@@ -39,7 +39,7 @@ from microvib.solve.sampling import step_buffer
 from microvib.solve.steady.period import PeriodMap, search_error
 from microvib.solve.steady.search import STICKING_STATES
 
-FINER, COARSER = 3, 2
+FINER, CHECKED_FINER = 3, 4
 """Times by which steps are finer than those of the solution: for the derivatives, and for their check."""
 SETTLED, FINE = 1e-12, 1e-9
 """Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
@@ -86,7 +86,7 @@ class LineDerivatives:
     """Derivatives of the complex amplitudes [N m per SI unit], (p, k); nan where there is none."""
     disagreement: np.ndarray
     """How far the lines are from where the derivatives lead when all parameters change by CHECKED of
-    themselves and steps are coarser, over that change and the line's largest relative derivative (at
+    themselves and steps are finer, over that change and the line's largest relative derivative (at
     least 1), (p, k); infinite where other events occur."""
 
     @property
@@ -122,9 +122,9 @@ def line_derivatives(
     known = np.all(np.isfinite(moved), axis=0)
     off = np.zeros(orders.size)
     if np.any(known):
-        coarser = _recorded(scenario, microsteps, keys, orders, COARSER)
+        finer = _recorded(scenario, microsteps, keys, orders, CHECKED_FINER)
         own = parameters.only(known)
-        off = about.disagreement(coarser, own, moved[:, known], total[:, known])
+        off = about.disagreement(finer, own, moved[:, known], total[:, known])
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.abs(total) / np.abs(about.harmonics)[:, None]
         largest = np.fmax(np.fmax.reduce(relative, axis=1, initial=1.0), 1.0)
