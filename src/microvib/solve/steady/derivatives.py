@@ -46,7 +46,7 @@ SETTLED, FINE = 1e-12, 1e-9
 it, over what a microstep moves."""
 STATE_STEP, PARAMETER_STEP = 5e-6, 6e-7
 """Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
-CHECKED, TOLERANCE = 1e-5, 1e-3
+CHECKED, TOLERANCE = 1e-5, 5e-4
 """Part of themselves by which parameters change to see whether lines follow their derivatives with
 other steps, and by how much they may not, over it and the largest relative derivative of the line (at
 least 1)."""
