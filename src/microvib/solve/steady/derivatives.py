@@ -41,10 +41,10 @@ from microvib.solve.steady.search import STICKING_STATES
 
 FINER, CHECKED_FINER = 3, 4
 """Times by which steps are finer than those of the solution: for the derivatives, and for their check."""
-SETTLED, FINE = 1e-12, 1e-9
+SETTLED, FINE = 1e-12, 1e-10
 """Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
 it, over what a microstep moves."""
-STATE_STEP, PARAMETER_STEP = 5e-6, 6e-7
+STATE_STEP, PARAMETER_STEP = 5e-6, 2e-6
 """Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
 CHECKED, TOLERANCE = 1e-5, 5e-4
 """Part of themselves by which parameters change to see whether lines follow their derivatives with
