@@ -20,7 +20,7 @@ from microvib.model.driver import NO_IMPERFECTIONS, Driver
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
-from microvib.model.part import Part, flatten_parameters, to_plain_data
+from microvib.model.part import Part, flatten_parameters, nudged_part, to_plain_data
 from microvib.model.record import Record, Solver, Start
 from microvib.model.reducer import KinematicError, Reducer
 from microvib.model.reference import Reference
@@ -575,6 +575,25 @@ class Scenario(Part):
                 }
                 data["sources"] = {**kept, key: USER_SOURCE}
         return validate_part(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
+
+    def nudged(self, key: str, value: float) -> Scenario:
+        """Make a copy with one number [SI] changed so little that it needs no check, which would
+        take longer than what is done with the copy; fields that follow from others are renewed.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key, one of ``entries``.
+        value : float
+            The number, in SI.
+
+        Returns
+        -------
+        Scenario
+            The changed copy, with sources as they were.
+        """
+        result: Scenario = nudged_part(self, key.split("."), value)
+        return result
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
         """Make a copy with the sources of those keys that the scenario has; others are dropped.

@@ -21,6 +21,7 @@ from microvib.results import (
     RATE,
     TORQUE,
     TORQUE_LIMIT,
+    TORQUE_UNCERTAINTY,
     Column,
     Table,
     columns_of,
@@ -58,6 +59,8 @@ class BestRate:
     microsteps: Annotated[int, MICROSTEPS]
     rate: Annotated[float, Column("best_rate_deg_s", "best rate", RATE, absent="none")]
     largest: Annotated[float, Column("largest_n_m", "its largest line", TORQUE)]
+    spread: Annotated[float, Column("spread_n_m", "± (ranges)", TORQUE_UNCERTAINTY)]
+    """How far that line moves within the ranges that sources note."""
     worst: Annotated[float, Column("worst_n_m", "worst of the range", TORQUE)]
 
 
@@ -103,10 +106,12 @@ _CAMPBELL_CAPTION = "Dashed: modes as seen through the drive. Rings: where a lin
 def _best_rate(plan: RatePlan, microsteps: int) -> BestRate:
     found = plan.best(microsteps)
     if found is None:
-        rate, largest = math.nan, math.nan
+        rate, largest, spread = math.nan, math.nan, math.nan
     else:
-        rate, largest = found[0].rate, found[1]
-    return BestRate(microsteps, rate, largest, plan.worst(microsteps))
+        case, largest = found
+        line = case.largest(plan.band)
+        rate, spread = case.rate, math.nan if line is None else line.spread
+    return BestRate(microsteps, rate, largest, spread, plan.worst(microsteps))
 
 
 def _forbidden(plan: RatePlan) -> tuple[Item, ...]:

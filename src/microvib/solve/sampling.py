@@ -116,10 +116,8 @@ def sample_buffer(
 
 
 def step_buffer(rows: np.ndarray) -> Any:
-    """Samples that fill ``rows`` (n, ``kernel.STEP_COLUMNS``) with the steps themselves: start [s],
-    length [s] and the coefficients of the momentum in powers of the fraction of the step.
-
-    What does not fit is not recorded.
+    """Samples that fill ``rows`` (n, ``kernel.STEP_COLUMNS``) with the steps themselves, from which
+    they can be taken again (``microvib.solve.replay``). What does not fit is not recorded.
     """
     cursor = np.zeros(2, dtype=np.int64)
     return kernel.Samples(

@@ -89,6 +89,11 @@ class RateLine:
     """Frequency over the driving frequency."""
     frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", measure=TORQUE)]
+    spread: Annotated[float, Column("spread_n_m", measure=TORQUE)] = field(
+        default=math.nan, compare=False
+    )
+    """First-order change of the amplitude within the ranges that sources note
+    (``microvib.analysis.spread``)."""
     away: float = 0.0
     """How far from its frequency [Hz] another line may lie that it stands for."""
 
@@ -573,7 +578,9 @@ def _without_rounding(seen: Sequence[Line], driving_frequency: float) -> tuple[R
     """The lines that are not smaller than rounding beside the largest."""
     top = max((x.amplitude for x in seen), default=0.0)
     return tuple(
-        RateLine(x.name, x.kind, x.frequency / driving_frequency, x.frequency, x.amplitude)
+        RateLine(
+            x.name, x.kind, x.frequency / driving_frequency, x.frequency, x.amplitude, x.spread
+        )
         for x in seen
         if x.amplitude >= MIN_LINE_RATIO * top
     )

@@ -10,6 +10,7 @@ many microsteps. Where the phases are not equal it takes a whole electrical turn
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import pack
+from microvib.solve.pack import Packed, pack
 from microvib.solve.propagate import INITIAL_STEP_LEVELS
 from microvib.solve.sampling import FILTER_HALF_LENGTH, empty_sample_buffer
 
@@ -145,6 +146,31 @@ class PeriodMap:
             abs(section - last) * self.microstep_time,
         )
 
+    def beside(self, scenario: Scenario, packed: Packed) -> PeriodMap:
+        """Map of another drive over the same microsteps, from the same start; its rate may differ a
+        little, and ``packed`` has its parameters and the state of this one.
+        """
+        f_d = scenario.driving_frequency
+        assert f_d
+        if self.parts > 1 or self.command.compensated.acts:
+            other = PeriodMap(scenario, self.microsteps)
+            other.packed = packed
+            return other
+        other = copy(self)
+        other.scenario, other.packed = scenario, packed
+        other.frequency, other.microstep_time = f_d / self.microsteps, 1.0 / f_d
+        slower = other.microstep_time / self.microstep_time
+        other.times = self.start + (self.times - self.start) * slower
+        other._references = np.column_stack(
+            other.references(other.angle(np.arange(-1, self.microsteps + 1)))
+        )
+        other.commands = self.commands.copy()
+        other.commands[:, :2] = np.column_stack(
+            other.references(self.commands[:, 2] / packed.drive.z)
+        )
+        other.commands[:, 3] *= slower
+        return other
+
     def guess(self) -> np.ndarray:
         """State just before a microstep, seen from the command, of a drive that follows its command
         smoothly.
@@ -181,6 +207,11 @@ class PeriodMap:
     def angle(self, microstep: Any) -> Any:
         """Commanded rotor angle [rad] before a ``microstep`` of the period."""
         return self._begun + microstep * self._step
+
+    @property
+    def commanded_output(self) -> float:
+        """Angle of the output [rad] by the command at the start of the period."""
+        return -self._begun * float(self.packed.drive.inv_h)
 
     def references(self, angle: Any) -> tuple[Any, Any]:
         """Commanded currents [A] at a rotor angle [rad]."""
