@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR
-from microvib.analysis.start import SETTLED_EFOLDINGS, time_to_settle
+from microvib.analysis.start import may_still_ring
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.expected import SIDEBANDS, angle_errors
@@ -111,7 +111,7 @@ def out_of_band_lines(
     if any(x.status == TRANSIENT for x in table):  # in the steady state nothing rings
         return
     for mode in modes:
-        if mode.damping > 0.0 and mode.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS:
+        if mode.damping > 0.0 and may_still_ring(mode, scenario):
             yield _unbounded(f"ringing of {mode.name}", mode.frequency)
 
 

@@ -346,6 +346,21 @@ def sliding_growth(scenario: Scenario) -> float:
     return growth if growth > _GROWTH_NOISE * max(rounding, 0.0) + 1e-9 else 0.0
 
 
+def undamped_rounding(scenario: Scenario) -> float:
+    """Largest real part [1/s] that rounding gives eigenvalues of the drive about rest, none of which
+    is above zero.
+    """
+    largest = _largest_real_part(
+        held_motor(scenario),
+        scenario.reducer,
+        scenario.friction,
+        scenario.array,
+        scenario.mounted,
+        scenario.driver.drive == "voltage",
+    )
+    return max(largest, 0.0)
+
+
 @lru_cache(maxsize=16)
 def _largest_real_part(
     motor: Motor,

@@ -31,7 +31,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.steady.arrival import PeriodicMotion, confirm_reached_from_rest
-from microvib.solve.steady.from_rest import RunFromRest
+from microvib.solve.steady.from_rest import RingingTimes, RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 from microvib.solve.steady.segments import SegmentEnds, Segments
 
@@ -67,6 +67,18 @@ SETTLING_RATIO = 2.0
 """Settling time, over that by the modes' own damping, above which friction feeds the modes."""
 SLOW_MULTIPLIER = 0.8
 """Multiplier above which a deviation decays slowly."""
+LEAST_SIMULATED_MULTIPLIER = 0.3
+"""Multiplier by the rough derivatives from which what is left of a deviation is simulated: what
+decays faster cannot be kept up by the varying stiffness of a motor.
+"""
+DEVIATION = 0.3
+"""Deviation with which that is done, over what a microstep moves."""
+LEAST_PART_OF_DECAY = 0.7
+"""Part of the slowest mode's own decay below which something feeds a mode: then all derivatives
+are computed.
+"""
+DOUBTED_MULTIPLIER = 0.99
+"""Multiplier above which that is done in any case: by slow shapes it may be wrong by 0.004."""
 STICKING_STATES = np.array([kernel.WM, kernel.WL])
 """States that are exactly zero while a friction sticks."""
 DIFFERENCE_STEP = 0.03
@@ -188,8 +200,15 @@ class Search:
         return x, ends
 
     def _check_stable(self) -> None:
-        """Against unstable motions: no deviation may grow from period to period."""
-        self.multiplier = self._multiplier(self._derivatives_of_solution())
+        """Against unstable motions: no deviation may grow from period to period.
+
+        Where a mode decays about as its own damping has it, what the search knows of its shape
+        suffices; else all is differentiated anew, at the solution.
+        """
+        self.multiplier = self._multiplier_of_slow_shapes(self.newton.derivatives)
+        own = RingingTimes(self.period.scenario).decay / self.period.frequency
+        if not self.multiplier < min(math.exp(-LEAST_PART_OF_DECAY * own), DOUBTED_MULTIPLIER):
+            self.multiplier = self._multiplier(self._derivatives_of_solution())
         if self.multiplier > MAX_STABLE_MULTIPLIER:
             if self.multiplier > MAX_REPORTED_MULTIPLIER:
                 far = "far from it"
@@ -243,22 +262,79 @@ class Search:
         result[:, :, STICKING_STATES] *= ~_shifted(self.ends.stuck)[:, None, :]
         return result
 
-    def _multiplier(self, derivatives: np.ndarray) -> float:
-        """Largest part of a deviation that is left after a period, by the derivatives of its
-        segments.
+    def _multiplier_of_slow_shapes(self, derivatives: np.ndarray) -> float:
+        """Largest part of a deviation that is left after a period, by deviations along shapes that
+        decay slowly by rough ``derivatives``.
 
-        Left eigenvectors of what decays slowly are kept as ``_slow``, and the largest multiplier of
-        all else as ``_fast``.
+        These are powers of one part's, too coarse near 1 and blind to what changes over the period.
+        Deviations along their right eigenvectors, real and imaginary parts by themselves, are
+        therefore simulated in all segments, and the left eigenvectors read off what becomes of
+        them: the product of these small matrices has the multipliers.
         """
         from scipy.linalg import eig  # slow to import, and runs from rest need none of it
 
         values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
-        slow = (size > SLOW_MULTIPLIER) & (values.imag >= 0.0)
+        told = (size > LEAST_SIMULATED_MULTIPLIER) & (values.imag >= 0.0)
+        self._fast = float(np.max(size[size <= LEAST_SIMULATED_MULTIPLIER], initial=0.0))
+        self._slow = np.zeros((0, size.size))
+        if not np.any(told):
+            return self._fast
+        shapes, readings = _real_columns(right[:, told]), _real_columns(left[:, told])
+        along, seen = [shapes], [readings.T]
+        for derivative in derivatives[:-1]:
+            along.append(derivative @ along[-1])
+        for derivative in derivatives[::-1]:
+            seen.insert(0, seen[0] @ derivative)
+        with np.errstate(all="ignore"):
+            # Beside a direction that grows by many powers of ten others vanish, and nothing is known.
+            found = self._reduced(np.array(along), [*seen[:-1], readings.T])
+        if not np.all(np.isfinite(found)):
+            return math.inf
+        multipliers, by_shape = np.linalg.eig(found.T)
+        self._keep(multipliers, by_shape.T @ np.linalg.solve(readings.T @ shapes, readings.T))
+        return float(np.max(np.abs(multipliers)))
+
+    def _reduced(self, along: np.ndarray, seen: list[np.ndarray]) -> np.ndarray:
+        """The period's map in coordinates of the deviations ``along`` (segments, n, m) of the starts
+        of its segments, which ``seen`` (m, n) at each start and at the end read off, (m, m).
+        """
+        bounds, (count, n) = self.segments.bounds, self.x.shape
+        m = along.shape[2]
+        moved = self.x[:, :, None] != 0.0  # what sticks stays at rest
+        step = DEVIATION / np.max(np.abs(along * moved), axis=1)
+        starts = self.x[:, None] + np.swapaxes(along * moved * step[:, None], 1, 2)
+        ends = self._from(
+            starts.reshape(-1, n), np.repeat(bounds[:-1], m), np.repeat(bounds[1:], m)
+        )
+        gained = np.swapaxes(ends.x.reshape(count, m, n) - self.ends.x[:, None], 1, 2)
+        result, following = np.eye(m), [*along[1:], along[0]]
+        for j in range(count):
+            unit = seen[j + 1] @ following[j]
+            result = np.linalg.solve(unit, seen[j + 1] @ (gained[j] / step[j])) @ result
+        return result
+
+    def _keep(self, multipliers: np.ndarray, left: np.ndarray) -> None:
+        """Keep left eigenvectors (m, n) of what decays slowly as ``_slow``, and the largest
+        multiplier of all else as ``_fast``.
+        """
+        size = np.abs(multipliers)
+        self._slow = left[(size > SLOW_MULTIPLIER) & (multipliers.imag >= 0.0)]
+        rest = float(np.max(size[size <= SLOW_MULTIPLIER], initial=0.0))
+        self._fast = max(self._fast, rest)
+
+    def _multiplier(self, derivatives: np.ndarray) -> float:
+        """Largest part of a deviation that is left after a period, by the ``derivatives`` of its
+        segments at the solution.
+        """
+        from scipy.linalg import eig
+
+        values, left, right = eig(_product(derivatives), left=True)
         with np.errstate(divide="ignore", invalid="ignore"):
-            self._slow = (left / np.sum(left * right.conj(), axis=0))[:, slow].conj().T
-        self._fast = float(np.max(size[size <= SLOW_MULTIPLIER], initial=0.0))
-        return float(np.max(size))
+            rows = (left / np.sum(left * right.conj(), axis=0)).conj().T
+        self._fast = 0.0
+        self._keep(values, rows)
+        return float(np.max(np.abs(values)))
 
     def _check_from_rest(self) -> None:
         """Against all else: the motion that a run shows is the one that a start from rest leads to."""
@@ -324,6 +400,12 @@ class _Newton:
         for update, step in self._updates:
             change += update * np.vdot(step, change)
         return change
+
+
+def _real_columns(vectors: np.ndarray) -> np.ndarray:
+    """Real columns that span the same as complex ones (n, m) and their conjugates."""
+    imaginary = vectors.imag[:, np.any(vectors.imag != 0.0, axis=0)]
+    return np.hstack([vectors.real, imaginary])
 
 
 def _shifted(ends: np.ndarray) -> np.ndarray:
