@@ -276,8 +276,8 @@ def _not_lasting_reason(scenario: Scenario) -> str:
     varies at twice their frequency, or windings take damping away, they grow from nothing.
     """
     ringing = {mode.name: decay_in_motion(mode, scenario) for mode in _ringing_modes(scenario)}
-    slowest = min((name for name in ringing if ringing[name] > 0.0), key=ringing.get, default="")
-    decay = ringing.get(slowest, math.inf)
+    decays = [(decay, name) for name, decay in ringing.items() if decay > 0.0]
+    decay, slowest = min(decays, default=(math.inf, ""))
     needed = _ONSET_EFOLDINGS / decay
     what = f"lines while {slowest} still rings with more than a third of what it began with"
     if (growth := sliding_growth(scenario)) > 0.0:

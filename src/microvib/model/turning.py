@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +53,8 @@ _LARGEST_MOTION = 0.5
 """Electrical angle [rad] by which the rotor is taken to move at most by what varies."""
 _SLOWEST = 1e-9j
 """Complex frequency [rad/s] in place of 0 behind an integrator."""
+_LARGEST_EXPONENT = 300.0
+"""Growth over a period, as exponent of e, that can be computed."""
 _ROUNDING = 10.0
 """Times the rounding of eigenvalues that, but for it, are zero."""
 
@@ -182,6 +184,8 @@ class _System:
         step = self.period / len(self.varying)
         unit = np.eye(constant.size)
         inverse = np.linalg.inv(shapes)
+        if float(np.max(constant.real)) * self.period > _LARGEST_EXPONENT:
+            return constant.real, unit  # it grows without what varies, and by too much for figures
         half = ((shapes * np.exp(0.5 * step * constant)) @ inverse).real
         kicks = unit + step * self.varying + (0.5 * step**2) * (self.varying @ self.varying)
         multipliers, vectors = np.linalg.eig(_product(half @ kicks @ half))
@@ -305,20 +309,20 @@ class _Windings:
         behind = math.atan2(carried.imag, carried.real) - math.asin(wanted / size)
         return _Windings(scenario, omega_e, behind, carried, by_emf * np.exp(1j * behind), load)
 
-    def impedance(self, omega: float | np.ndarray) -> complex:
+    def impedance(self, omega: float | np.ndarray) -> Any:
         """Voltage over current [ohm], loop included, at ``omega`` [rad/s] in the frame."""
         motor, driver = self.scenario.motor, self.scenario.driver
         s = 1j * (np.asarray(omega) + self.omega_e)
         inductance = motor.winding_inductance + driver.derivative_gain
         return motor.winding_resistance + s * inductance + self._loop(s)
 
-    def _loop(self, s: complex) -> complex:
+    def _loop(self, s: Any) -> Any:
         driver = self.scenario.driver
         if driver.integral_gain == 0.0:
             return driver.proportional_gain
         return driver.proportional_gain + driver.integral_gain / np.where(s == 0.0, _SLOWEST, s)
 
-    def response(self, omega: float | np.ndarray) -> complex:
+    def response(self, omega: float | np.ndarray) -> Any:
         """Current over its reference at ``omega`` [rad/s] in the frame."""
         motor, driver = self.scenario.motor, self.scenario.driver
         s = 1j * (np.asarray(omega) + self.omega_e)
