@@ -26,7 +26,7 @@ import numpy as np
 
 from microvib.model.drive_matrices import drive_matrices
 from microvib.model.driver import references_over_electrical_period
-from microvib.model.linear import CoupledMode, coupled_modes, undamped_rounding
+from microvib.model.linear import CoupledMode, coupled_modes, matrices, undamped_rounding
 from microvib.model.load import Load
 from microvib.model.scenario import Scenario
 
@@ -53,6 +53,8 @@ _LARGEST_MOTION = 0.5
 """Electrical angle [rad] by which the rotor is taken to move at most by what varies."""
 _SLOWEST = 1e-9j
 """Complex frequency [rad/s] in place of 0 behind an integrator."""
+_LEAST_GROWTH = 0.5
+"""Growth to first order, over a mode's own decay, from which it may be kept ringing."""
 _LARGEST_EXPONENT = 300.0
 """Growth over a period, as exponent of e, that can be computed."""
 _ROUNDING = 10.0
@@ -93,6 +95,48 @@ def decay_in_motion(mode: CoupledMode, scenario: Scenario) -> float:
     its damping where the variation of the motor's stiffness adds to that; negative where it grows.
     """
     return min(mode.decay, turning_drive(scenario).decay.get(mode.name, math.inf))
+
+
+class ParametricResonance(NamedTuple):
+    """A mode, or two, that varying stiffness may keep ringing at some rate."""
+
+    mode: CoupledMode
+    """The one, or the lower of the two."""
+    frequency: float
+    """Frequency of the variation there [Hz]: twice the mode's, or the sum of both."""
+    order: int
+    """Cycles per electrical turn of what varies."""
+
+
+def parametric_resonances(scenario: Scenario) -> tuple[ParametricResonance, ...]:
+    """Modes that detent torque and flux harmonics may keep ringing, at whatever rate.
+
+    To first order a stiffness k cos(omega t) on the rotor makes a mode grow at k phi^2 / (4 omega_0)
+    where omega is twice its frequency omega_0, and two at k phi phi' / (4 sqrt(omega_0 omega_0'))
+    where it is the sum of theirs; phi is what the rotor moves in a mode of unit modal mass. What is
+    well below their own decay is left out.
+    """
+    from scipy.linalg import eigh  # slow to import
+
+    modes = [m for m in coupled_modes(scenario) if m.frequency > 0.0]
+    orders = scenario.motor.stiffness_orders
+    if not modes or not orders:
+        return ()
+    M, _, K = matrices(scenario)
+    squares, shapes = eigh(K, M)
+    natural = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
+    nearest = [int(np.argmin(np.abs(natural - m.frequency))) for m in modes]
+    omega = np.array([2.0 * math.pi * m.frequency for m in modes])
+    moved = np.abs(shapes[0, nearest]) / (2.0 * np.sqrt(omega))
+    decay = np.sqrt(np.maximum([m.decay for m in modes], 0.0))
+    found = []
+    for order, stiffness in orders.items():
+        grows = stiffness * np.outer(moved, moved) > _LEAST_GROWTH * np.outer(decay, decay)
+        for i, j in np.argwhere(np.triu(grows)).tolist():
+            lower = min(modes[i], modes[j], key=lambda mode: mode.frequency)
+            both = modes[i].frequency + modes[j].frequency
+            found.append(ParametricResonance(lower, both, order))
+    return tuple(found)
 
 
 class _Turning:
