@@ -33,6 +33,7 @@ from microvib.model.scenario import Scenario
 from microvib.studies.evidence import Evidence, Observation, observations
 from microvib.studies.identify import MODEL_ERROR, Fit, identify
 from microvib.studies.identify.problem import DECAY_FLOOR, FREQUENCY_FLOOR, PHASE_FLOOR
+from microvib.studies.relative_phase import phase_multiples
 from microvib.units import Si
 
 SPREAD = {"reducer.stiffness": 0.3, "motor.friction.viscous": 0.3, "array.rigid_inertia": 0.2}
@@ -75,17 +76,32 @@ def made(start: Scenario, random: np.random.Generator, driver: bool) -> Made:
     table = lines_of_samples(
         torque + random.normal(0.0, NOISE, torque.size), RATE, start, measured=True
     )
-    found = tuple(wrong(o, random) for o in observations(table))
+    found = wrong_figures(observations(table), start, random)
     return Made(
         Evidence("made", found, table.clock_ratio, start.record.duration, RATE), {**own, **truth}
     )
 
 
-def wrong(o: Observation, random: np.random.Generator) -> Observation:
-    """A figure that is wrong by as much as a model and an instrument chain are trusted to be."""
+def wrong_figures(
+    found: Sequence[Observation], scenario: Scenario, random: np.random.Generator
+) -> tuple[Observation, ...]:
+    """Figures of a recording that are wrong by as much as a model and an instrument chain are
+    trusted to be: phases by errors of both lines, of which the one that they are against has one
+    error in all.
+    """
+    against = {o.against: PHASE_FLOOR * random.normal() for o in found if o.against}
+    return tuple(_wrong(o, against.get(o.against, 0.0), scenario, random) for o in found)
+
+
+def _wrong(
+    o: Observation, against: float, scenario: Scenario, random: np.random.Generator
+) -> Observation:
     error = random.normal()
     if o.is_angle:
-        return replace(o, value=o.value + PHASE_FLOOR * error)
+        m, n = 1, 0
+        if o.against:
+            m, n = phase_multiples(o.line, o.against, scenario.motor.alike_per_turn)
+        return replace(o, value=o.value + m * PHASE_FLOOR * error - n * against)
     floor = {"frequency": FREQUENCY_FLOOR, "decay": DECAY_FLOOR}.get(o.form, MODEL_ERROR)
     return replace(o, value=o.value * math.exp(floor * error))
 

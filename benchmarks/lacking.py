@@ -6,9 +6,8 @@ FILE]``
 
 Each recording is of a drive whose fitted parameters, rate and clock are drawn, and which has one
 thing that the identification's scenario lacks: torque noise, presliding, a supply voltage that
-saturates, a third harmonic of the flux linkage (as a driver's table of order 4, whose torque is the
-same at one current), backlash, a resonance of the table, or a low-pass in the chain. Counted are
-figures that are called identifiable and are off by more than 5 % and three of their standard
+saturates, a third harmonic of the flux linkage, backlash, a resonance of the table, or a low-pass
+in the chain. Counted are figures that are called identifiable and are off by more than 5 % and three of their standard
 errors. Nothing is asserted.
 """
 
@@ -69,7 +68,7 @@ def _saturation(random: np.random.Generator) -> Changed:
 
 def _flux(random: np.random.Generator) -> Changed:
     size, phase = _log(random, 0.001, 0.03), random.uniform(-math.pi, math.pi)
-    return {"driver.table": {"harmonics": [{"order": 4, "amplitude": size, "phase": phase}]}}
+    return {"motor.flux_harmonics": [{"order": 3, "amplitude": size, "phase": phase}]}
 
 
 def _backlash(random: np.random.Generator) -> Changed:

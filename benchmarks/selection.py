@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from intervals import NOISE, RATE, wrong
+from intervals import NOISE, RATE, wrong_figures
 
 import microvib as mv
 from microvib.analysis.lines import lines_of_samples
@@ -68,7 +68,7 @@ def asked(
     table = lines_of_samples(
         torque + random.normal(0.0, NOISE, torque.size), RATE, every, measured=True
     )
-    found = tuple(wrong(o, random) for o in observations(table))
+    found = wrong_figures(observations(table), every, random)
     evidence = Evidence("made", found, table.clock_ratio, start.record.duration, RATE)
     keys, trust = [parse_fit(start, "reducer.stiffness")], ErrorModel(MODEL_ERROR)
     tests, _ = without_start_dependence([(evidence, {})], start, keys, trust)

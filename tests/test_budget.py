@@ -18,7 +18,11 @@ from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.file_access import NO_FILES, FileAccess
 from microvib.io.scenario_file import dump_scenario
-from microvib.model.coupling import line_of_sight_transfer
+from microvib.model.coupling import (
+    blocked_load_method,
+    line_of_sight_transfer,
+    rotation_to_hub_axes,
+)
 from microvib.model.linear import coupled_modes
 from microvib.model.rigid import rigid_motion_at
 from microvib.model.spacecraft import SecondWing
@@ -26,6 +30,7 @@ from microvib.reports.budget import budget_outcome, draw_budget, draw_cumulative
 from microvib.reports.outcome import study_contents, terminal_text
 from microvib.signals.in_step import bases
 from microvib.signals.pointing import confidence_level_angle, metric_weight
+from microvib.signals.tones import HannSpectrum
 from microvib.studies.budget.angles import budget_over_angles
 from microvib.studies.budget.arrays import lacking
 from microvib.studies.budget.cases import with_craft_of_cases, with_nominal_craft
@@ -36,6 +41,7 @@ from microvib.studies.budget.sources import (
     BLOCKED_LOAD_UNCERTAINTY,
     Contribution,
     Unobserved,
+    contribution_of_recording,
     contribution_of_run,
     open_gap,
 )
@@ -1884,6 +1890,61 @@ def test_noise_of_any_channel_of_a_recording_is_in_doubt(channel: str, noise: fl
     ):
         assert math.isfinite(found.most)
         assert found.least <= true.value <= found.most
+
+
+@pytest.mark.parametrize("order", [25, 40, 41])
+def test_an_order_that_is_not_listed_and_that_a_floor_hides_keeps_it_from_passing(
+    order: int,
+) -> None:
+    """A tone of a multiple of the electrical frequency, alone in its band, four floors high."""
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
+    driving, rate = scenario.driving_frequency, scenario.record.sample_rate
+    assert driving is not None
+    f = order * driving / (scenario.driver.beats * scenario.driver.microsteps)
+    ground = mv.simulate(scenario.model_copy(update={"spacecraft": None}))
+    rng, t = np.random.default_rng(1), ground.time
+    loads = {n: ground[n] + 1e-3 * rng.normal(size=t.size) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}  # fmt: skip
+    floor = HannSpectrum.of(loads["Mx"] - loads["Mx"].mean(), rate).floor(f)
+    loads["Mx"] = loads["Mx"] + 4.0 * floor * np.cos(2.0 * np.pi * f * t + 1.0)
+    recording = Recording(loads, rate, {n: "N" if n[0] == "F" else "N*m" for n in loads}, "table")
+    one = contribution_of_recording("drive", scenario, recording, harmonics=2)
+    assert not np.any(np.abs(one.frequency - f) < 0.2)
+    load = rotation_to_hub_axes(scenario)[:, 3][None, :] * 4.0 * floor
+    los = blocked_load_method(scenario, np.array([f]), load).los
+    assert los is not None
+    true = float(np.abs(los[0, 0])) / math.sqrt(2.0)
+    band = {"lowest": f"{f - 0.2!r} Hz", "highest": f"{f + 0.2!r} Hz", "axis": "x"}
+    low, high = (
+        assess(requirement(metric="ape", limit=f"{part * true!r} rad", **band), [one], "rss")
+        for part in (0.9, 4.0)
+    )
+    assert low.verdict == "not judged"
+    assert true <= low.most
+    assert high.verdict == "pass"
+
+
+@pytest.mark.parametrize("band", [{}, {"highest": "0.25 Hz"}, {"lowest": "0.1 Hz"}])
+def test_what_is_too_slow_for_a_recording_keeps_it_from_passing(band: dict[str, str]) -> None:
+    """A tone of 0.2 Hz in a record of 16 s, which no line and no band accounts for."""
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml")
+    steady = scenario.model_copy(update={"spacecraft": None}).with_({"record.start": "steady"})
+    ground, f, size = mv.run_scenario(steady).motion, 0.2, 0.05
+    assert ground is not None
+    rng, t, rate = np.random.default_rng(1), ground.time, scenario.record.sample_rate
+    loads = {n: ground[n] + 1e-4 * rng.normal(size=t.size) for n in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}  # fmt: skip
+    loads["Mx"] = loads["Mx"] + size * np.cos(2.0 * np.pi * f * t + 1.0)
+    recording = Recording(loads, rate, {n: "N" if n[0] == "F" else "N*m" for n in loads}, "table")
+    one = contribution_of_recording("drive", scenario, recording, harmonics=2)
+    load = rotation_to_hub_axes(scenario)[:, 3][None, :] * size
+    los = blocked_load_method(scenario, np.array([f]), load).los
+    assert los is not None
+    true = float(np.abs(los[0, 0])) / math.sqrt(2.0)
+    asked = requirement(metric="ape", axis="x", limit=f"{0.9 * true!r} rad", **band)
+    found = assess(asked, [one], "rss")
+    assert true <= found.most
+    assert found.verdict != "pass"
+    above = requirement(metric="ape", axis="x", limit=f"{0.9 * true!r} rad", lowest="1 Hz")
+    assert assess(above, [one], "rss").verdict == "pass"
 
 
 def test_a_glitch_in_a_recording_keeps_it_from_passing() -> None:

@@ -56,6 +56,7 @@ DONE = {
         "record.duration=0.5 s",
     ],
     "rates": RATES,
+    "profile": ["profile", "state-1", "--linear"],
     "margin": ["margin", PULSES, "--over", "driver.supply_voltage=60:62 V", "--count", "2"],
     "modes": ["modes", "modes.csv"],
     "sas size": ["sas", "size", "--inertia", "8.18", "--frequency", "1.19"],
@@ -98,6 +99,7 @@ REFUSED = {
     "validate": (["validate", "--out", "old"], "already holds results"),
     "statements": (["statements", "modes.csv"], "is not a table of draws"),
     "rates": ([*RATES[:2], "--from", "1 kg", *RATES[4:]], "'1 kg' has the wrong dimension"),
+    "profile": (["profile", "state-1", "--final-rate", "1 kg"], "'1 kg' has the wrong dimension"),
     "modes": (["modes", "reference-arry"], "reference-arry"),
     "sas size": (
         ["sas", "size", "--inertia", "8 m", "--frequency", "1 Hz"],

@@ -18,10 +18,10 @@ import microvib as mv
 from microvib import compiled
 from microvib.compiled import ahead, codegen, machine, sources
 from microvib.signals import tone_fit, tone_kernel
-from microvib.solve import decimate, kernel, propagate, propagators
+from microvib.solve import decimate, kernel, propagate, propagators, replay
 
 SMALL_UNITS = (kernel, propagators, decimate, tone_kernel, tone_fit)
-OF_THE_PACKAGE = (*SMALL_UNITS, propagate)
+OF_THE_PACKAGE = (*SMALL_UNITS, propagate, replay)
 UNITS = {module.__name__: module.code for module in (*OF_THE_PACKAGE, loop)}
 SMALL = '''
 """A unit of every kind of argument and result."""

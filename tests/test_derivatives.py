@@ -1,12 +1,16 @@
 """Derivatives of a steady state's lines, beside differences of steady states that are solved for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.scenarios import random_scenario
 
 import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.solve.steady.derivatives import NotDifferentiable
+from microvib.solve import kernel
+from microvib.solve.steady.derivatives import NotDifferentiable, _offset, _Recorded
+from microvib.solve.steady.period import PeriodMap
 from microvib.solve.steady.state import SteadyState, steady_state
 
 KEYS = (
@@ -48,6 +52,68 @@ def test_they_are_those_of_steady_states_that_are_solved_for(state: SteadyState,
     assert found == pytest.approx(solved, rel=0.01, abs=2e-3)
 
 
+CLOSED_KEYS = (
+    "motor.current",
+    "motor.winding_inductance",
+    "reducer.ratio",
+    "reducer.stiffness",
+    "friction.stribeck_shape",
+    "array.rigid_inertia",
+    "array.modes.0.frequency",
+    "tracking.rate",
+)
+
+
+def _closed(state: SteadyState, key: str, factor: float, orders: np.ndarray) -> np.ndarray:
+    """Harmonics of the motion that repeats, with finer steps and one value changed."""
+    given = state.scenario
+    changed = _with(given.with_si({"solver.refinement": 4}), key, factor)
+    if key == "reducer.ratio":
+        changed = changed.with_si({"record.settle": given["record.settle"] / factor})
+    start = state.state.copy()
+    wound = [PeriodMap(x, state.microsteps).commanded_output for x in (given, changed)]
+    start[kernel.TL] += wound[1] - wound[0]
+    beside = replace(state, scenario=changed, state=start)
+    return beside.derivatives([], orders.tolist()).amplitudes
+
+
+@pytest.mark.parametrize("of", ["state-1", "rigid"])
+def test_they_are_those_of_motions_that_are_closed(of: str) -> None:
+    """All lines above 1 % of the largest, complex, by keys that act in every part of the drive."""
+    scenario = mv.load_scenario("state-1")
+    keys = CLOSED_KEYS
+    if of == "rigid":
+        scenario = scenario.with_si({"reducer.stiffness": "rigid"})
+        keys = tuple(key for key in keys if key not in ("reducer.stiffness", "array.rigid_inertia"))
+    state, part = steady_state(scenario), 1e-4
+    found = state.derivatives(keys)
+    large = np.abs(found.amplitudes) > 0.01 * np.abs(found.amplitudes).max()
+    here = _closed(state, keys[0], 1.0, found.orders[large])
+    expected = np.array(
+        [
+            np.subtract(*(_closed(state, key, 1.0 + x, found.orders[large]) for x in (part, -part)))
+            / (2.0 * part * here)
+            for key in keys
+        ]
+    )
+    largest = np.maximum(np.abs(expected).max(axis=0), 1.0)
+    off = np.abs(found.relative[:, large] - expected) / largest
+    assert np.sum(large) >= 10
+    assert np.mean(np.isnan(off)) < 0.05
+    assert np.nanmax(off) < 3e-4
+    assert np.nanquantile(off, 0.98) < 1e-4
+
+
+def test_a_replay_ends_where_the_recorded_period_does(state: SteadyState) -> None:
+    period = PeriodMap(state.scenario, state.microsteps)
+    recorded = _Recorded(PeriodMap(state.scenario, state.microsteps), np.arange(1, 17), False)
+    start = state.state - _offset(period)
+    end = recorded.record(start).state + _offset(period)
+    assert np.abs((end - period.advance(state.state)) / period.sizes).max() < 1e-5
+    again = recorded.beside(start).state + _offset(period)
+    assert np.abs((end - again) / period.sizes).max() < 1e-9
+
+
 def test_fourier_coefficients_of_steps_are_those_of_samples(state: SteadyState) -> None:
     amplitudes = state.derivatives(["reducer.damping"], LINES).amplitudes
     assert np.abs(amplitudes) == pytest.approx(np.abs(state.harmonics()[list(LINES)]), rel=1e-4)
@@ -62,12 +128,26 @@ def test_detent_and_torque_constant_scale_the_full_step_line(state: SteadyState)
     assert by_constant.real == pytest.approx(-1.0, abs=0.03)
 
 
-def test_a_kink_has_no_derivative() -> None:
-    """Sticks that are about to drop out: differences to both sides disagree, and nothing is given."""
+def test_near_a_kink_there_is_no_derivative() -> None:
+    """Sticks that are about to drop out: derivatives depend on the steps, and few are given."""
     scenario = random_scenario(20)
     kinked = steady_state(scenario).derivatives(["motor.torque_constant", "motor.friction.viscous"])
     large = np.abs(kinked.amplitudes) > 3e-3 * np.abs(kinked.amplitudes).max()
     assert np.mean(np.isnan(kinked.derivatives[:, large])) > 0.5
+
+
+def test_a_parameter_that_is_zero_has_one_with_a_scale() -> None:
+    """Of viscous friction that is not there yet, beside steady states with a little of it."""
+    scenario = mv.load_scenario("state-1").with_si({"friction.viscous": 0.0})
+    state, scale = steady_state(scenario), 5.0
+    found = state.derivatives(["friction.viscous"], LINES, scales={"friction.viscous": scale})
+    fine = scenario.with_si({"solver.refinement": 4})
+    none, some = (
+        np.abs(steady_state(fine.with_si({"friction.viscous": x})).harmonics()[list(LINES)])
+        for x in (0.0, 1e-3 * scale)
+    )
+    along = (found.derivatives[0] * found.amplitudes.conj() / np.abs(found.amplitudes)).real
+    assert 1e-3 * scale * along / none == pytest.approx(some / none - 1.0, rel=0.05, abs=1e-5)
 
 
 def test_what_has_none_is_refused(state: SteadyState) -> None:

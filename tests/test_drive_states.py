@@ -11,13 +11,16 @@ import microvib as mv
 from microvib.io.file_access import FileAccess
 from microvib.model.coupling import blocked_load_method, line_of_sight_transfer, source_of
 from microvib.model.drive_states import (
+    MAY_STICK,
+    SLIDES,
     DriveStates,
+    Sticking,
     drive_states,
     springs_of_detent,
     springs_of_drive,
 )
 from microvib.model.rigid import rigid_motion_at
-from microvib.studies.budget.files import OtherSource, Requirement
+from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.sources import contribution_of_run
 from microvib.studies.budget.sums import assess, worst_alternative
@@ -66,9 +69,14 @@ F = np.geomspace(0.3, 20.0, 60)
 def test_nothing_is_looked_at_where_drives_are_known(one_wing: mv.Scenario) -> None:
     assert drive_states(one_wing) is None
     assert drive_states(held(one_wing, SMOOTH)) is None
-    assert drive_states(mv.load_scenario(EXAMPLE)) is None  # its own friction slides
+    assert drive_states(mv.load_scenario(EXAMPLE), sticking=(SLIDES, MAY_STICK)) is None
+    assert drive_states(mv.load_scenario(EXAMPLE), sticking=(MAY_STICK, SLIDES)) is not None
+    rotor = one_wing.with_({"motor.friction": DRY})
+    assert drive_states(rotor, sticking=(Sticking(False, True), SLIDES)) is None
+    assert drive_states(rotor, sticking=(Sticking(True, False), SLIDES)) is not None
     dry = held(one_wing, DRY)
-    assert drive_states(dry, steps=True) is None
+    assert drive_states(dry, steps=True) is not None
+    assert drive_states(dry, steps=True, sticking=(MAY_STICK, SLIDES)) is None
     assert drive_states(dry) is not None
 
 
@@ -216,6 +224,59 @@ def test_a_density_is_as_large_as_in_the_worst_state(
     assert max(rms) > 1.3 * rms[0]
 
 
+STUCK = {**DRY, "breakaway": "1.2 N*m"}
+
+
+@pytest.mark.parametrize(
+    ("motion", "verdict"),
+    [
+        ({"friction": DRY}, "pass"),  # slides
+        ({"friction": STUCK}, "not judged"),  # sticks half of the time
+        ({"friction": STUCK, "tracking.rate": "0 deg/s"}, "not judged"),  # parked
+    ],
+)
+@pytest.mark.parametrize("what", ["line", "wheel", "range", "density"])
+def test_a_drive_that_sticks_holds_its_array_as_a_rigid_joint_does(
+    what: str, motion: dict[str, object], verdict: str, one_wing: mv.Scenario, tmp_path: Path
+) -> None:
+    """Other sources at the mode of the array on a locked shaft, between what they make of the craft
+    whose drive slides and of one whose drive is rigid, which is 2.3 times that.
+    """
+    f = 1.14096
+    scenario = one_wing.with_({**motion, "record.settle": "200 s"})
+    locked = one_wing.with_si(
+        {
+            "motor": one_wing.motor.model_copy(update={"current": 1e6}),
+            "reducer": one_wing.reducer.model_copy(update={"stiffness": 1e11}),
+        }
+    )
+    slides, sticks = (
+        float(by_loads(craft, np.array([f]))[0, 1, 4]) for craft in (one_wing, locked)
+    )
+    assert sticks > 2.2 * slides
+    size = 1.0
+    (tmp_path / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},{size}\n")
+    band = 1e-4
+    (tmp_path / "density.csv").write_text(
+        f"frequency_hz,my_n2_m2_hz\n{f - band},{size**2 / 4 / band}\n{f + band},{size**2 / 4 / band}\n"
+    )
+    axial = size / (2.0 * np.pi * f) ** 2
+    harmonics = [{"order": 1, "axial_torque": f"{axial!r} N*m*s^2/rad^2"}]
+    wheel = {"speed": f"{60 * f!r} rpm", "axis": [0, 1, 0], "harmonics": harmonics}
+    if what == "range":
+        wheel |= {"speed": f"{60 * 1.138!r} rpm", "speed_to": f"{60 * 1.144!r} rpm"}
+    given = {"line": {"lines": str(tmp_path / "lines.csv")}, "density": {"density": str(tmp_path / "density.csv")}}.get(what, {"wheel": wheel})  # fmt: skip
+    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], **given)
+    limit = float(size * 1.5 * slides / np.sqrt(2.0))
+    asked = {"metric": "ape", "axis": "y", "limit": f"{limit!r} rad", "lowest": f"{f - 0.01!r} Hz", "highest": f"{f + 0.01!r} Hz"}  # fmt: skip
+    (one,) = mv.pointing_budget(
+        scenario, Requirements(requirements=[asked]), sources=[source]
+    ).judged
+    assert one.verdict == verdict
+    if verdict == "not judged":
+        assert one.most >= size * sticks / np.sqrt(2.0) * (1.0 - 1e-6)
+
+
 def test_flux_harmonics_are_springs_of_a_held_drive_as_detent_torque_is(
     one_wing: mv.Scenario,
 ) -> None:
@@ -229,6 +290,6 @@ def test_flux_harmonics_are_springs_of_a_held_drive_as_detent_torque_is(
 
 def test_strands_of_a_harness_stick_or_slide(one_wing: mv.Scenario) -> None:
     strands = {"friction": "1 N*m", "presliding": {"stiffness": "4000 N*m/rad"}}
-    (spring,) = springs_of_drive(one_wing.with_({"friction.harness": strands}), held=False)
+    (spring,) = springs_of_drive(one_wing.with_({"friction.harness": strands}), SLIDES)
     assert (spring.low, spring.high) == (0.0, 1.0)
     assert spring.stiffness == pytest.approx(4000.0)

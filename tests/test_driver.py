@@ -632,3 +632,14 @@ def test_a_settling_time_is_fitted_or_its_error_is_stated():
 @pytest.mark.long
 def test_all_errors_of_the_phases_are_identified():
     check(estimates(ERRORS, seed=1, starts=32, finishes=2), ERRORS)
+
+
+@pytest.mark.parametrize("ramp", [0.9, 0.999, 0.9999, 1.0])
+def test_energy_is_balanced_however_long_ramps_are(ramp: float) -> None:
+    """Ramps that follow each other without a pause leave step control little to see."""
+    short = {"record.settle": "3 s", "record.duration": "1 s"}
+    for name in ("state-1", "state-4"):
+        scenario = mv.load_scenario(name).with_({**short, "driver.microstep_ramp": ramp})
+        motion = mv.simulate(scenario)
+        assert motion.invariants.broken == ()
+        assert motion.invariants.energy < 5e-6

@@ -13,11 +13,11 @@ import microvib as mv
 from microvib.analysis.start import wind_up
 from microvib.model.linear import coupled_modes, matrices
 from microvib.model.presliding import quasi_static_torque
+from microvib.model.ranges import values_without_range
 from microvib.reports.parameters import provenance
 from microvib.solve import kernel
 from microvib.solve.pack import pack
 from microvib.solve.steady.state import steady_state
-from microvib.studies.sensitivity import unranked_values
 
 HARNESS = {
     "stiffness": 2.0,
@@ -182,10 +182,10 @@ def test_harness_and_eddy_currents_are_assumed_until_their_source_is_given():
     changed = scenario.with_(data)
     assert provenance(changed.source_of(keys[0])).status == "set by the user"
     unnamed = changed.with_sources({})
-    assert set(keys) <= set(unranked_values(unnamed))
+    assert set(keys) <= set(values_without_range(unnamed))
     told = unnamed.with_sources({"friction.harness": "measured", "motor.eddy_damping": "measured"})
     assert all(provenance(told.source_of(key)).status == "given" for key in keys)
-    assert not set(keys) & set(unranked_values(told))
+    assert not set(keys) & set(values_without_range(told))
 
 
 def test_eddy_currents_are_a_viscous_torque_on_the_rotor():

@@ -175,6 +175,8 @@ PULSE = {
         ({"driver.beats": 6}, "beats: 6 is not allowed with drive: pulse"),
         ({"driver.proportional_gain": "5 V/A"}, "pulse has no current loop"),
         ({"driver.microstep_ramp": 0.5}, "microstep_ramp: shapes currents"),
+        ({"driver.microstep_shape": [{}, {"fraction": 0.5, "after": "3 ms"}]}, "microstep_shape: shapes currents"),
+        ({"driver.compensation": [{"order": 2, "amplitude": "9 arcsec"}]}, "compensation: cannot be combined with"),
         ({"driver.diode_voltage": "0 V"}, "driver.diode_voltage"),
         ({"motor.phases": 3, "driver.beats": 4}, "with 3 phases"),
     ],

@@ -8,15 +8,17 @@ from support.commands import microvib
 
 import microvib as mv
 from microvib.errors import MicrovibError
+from microvib.model.ranges import noted_ranges
+from microvib.signals.line_table import Line
 from microvib.studies.sensitivity import (
     Effect,
     LineEffects,
     _effect,
     _Scan,
-    noted_ranges,
     sensitivities,
 )
 
+LINE = Line("drive_1", amplitude=1.0)
 BRIEF = {"record.settle": "0.5 s", "record.duration": "2 s"}
 RANGES = {
     "array.inertia": "assumed: not weighed; range 8 kg*m^2 to 9 kg*m^2",
@@ -60,6 +62,32 @@ def test_effects_are_those_of_changed_scenarios(scenario):
     assert effect.sensitivity == pytest.approx(slope, abs=0.02)
 
 
+def test_in_the_steady_state_sensitivities_are_derivatives(scenario):
+    found = sensitivities(scenario, start="steady")
+    assert found.how == "Lines are those of steady states, and d ln/d ln their derivatives."
+    fine = scenario.with_si({"solver.refinement": 4})
+
+    def amplitude(key: str, factor: float) -> float:
+        changed = fine.with_si({key: scenario[key] * factor}).with_sources({})
+        return mv.find_lines(changed, start="steady")["drive_1"].amplitude
+
+    effects = {x.key: x for x in next(x for x in found if x.line == "drive_1").effects}
+    for key, effect in effects.items():
+        slope = math.log(amplitude(key, 1.002) / amplitude(key, 0.998)) / math.log(1.002 / 0.998)
+        assert effect.sensitivity == pytest.approx(slope, rel=0.01, abs=2e-4), key
+    ends = [amplitude("reducer.stiffness", x / 5053.0) for x in (3290.0, 6110.0)]
+    assert effects["reducer.stiffness"].amplitudes == pytest.approx(ends, rel=1e-3)
+
+
+def test_without_derivatives_differences_of_steady_states_are_taken(scenario):
+    remembers = scenario.with_({"friction.presliding": {"stiffness": "2000 N*m/rad"}})
+    remembers = remembers.with_sources({"array.inertia": RANGES["array.inertia"]})
+    found = sensitivities(remembers, start="steady")
+    assert "by array.inertia differences" in found.how
+    line = next(x for x in found if x.line == "full_step_1")
+    assert line.effects[0].sensitivity == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_scenario_that_notes_no_range_is_told_how():
     with pytest.raises(MicrovibError, match="sources: no value of this scenario has a range"):
         sensitivities(mv.load_scenario("state-1", BRIEF))
@@ -67,13 +95,13 @@ def test_a_scenario_that_notes_no_range_is_told_how():
 
 def test_a_jump_is_no_derivative():
     scan = _Scan("key", 2.0, (1.0, 3.0), ())
-    smooth = _effect(scan, 1.0, [0.98**1.5, 1.02**1.5, 0.4, 1.8])
+    smooth = _effect(scan, LINE, [0.98**1.5, 1.02**1.5, 0.4, 1.8])
     assert smooth.sensitivity == pytest.approx(1.5)
-    jumps = _effect(scan, 1.0, [0.98**1.5, 1.3, 0.4, 1.8])
+    jumps = _effect(scan, LINE, [0.98**1.5, 1.3, 0.4, 1.8])
     assert math.isnan(jumps.sensitivity)
     assert jumps.slopes == pytest.approx((1.5, math.log(1.3) / math.log(1.02)))
     assert jumps.span(1.0) == pytest.approx(1.4)
-    flat = _effect(scan, 1.0, [1.0, 1.001, 1.0, 1.0])
+    flat = _effect(scan, LINE, [1.0, 1.001, 1.0, 1.0])
     assert flat.sensitivity == pytest.approx(0.025, rel=0.02)
 
 

@@ -219,7 +219,11 @@ def test_noise_has_no_excess(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "ends", [(20.0, 45.0), (10.0, 60.0), (60.0, 10.0), (24.0, 30.0), (0.5, 3.0)]
+    "ends",
+    [
+        *((20.0, 45.0), (10.0, 60.0), (60.0, 10.0), (24.0, 30.0), (0.5, 3.0)),
+        *((1.0, 1.2), (0.9, 1.3), (1.4, 1.8), (2.0, 3.0)),
+    ],
 )
 @pytest.mark.parametrize("noise", [1e-3, 0.05])
 def test_a_tone_that_sweeps_through_a_band_is_no_floor(
@@ -245,6 +249,26 @@ def test_a_tone_that_sweeps_through_a_band_is_no_floor(
         (size,) = (size for (f, g), size in found.items() if f < 0.5 * (a + b) < g)
         assert size >= 0.7
     assert crossed >= 1
+
+
+@pytest.mark.parametrize(
+    ("middle", "duration"), [(0.6, 16.0), *((f, T) for f in (1.1, 1.6, 2.5) for T in (8.0, 16.0))]
+)
+def test_a_tone_that_goes_to_and_fro_at_low_frequencies_is_no_floor(
+    middle: float, duration: float
+) -> None:
+    """A tone of amplitude 1 by a fifth of its frequency to either side every five seconds, which fills
+    the bins of all pieces; noise whose density falls with the frequency remains a floor.
+    """
+    t = np.arange(round(duration * FS)) / FS
+    noise = np.random.default_rng(2).standard_normal(t.size)
+    phase = 2.0 * np.pi * middle * t + middle * np.sin(2.0 * np.pi * t / 5.0)
+    found = excesses(np.cos(phase) + 1e-3 * noise, FS, ())
+    inside = [one.amplitude for one in found if one.high > 0.8 * middle and one.low < 1.2 * middle]
+    assert np.hypot.reduce(inside) >= 0.7
+    f = np.fft.rfftfreq(t.size, 1.0 / FS)
+    pink = np.fft.irfft(np.fft.rfft(noise) / np.sqrt(np.maximum(f, f[1])), t.size)
+    assert excesses(pink, FS, ()) == ()
 
 
 def test_excess_is_that_of_the_part_that_is_loud() -> None:

@@ -46,7 +46,9 @@ _HOME = {
     "load_scenario": "io.scenario_file",
     "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
+    "plan_profile": "studies.profiles.plan",
     "plan_rates": "studies.rates",
+    "plan_rates_by_pointing": "studies.rates_by_pointing",
     "plot": "reports.plots",
     "pointing_budget": "studies.budget.study",
     "psd": "analysis.spectra",
@@ -115,8 +117,10 @@ if TYPE_CHECKING:
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
+    from microvib.studies.profiles.plan import plan_profile
     from microvib.studies.quiet.study import quiet
     from microvib.studies.rates import plan_rates, rate_grid
+    from microvib.studies.rates_by_pointing import plan_rates_by_pointing
     from microvib.testdata.recording import Recording, RecordingError
     from microvib.units import Si
 
@@ -151,7 +155,9 @@ __all__ = [
     "load_scenario",
     "new_scenario",
     "open_source",
+    "plan_profile",
     "plan_rates",
+    "plan_rates_by_pointing",
     "plot",
     "pointing_budget",
     "psd",

@@ -336,7 +336,7 @@ def test_a_campaign_whose_cases_all_failed_has_a_report_without_pictures(tmp_pat
     outcome = campaign_outcome(summary)
     assert outcome.pictures == []
     assert "synchronism" in html(study_contents(outcome)[1])
-    assert terminal_text(outcome)
+    assert "up to 358.4 Hz, the edge of the passband" in terminal_text(outcome).replace("\n", " ")
 
 
 def test_effects_one_at_a_time_are_those_of_the_cases(tmp_path):

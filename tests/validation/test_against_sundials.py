@@ -6,6 +6,7 @@ matrix, microsteps come from Eq. 1 and 26, and CVODE (or SciPy's Radau) is start
 
 import math
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -53,6 +54,20 @@ TABLE = {
     }
 }
 RAMP = {"driver.microstep_ramp": 0.6, "tracking.clock_ratio": 1.0017}
+PARTS = {
+    "driver.microstep_shape": [
+        {"fraction": 0.3},
+        {"fraction": 0.45, "after": 0.004},
+        {"fraction": 0.25, "after": 0.0131},
+    ]
+}
+COMPENSATION = {
+    "driver.compensation": [
+        {"order": 2, "amplitude": 2e-4, "phase": 0.3},
+        {"order": 200, "amplitude": 1e-5, "phase": -1.1},
+    ]
+}
+"""That of ERROR."""
 CASES = {
     "compliant reducer, one mode": {},
     "compliant reducer, three modes": THREE_MODES,
@@ -81,6 +96,30 @@ CASES = {
     "ramps over the whole microstep": {"driver.microstep_ramp": 1.0},
     "ramps, errors of the references": {**RAMP, **ERRORS, **TABLE},
     "short ramps, supply limit": {**LIMITED, "driver.microstep_ramp": 0.05},
+    "microsteps in parts": PARTS,
+    "microsteps in parts, supply limit": {
+        **LIMITED,
+        "driver.microstep_shape": [{}, {"fraction": 0.5, "after": 2e-3}],
+    },
+    "microsteps in parts, errors of the references, turning back": {
+        **PARTS,
+        **ERRORS,
+        "tracking.rate": -math.radians(0.05),
+    },
+    "compensation": {**ERROR, **COMPENSATION},
+    "compensation, microsteps in parts": {
+        **ERROR,
+        **COMPENSATION,
+        **PARTS,
+        "tracking.rate": -math.radians(0.04),
+    },
+    "compensation, ramps, rigid reducer": {
+        **RAMP,
+        **RIGID,
+        **ERROR,
+        **COMPENSATION,
+        "driver.microstep_ramp": 0.3,
+    },
     "ramps, no integral gain, rigid reducer": {**RAMP, **RIGID, "driver.integral_gain": 0.0},
 }
 LONG = ("rigid reducer, one mode", "supply limit")
@@ -112,19 +151,33 @@ class Reference:
         self.limited = 0
 
     def microsteps(self, end):
-        """Times at which round(n theta_cmd / Delta theta) changes, and its value after."""
+        """Times at which the references change, the count round(n theta_cmd / Delta theta) after the
+        microstep, and the part of it that is made."""
         s = self.s
         turned = -s.reducer.ratio * s.tracking.rate * s.tracking.clock_ratio
         per_second = (
             s.driver.microsteps * turned / (2 * math.pi / (s.driver.beats * s.motor.rotor_teeth))
         )
         way = math.copysign(1.0, per_second)
-        self.ramp = s.driver.microstep_ramp / abs(per_second)
-        times = (
-            (s.driver.delay + (j - 0.5) / abs(per_second), way * j)
-            for j in range(1, int(abs(per_second) * end) + 2)
+        parts = [(p.after, p.fraction) for p in s.driver.microstep_shape] or [(0.0, 1.0)]
+        parts[0] = 0.0, 1.0 - sum(fraction for _, fraction in parts[1:])
+        times = []
+        for j in range(1, int(abs(per_second) * (end + 0.2)) + 30):
+            # the output stands where it should while the rotor passes the middle of the microstep
+            rotor = way * (j - 0.5) * abs(turned / per_second)
+            made_up_for = self.compensated(rotor) - self.compensated(0.0)
+            times.append(s.driver.delay + (rotor - s.reducer.ratio * made_up_for) / turned)
+        found = []
+        self.ramps = {0: 0.0}
+        for j, (t, following) in enumerate(pairwise(times), 1):
+            self.ramps[way * j] = s.driver.microstep_ramp * (following - t)
+            found += [(t + after, way * j, fraction) for after, fraction in parts]
+        return sorted(event for event in found if event[0] < end)
+
+    def compensated(self, rotor):
+        return sum(
+            c.amplitude * math.sin(c.order * rotor + c.phase) for c in self.s.driver.compensation
         )
-        return [(t, k) for t, k in times if t < end]
 
     def goal(self, k):
         """References after the microstep k, with the driver's errors."""
@@ -145,10 +198,15 @@ class Reference:
             found.append(current * x)
         return found
 
-    def command(self, k, t=0.0):
-        """From the time t on, on the way from what references were to what they are after the microstep k."""
+    def command(self, k, t=0.0, part=1.0):
+        """From the time t on, on the way from what references were to what they are after the microstep k, or
+        a part of it."""
         before = self.goal(k) if k == 0 else self.references(t)
-        self.way = t, before, self.goal(k)
+        after = self.goal(k)
+        if part != 1.0:
+            last = self.goal(k - int(math.copysign(1, k)))
+            after = [b + part * (x - y) for b, x, y in zip(before, after, last, strict=True)]
+        self.way, self.ramp = (t, before, after), self.ramps[k]
 
     def references(self, t):
         begun, before, after = self.way
@@ -249,15 +307,15 @@ class Reference:
         """Rows of (i_A, i_B, theta_m, omega_m, theta_l, omega_l, T_d, eta..., eta_rate...) at ``times``."""
         microsteps = self.microsteps(times[-1])
         ends = [
-            (t + self.ramp, None)
-            for t, _ in microsteps
-            if self.ramp > 0.0 and t + self.ramp < times[-1]
+            (t + self.ramps[k], None, 1.0)
+            for t, k, _ in microsteps
+            if self.ramps[k] > 0.0 and t + self.ramps[k] < times[-1]
         ]
         self.command(0)
         y, t, rows = self.start(), 0.0, []
-        for stop, k in [
+        for stop, k, part in [
             *sorted([*microsteps, *ends], key=lambda event: event[0]),
-            (times[-1], None),
+            (times[-1], None, 1.0),
         ]:
             inside = times[(times > t) & (times <= stop)]
             if stop - t > 1e-12:
@@ -265,7 +323,7 @@ class Reference:
                 rows += [self.row(when, states[q]) for q, when in enumerate(inside)]
                 y, t = states[-1], stop
             if k is not None:
-                self.command(k, stop)
+                self.command(k, stop, part)
         return np.array(rows)
 
     def names(self):

@@ -19,6 +19,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import ErrorOfIntegration
 from microvib.analysis.spectra import SAMPLED, samples_of
+from microvib.analysis.spread import with_spread
 from microvib.analysis.start import (
     full_step_time,
     has_decayed,
@@ -793,6 +794,8 @@ def lines_of_steady_state(state: SteadyState, channel: str, harmonics: int) -> L
     table = lines_of_series(
         series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate
     )
+    if channel == "T_d":
+        table = with_spread(state, table)
     return replace(
         table,
         unit=unit_of(channel),

@@ -15,6 +15,7 @@ from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
 from microvib.model.slow_variations import (
+    COMPENSATION,
     CYCLES_SEEN,
     SlowVariation,
     slow_variations,
@@ -242,7 +243,10 @@ def record_gap(
     if slow := unseen_variations(scenario, duration):
         why = _unseen_variation_reason(slow[0], scenario)
         changed = 1.0 + _CHANGE_BY_SHARE * sum(one.share for one in slow)
-        return RecordGap(why, turns=True, overstated=min(changed, VARIATION_FACTOR))
+        overstated = min(changed, VARIATION_FACTOR)
+        if any(one.key == COMPENSATION for one in slow):
+            overstated = math.inf  # over whole cycles a driving line is spread over many
+        return RecordGap(why, turns=True, overstated=overstated)
     wanted = _FULL_STEPS_SEEN * full_step_time(scenario)
     if duration >= wanted:
         return None

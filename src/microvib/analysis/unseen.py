@@ -230,7 +230,7 @@ def clock_line_bounds(
             scenario, "an electrical line", at, ABOVE_PASSBAND_FACTOR * pull, start, high
         )
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
-    for e in scenario.reducer.errors:
+    for e in scenario.rotor_harmonics:
         f = float(e.order) * f_d / turn
         if e.amplitude > 0.0 and start < f <= high:
             yield _unbounded(e.line, f)

@@ -22,6 +22,7 @@ try:
         docs,
         margin,
         new,
+        profile,
         quiet,
         rates,
         scenarios,
@@ -99,7 +100,8 @@ def main() -> None:
 
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
-    validation.validate, validation.statements, rates.rates, margin.margin, campaign.campaign, structures.modes, structures.sas,
+    validation.validate, validation.statements, rates.rates, profile.profile, margin.margin, campaign.campaign,
+    structures.modes, structures.sas,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
     quiet.quiet,
 ):  # fmt: skip

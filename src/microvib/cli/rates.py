@@ -107,7 +107,7 @@ def rates(
                 )
         if linear:
             raise OptionError("linear", "has no line of sight; leave it out with requirement")
-        target.present(_on_sight(loaded, grid, counts, requirement, sources, judge, workers))
+        target.present(_by_pointing(loaded, grid, counts, requirement, sources, judge, workers))
         return
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
@@ -125,16 +125,16 @@ def rates(
     target.present(rates_outcome(plan, note))
 
 
-def _on_sight(
+def _by_pointing(
     scenario: Scenario, grid: Sequence[Si], counts: tuple[int, ...] | None, requirement: Path,
     sources: Path | None, judge: int, workers: int | None,
 ) -> Outcome:  # fmt: skip
     """A plan by the line of sight."""
-    from microvib.reports.rates_on_sight import sight_outcome
-    from microvib.studies.rates_on_sight import plan_rates_on_sight
+    from microvib.reports.rates_by_pointing import pointing_rates_outcome
+    from microvib.studies.rates_by_pointing import plan_rates_by_pointing
 
     with progress_bar("solving", "cases") as progress:
-        plan = plan_rates_on_sight(
+        plan = plan_rates_by_pointing(
             scenario,
             grid,
             requirement,
@@ -144,7 +144,7 @@ def _on_sight(
             workers=workers,
             progress=progress,
         )
-    return sight_outcome(plan)
+    return pointing_rates_outcome(plan)
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -12,11 +12,18 @@ from microvib.cli.progress import progress_bar
 
 @click.command()
 @click.argument("scenario")
+@click.option(
+    "--steady",
+    is_flag=True,
+    help="Lines of steady states instead of runs from rest, and their derivatives as sensitivities.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, in SI.")
 @set_option
 @target_options("Folder for tables and report [default: print only].")
 @with_precompilation
-def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...], target: Target) -> None:
+def sensitivity(
+    scenario: str, steady: bool, as_json: bool, settings: tuple[str, ...], target: Target
+) -> None:
     """Rank, line by line, the values of SCENARIO whose sources note a range by how much they
     matter.
 
@@ -29,7 +36,7 @@ def sensitivity(scenario: str, as_json: bool, settings: tuple[str, ...], target:
 
     loaded = load(scenario, settings)
     with progress_bar("simulating", "runs") as progress:
-        found = sensitivities(loaded, progress=progress)
+        found = sensitivities(loaded, start="steady" if steady else None, progress=progress)
     if as_json:
         click.echo(to_json(asdict(found)), nl=False)
     else:

@@ -19,6 +19,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,15 +55,30 @@ class UncertainSpring:
     """[N m s/rad], which comes and goes with it."""
 
 
-def springs_of_drive(scenario: Scenario, *, held: bool) -> list[UncertainSpring]:
-    """Springs of a drive in its own coordinates, those of ``source_of``; ``held`` is one that does
-    not step, whose friction may stick for good and whose detent torque acts at one angle.
+class Sticking(NamedTuple):
+    """Which shafts of a drive may stick at times, so that friction without presliding locks them."""
 
-    Of a drive that steps friction without presliding is not among them: it counts as one that slides.
+    rotor: bool
+    output: bool
+
+    def or_as(self, other: Sticking) -> Sticking:
+        """Shafts that may stick in either of two motions."""
+        return Sticking(self.rotor or other.rotor, self.output or other.output)
+
+
+MAY_STICK, SLIDES = Sticking(True, True), Sticking(False, False)
+
+
+def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSpring]:
+    """Springs of a drive in its own coordinates, those of ``source_of``, by which of its shafts may
+    stick.
     """
     reducer, motor, friction = scenario.reducer, scenario.motor, scenario.friction
     rotor, output = coordinates(reducer, len(scenario.array.modes))[:2]
-    found = [*_of_friction(friction, output, held), *_of_friction(motor.friction, rotor, held)]
+    found = [
+        *_of_friction(friction, output, sticking.output),
+        *_of_friction(motor.friction, rotor, sticking.rotor),
+    ]
     if friction.harness is not None and friction.harness.memory:
         found.append(UncertainSpring(output, _stuck_stiffness(friction.harness.memory), 0.0, 1.0))
     if not reducer.rigid:
@@ -86,11 +102,11 @@ def springs_of_detent(scenario: Scenario) -> list[UncertainSpring]:
     return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, part)]
 
 
-def _of_friction(friction: Friction, on: np.ndarray, held: bool) -> Iterator[UncertainSpring]:
+def _of_friction(friction: Friction, on: np.ndarray, sticks: bool) -> Iterator[UncertainSpring]:
     """Spring of a shaft's friction that sticks."""
     if friction.memory:
         yield UncertainSpring(on, _stuck_stiffness(friction.memory), 0.0, 1.0)
-    elif held and friction.largest_torque > 0.0:
+    elif sticks and friction.largest_torque > 0.0:
         yield UncertainSpring(on, 1.0, 0.0, math.inf)
 
 
@@ -222,7 +238,11 @@ class DriveStates:
 
 
 def drive_states(
-    scenario: Scenario, *, own: bool = True, steps: bool = False
+    scenario: Scenario,
+    *,
+    own: bool = True,
+    steps: bool = False,
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
 ) -> DriveStates | None:
     """States in which the drives of a craft may be; None where all is known.
 
@@ -233,15 +253,19 @@ def drive_states(
     own : bool
         Of the first drive, too; else it is as linearised.
     steps : bool
-        The second drive steps, whatever the scenario says, and is as linearised.
+        The second drive steps, whatever the scenario says: its detent torque is none of the springs.
+    sticking : pair of Sticking
+        Shafts of the first drive and of the second that may stick. Those of a drive that does not
+        step may in any case.
     """
     n = receiver_of(scenario).root.shape[1]
-    mine = springs_of_drive(scenario, held=False) if own else []
+    mine = _springs_of_own(scenario, sticking[0]) if own else []
     other, beside = scenario.other_wing, list[UncertainSpring]()
-    if other is not None and not steps:
+    if other is not None:
         wing = require_craft(scenario).spacecraft.second_wing
-        beside = springs_of_drive(other, held=wing is not None and wing.drive == "held")
-        beside += springs_of_detent(other)
+        held = not steps and wing is not None and wing.drive == "held"
+        beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
+        beside += [] if steps else springs_of_detent(other)
     if not mine and not beside:
         return None
     n_own = source_of(scenario).M.shape[0]
@@ -251,6 +275,13 @@ def drive_states(
         *(_placed(one, n + n_own, 0) for one in beside),
     ]
     return DriveStates(scenario, tuple(springs))
+
+
+def _springs_of_own(scenario: Scenario, sticking: Sticking) -> list[UncertainSpring]:
+    """Springs of the first drive; one that is parked holds its array as a second wing's does."""
+    if scenario.rate == 0.0:
+        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_detent(scenario)]
+    return springs_of_drive(scenario, sticking)
 
 
 def _placed(spring: UncertainSpring, before: int, behind: int) -> UncertainSpring:

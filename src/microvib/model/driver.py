@@ -12,6 +12,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from microvib.model.compensation import CompensationHarmonic
+from microvib.model.microstep_shape import (
+    MAX_PARTS,
+    MicrostepPart,
+    MicrostepShape,
+    shape_errors,
+    shape_of,
+)
 from microvib.model.motor import Motor
 from microvib.model.part import Part
 from microvib.units import Quantity
@@ -201,6 +209,18 @@ class Driver(Part):
             le=1,
         ),
     ] = 0.0
+    microstep_shape: tuple[MicrostepPart, ...] = Field(
+        default=(),
+        max_length=MAX_PARTS,
+        description="parts in which each microstep is made, between its references in a straight"
+        " line; without any it is made at once",
+    )
+    compensation: tuple[CompensationHarmonic, ...] = Field(
+        default=(),
+        max_length=100,
+        description="error of the gear that the instants of the microsteps make up for, harmonic by"
+        " harmonic",
+    )
     delay: Annotated[
         float,
         Quantity(
@@ -219,6 +239,12 @@ class Driver(Part):
             yield (
                 f"drive: {self.drive} has no current loop; set {', '.join(gains)} to 0, or leave them"
                 " out"
+            )
+        yield from shape_errors(self.microstep_shape)
+        if self.microstep_shape and self.microstep_ramp:
+            yield (
+                "microstep_shape: cannot be combined with microstep_ramp, which spreads the whole"
+                " microstep; leave out one of both"
             )
         if self.pulsed:
             yield from self._pulse_errors()
@@ -250,12 +276,17 @@ class Driver(Part):
                 f"beats: {self.beats} is not allowed with drive: pulse; 4, of full steps, or 8, of half"
                 " steps, is expected"
             )
-        for name in ("microstep_ramp", "imperfections"):
+        for name in ("microstep_ramp", "microstep_shape", "imperfections"):
             if getattr(self, name) != type(self).model_fields[name].default:
                 yield (
                     f"{name}: shapes currents, which a pulse drive has no control of; leave it out"
                     " with drive: pulse"
                 )
+        if self.compensation:
+            yield (
+                "compensation: cannot be combined with drive: pulse, whose steps come evenly; leave"
+                " it out"
+            )
         if self.table is not None and not self.table.currents:
             yield (
                 "table: an angle correction shapes currents, which a pulse drive has no control of;"
@@ -351,7 +382,17 @@ class Driver(Part):
     @property
     def ideal(self) -> bool:
         """Whether references are always I cos theta_e and I sin theta_e, of whole microsteps."""
-        return self.microstep_ramp == 0.0 and not self.distorted
+        return self.microstep_ramp == 0.0 and not self.microstep_shape and not self.distorted
+
+    @property
+    def shape(self) -> MicrostepShape:
+        """The parts of a microstep, as fractions and times."""
+        return shape_of(self.microstep_shape)
+
+    @property
+    def compensates(self) -> bool:
+        """Whether microsteps come earlier or later than evenly, against an error of the gear."""
+        return any(one.amplitude > 0.0 for one in self.compensation)
 
     def repeats_after(self, motor: Motor) -> int:
         """Microsteps after which references are as before, but turned, and the motor's torque too.

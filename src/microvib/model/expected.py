@@ -30,6 +30,8 @@ Kind = Literal[
     "other",
 ]
 
+SPREAD = "spread by compensation"
+"""Words in the origin of a line that ``driver.compensation`` makes into many, closely together."""
 _SAME_LINE = 1e-6
 """Part by which frequencies of one line may differ."""
 SIDEBANDS = 2  # sidebands on each side of a driving line, at full-step distance, that are expected
@@ -122,7 +124,7 @@ def expected_lines(
     if not f_d:
         return tuple(modes)
     driver, motor = scenario.driver, scenario.motor
-    errors = tuple(e._replace(phase=0.0) for e in scenario.reducer.errors)
+    errors = tuple(e._replace(phase=0.0) for e in scenario.rotor_harmonics)
     turn, orders = _orders(driver, motor, errors, harmonics)
     base, low, high = f_d / turn, 1.0 - clock_tolerance, 1.0 + clock_tolerance
     clock = [
@@ -155,7 +157,7 @@ def distance_to_clock_line(scenario: Scenario, frequency: float, tolerance: floa
     if driver.distorted:
         combs.append(electrical)
     rotor = electrical / motor.rotor_teeth
-    distances = [abs(float(e.order) * rotor - frequency) for e in scenario.reducer.errors]
+    distances = [abs(float(e.order) * rotor - frequency) for e in scenario.rotor_harmonics]
     for comb in combs:
         off = abs(frequency - round(frequency / comb) * comb)
         distances += [off, comb - off]
@@ -200,6 +202,8 @@ def _orders(
                 made = ", ".join(makers.get(k * unit // z, ()))
             else:
                 made = ""
+            if driver.compensates:
+                made = f"{made}, {SPREAD}" if made else SPREAD
             orders.setdefault(
                 k * unit,
                 (str(LineName(stem, k)), kind, f"{origin}, order {k}{made and f': {made}'}"),
@@ -209,7 +213,7 @@ def _orders(
             of: Kind = "wave generator"
         else:
             of = "gear train"
-        orders.setdefault(e.order, (e.line, of, f"transmission error, {e.origin}"))
+        orders.setdefault(e.order, (e.line, of, f"{e.cause}, {e.origin}"))
     side = motor.side_line_order
     if side is not None and turn > 2 * SIDEBANDS * side * z:
         for k in range(1, harmonics + 1):

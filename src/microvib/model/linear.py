@@ -50,6 +50,12 @@ class CoupledMode:
         """Rate [1/s] at which its ringing dies away."""
         return 2.0 * math.pi * self.frequency * self.damping
 
+    @property
+    def eigenvalue(self) -> complex:
+        """Eigenvalue s [1/s] with which it rings as Re exp(s t)."""
+        omega_d = 2.0 * math.pi * self.frequency
+        return omega_d * complex(-self.damping / math.sqrt(1.0 - self.damping**2), 1.0)
+
 
 def matrices(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mass, damping and stiffness of the linearised drive; coordinates theta_m, theta_l (not if
@@ -77,7 +83,8 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     Currents are assumed to follow instantly, those of voltages by their windings, about a rotor
     without load; friction is viscous only, and detent torque, stick and errors of the driver do not
     exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the
-    staircase, whose order k falls by sinc(k r). Empty where the rate is zero or changes, and of a
+    staircase, whose order k falls by sinc(k r); parts of a microstep multiply it by the spectrum of
+    their fractions. Compensation of the gear is left out. Empty where the rate is zero or changes, and of a
     pulse drive, between whose pulses nothing pulls.
     """
     f_d = scenario.driving_frequency
@@ -207,6 +214,9 @@ def staircase_torque(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     )
     ramped = order * scenario.driver.microstep_ramp
     sawtooth = -1j * step / (math.pi * order) * (np.sinc(ramped) * np.exp(-1j * math.pi * ramped))
+    if scenario.driver.microstep_shape:
+        frequency = order * (scenario.driving_frequency or 0.0)
+        sawtooth = sawtooth * scenario.driver.shape.spectrum(frequency)
     return np.asarray(scenario.motor.electromagnetic_stiffness * sawtooth)
 
 
@@ -234,8 +244,8 @@ def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, c
 
 
 def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
-    """Angular momentum about the drive axis for unit rates at a ``frequency`` (...) [Hz] of the
-    coordinates of ``matrices`` (Eq. 20), complex, (..., n)."""
+    """Angular momentum about the drive axis for unit rates at a ``frequency`` (...) [Hz], which may
+    be complex, of the coordinates of ``matrices`` (Eq. 20), complex, (..., n)."""
     shafts = _momentum_of_shafts(scenario, frequency)
     if not scenario.reducer.rigid:
         return shafts
@@ -246,12 +256,65 @@ def _momentum_of_shafts(scenario: Scenario, frequency: float | np.ndarray) -> np
     """The same of rotor, output and modes, whether or not the gear is rigid."""
     load = scenario.load
     modes = (
-        load.H
-        + load.R
-        + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency, dtype=float)[..., None])
+        load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency)[..., None])
     )
     shafts = [load.rotor + load.cross, load.output + load.cross]
     return np.concatenate([np.broadcast_to(shafts, (*modes.shape[:-1], 2)), modes], axis=-1)
+
+
+_CIRCLE_POINTS = 16
+_CIRCLE_RADIUS = 1e-3
+"""Points and radius, over the eigenvalue's size, of the circle on which a residue is found."""
+
+
+def rate_step_response(scenario: Scenario, modes: tuple[CoupledMode, ...]) -> np.ndarray:
+    """Response of modes to a step of the commanded rate by one in the linearised drive.
+
+    After the step at t = 0 a mode with the eigenvalue s makes T_d = Re(g exp(s t)). With the
+    response G of T_d to the commanded angle, g = 2 Res(G, s)/s^2; the residue is the mean of
+    G(s + d) d over a circle about s.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The drive, its currents held; microsteps are taken as infinitely small.
+    modes : tuple of CoupledMode
+        Some of its ``coupled_modes``.
+
+    Returns
+    -------
+    ndarray
+        g of each mode [N m s/rad], complex (n,).
+    """
+    of_drive = matrices(scenario)
+    turn = np.exp(2j * math.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS)
+    every = [mode.eigenvalue for mode in coupled_modes(scenario)]
+    found = np.zeros(len(modes), dtype=complex)
+    for k, mode in enumerate(modes):
+        s = mode.eigenvalue
+        apart = min((abs(s - x) for x in every if abs(s - x) > 1e-9 * abs(s)), default=abs(s))
+        circle = min(_CIRCLE_RADIUS * abs(s), 0.1 * apart) * turn
+        values = [_response_to_command(scenario, of_drive, complex(s + d)) for d in circle]
+        found[k] = 2.0 * np.mean(np.array(values) * circle) / s**2
+    return found
+
+
+def _response_to_command(
+    scenario: Scenario, of_drive: tuple[np.ndarray, np.ndarray, np.ndarray], s: complex
+) -> complex:
+    """T_d by the commanded angle of the array at a complex frequency [N m/rad]."""
+    M, C, K = of_drive
+    dynamic = K + s * C + s**2 * M + 0j
+    pull = scenario.motor.electromagnetic_stiffness
+    if scenario.driver.drive == "voltage":
+        by_command, by_angle = _voltage_drive_stiffness(scenario, s)
+        dynamic[0, 0] += by_angle - pull
+    else:
+        by_command = complex(pull)
+    rotor = -scenario.reducer.h * by_command * np.eye(M.shape[0])[0]
+    motion = np.linalg.solve(dynamic, rotor)
+    row = momentum_row(scenario, np.array(s / (2j * math.pi)))
+    return complex(-(s**2) * (row @ motion))
 
 
 def coupled_modes(scenario: GivenScenario) -> tuple[CoupledMode, ...]:

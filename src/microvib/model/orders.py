@@ -98,10 +98,10 @@ def _enumerate_orders(scenario: Scenario) -> Iterator[tuple[str, str, Fraction |
         yield "wave_generator_2", "two per turn of the wave generator, the usual kinematic error", 2
     for stage, name, words, cycles in train_orders(reducer.train):
         yield f"stage {stage}, {name}", words, cycles
-    for e in reducer.errors:
+    for e in scenario.rotor_harmonics:
         yield (
             (e.line if e.line.startswith("wave") else e.origin),
-            f"kinematic error: {e.origin}",
+            f"{e.cause.replace('transmission', 'kinematic')}: {e.origin}",
             e.order,
         )
     yield (

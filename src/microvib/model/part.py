@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -115,6 +115,22 @@ class Part(_Base):
 
 def _nearly_equal(given: Any, value: float) -> bool:
     return isinstance(given, float) and math.isclose(given, value, rel_tol=1e-6)
+
+
+def nudged_part(node: Any, path: Sequence[str], value: float) -> Any:
+    """A copy of a part, or of a tuple of parts, with the number at the end of ``path`` replaced,
+    unchecked; fields that follow from others are renewed.
+    """
+    if not path:
+        return value
+    first, rest = path[0], path[1:]
+    if isinstance(node, tuple):
+        k = int(first)
+        return (*node[:k], nudged_part(node[k], rest, value), *node[k + 1 :])
+    copy = node.model_copy(update={first: nudged_part(getattr(node, first), rest, value)})
+    for name, derived in copy._derived_fields().items():
+        object.__setattr__(copy, name, derived)
+    return copy
 
 
 def to_plain_data(value: Any, quantity: Quantity | None = None, *, text: bool = False) -> Any:

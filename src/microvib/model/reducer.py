@@ -50,6 +50,7 @@ class KinematicError(NamedTuple):
     phase: float
     line: str
     origin: str
+    cause: str = "transmission error"
 
 
 class Hysteresis(Part):

@@ -5,21 +5,24 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
+from fractions import Fraction
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import Field
 
 from microvib.errors import ScenarioError, did_you_mean, expect, expect_mapping
 from microvib.model.array import Array
+from microvib.model.compensation import largest_slope
 from microvib.model.craft import Craft, craft_of, shaft_load
 from microvib.model.driver import NO_IMPERFECTIONS, Driver
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
-from microvib.model.part import Part, flatten_parameters, to_plain_data
+from microvib.model.part import Part, flatten_parameters, nudged_part, to_plain_data
 from microvib.model.record import Record, Solver, Start
-from microvib.model.reducer import Reducer
+from microvib.model.reducer import KinematicError, Reducer
 from microvib.model.reference import Reference
 from microvib.model.sentences import validate_part
 from microvib.model.spacecraft import DRIVE_GROUPS, HELD_WING_SETTINGS, Spacecraft
@@ -143,6 +146,7 @@ class Scenario(Part):
                 f" such as {motor.full_steps} for full steps"
             )
         yield from self._second_plane_errors()
+        yield from self._instant_errors()
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
         if driver.voltage_limit < needed:
@@ -167,6 +171,28 @@ class Scenario(Part):
                 f"driver.on_time: {1e3 * on_time:g} ms is longer than a step, which takes"
                 f" {1e3 / per_second:.6g} ms at the fastest rate of the command; shorten it, or lower"
                 " the rate"
+            )
+
+    def _instant_errors(self) -> Iterator[str]:
+        """Compensation that would turn back, and parts of a microstep later than the next one."""
+        driver = self.driver
+        slope = largest_slope(driver.compensation)
+        if slope >= 1.0 / self.reducer.ratio:
+            yield (
+                f"driver.compensation: the sum of order x amplitude is {slope:g} rad; it must be below"
+                f" 1/ratio, {1.0 / self.reducer.ratio:g} rad, or microsteps would come out of order"
+            )
+            return
+        lasts, most = driver.shape.lasts, self.highest_driving_frequency
+        if driver.compensates:
+            where = "at the fastest rate of the command and the steepest driver.compensation"
+        else:
+            where = "at the fastest rate of the command"
+        if lasts * most > 1.0 - 1e-9:
+            yield (
+                f"driver.microstep_shape.{len(driver.microstep_shape) - 1}.after: {1e3 * lasts:g} ms is"
+                f" not before the next microstep, which comes after {1e3 / most:.6g} ms {where};"
+                " shorten it, or lower the rate"
             )
 
     def _second_plane_errors(self) -> Iterator[str]:
@@ -436,6 +462,36 @@ class Scenario(Part):
             return None
         return self.driver.driving_frequency(self.motor, self.reducer.ratio * rate)
 
+    @property
+    def highest_driving_frequency(self) -> float:
+        """Most microsteps per second [Hz] at any time, between two that follow each other; with
+        ``driver.compensation`` a bound.
+        """
+        fastest = float(np.max(np.abs(self.tracking.breakpoints()[1])))
+        evenly = self.driver.driving_frequency(self.motor, self.reducer.ratio * fastest)
+        return evenly / (1.0 - self.reducer.ratio * largest_slope(self.driver.compensation))
+
+    @property
+    def rotor_harmonics(self) -> tuple[KinematicError, ...]:
+        """Harmonics of the rotor's turn: errors of the gear, and compensation of orders that these do
+        not have.
+        """
+        errors = self.reducer.errors
+        known = {one.order for one in errors}
+        added = {
+            one.order: KinematicError(
+                Fraction(one.order),
+                one.amplitude,
+                one.phase,
+                f"{'rotor' if self.reducer.train else 'wave_generator'}_{one.order}",
+                f"order {one.order}",
+                "compensation",
+            )
+            for one in self.driver.compensation
+            if one.order not in known
+        }
+        return (*errors, *added.values())
+
     def with_(self, changes: dict[str, Any] | None = None, **groups: Any) -> Scenario:
         """Make a changed copy.
 
@@ -519,6 +575,25 @@ class Scenario(Part):
                 }
                 data["sources"] = {**kept, key: USER_SOURCE}
         return validate_part(Scenario, {**data, "sources": {}}, si=si).with_sources(data["sources"])
+
+    def nudged(self, key: str, value: float) -> Scenario:
+        """Make a copy with one number [SI] changed so little that it needs no check, which would
+        take longer than what is done with the copy; fields that follow from others are renewed.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key, one of ``entries``.
+        value : float
+            The number, in SI.
+
+        Returns
+        -------
+        Scenario
+            The changed copy, with sources as they were.
+        """
+        result: Scenario = nudged_part(self, key.split("."), value)
+        return result
 
     def with_sources(self, sources: dict[str, str]) -> Scenario:
         """Make a copy with the sources of those keys that the scenario has; others are dropped.

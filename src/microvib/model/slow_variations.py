@@ -18,6 +18,8 @@ CYCLES_SEEN = 2.0
 """Cycles of a variation from which a record shows what lines are over it: a Hann window over two
 weighs all parts of a cycle alike, sin^2 + cos^2.
 """
+COMPENSATION = "driver.compensation"
+"""Key of what changes the time from microstep to microstep."""
 _WHOLE_CYCLES = 0.99
 """Part of these cycles that counts as all of them: a record is a whole number of samples."""
 NEGLIGIBLE_SHARE = 1e-3
@@ -51,8 +53,9 @@ def slow_variations(scenario: Scenario) -> list[SlowVariation]:
     """Changes of the drive over longer than a full step, the longest first, without those that
     amount to nothing; none where the rate is not constant, or zero.
 
-    An error of the gear changes the rate of the output by its slope, friction over the angle the
-    friction by its amplitude. Of both the longest cycle counts: that of its order, or the beat of
+    An error of the gear changes the rate of the output by its slope, its compensation that of the
+    rotor, friction over the angle the
+    friction by its amplitude. Of each the longest cycle counts: that of its order, or the beat of
     one of its first multiples with the steps, over which it meets them at other angles.
     """
     if not scenario.driving_frequency:
@@ -61,6 +64,7 @@ def slow_variations(scenario: Scenario) -> list[SlowVariation]:
     full_step = electrical / scenario.motor.full_steps
     found = [
         *_significant(_errors_of_gear(scenario)),
+        *_significant(_compensation(scenario)),
         *_significant(_friction_over_angle(scenario)),
         *_roughness(scenario),
         *_unequal_phases(scenario),
@@ -92,6 +96,16 @@ def _errors_of_gear(scenario: Scenario) -> Iterator[SlowVariation]:
             key = "reducer.train"
         cycle = _turn_of_rotor(scenario) / _slowest_order(scenario, error.order)
         yield SlowVariation(key, f"{key} ({error.origin})", cycle, share)
+
+
+def _compensation(scenario: Scenario) -> Iterator[SlowVariation]:
+    """Harmonics of the driver's compensation, which change the rate of the rotor and the time from
+    microstep to microstep.
+    """
+    for one in scenario.driver.compensation:
+        share = one.order * one.amplitude * scenario.reducer.ratio
+        cycle = _turn_of_rotor(scenario) / _slowest_order(scenario, Fraction(one.order))
+        yield SlowVariation(COMPENSATION, f"{COMPENSATION} (order {one.order})", cycle, share)
 
 
 def _friction_over_angle(scenario: Scenario) -> Iterator[SlowVariation]:

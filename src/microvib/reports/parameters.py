@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from microvib.analysis.start import wind_up
+from microvib.model.compensation import largest_slope
 from microvib.model.expected import angle_errors
 from microvib.model.line_names import electrical_line, full_step_line
 from microvib.model.linear import coupled_modes
@@ -210,7 +211,35 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
         ),
         *_second_wing(scenario),
     ]
-    return values + _driver_orders(scenario)
+    return values + _microstep_rows(scenario) + _driver_orders(scenario)
+
+
+def _microstep_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
+    """Part of the first driving line that parts of microsteps leave, and frequencies over which
+    compensation spreads it; nothing of ordinary microsteps."""
+    driver, f_d, rows = scenario.driver, scenario.driving_frequency, []
+    if driver.microstep_shape and f_d:
+        left = float(np.abs(driver.shape.spectrum(np.array([f_d]))[0]))
+        rows.append(
+            (
+                "drive_1 by the parts of a microstep",
+                f"{100.0 * left:.3g} %",
+                "driver.microstep_shape",
+            )
+        )
+    if driver.compensates and f_d:
+        microstep = driver.microstep(scenario.motor)
+        share = scenario.reducer.ratio * largest_slope(driver.compensation)
+        moved = scenario.reducer.ratio * sum(one.amplitude for one in driver.compensation)
+        rows.append(
+            (
+                "drive_1 is spread by",
+                f"{share * f_d:.3g} Hz to both sides",
+                "driver.compensation, by which microsteps come up to"
+                f" {moved / microstep:.3g} of their periods early or late",
+            )
+        )
+    return rows
 
 
 def _wind_up_rows(scenario: Scenario) -> list[tuple[str, str, str]]:

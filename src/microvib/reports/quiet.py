@@ -11,18 +11,17 @@ import numpy as np
 from microvib.io.current_table import integer_columns
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv
-from microvib.model.torque_margin import ResistingTorque, TorqueMargin, lag_of_array, torque_margin
+from microvib.model.torque_margin import ResistingTorque, lag_of_array, torque_margin
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture, Verdict
 from microvib.results import COUNT, Column, Measure, Table
 from microvib.studies.campaign.statistics import draws_needed
-from microvib.studies.quiet.levers import levels_of, with_levers
+from microvib.studies.quiet.levers import Setting, levels_of, with_levers
 from microvib.studies.quiet.objective import OF_LIMIT
 from microvib.studies.quiet.starts import SEARCHED, STARTS
 from microvib.studies.quiet.study import (
     P95,
-    Constraints,
     LeverAlone,
     LineChange,
     QuietDrive,
@@ -62,7 +61,7 @@ def quiet_outcome(found: QuietDrive, target: float | None = None) -> Outcome:
         tuple(_facts(found, target)),
         (
             Part("", tuple(first)),
-            Part("Each lever alone, on the drive as it is", tuple(_alone(found))),
+            Part("Each lever alone, on the nominal drive", tuple(_alone(found))),
             Part("Line by line", tuple(_lines(found))),
             Part("Torque margin", tuple(_margins(found))),
             Part("What was tried", tuple(_tried(found)), new_page=False),
@@ -95,7 +94,7 @@ def _decision(found: QuietDrive) -> str:
     verb = "Set" if found.setting is not None else "Judged"
     return (
         f"{verb}: {found.setting_text}. 95 % of cases: {figure(before.p95)} before,"
-        f" {figure(after.p95)} after{change}; the drive as it is: {figure(before.nominal)} before,"
+        f" {figure(after.p95)} after{change}; the nominal drive: {figure(before.nominal)} before,"
         f" {figure(after.nominal)} after{_change(before.nominal, after.nominal)}."
     )
 
@@ -109,7 +108,7 @@ def _change(before: float, after: float) -> str:
 def _spread_columns(measure: Measure) -> tuple[Column, ...]:
     return (
         Column("design", "design"),
-        Column("nominal", "as it is", measure, absent="fails"),
+        Column("nominal", "nominal", measure, absent="fails"),
         Column("median", "median", measure, absent="fails"),
         Column("p95", "P95", measure, absent="fails"),
         Column("p95_most", "P95 at most", measure, absent="not bounded"),
@@ -149,7 +148,7 @@ def _warnings(found: QuietDrive) -> Iterator[str]:
     best = found.best_nominal
     if found.trap and best is not None:
         yield (
-            f"The trap: the setting that is best for the drive as it is ({found.best_nominal_text})"
+            f"The trap: the setting that is best for the nominal drive ({found.best_nominal_text})"
             f" gives {figure(best.from_rest)} from rest, and {figure(best.p95)} in 95 % of the cases;"
             f" {best.coexisting} of {best.cases.size} cases have several motions there."
         )
@@ -231,7 +230,7 @@ def _lines(found: QuietDrive) -> Iterator[Item]:
     )
 
 
-_LINES_CAPTION = "Bars: the drive as it is, from rest. Ticks: 95 % quantile over the cases."
+_LINES_CAPTION = "Bars: the nominal drive, from rest. Ticks: 95 % quantile over the cases."
 
 
 def _margins(found: QuietDrive) -> Iterator[Item]:
@@ -264,7 +263,10 @@ def _tried(found: QuietDrive) -> Iterator[Item]:
         f"{len(found.tried)} settings over {len(found.cases.searched)} cases, {searched}; {refused} of"
         " them are not allowed or do not come to their rate."
     )
-    yield Picture("pareto", lambda: draw_pareto(found), "Quietness against torque margin", _PARETO)
+    if _costs_torque(found):
+        yield Picture(
+            "pareto", lambda: draw_pareto(found), "Quietness against torque margin", _PARETO
+        )
     columns = (
         Column("worst", "worst case", found.objective.measure, absent="fails"),
         Column("setting", "setting"),
@@ -279,8 +281,8 @@ def _tried(found: QuietDrive) -> Iterator[Item]:
 
 
 _PARETO = (
-    "Every setting that was tried: its worst case in the search against its torque margin. Settings that"
-    " were given up early are lower bounds (hollow)."
+    "Every setting that was tried: its worst case in the search against its torque margin; settings"
+    " that were given up early are at lower bounds."
 )
 
 
@@ -382,19 +384,14 @@ def draw_pareto(found: QuietDrive) -> Figure:
     """Worst figure of every setting against its torque margin."""
     figure, ax = sheets.one_axes(3.0)
     measure = found.objective.measure
-    best = found.tried[0].worst
-    constraints: Constraints = found.constraints
-    points = [
-        (_margin(found, one.setting, constraints).margin, one.worst / measure.size)
-        for one in found.tried
-        if math.isfinite(one.worst)
-    ]
-    margins, figures = np.array(points).T
+    allowed = [one for one in found.tried if math.isfinite(one.worst)]
+    margins = np.array([_margin(found, one.setting) for one in allowed])
+    figures = np.array([one.worst for one in allowed]) / measure.size
+    chosen = np.array([one.setting == found.setting for one in allowed])
     ax.scatter(margins, figures, s=16, facecolors="none", edgecolors=sheets.GREY)
-    ax.scatter(margins[:1], [best / measure.size], s=40, color=sheets.BLUE, label="chosen")
-    ax.axhline(
-        found.before.nominal / measure.size, color=sheets.GREY, linestyle=":", label="as it is"
-    )
+    ax.scatter(margins[chosen], figures[chosen], s=40, color=sheets.BLUE, label="chosen")
+    before = found.before.nominal / measure.size
+    ax.axhline(before, color=sheets.GREY, linestyle=":", label="before, nominal")
     ax.set_yscale("log")
     sheets.plain_numbers(ax.yaxis)
     ax.set_xlabel("torque margin with its factors")
@@ -403,6 +400,13 @@ def draw_pareto(found: QuietDrive) -> Figure:
     return figure
 
 
-def _margin(found: QuietDrive, setting: Any, constraints: Constraints) -> TorqueMargin:
+def _margin(found: QuietDrive, setting: Setting) -> float:
     changed = with_levers(found.scenario, found.levers, setting)
-    return torque_margin(changed, constraints.factors)
+    return torque_margin(changed, found.constraints.factors).margin
+
+
+def _costs_torque(found: QuietDrive) -> bool:
+    """Whether settings differ in their torque margins."""
+    allowed = [one for one in found.tried if math.isfinite(one.worst)]
+    margins = [_margin(found, one.setting) for one in allowed]
+    return max(margins) - min(margins) > 1e-3

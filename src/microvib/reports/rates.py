@@ -21,6 +21,7 @@ from microvib.results import (
     RATE,
     TORQUE,
     TORQUE_LIMIT,
+    TORQUE_UNCERTAINTY,
     Column,
     Table,
     columns_of,
@@ -34,6 +35,7 @@ from microvib.studies.rates import (
     Resonance,
     linear_error,
 )
+from microvib.studies.stepping_modes import SteppingMode, stepping_modes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,6 +59,8 @@ class BestRate:
     microsteps: Annotated[int, MICROSTEPS]
     rate: Annotated[float, Column("best_rate_deg_s", "best rate", RATE, absent="none")]
     largest: Annotated[float, Column("largest_n_m", "its largest line", TORQUE)]
+    spread: Annotated[float, Column("spread_n_m", "± (ranges)", TORQUE_UNCERTAINTY)]
+    """How far that line moves within the ranges that sources note."""
     worst: Annotated[float, Column("worst_n_m", "worst of the range", TORQUE)]
 
 
@@ -82,6 +86,7 @@ def rates_outcome(plan: RatePlan, note: str = "") -> Outcome:
         (
             Part("", tuple(first)),
             Part("Campbell diagram", (campbell,), new_page=True),
+            Part("Stepping modes over rate", _stepping_modes(plan)),
             Part(f"Forbidden rates, {_criteria(plan)}", _forbidden(plan)),
             Part("Resonances (line meets mode), strongest first", _resonances(plan)),
             Part("Without a steady state", tuple(map(Text, _unsolved(plan)))),
@@ -101,10 +106,12 @@ _CAMPBELL_CAPTION = "Dashed: modes as seen through the drive. Rings: where a lin
 def _best_rate(plan: RatePlan, microsteps: int) -> BestRate:
     found = plan.best(microsteps)
     if found is None:
-        rate, largest = math.nan, math.nan
+        rate, largest, spread = math.nan, math.nan, math.nan
     else:
-        rate, largest = found[0].rate, found[1]
-    return BestRate(microsteps, rate, largest, plan.worst(microsteps))
+        case, largest = found
+        line = case.largest(plan.band)
+        rate, spread = case.rate, math.nan if line is None else line.spread
+    return BestRate(microsteps, rate, largest, spread, plan.worst(microsteps))
 
 
 def _forbidden(plan: RatePlan) -> tuple[Item, ...]:
@@ -125,6 +132,21 @@ def _between_rates(plan: RatePlan) -> str:
     return (
         "Judged are the rates that were solved; between them a narrow resonance may be above the limit."
         f" Neighbours are at most {100 * part:.2g} % ({_deg(step)} deg/s) apart."
+    )
+
+
+def _stepping_modes(plan: RatePlan) -> tuple[Item, ...]:
+    """Table of the microstep count to be used in each range of rates, where there are several."""
+    found = stepping_modes(plan)
+    if not found:
+        return ()
+    return (
+        Table.of("stepping_modes", SteppingMode, found),
+        Text(
+            "A count changes with the rate only where it brings at least 3 dB, or keeps the limit. What a"
+            " change of the count itself makes ring is not in it.",
+            note=True,
+        ),
     )
 
 

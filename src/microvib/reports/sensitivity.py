@@ -68,7 +68,9 @@ def ranking_outcome(found: Ranking, scenario: Scenario) -> Outcome:
         "",
         (),
         (
-            Part("", (Table.of("ranking", LineEffects, found), Text(_HOW_TO_READ, note=True))),
+            Part(
+                "", (Table.of("ranking", LineEffects, found), Text(_how_to_read(found), note=True))
+            ),
             *(Part(_line_title(line), tuple(_line_items(x))) for line, x in effects.items()),
             Part("Runs that failed", (Table.of("failed", FailedRun, failed),)),
             Part("Not ranked", (Table.of("not_ranked", NotRanked, left_out),)),
@@ -83,6 +85,10 @@ _HOW_TO_READ = (
     "between, the others unchanged; d ln/d ln is the relative change of the line for a relative change of"
     " the value, at the value itself."
 )
+
+
+def _how_to_read(found: Ranking) -> str:
+    return f"{_HOW_TO_READ} {found.how}".rstrip()
 
 
 def _summary(found: Ranking) -> str:

@@ -120,6 +120,11 @@ class Line(LineKindProperties):
     """Its standard deviation."""
     noise_p95: Annotated[float, Column("noise_p95_n_m", measure=TORQUE)] = math.nan
     """95 % quantile over the draws."""
+    spread: Annotated[float, Column("spread_n_m", "± (ranges)", TORQUE_UNCERTAINTY)] = math.nan
+    """First-order change of the amplitude within the ranges that the scenario's sources note, as a
+    root of a sum of squares (``microvib.analysis.spread``); nan without ranges, and where one of the
+    values has no derivative.
+    """
 
     if not TYPE_CHECKING:
 
@@ -390,6 +395,10 @@ class LineTable:
     """The lines over many draws of the noise, of which this table is the first; empty where none
     were run.
     """
+    ranged: tuple[str, ...] = field(default=(), compare=False)
+    """Keys of the values whose ranges make the lines' ``spread``."""
+    no_spread: str = field(default="", compare=False)
+    """Why no line has a spread though sources note ranges."""
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, LineTable):

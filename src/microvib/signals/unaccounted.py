@@ -51,6 +51,11 @@ of a median of squares.
 """
 
 
+_TOLD = 24
+"""Bins of the whole record that a band must have to tell noise from a tone that sweeps through it. In
+the bands below these, wherever the tone is, it may be in all bins of all pieces."""
+_BESIDE = 3
+"""Bands from there on whose floors bound those below."""
 _MAX_UNSURE = 0.9
 """The most of that by which the floor of pieces must be lower: a tenth of it is lower in any case."""
 
@@ -144,6 +149,16 @@ def excesses(
     return tuple(worst[k] for k in sorted(worst))
 
 
+def slow_rms(x: np.ndarray, sample_rate: float) -> tuple[float, float]:
+    """Frequency [Hz] below which a record ``x`` (n,) is too short for bands, and the RMS that it has
+    there beside its mean.
+    """
+    duration = x.size / sample_rate
+    low = _FIRST * _PIECES[0] / duration
+    power = _power((x - x.mean())[None, :], sample_rate)[0]
+    return low, math.sqrt(float(np.sum(power[1 : math.ceil(low * duration)])))
+
+
 def joined(found: Sequence[Excess]) -> list[list[Excess]]:
     """Excesses of one channel, or of several, joined where their bands touch."""
     groups: list[list[Excess]] = []
@@ -195,6 +210,7 @@ def _floors(
         own = _cells(whole, rest.size / sample_rate, band, lines)
         found.append((_floor(own, rest.size / sample_rate), _UNSURE / math.sqrt(max(own.size, 1))))
     floors, unsure = np.array(found).T
+    bins = np.diff(edges) * rest.size / sample_rate
     for pieces in _PIECES:
         length = rest.size // pieces
         if length < 4 * _BINS:
@@ -208,7 +224,21 @@ def _floors(
             there = _floor(_cells(power, duration, band, lines), duration)
             if there < floors[k] * (1.0 - min(unsure[k], _MAX_UNSURE)):
                 floors[k] = there
+    floors = _no_steeper_than_pink(floors, edges, bins >= _TOLD)
     return np.array([floors, floors * (1.0 + unsure)])
+
+
+def _no_steeper_than_pink(floors: np.ndarray, edges: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Floors (m,) of which those of bands that are not ``told``, below others, are no higher than
+    noise whose density falls with the frequency would make them.
+    """
+    if not told.any() or told[0]:
+        return floors
+    first, middle = int(np.argmax(told)), np.sqrt(edges[:-1] * edges[1:])
+    pink = np.min((floors * middle)[first : first + _BESIDE])
+    found = floors.copy()
+    found[:first] = np.minimum(floors[:first], pink / middle[:first])
+    return found
 
 
 def _cells(

@@ -415,7 +415,9 @@ class Simulation:
             "rejected_steps": int(count[kernel.REJECTED]),
             "event_location_steps": int(count[kernel.EVENT_STEPS]),
             "iterations": int(count[kernel.ITERATIONS_MADE]),
-            "microsteps": int(count[kernel.MICROSTEPS]),
+            "microsteps": math.ceil(
+                int(count[kernel.MICROSTEPS]) / len(self.scenario.driver.shape.after)
+            ),
             "sticks": int(count[kernel.STICKS]),
             "breakaways": int(count[kernel.BREAKAWAYS]),
             "sampling": (

@@ -56,8 +56,9 @@ N_POWERS = N_CHANNELS - POWERS
 # Bodies with elements of friction with memory: 0 rotor, 1 output, 2 gear; and
 HARNESS, BACKLASH = 3, 4
 
-STEP_COLUMNS = 10
-"""Columns of a row that describes a step (``samples.record_step``)."""
+STEP_LEVEL, STEP_EVENT, STEP_REACHES, STEP_PART, STEP_DEFICITS, STEP_COLUMNS = 0, 1, 2, 3, 4, 28
+"""Columns of a row that describes a step (``samples.record_step``): level, event at its end or -1,
+whether it reaches its target, the fraction taken, and 24 deficits."""
 
 ROUNDED = 1e-12
 """Times that differ by less, over themselves, are the same."""

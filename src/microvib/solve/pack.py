@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from microvib.model.friction import Friction
 from microvib.model.harness import Harness
 from microvib.model.motor import Motor
 from microvib.model.scenario import Scenario
-from microvib.solve import kernel, nodes, propagate, propagators
+from microvib.solve import kernel, nodes, propagate, propagators, replay
 from microvib.solve.noise import roughness, torque_noise
 from microvib.solve.sampling import ERROR_WEIGHTS
 from microvib.solve.vector import whole_lanes
@@ -24,6 +24,21 @@ SCRATCH_ROWS = 19
 """Rows of a run's scratch."""
 MIN_STEP_RATIO = 0.01
 """Shortest step in units of the fastest part of the linear motion."""
+
+
+ELECTRICAL_FIELDS = ("R", "L", "K_P", "K_I", "K_D", "K_V")
+MODAL_FIELDS = ("H", "H_m", "V", "V_m", "D", "Lam")
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """Notes of a replay; see ``replay.replay``."""
+
+    accuracy: float
+    noted: bool
+    modes: np.ndarray
+    moments: np.ndarray
+    span: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -40,6 +55,8 @@ class Packed:
     scratch: np.ndarray
     lanes: tuple[np.ndarray, np.ndarray, np.ndarray]
     """Scratch of the propagators."""
+    held: np.ndarray
+    """The state ``y`` at rest with holding currents."""
 
     def advance(self, stop: float, samples: Any, steps_t: np.ndarray, steps_ref: np.ndarray) -> int:
         """Advance to the time ``stop`` [s]; see ``propagate.advance``."""
@@ -93,6 +110,54 @@ class Packed:
         if not self.drive.elements.size:
             return samples
         return samples._replace(rates_shown=max(samples.rates_shown, ERROR_WEIGHTS[0]))
+
+    def replay(self, stop: float, plan: np.ndarray, results: Replayed, period: Any) -> int:
+        """Advance to the time ``stop`` [s] by the recorded steps ``plan``; see ``replay.replay``."""
+        tables = self.propagators._replace(accuracy=results.accuracy)
+        return int(
+            replay.replay(
+                stop,
+                plan,
+                results.noted,
+                results.modes,
+                results.moments,
+                results.span,
+                self.state,
+                self.drive,
+                tables,
+                period.times,
+                period.commands,
+                *self.lanes,
+                self.scratch.ravel(),
+            )
+        )
+
+    def beside(self, scenario: Scenario) -> Packed:
+        """Another drive with the state, the linear part and the scratch of this one; with tables of
+        its own for modes that differ. For replays alone.
+        """
+        drive = _require_finite(_drive(scenario))
+        drive = drive._replace(shaped=drive.shaped or self.drive.shaped)
+        return replace(self, drive=drive, propagators=self._tables_for(drive))
+
+    def _tables_for(self, drive: Any) -> Any:
+        """Propagators of this drive as another takes them: with its modes, and with its currents,
+        which decay within a step, so that deficits by them would be no cubics.
+        """
+        t, modal = self.propagators, _moments(2, 2 if drive.H_m.size else 1)
+        if self._differs(drive, ELECTRICAL_FIELDS):
+            A = _linear_part(drive, self.state._replace(y=self.held))
+            others = {x: np.zeros_like(getattr(t, x)) for x in ("nodes", "pieces", "modes", "sums")}
+            t = t._replace(A=A, columns=_columns_of(A), **others)
+            propagators.tabulate(t, drive, _moments(kernel.MODES, 6), modal)
+        elif self._differs(drive, MODAL_FIELDS):
+            t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
+            propagators.tabulate_modes(t, drive, modal)
+        return t
+
+    def _differs(self, drive: Any, fields: tuple[str, ...]) -> bool:
+        """Whether another drive differs from this one in some of its fields."""
+        return not all(np.array_equal(getattr(drive, x), getattr(self.drive, x)) for x in fields)
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -153,7 +218,7 @@ def pack(scenario: Scenario) -> Packed:
     )
     width = max(kernel.N_CHANNELS + size, 32)
     _set_holding_state(scenario, drive, state)
-    sizes = _state_sizes(scenario)
+    sizes, held = _state_sizes(scenario), state.y.copy()
     tables = _propagators(scenario, drive, state, sizes)
     if scenario.record.rotor_offset != 0.0:
         _set_holding_state(
@@ -172,14 +237,33 @@ def pack(scenario: Scenario) -> Packed:
         sizes,
         np.zeros((SCRATCH_ROWS, width)),
         (lanes, lanes.ravel(), by_node),
+        held,
     )
+
+
+_LONG_RAMP = 0.95
+"""Part of a microstep's period from which a ramp lasts almost until the next one begins."""
+
+
+def _refinement(scenario: Scenario) -> int:
+    """Refinement of the steps: twice the solver's where ramps follow each other.
+
+    From one such ramp to the next the slope of the references changes so little that the torque's
+    error lets steps grow beyond the current loop's transient, and the electrical energy is then off
+    by a hundred times what it is otherwise.
+    """
+    own = scenario.solver.refinement
+    if scenario.driver.microstep_ramp > _LONG_RAMP:
+        return 2 * own
+    return own
 
 
 def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) -> Any:
     """Tables of ``microvib.solve.propagate`` for a drive, at rest in ``state``."""
     n, s, solver = kernel.MODES, drive.H.size, scenario.solver
     per_size = 1.0 / sizes  # 0 for what no gain moves
-    A, longest = _linear_part(drive, state), solver.max_step / solver.refinement
+    refinement = _refinement(scenario)
+    A, longest = _linear_part(drive, state), solver.max_step / refinement
     fastest = float(
         np.max(
             np.sum(
@@ -193,7 +277,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         (drive.l_stribeck, drive.l_inv_rate, max(drive.J_L, drive.J_m if drive.rigid else 0.0)),
     ):
         fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
-    accuracy = solver.accuracy / solver.refinement**4
+    accuracy = solver.accuracy / refinement**4
     shortest = MIN_STEP_RATIO
     if math.isfinite(
         drive.U_max
@@ -213,7 +297,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         inputs=6 if math.isfinite(drive.U_max) else 4,
         levels=levels,
         A=A,
-        columns=A.transpose(0, 2, 1).reshape(-1, 4).copy(),
+        columns=_columns_of(A),
         per_size=per_size[propagators.INPUTS],
         per_layer=np.maximum(per_size[propagators.INPUTS], _friction_layer_rates(drive)),
         nodes=np.zeros((propagators.PATTERNS * levels * propagators.NODE_ROWS, 4)),
@@ -227,6 +311,11 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     )
     propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
     return tables
+
+
+def _columns_of(A: np.ndarray) -> np.ndarray:
+    """Columns of the matrices of all patterns, in two rows of four each."""
+    return A.transpose(0, 2, 1).reshape(-1, 4).copy()
 
 
 def _friction_layer_rates(drive: Any) -> np.ndarray:
@@ -312,6 +401,12 @@ def _require_finite(drive: Any) -> Any:
     """The drive, if compiled code may see it: parameters that are finite can give constants that
     are not.
     """
+    bounded = drive._replace(U_max=0.0)  # one look at all of them: this is asked for each drive
+    arrays = [x.ravel() for x in bounded if isinstance(x, np.ndarray)]
+    if math.isfinite(sum(x for x in bounded if not isinstance(x, np.ndarray))) and math.isfinite(
+        float(np.sum(np.concatenate(arrays)))
+    ):
+        return drive
     for name, value in zip(drive._fields, drive, strict=True):
         finite = math.isfinite(value) if isinstance(value, float) else np.all(np.isfinite(value))
         if name != "U_max" and not finite:
@@ -430,8 +525,8 @@ def _drive(scenario: Scenario) -> Any:
         inv_J_both=1.0 / (J_L - J_c**2 / J_m) if J_L > 0.0 else 0.0,
         inv_h=1.0 / reducer.h,
         inv_z=1.0 / motor.rotor_teeth,
-        max_step=solver.max_step / solver.refinement,
-        layer=fast / 3.0 / solver.refinement,
+        max_step=solver.max_step / _refinement(scenario),
+        layer=fast / 3.0 / _refinement(scenario),
         m_elements=len(elements[0]),
         l_elements=len(elements[1]),
         g_elements=len(elements[2]),

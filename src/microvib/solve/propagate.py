@@ -108,7 +108,7 @@ where equations jump.
 
 
 @code.inner(**INLINE)
-def _work(x, margins, lanes, flat, by_node, room):
+def work_of(x, margins, lanes, flat, by_node, room):
     """Scratch of a step in the memory given, with that many ``margins`` beside those of rotor and output;
     ``flat`` is that of ``lanes``.
     """
@@ -283,7 +283,7 @@ def _end_step(level, left, x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _move(event, x, p, t, w):
+def move(event, x, p, t, w):
     """Move the state to the end of the step, with the friction event there."""
     for j in range(N):
         w.x[j] = w.end[j]
@@ -303,7 +303,7 @@ def _move(event, x, p, t, w):
 
 
 @code.inner(**FORCED)
-def _take(row, x, p):
+def take(row, x, p):
     """Take a microstep, or a step of a pulsed drive."""
     if p.windings > 0:
         start_pulse(row, x, p)
@@ -330,14 +330,13 @@ def _lag(p, w):
 
 
 @code.inner(**FORCED)
-def _record(u, end, level, x, p, t, w, out):
+def _record(u, end, event, reaches, level, x, p, t, w, out):
     """Samples of the step that ends at the time ``end``, its fraction ``u``; or the step itself."""
     if out.width > 0.0:
         fit_momentum(level, p, t, w)
         record_samples(u, end, level, x, p, t, w, out)
     elif out.cursor[0] < out.rows.shape[0]:
-        fit_momentum(level, p, t, w)
-        record_step(u, t.longest * 0.5**level, x.clock[NOW], w, out)
+        record_step(u, event, reaches, level, w, out)
 
 
 @code.inner(**INLINE)
@@ -368,7 +367,7 @@ def advance(
     Returns a status code.
     """
     w, clock, coming, stalled, status = (
-        _work(x, p.elements.shape[0] + p.windings, lanes, flat, by_node, room),
+        work_of(x, p.elements.shape[0] + p.windings, lanes, flat, by_node, room),
         x.clock,
         0,
         0,
@@ -385,7 +384,7 @@ def advance(
         if left <= 0.0:
             add_reference_offset(w.x, 0.0, x, p)
             from_command_frame(w.x, x.y, x, p, t)
-            _take(steps_ref[coming], x, p)
+            take(steps_ref[coming], x, p)
             coming += 1
             s, c = to_command_frame(x, p, t, w)
             kind = AFTER_MICROSTEP
@@ -397,12 +396,13 @@ def advance(
         T = t.longest * 0.5**level
         # A step that reaches its target ends there to the last digit, so that sample intervals
         # close where they should.
-        end = target if event < 0 and left * (1.0 - 1e-12) <= T else clock[NOW] + u * T
-        _record(u, end, level, x, p, t, w, out)
+        reaches = event < 0 and left * (1.0 - 1e-12) <= T
+        end = target if reaches else clock[NOW] + u * T
+        _record(u, end, event, reaches, level, x, p, t, w, out)
         x.counters[STEPS] += 1
         lasted = end - clock[NOW]
         ramp_ends = pass_time(end, clock)
-        _move(event, x, p, t, w)
+        move(event, x, p, t, w)
         if not p.ideal:
             references_in_command_frame(s, c, x, p)
         kind, last_level = _kind_after(event, u, kind, level)

@@ -339,8 +339,21 @@ def tabulate(t: Propagators, p: Drive, drive: Moments, mode: Moments) -> None:
     for pattern in range(PATTERNS):
         if occurs(pattern, p):
             _tabulate_pattern(pattern, shortest, t, p, drive)
+    tabulate_modes_into(t, p, mode)
+
+
+@code.inner(**COMPILE)
+def tabulate_modes_into(t, p, mode):
+    """Fill the tables of all modes; sums over them must be 0 before."""
+    shortest = t.longest * 0.5 ** (t.levels - 1)
     for k in range(p.H.size):
         _tabulate_oscillator(k, shortest, t, p, mode)
+
+
+@code.entry(**COMPILE)
+def tabulate_modes(t: Propagators, p: Drive, mode: Moments) -> None:
+    """Fill the tables of the modes alone, for a drive that differs from that of ``t``."""
+    tabulate_modes_into(t, p, mode)
 
 
 @code.inner(**COMPILE)

@@ -16,6 +16,11 @@ from microvib.solve.kernel import (
     N_POWERS,
     NOW,
     POWERS,
+    STEP_DEFICITS,
+    STEP_EVENT,
+    STEP_LEVEL,
+    STEP_PART,
+    STEP_REACHES,
     T_D,
     T_D_FORCE,
     WEIGHT,
@@ -234,15 +239,14 @@ def record_samples(u, end, level, x, p, t, w, out):
 
 
 @code.inner(**FORCED)
-def record_step(u, T, now, w, out):
-    """A row of the step itself: its start, what it lasts, and the coefficients of the momentum over
-    the part of it that was taken, in powers of the fraction of that part.
-    """
-    row, power = out.rows[out.cursor[0]], 1.0
-    row[0], row[1] = now, u * T
-    for m in range(8):
-        row[2 + m] = w.poly[m] * power
-        power *= u
+def record_step(u, event, reaches, level, w, out):
+    """A row of the step itself, from which it can be taken again (``microvib.solve.replay``)."""
+    row = out.rows[out.cursor[0]]
+    row[STEP_LEVEL], row[STEP_EVENT], row[STEP_REACHES] = level, event, 1.0 if reaches else 0.0
+    row[STEP_PART] = u
+    for k in range(6):
+        for j in range(4):
+            row[STEP_DEFICITS + 4 * k + j] = w.r[k, j]
     out.cursor[0] += 1
 
 

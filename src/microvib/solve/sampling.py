@@ -72,8 +72,7 @@ class SampleIntervals:
 
 def max_driving_frequency(scenario: Scenario) -> float:
     """The highest driving frequency [Hz] at any time."""
-    fastest = float(np.max(np.abs(scenario.tracking.breakpoints()[1])))
-    return scenario.driver.driving_frequency(scenario.motor, scenario.reducer.ratio * fastest)
+    return scenario.highest_driving_frequency
 
 
 def sample_intervals(scenario: Scenario, start: float = 0.0) -> SampleIntervals:
@@ -117,10 +116,8 @@ def sample_buffer(
 
 
 def step_buffer(rows: np.ndarray) -> Any:
-    """Samples that fill ``rows`` (n, ``kernel.STEP_COLUMNS``) with the steps themselves: start [s],
-    length [s] and the coefficients of the momentum in powers of the fraction of the step.
-
-    What does not fit is not recorded.
+    """Samples that fill ``rows`` (n, ``kernel.STEP_COLUMNS``) with the steps themselves, from which
+    they can be taken again (``microvib.solve.replay``). What does not fit is not recorded.
     """
     cursor = np.zeros(2, dtype=np.int64)
     return kernel.Samples(

@@ -403,6 +403,24 @@ def _spent_within(which, x, p, t, w):
     return 1e-8 * limit
 
 
+@code.inner(**FORCED)
+def margin_within(u, which, level, x, p, t, w):
+    """Margin of friction or winding ``which`` at the fraction ``u`` of the step, with the solution
+    there in ``w.end``, ``w.modes`` and ``w.there``.
+    """
+    length = t.longest * 0.5**level
+    solution_at(u, level, x, p, t, w)
+    add_reference_offset(w.end, u * length, x, p)
+    from_command_frame(w.end, w.there, x, p, t)
+    for j in range(w.modes.size):
+        w.there[MODES + j] = w.modes[j]
+    if which >= 2 + p.elements.shape[0]:
+        return winding_margin(which - 2 - p.elements.shape[0], w.there, x.stick, p)
+    if which >= 2:
+        return element_margin(which - 2, w.there, x.stick, p)
+    return _margin_there(u * length, which, x, p, w)
+
+
 @code.inner(**COMPILE)
 def end_at_event(u, which, level, x, p, t, w):
     """End the step where the margin of friction or winding ``which`` is just spent, near its fraction
@@ -411,20 +429,10 @@ def end_at_event(u, which, level, x, p, t, w):
     ``u`` comes from the cubic through the nodes; the solution itself corrects it.
     """
     enough = _spent_within(which, x, p, t, w)
-    below, above, length = 0.0, 1.0, t.longest * 0.5**level
+    below, above = 0.0, 1.0
     last_u, last_e = 0.0, math.inf
     for _ in range(8):
-        solution_at(u, level, x, p, t, w)
-        add_reference_offset(w.end, u * length, x, p)
-        from_command_frame(w.end, w.there, x, p, t)
-        for j in range(w.modes.size):
-            w.there[MODES + j] = w.modes[j]
-        if which >= 2 + p.elements.shape[0]:
-            e = winding_margin(which - 2 - p.elements.shape[0], w.there, x.stick, p)
-        elif which >= 2:
-            e = element_margin(which - 2, w.there, x.stick, p)
-        else:
-            e = _margin_there(u * length, which, x, p, w)
+        e = margin_within(u, which, level, x, p, t, w)
         if e < 0.0:
             above = u
         else:

@@ -11,8 +11,10 @@ from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import find_lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import run_scenario
+from microvib.analysis.sticking import sticking_of
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import require_craft
+from microvib.model.drive_states import Sticking
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.pointing import Metric, radial_rms
 from microvib.solve.integration import Progress
@@ -33,6 +35,10 @@ class AngleSweep:
     lines: tuple[HubLines, ...]
     fallbacks: tuple[str, ...]
     """Why there is no steady state at an angle where one was asked for; empty elsewhere."""
+    sticking: tuple[tuple[Sticking, Sticking], ...] = ()
+    """Which shafts of the first drive and of a second one stick at each angle; empty where that is
+    not known.
+    """
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,17 +103,19 @@ def sweep_angles(
     check_sweep(scenario)
     turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 
-    def at(angle: Si) -> tuple[HubLines, str]:
+    def at(angle: Si) -> tuple[HubLines, str, tuple[Sticking, Sticking]]:
         turned = scenario.at_angle(angle)
         if turned.record.start == "steady":
             state, why = find_steady(turned)
         else:
             state, why = (None, "")
         if state is not None:
-            return hub_lines(state, find_lines(state, harmonics=harmonics)), ""
+            sticking = sticking_of(state), sticking_of(state.second_wing)
+            return hub_lines(state, find_lines(state, harmonics=harmonics)), "", sticking
         result = run_scenario(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
         assert result.motion is not None
-        return hub_lines(result.motion, result.table), why
+        sticking = sticking_of(result.motion), sticking_of(result.motion.second_wing)
+        return hub_lines(result.motion, result.table), why, sticking
 
     with parallel_calls(progress) as calls:
         found = calls(at, ((angle,) for angle in turns))

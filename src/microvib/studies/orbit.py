@@ -378,11 +378,13 @@ def _merge_sweeps(a: AngleSweep, b: AngleSweep) -> AngleSweep:
     angles = np.concatenate([a.angles, b.angles])
     order = np.argsort(angles * math.copysign(1.0, a.angles[-1] - a.angles[0])).tolist()
     lines, fallbacks = a.lines + b.lines, a.fallbacks + b.fallbacks
+    sticking = a.sticking + b.sticking
     return AngleSweep(
         a.scenario,
         angles[order],
         tuple(lines[k] for k in order),
         tuple(fallbacks[k] for k in order),
+        tuple(sticking[k] for k in order),
     )
 
 

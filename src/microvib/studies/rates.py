@@ -27,7 +27,13 @@ from microvib.analysis.unseen import (
     nonlinear_torque_bounds,
     out_of_band_lines,
 )
-from microvib.errors import OptionError, SimulationError, expect_list, whole_number
+from microvib.errors import (
+    OptionError,
+    ScenarioError,
+    SimulationError,
+    expect_list,
+    whole_number,
+)
 from microvib.model.line_names import (
     SECOND_DRIVE,
     driving_line,
@@ -94,6 +100,11 @@ class RateLine:
     """Frequency over the driving frequency."""
     frequency: Annotated[float, Column("frequency_hz", measure=FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", measure=TORQUE)]
+    spread: Annotated[float, Column("spread_n_m", measure=TORQUE)] = field(
+        default=math.nan, compare=False
+    )
+    """First-order change of the amplitude within the ranges that sources note
+    (``microvib.analysis.spread``)."""
     away: float = 0.0
     """How far from its frequency [Hz] another line may lie that it stands for."""
 
@@ -318,10 +329,11 @@ class RatePlan:
 
     def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
         return min(
-            ((case, self._top(case)) for case in cases), key=lambda item: item[1], default=None
+            ((case, self.top(case)) for case in cases), key=lambda item: item[1], default=None
         )
 
-    def _top(self, case: RateCase) -> float:
+    def top(self, case: RateCase) -> float:
+        """Largest line of a case within the band, or what a hidden one may have [N m]."""
         known = (case.largest(self.band), case.largest(self.band, hidden=True))
         return max((line.amplitude for line in known if line is not None), default=0.0)
 
@@ -433,11 +445,16 @@ def plan_rates(  # noqa: PLR0913 - keyword options
 
 
 def _check_linear(scenario: Scenario, linear: bool) -> None:
-    """OptionError for a drive without a linearised one."""
+    """OptionError for a drive without a linearised one, or whose lines that does not give."""
     if scenario.driver.pulsed and linear:
         raise OptionError(
             "linear",
             "is not known of driver.drive: pulse, between whose pulses nothing pulls; leave it out",
+        )
+    if scenario.driver.compensates and linear:
+        raise OptionError(
+            "linear",
+            "does not know how driver.compensation spreads the driving lines; leave it out",
         )
 
 
@@ -562,13 +579,25 @@ def at_rate(scenario: Scenario, rate: GivenQuantity, microsteps: int) -> Scenari
     return scenario.with_si({"tracking": tracking, "driver.microsteps": microsteps})
 
 
+def _case_at(scenario: Scenario, rate: Si, microsteps: int) -> Scenario | RateCase:
+    """``at_rate``; where microsteps follow too quickly for their parts, a case that says so."""
+    try:
+        return at_rate(scenario, rate, microsteps)
+    except ScenarioError as why:
+        if not scenario.driver.microstep_shape:
+            raise
+        return RateCase(rate, microsteps, (), str(why))
+
+
 def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
     """One case with the full model, its steady state ``confirmed`` by a run from rest that is
     waited for to its end.
 
     Where a second wing is driven, lines of both drives.
     """
-    changed = at_rate(scenario, rate, microsteps)
+    changed = _case_at(scenario, rate, microsteps)
+    if isinstance(changed, RateCase):
+        return changed
     first = _full_case(changed, rate, microsteps, confirmed)
     other = changed.driven_wing
     if other is None or other.rate == 0.0:
@@ -612,7 +641,9 @@ def _without_rounding(seen: Sequence[Line], driving_frequency: float) -> tuple[R
     """The lines that are not smaller than rounding beside the largest."""
     top = max((x.amplitude for x in seen), default=0.0)
     return tuple(
-        RateLine(x.name, x.kind, x.frequency / driving_frequency, x.frequency, x.amplitude)
+        RateLine(
+            x.name, x.kind, x.frequency / driving_frequency, x.frequency, x.amplitude, x.spread
+        )
         for x in seen
         if x.amplitude >= MIN_LINE_RATIO * top
     )
@@ -682,7 +713,9 @@ _NOISE_QUANTILE_FACTOR = 2.0
 
 def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = False) -> RateCase:
     """One case with the linearised drive, of which there is nothing to be ``confirmed``."""
-    changed = at_rate(scenario, rate, microsteps)
+    changed = _case_at(scenario, rate, microsteps)
+    if isinstance(changed, RateCase):
+        return changed
     first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
     if other is None or other.rate == 0.0:
         return first
@@ -851,7 +884,7 @@ def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
     orders += [(electrical_line(n), n * electrical) for n in torques if n % motor.full_steps]
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     return orders + [
-        (e.line, float(e.order) / turn) for e in scenario.reducer.errors if e.amplitude > 0.0
+        (e.line, float(e.order) / turn) for e in scenario.rotor_harmonics if e.amplitude > 0.0
     ]
 
 

@@ -5,24 +5,26 @@ through its range.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
-from microvib.analysis.lines import expected_in, lines_of_samples
+from microvib.analysis.lines import expected_in, lines_of_samples, lines_of_steady_state
 from microvib.analysis.margins import MIN_RELATIVE_ERROR
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.linear import dynamic_stiffness, momentum_row
-from microvib.model.scenario import ASSUMED_SOURCE, GivenScenario, Scenario, as_scenario
+from microvib.model.ranges import noted_ranges, values_without_range
+from microvib.model.record import Start
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario, with_start
 from microvib.results import FREQUENCY, TORQUE, Column
-from microvib.signals.line_table import Line
+from microvib.signals.line_table import Line, LineTable
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
+from microvib.solve.steady.derivatives import NotDifferentiable
+from microvib.solve.steady.state import SteadyState, find_steady
 from microvib.studies.workers import parallel_calls
-from microvib.units import Quantity, convert
 
 STEP = 0.02
 """Part by which a value is changed for the derivative, to both sides."""
@@ -39,12 +41,13 @@ SCAN_POINTS, REFINED_POINTS, MIN_EXTREME_RATIO = 41, 21, 1.1
 factor by which one must exceed the ends to be run."""
 MAX_LINES = 8
 """Lines that are looked at, the largest."""
+STEADY_HARMONICS = 8
+"""Members of each family of lines of a steady state."""
 NOT_RANKED = (
     "sources: no value of this scenario has a range to vary it over; note the range of a value that"
     " is not well known, such as  sources: {reducer.stiffness: 'assumed; range 8000 N*m/rad to"
     " 10000 N*m/rad'}"
 )
-_RANGE = re.compile(r"; range (.+) to (.+)$")
 
 
 @dataclass(frozen=True)
@@ -134,55 +137,16 @@ class Ranking:
     """Values of which the file says that they are assumed, or notes a range, by dotted key, and why
     they do not take part.
     """
+    how: str = ""
+    """How lines and sensitivities were found, where it was not from runs that begin at rest."""
 
     def __iter__(self) -> Iterator[LineEffects]:
         return iter(self.lines)
 
 
-def unranked_values(scenario: Scenario) -> dict[str, str]:
-    """Values with a source of their own, or assumed for want of one, that are not ranked though they
-    are assumed or have a range, and why.
-    """
-    found, ranked = {}, noted_ranges(scenario)
-    for key, value, _ in scenario.entries():
-        source = scenario.sources.get(key, "")
-        if scenario.source_of(key) == ASSUMED_SOURCE and value:
-            source = ASSUMED_SOURCE
-        if key in ranked or value is None:
-            continue
-        if _RANGE.search(source):
-            found[key] = "not a continuous value"
-        elif source.startswith("assumed"):
-            found[key] = "assumed, without a range"
-    return found
-
-
-def noted_ranges(scenario: Scenario) -> dict[str, tuple[float, float]]:
-    """Ranges [SI] that sources of continuous values note, as ``...; range LOW to HIGH``, by dotted
-    key.
-    """
-    found = {}
-    for key, value, quantity in scenario.entries():
-        noted = _RANGE.search(scenario.sources.get(key, ""))
-        if noted and isinstance(value, float):
-            found[key] = _ends(key, quantity, *noted.groups())
-    return found
-
-
-def _ends(key: str, quantity: Quantity | None, low: str, high: str) -> tuple[float, float]:
-    unit = quantity.unit if quantity else ""
-    try:
-        ends = convert(low, unit), convert(high, unit)
-    except ValueError as error:
-        raise MicrovibError(f"sources.{key}: the range {low} to {high} {error}") from None
-    if not ends[0] < ends[1]:
-        raise MicrovibError(
-            f"sources.{key}: range {low} to {high}: the first must be below the second"
-        )
-    return ends
-
-
-def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) -> Ranking:
+def sensitivities(
+    scenario: GivenScenario, *, start: Start | None = None, progress: Progress | None = None
+) -> Ranking:
     """Rank values whose source notes a range by their effect on the MAX_LINES largest lines.
 
     Each takes four runs or more: two beside the value, two at the ends of its range, and more where
@@ -190,10 +154,17 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     and have the scenario's record. A changed scenario that fails has no amplitudes and is listed.
     Integers are not ranked.
 
+    In the steady state, lines are exact, and sensitivities are its derivatives (``mv.SteadyState``),
+    for which nothing is run; differences are taken of values by which a line has none.
+
     Parameters
     ----------
     scenario : Scenario, str or path
         The drive: a scenario, a name of the catalog, or the path of a scenario file.
+    start : {"rest", "steady"}, optional
+        Whether lines are those of runs from rest or of steady states; without it, as
+        ``record.start`` says. Where there is no steady state runs begin at rest, and ``how`` says
+        why.
     progress : callable, optional
         Called as ``progress(done, total)``, with the number of runs.
 
@@ -209,21 +180,22 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     SimulationError
         What ``simulate`` raises for the scenario itself.
     """
-    scenario = as_scenario(scenario)
+    scenario = with_start(as_scenario(scenario), start)
     ranges = noted_ranges(scenario)
     if not ranges:
         raise MicrovibError(NOT_RANKED)
-    scenario = scenario.with_({"record.start": "rest"})
+    base = _Base.of(scenario, list(ranges))
+    scenario = base.scenario
     if progress is not None:
         progress(0, 4 * len(ranges))
-    main = _largest_lines(scenario)
-    names = [line.name for line in main]
+    names = [line.name for line in base.lines]
     scans = [
         _Scan(
             key,
             float(scenario[key]),
             ends,
             _extremes(scenario, key, float(scenario[key]), ends, names),
+            base.derivatives.get(key),
         )
         for key, ends in ranges.items()
     ]
@@ -235,8 +207,8 @@ def sensitivities(scenario: GivenScenario, *, progress: Progress | None = None) 
     ]
     each = iter({} if isinstance(found, str) else found for found in runs)
     found = [[next(each) for _ in scan.points] for scan in scans]
-    lines = tuple(_effects_on(line, scans, found) for line in main)
-    return Ranking(lines, tuple(failed), unranked_values(scenario))
+    lines = tuple(_effects_on(line, scans, found) for line in base.lines)
+    return Ranking(lines, tuple(failed), values_without_range(scenario), base.how)
 
 
 def _effects_on(
@@ -246,7 +218,7 @@ def _effects_on(
     scan.
     """
     effects = [
-        _effect(scan, line.amplitude, [run.get(line.name, math.nan) for run in its])
+        _effect(scan, line, [run.get(line.name, math.nan) for run in its])
         for scan, its in zip(scans, found, strict=True)
     ]
     ranked = tuple(sorted(effects, key=lambda effect: -effect.span(line.amplitude)))
@@ -263,21 +235,78 @@ class _Scan:
     ends: tuple[float, float]
     inside: tuple[float, ...]
     """Where the linearised drive has extremes."""
+    derivatives: Mapping[str, float] | None = None
+    """d ln amplitude / d ln value by line, where nothing needs to be run for them."""
 
     @property
     def points(self) -> tuple[float, ...]:
-        """Beside the value, at the ends of its range, and inside."""
-        return (*_perturbed_values(self.value), *self.ends, *self.inside)
+        """Beside the value, unless derivatives are known; at the ends of its range, and inside."""
+        beside = _perturbed_values(self.value) if self.derivatives is None else ()
+        return (*beside, *self.ends, *self.inside)
 
 
-def _largest_lines(scenario: Scenario) -> list[Line]:
+@dataclass(frozen=True)
+class _Base:
+    """The scenario as it is: its largest lines, and derivatives of these that are known."""
+
+    scenario: Scenario
+    lines: list[Line]
+    derivatives: dict[str, dict[str, float]]
+    """d ln amplitude / d ln value by key, then by line."""
+    how: str
+
+    @classmethod
+    def of(cls, scenario: Scenario, keys: Sequence[str]) -> _Base:
+        """Base of a scenario: its steady state where the record starts in one, else a run from rest."""
+        why = ""
+        if scenario.record.start == "steady":
+            state, why = find_steady(scenario, whole=False)
+            if state is not None:
+                lines = _largest_lines(lines_of_steady_state(state, "T_d", STEADY_HARMONICS))
+                found = _derivatives(state, keys, lines)
+                return cls(scenario, lines, found, _how(keys, found))
+            why = f"Runs begin at rest, because there is no steady state: {why}."
+        scenario = scenario.with_({"record.start": "rest"})
+        torque = simulate_torques([scenario])[0]
+        if isinstance(torque, SimulationError):
+            raise torque
+        table = lines_of_samples(torque.T_d, torque.sample_rate, scenario)
+        return cls(scenario, _largest_lines(table), {}, why)
+
+
+def _derivatives(
+    state: SteadyState, keys: Sequence[str], lines: Sequence[Line]
+) -> dict[str, dict[str, float]]:
+    """d ln amplitude / d ln value by key, then by line, of those keys by which all lines have one."""
+    orders = [round(line.frequency / state.frequency) for line in lines]
+    able = [key for key in keys if state.scenario[key] != 0.0]
+    try:
+        found = state.derivatives(able, orders).relative.real
+    except NotDifferentiable:
+        return {}
+    return {
+        key: {line.name: x for line, x in zip(lines, row, strict=True)}
+        for key, row in zip(able, found.tolist(), strict=True)
+        if all(map(math.isfinite, row))
+    }
+
+
+def _how(keys: Sequence[str], derivatives: Mapping[str, object]) -> str:
+    """How sensitivities were found, in a sentence."""
+    rest = [key for key in keys if key not in derivatives]
+    if not rest:
+        return "Lines are those of steady states, and d ln/d ln their derivatives."
+    taken = f"by {', '.join(rest)} differences, since a line has a kink there or no derivative"
+    if len(rest) == len(keys):
+        return f"Lines are those of steady states, and d ln/d ln {taken}."
+    return f"Lines are those of steady states, and d ln/d ln their derivatives; {taken}."
+
+
+def _largest_lines(table: LineTable) -> list[Line]:
     """Lines of the scenario as it is, the largest first."""
-    base = simulate_torques([scenario])[0]
-    if isinstance(base, SimulationError):
-        raise base
     known = [
         line
-        for line in lines_of_samples(base.T_d, base.sample_rate, scenario).notable()
+        for line in table.notable()
         if line.kind not in ("sideband", "other") and math.isfinite(line.amplitude)
     ]
     return sorted(known, key=lambda line: -line.amplitude)[:MAX_LINES]
@@ -335,20 +364,15 @@ def _gains(
     return gains
 
 
-def _effect(scan: _Scan, amplitude: float, found: Sequence[float]) -> Effect:
-    """Effect of one key on a line of this ``amplitude``, ``found`` at the points of its scan [N m]."""
-    below, above, low, high, *between = found
-    known = below > 0.0 and above > 0.0 and amplitude > 0.0 and scan.value != 0.0
-    slope, sides = math.nan, (math.nan, math.nan)
-    if known:
-        sides = (
-            math.log(below / amplitude) / math.log(1.0 - STEP),
-            math.log(above / amplitude) / math.log(1.0 + STEP),
-        )
-        if abs(sides[1] - sides[0]) <= max(
-            SLOPE_TOLERANCES[0], SLOPE_TOLERANCES[1] * max(map(abs, sides))
-        ):
-            slope = math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP))
+def _effect(scan: _Scan, line: Line, found: Sequence[float]) -> Effect:
+    """Effect of one key on a line, ``found`` at the points of its scan [N m]."""
+    if scan.derivatives is not None:
+        slope = scan.derivatives[line.name]
+        sides = (slope, slope)
+        low, high, *between = found
+    else:
+        below, above, low, high, *between = found
+        slope, sides = _slopes(scan.value, line.amplitude, below, above)
     return Effect(
         scan.key,
         scan.value,
@@ -360,12 +384,37 @@ def _effect(scan: _Scan, amplitude: float, found: Sequence[float]) -> Effect:
     )
 
 
+def _slopes(
+    value: float, amplitude: float, below: float, above: float
+) -> tuple[float, tuple[float, float]]:
+    """Sensitivity of a line of this ``amplitude``, by its amplitudes beside the value, and those to
+    both sides; nan where there is none.
+    """
+    if not (below > 0.0 and above > 0.0 and amplitude > 0.0 and value != 0.0):
+        return math.nan, (math.nan, math.nan)
+    sides = (
+        math.log(below / amplitude) / math.log(1.0 - STEP),
+        math.log(above / amplitude) / math.log(1.0 + STEP),
+    )
+    if abs(sides[1] - sides[0]) > max(
+        SLOPE_TOLERANCES[0], SLOPE_TOLERANCES[1] * max(map(abs, sides))
+    ):
+        return math.nan, sides
+    return math.log(above / below) / math.log((1.0 + STEP) / (1.0 - STEP)), sides
+
+
 def _amplitudes(scenario: Scenario, key: str, value: float) -> dict[str, float] | str:
     """Amplitudes [N m] of lines with one value changed; the reason where it cannot be simulated."""
     try:
         changed = scenario.with_si({key: value})
     except MicrovibError as error:
         return str(error)
+    if changed.record.start == "steady":
+        state, why = find_steady(changed.with_sources({}), whole=False)
+        if state is None:
+            return why
+        table = lines_of_steady_state(state, "T_d", STEADY_HARMONICS)
+        return {line.name: line.amplitude for line in table}
     torque = simulate_torques([changed])[0]
     if isinstance(torque, SimulationError):
         return str(torque)

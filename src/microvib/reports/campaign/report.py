@@ -178,7 +178,14 @@ def campaign_outcome(s: Summary) -> Outcome:
         _verdict(s),
         tuple(_facts(s)),
         (
-            Part("", (*(_levels(s) if s.several else lines), *map(Text, _against_limit(s)))),
+            Part(
+                "",
+                (
+                    _up_to_the_passband(s),
+                    *(_levels(s) if s.several else lines),
+                    *map(Text, _against_limit(s)),
+                ),
+            ),
             Part("Lines", lines if s.several else (), new_page=True),
             Part("Worst cases", tuple(_worst(s)), new_page=True, report_only=True),
             Part("Varied parameters", (_varied(campaign), Text(_sampling(campaign, s)))),
@@ -514,12 +521,16 @@ def _how_to_read(s: Summary) -> str:
     failed = sum(r.level.failed for r in s.by_level)
     if failed:
         text += f" {count_text(failed, 'case')} without figures (failed, or not computed) are not in them."
+    return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
+
+
+def _up_to_the_passband(s: Summary) -> Text:
+    """Up to which frequency lines are listed."""
     top = PASSBAND * s.results.campaign.design.base.record.sample_rate
-    text += (
-        f" Lines are listed up to {top:.4g} Hz, the edge of the passband, also of steady states: what"
+    return Text(
+        f"Lines are listed up to {top:.4g} Hz, the edge of the passband, also of steady states: what"
         " lies above is in the verdicts and in no figure, and so not in the largest line."
     )
-    return f"{text}{band} All figures are the model's, for the assumed spread; they are not those of a measured batch."
 
 
 def _sampling(campaign: Campaign, s: Summary) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from microvib.analysis.accuracy import read_error_estimate
 from microvib.analysis.limits import Judgement, transient_warnings
 from microvib.analysis.run import RunResult
+from microvib.analysis.spread import spread_sentence
 from microvib.analysis.start import steady_state_fallback_note
 from microvib.model.scenario import Scenario
 from microvib.reports import figures
@@ -89,6 +90,8 @@ def first_page(result: RunResult, judged: Judgement | None) -> Iterator[Item]:
 
 def _notes(result: RunResult, judged: Judgement | None) -> Iterator[str]:
     if told := steady_state_fallback_note(result.solver):
+        yield told
+    if told := spread_sentence(result.table):
         yield told
     yield from _unusual(result.scenario)
     yield from transient_warnings(result.table, result.scenario)

@@ -42,6 +42,8 @@ class LineRow:
         float,
         Column("amplitude_uncertainty_n_m", "± (1σ)", TORQUE_UNCERTAINTY, report_only=True),
     ]
+    spread: Annotated[float, Column("spread_n_m", "± (ranges)", TORQUE_UNCERTAINTY)]
+    """How far it moves within the ranges that sources note."""
     phase: Annotated[float, Column("phase_rad", "phase", _PHASE, report_only=True)]
     bin_amplitude: Annotated[float, Column("bin_amplitude_n_m", "nearest bin", TORQUE)]
     origin: Annotated[str, Column("origin", "what it is", report_only=True)]
@@ -52,12 +54,14 @@ class LineRow:
     """Empty for a line that is simply seen."""
 
 
-_MAIN = ("line", "frequency_hz", "amplitude_n_m", "origin", "status")
-_JUDGED = ("line", "frequency_hz", "amplitude_n_m", "margin_db", "factor", "verdict", "status")
+_MAIN = ("line", "frequency_hz", "amplitude_n_m", "spread_n_m", "origin", "status")
+_JUDGED = (
+    "line", "frequency_hz", "amplitude_n_m", "spread_n_m", "margin_db", "factor", "verdict", "status",
+)  # fmt: skip
 """Columns of the first page, without a limit and with one."""
 _ALL = (
     "line", "expected_hz", "frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m",
-    "phase_rad", "bin_amplitude_n_m", "origin", "margin_db", "verdict", "status",
+    "spread_n_m", "phase_rad", "bin_amplitude_n_m", "origin", "margin_db", "verdict", "status",
 )  # fmt: skip
 
 
@@ -70,6 +74,7 @@ def line_row(line: Line, judged: Judgement | None) -> LineRow:
         line.frequency,
         line.amplitude,
         line.amplitude_uncertainty if math.isfinite(line.amplitude) else math.nan,
+        line.spread,
         line.phase,
         line.bin_amplitude,
         line.origin,

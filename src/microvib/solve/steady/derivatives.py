@@ -8,46 +8,59 @@ and so
     dc/dp = c_p + c_x (I - P_x)^-1 P_p
 
 All of it is had from differences of single periods: nothing settles, and nothing is searched again.
-The periods are integrated with finer steps than the solution, for a step that is accepted here and
-rejected there changes the end by the error of integration; and Fourier coefficients are integrated
-over each step, for an event that crosses the edge of a sample would make them jump.
+The period is integrated once with finer steps than the solution; those beside it take the same
+steps and end them at the same events (``microvib.solve.replay``), so that they are smooth functions
+of x and p, and one-sided differences with small steps are exact to about as much. Fourier
+coefficients are integrated over each step, not made of samples.
 
 **Where there is no derivative.** Lines have kinks where a friction just sticks or just does not
-(grazing). Differences to both sides then disagree, and such a derivative is not given.
+(grazing), and near them derivatives depend on the steps. So all parameters are changed together, once
+up and once down by a hundred-thousandth, with finer steps: a period that chooses its steps itself,
+from where the derivatives say that the changed drive repeats, must have the same events, and between
+the two lines must go where the derivatives lead. Where they do not, the derivative is not given.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from microvib.errors import MicrovibError, SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
+from microvib.solve.pack import Replayed
+from microvib.solve.replay import FREQUENCY, GAINED, MOMENTUM, N_SPAN, START
 from microvib.solve.sampling import step_buffer
-from microvib.solve.steady.period import PeriodMap
+from microvib.solve.steady.period import PeriodMap, search_error
 from microvib.solve.steady.search import STICKING_STATES
 
-FINER = 4
-"""Times by which steps are finer than those of the solution."""
-STATE_STEP, PARAMETER_STEP = 3e-5, 1e-6
+FINER, CHECKED_FINER = 3, 4
+"""Times by which steps are finer than those of the solution: for the derivatives, and for their check."""
+SETTLED, FINE = 1e-12, 1e-10
+"""Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
+it, over what a microstep moves."""
+STATE_STEP, PARAMETER_STEP = 5e-6, 2e-6
 """Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
-ONE_SIDED_TOLERANCE = 1e-3
-"""By how much the differences to both sides may differ, over the largest relative derivative of the
-line (at least 1)."""
-CLOSED, MAX_CLOSING_STEPS = 1e-11, 30
+CHECKED, TOLERANCE = 1e-5, 5e-4
+"""Part of themselves by which parameters change to see whether lines follow their derivatives with
+other steps, and by how much they may not, over it and the largest relative derivative of the line (at
+least 1)."""
+CLOSED, MAX_CLOSING_STEPS = 1e-10, 8
 """Gap of a period that counts as closed, over what a microstep moves, and corrections until then."""
+SAME_STEPS = 2e-5
+"""Way of the start, over what a microstep moves, within which steps and derivatives stay as good."""
+NOT_CLOSED = "with finer steps the period does not close about the motion that was found"
+KINK = "a friction just sticks there, or just does not"
 FIRST_ROWS = 4096
 """Steps of a period for which there is room at first."""
-TERMS, INTERVALS = 8, 8
+TERMS, INTERVALS = 10, 8
 """Terms of the expansion of a phase about the middle of an interval, and intervals per period of the
-highest harmonic: their error is (pi / 8)^8 / 8!, 1e-8."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
-_POWERS = _NODES[:, None] ** np.arange(8)
+highest harmonic: their error is (pi / 8)^10 / 10!, 2e-11, which counts because it jumps where an event crosses an edge."""
 
 
 class NotDifferentiable(SimulationError):
@@ -58,7 +71,8 @@ class NotDifferentiable(SimulationError):
 class LineDerivatives:
     """Derivatives of the harmonics of a steady state by some parameters.
 
-    Phases are those of cosines at the start of the period, on the step clock.
+    Phases are those of cosines at the start of the period, on the step clock; with late parts of
+    microsteps or compensation, where it would start without them.
     """
 
     keys: tuple[str, ...]
@@ -72,8 +86,9 @@ class LineDerivatives:
     derivatives: np.ndarray
     """Derivatives of the complex amplitudes [N m per SI unit], (p, k); nan where there is none."""
     disagreement: np.ndarray
-    """Difference of the derivatives to one side from those to both, over the line's largest relative
-    derivative (at least 1), (p, k)."""
+    """How far the lines are from where the derivatives lead when all parameters change by CHECKED of
+    themselves and steps are finer, over that change and the line's largest relative derivative (at
+    least 1), (p, k); infinite where other events occur."""
 
     @property
     def relative(self) -> np.ndarray:
@@ -85,204 +100,378 @@ class LineDerivatives:
 
 
 def line_derivatives(
-    scenario: Scenario, state: np.ndarray, microsteps: int, keys: Sequence[str], orders: np.ndarray
+    scenario: Scenario,
+    state: np.ndarray,
+    microsteps: int,
+    keys: Sequence[str],
+    orders: np.ndarray,
+    scales: Mapping[str, float],
 ) -> LineDerivatives:
     """Derivatives of the harmonics ``orders`` (k,) by the parameters ``keys``, about the steady
-    ``state`` at the start of a period of ``microsteps``.
+    ``state`` at the start of a period of ``microsteps``; ``scales`` [SI] are of those that are 0.
 
     Raises NotDifferentiable where the motion is none that repeats from its state alone, or is not
-    closed by finer steps, and MicrovibError for a key that is not a number other than 0.
+    closed by finer steps, and MicrovibError for a key that is not a number, or is 0 without a scale.
     """
     if scenario.has_memory:
         raise NotDifferentiable("friction with memory has no derivatives here")
-    values = np.array([_value(scenario, key) for key in keys])
-    finer = scenario.with_si({"solver.refinement": FINER * scenario.solver.refinement})
-    period = _Period(finer, microsteps, orders)
-    rough = _Differences(period, state, 10.0 * STATE_STEP)
-    state = _closed(period, state, rough)
-    by_state = _Differences(period, state, STATE_STEP)
-    changes = [
-        _by_parameter(finer, by_state, key, value) for key, value in zip(keys, values, strict=True)
-    ]
-    amplitudes = by_state.harmonics
-    derivatives = np.array([c for c, _ in changes]).reshape(len(keys), orders.size)
-    one_sided = np.array([off for _, off in changes]).reshape(derivatives.shape)
+    values = np.array([_value(scenario, key, scales) for key in keys])
+    sizes = np.array([scales.get(key, abs(x)) for key, x in zip(keys, values, strict=True)])
+    parameters = _Parameters(tuple(keys), sizes)
+    about = _about_closed(_recorded(scenario, microsteps, keys, orders, FINER), state)
+    moved, total = about.by_parameters(parameters)
+    known = np.all(np.isfinite(moved), axis=0)
+    off = np.zeros(orders.size)
+    if np.any(known):
+        finer = _recorded(scenario, microsteps, keys, orders, CHECKED_FINER)
+        own = parameters.only(known)
+        off = about.disagreement(finer, own, moved[:, known], total[:, known])
     with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.abs(values)[:, None] / np.abs(amplitudes)
-        largest = np.max(np.abs(derivatives) * scale, axis=0, initial=1.0)
-        disagreement = one_sided * scale / largest
-    derivatives = np.where(disagreement <= ONE_SIDED_TOLERANCE, derivatives, np.nan)
-    return LineDerivatives(tuple(keys), values, orders, amplitudes, derivatives, disagreement)
+        relative = np.abs(total) / np.abs(about.harmonics)[:, None]
+        largest = np.fmax(np.fmax.reduce(relative, axis=1, initial=1.0), 1.0)
+        disagreement = np.where(known[:, None], off / largest, np.inf)
+        derivatives = np.where(disagreement <= TOLERANCE, (total / sizes).T, np.nan)
+    return LineDerivatives(tuple(keys), values, orders, about.harmonics, derivatives, disagreement)
 
 
-def _value(scenario: Scenario, key: str) -> float:
+@dataclass(frozen=True)
+class _Parameters:
+    """Parameters, and what their changes are relative to."""
+
+    keys: tuple[str, ...]
+    scales: np.ndarray
+    """[SI], (p,)."""
+
+    def changed(self, scenario: Scenario, parts: np.ndarray) -> Scenario:
+        """Scenario in which each parameter is more by a part of its scale."""
+        for key, change in zip(self.keys, (parts * self.scales).tolist(), strict=True):
+            if change:
+                scenario = scenario.nudged(key, scenario[key] + change)
+        return scenario
+
+    def only(self, some: np.ndarray) -> _Parameters:
+        """Some of the parameters."""
+        keys = tuple(key for key, counts in zip(self.keys, some, strict=True) if counts)
+        return _Parameters(keys, self.scales[some])
+
+
+def _recorded(
+    scenario: Scenario, microsteps: int, keys: Sequence[str], orders: np.ndarray, finer: int
+) -> _Recorded:
+    """A period to be recorded, with steps some times as fine as the solution's."""
+    changed = scenario.with_si({"solver.refinement": finer * scenario.solver.refinement})
+    shaped = any(key.endswith("stribeck_shape") for key in keys)
+    return _Recorded(PeriodMap(changed, microsteps), orders, shaped)
+
+
+def _value(scenario: Scenario, key: str, scales: Mapping[str, float]) -> float:
     value = scenario[key]
-    if not isinstance(value, float) or value == 0.0 or not math.isfinite(value):
+    if (
+        not isinstance(value, float)
+        or not math.isfinite(value)
+        or (not value and key not in scales)
+    ):
         raise MicrovibError(f"{key}: {value} has no derivative; expected a number other than 0")
     return value
 
 
 @dataclass(frozen=True)
 class _End:
-    """State and harmonics to which a period leads."""
+    """Where a period leads to."""
 
     state: np.ndarray
-    """The state at its end, seen from the command."""
-    harmonics: np.ndarray
+    """The state at its end, seen from the command; the output's angle is counted from that at which
+    the command begins the period."""
+    moments: np.ndarray
+    """Moments of the momentum (``replay.replay``), (TERMS, n)."""
+    gained: float
+    """Momentum that it gains [N m s]."""
+    frequency: float
+    """Periods per second [Hz]."""
+    late: float
+    """Time [s] from where an ordinary period begins to the start of this one."""
 
 
-class _Period:
-    """A period of a scenario as a map from its start to its end and its harmonics."""
+class _Recorded:
+    """A period that was recorded, and what is beside it: from its start to its end and its harmonics."""
 
-    def __init__(self, scenario: Scenario, microsteps: int, orders: np.ndarray) -> None:
-        self.map, self.orders, self._room = PeriodMap(scenario, microsteps), orders, FIRST_ROWS
+    def __init__(self, period: PeriodMap, orders: np.ndarray, shaped: bool) -> None:
+        packed = period.packed
+        # What another drive changes may be in any row of the equations; the shape of a Stribeck
+        # curve may differ from 1.
+        period.packed = replace(
+            packed,
+            propagators=packed.propagators._replace(inputs=6),
+            drive=packed.drive._replace(shaped=shaped or packed.drive.shaped),
+        )
+        self.map, self.orders, self._room = period, orders, FIRST_ROWS
+        # a power of 2, of which Fourier transforms are fast
+        self._intervals = 1 << math.ceil(math.log2(INTERVALS * int(orders.max())))
 
-    @property
-    def sizes(self) -> np.ndarray:
-        """Motion of each state per microstep."""
-        return self.map.sizes
+    def record(self, state: np.ndarray) -> _End:
+        """From a state at its start, with steps that it chooses; others then take these."""
+        self._plan = self._steps(self.map, state)
+        self._modes: np.ndarray | None = None
+        return self.settle(state)
 
-    def advance(self, state: np.ndarray) -> _End:
-        """From a state at its start, seen from the command."""
-        period = self.map
-        while True:
-            rows = np.zeros((self._room, kernel.STEP_COLUMNS))
-            samples = step_buffer(rows)
-            period.put(state)
-            before = period.packed.momentum
-            period.go_on(samples)
-            made = int(samples.cursor[0])
-            if made < self._room:
-                break
-            self._room *= 2
-        end = period.from_command(
-            period.packed.state.y[None], period.turn([-period.microsteps]), state[None]
-        )[0]
-        gained = period.packed.momentum - before
-        return _End(end, self._harmonics(rows[:made], gained))
+    def settle(self, state: np.ndarray) -> _End:
+        """From another state with the steps that were recorded; others then begin their iterations
+        from this.
+        """
+        self.here = self._replayed(self.map, state, SETTLED, noted=True)
+        return self.here
 
-    def _harmonics(self, steps: np.ndarray, gained: float) -> np.ndarray:
+    def beside(self, state: np.ndarray, scenario: Scenario | None = None) -> _End:
+        """From another state, or of another drive, with the steps that were recorded.
+
+        Raises SimulationError where the same events do not occur.
+        """
+        return self._replayed(self._map_of(scenario), state, FINE)
+
+    def has_same_events(self, state: np.ndarray, scenario: Scenario) -> bool:
+        """Whether another drive, from another state, has the same events with steps of its own."""
+        return _same_events(self._plan, self._steps(self._map_of(scenario), state))
+
+    def has_events_of(self, other: _Recorded) -> bool:
+        """Whether another recording has the same events."""
+        return _same_events(self._plan, other._plan)
+
+    def harmonics(self, ends: Sequence[_End]) -> np.ndarray:
         """Fourier coefficients [N m] of the torque T_d = -dL/dt, by parts of those of the momentum L,
-        which is a polynomial in each step.
+        (k, ends).
 
         Phases are expanded about the middles of equal intervals, whose sums are Fourier transforms.
         """
-        start, lasts = steps[:, :1] - self.map.start, steps[:, 1:2]
-        momentum = steps[:, 2:] @ _POWERS.T
-        momentum -= np.mean(momentum)
-        frequency = self.map.frequency
-        turns = ((start + lasts * _NODES) * frequency).ravel()
-        parts = (momentum * (lasts * _WEIGHTS)).ravel()
-        n = INTERVALS * int(self.orders.max() + 1)
-        interval = np.clip((turns * n).astype(int), 0, n - 1)
-        offset = 2.0 * math.pi * (turns - (interval + 0.5) / n)
-        total = np.zeros(self.orders.size, dtype=complex)
-        factor = np.ones(self.orders.size, dtype=complex)
-        for m in range(TERMS):
-            sums = np.fft.rfft(np.bincount(interval, parts, n))[self.orders]
-            total += factor * sums
-            factor = factor * (-1j * self.orders) / (m + 1.0)
-            parts = parts * offset
-        total *= np.exp(-1j * math.pi * self.orders / n)
-        result: np.ndarray = (
-            2.0 * frequency * (-gained - 2j * math.pi * frequency * self.orders * total)
+        orders, n = self.orders, ends[0].moments.shape[1]
+        sums = np.fft.rfft(np.array([end.moments for end in ends]))[:, :, orders]
+        powers = np.vstack(
+            [np.ones(orders.size), -1j * orders / np.arange(1, TERMS)[:, None]],
         )
+        factors = np.cumprod(powers, axis=0) * np.exp(-1j * math.pi * orders / n)
+        total = np.einsum("mk,emk->ke", factors, sums)
+        gained = np.array([end.gained for end in ends])
+        frequency = np.array([end.frequency for end in ends])
+        result: np.ndarray = (
+            2.0 * frequency * (-gained - 2j * math.pi * frequency * orders[:, None] * total)
+        )
+        late = np.array([end.late for end in ends])
+        if np.any(late):
+            result = result * np.exp(-2j * math.pi * frequency * orders[:, None] * late)
         return result
+
+    def _map_of(self, scenario: Scenario | None) -> PeriodMap:
+        if scenario is None:
+            return self.map
+        return self.map.beside(scenario, self.map.packed.beside(scenario))
+
+    def _steps(self, period: PeriodMap, state: np.ndarray) -> np.ndarray:
+        """Steps that a period chooses (n, STEP_COLUMNS)."""
+        while True:
+            rows = np.empty((self._room, kernel.STEP_COLUMNS))
+            samples = step_buffer(rows)
+            period.put(state + _offset(period))
+            period.go_on(samples)
+            made = int(samples.cursor[0])
+            if made < self._room:
+                return rows[:made]
+            self._room *= 2
+
+    def _replayed(
+        self, period: PeriodMap, state: np.ndarray, accuracy: float, noted: bool = False
+    ) -> _End:
+        start = state + _offset(period)
+        period.put(start)
+        span = np.zeros(N_SPAN)
+        span[[START, FREQUENCY, MOMENTUM]] = period.start, period.frequency, period.packed.momentum
+        moments = np.zeros((TERMS, self._intervals))
+        results = Replayed(accuracy, noted, np.zeros(len(self._plan)), moments, span)
+        stop = period.start + 1.0 / period.frequency
+        status = period.packed.replay(stop, self._plan, results, period)
+        if status != kernel.OK:
+            raise NotDifferentiable(KINK) from search_error(status)
+        if self._modes is None:
+            self._modes = results.modes
+        elif not np.array_equal(self._modes, results.modes):
+            raise NotDifferentiable(KINK)
+        end = period.from_command(
+            period.packed.state.y[None], period.turn([-period.microsteps]), start[None]
+        )[0]
+        return _End(
+            end - _offset(period),
+            moments,
+            float(span[GAINED]),
+            period.frequency,
+            period.after_clock,
+        )
+
+
+def _same_events(steps: np.ndarray, others: np.ndarray) -> bool:
+    """Whether steps (n, STEP_COLUMNS) have the same events in the same order."""
+    one, other = (x[:, kernel.STEP_EVENT] for x in (steps, others))
+    return np.array_equal(one[one >= 0.0], other[other >= 0.0])
+
+
+def _offset(period: PeriodMap) -> np.ndarray:
+    """Angle of the output at which the command begins the period, in a state: a gear of another
+    ratio is not wound up by it.
+    """
+    offset: np.ndarray = np.zeros(period.sizes.size)
+    offset[kernel.TL] = period.commanded_output
+    return offset
 
 
 class _Differences:
-    """Differences of a period in each state that moves, to both sides."""
+    """Differences of a recorded period in each state that moves."""
 
-    def __init__(self, period: _Period, state: np.ndarray, step: float) -> None:
-        self.state, self.sizes = state, period.sizes
-        self.orders, self.microsteps = period.orders, period.map.microsteps
-        here = period.advance(state)
-        at_rest = STICKING_STATES[here.state[STICKING_STATES] == 0.0]
+    def __init__(self, period: _Recorded, state: np.ndarray) -> None:
+        self.period, self.state, self.sizes = period, state, period.map.sizes
+        at_rest = STICKING_STATES[period.here.state[STICKING_STATES] == 0.0]
         self.moving = np.setdiff1d(np.arange(state.size), [*period.map.idle, *at_rest])
-        self.end, self.harmonics = here.state, here.harmonics
-        forward, backward = [], []
-        for k in self.moving:
-            change = np.zeros(state.size)
-            change[k] = step * period.sizes[k]
-            forward.append(self.slopes(period.advance(state + change), step))
-            backward.append(self.slopes(period.advance(state - change), -step))
-        self.forward, self.backward = _Slopes.stacked(forward), _Slopes.stacked(backward)
-        self.central = self.forward.mean_with(self.backward)
+        ends = [period.beside(self.moved(STATE_STEP * unit)) for unit in np.eye(self.moving.size)]
+        self._of_state = np.column_stack([self.gained(end) for end in ends]) / STATE_STEP
+        self._ends = [period.here, *ends]
 
-    def slopes(self, end: _End, step: float) -> _Slopes:
-        """Slopes from here to another end by a ``step``; of states over what a microstep moves, of
-        whichever drive the end is.
+    @cached_property
+    def harmonics(self) -> np.ndarray:
+        """Harmonics of the period that closes, (k,)."""
+        here: np.ndarray = self.period.harmonics([self.period.here])[:, 0]
+        return here
+
+    @cached_property
+    def _of_harmonics(self) -> np.ndarray:
+        """Their derivatives by each state that moves, (k, n)."""
+        each = self.period.harmonics(self._ends)
+        result: np.ndarray = (each[:, 1:] - each[:, :1]) / STATE_STEP
+        return result
+
+    def moved(self, by: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """The start, or another one, moved; by what a microstep moves."""
+        state = (self.state if start is None else start).copy()
+        state[self.moving] += by * self.sizes[self.moving]
+        return state
+
+    def gained(self, end: _End) -> np.ndarray:
+        """Change of the end of the period, over what a microstep moves."""
+        result: np.ndarray = ((end.state - self.period.here.state) / self.sizes)[self.moving]
+        return result
+
+    def closing(self, gained: np.ndarray) -> np.ndarray:
+        """Change of the start, over what a microstep moves, that makes up for what the end gains."""
+        result: np.ndarray = np.linalg.solve(np.eye(self.moving.size) - self._of_state, gained)
+        return result
+
+    def close(self) -> bool:
+        """Move the start to where the recorded steps close the period; False where that is too far
+        for them, and then only there.
         """
-        gained = (end.state - self.end) / self.sizes
-        return _Slopes(gained[self.moving] / step, (end.harmonics - self.harmonics) / step)
+        gap, by = self._gap(), np.zeros(self.moving.size)
+        for _ in range(MAX_CLOSING_STEPS):
+            change = self.closing(gap)
+            by += change
+            self.state = self.moved(change)
+            if float(np.max(np.abs(by))) > SAME_STEPS:
+                return False
+            self.period.settle(self.state)
+            gap = self._gap()
+            if float(np.max(np.abs(gap))) < CLOSED:
+                return True
+        raise NotDifferentiable(NOT_CLOSED)
 
+    def _gap(self) -> np.ndarray:
+        """By how much the period does not close, over what a microstep moves."""
+        result: np.ndarray = ((self.period.here.state - self.state) / self.sizes)[self.moving]
+        return result
 
-@dataclass(frozen=True)
-class _Slopes:
-    """Slopes of the end of a period, and of its harmonics; columns where there are several."""
-
-    state: np.ndarray
-    harmonics: np.ndarray
-
-    @staticmethod
-    def stacked(each: Sequence[_Slopes]) -> _Slopes:
-        """Slopes in several directions, as columns."""
-        return _Slopes(
-            np.column_stack([one.state for one in each]),
-            np.column_stack([one.harmonics for one in each]),
-        )
-
-    def mean_with(self, other: _Slopes) -> _Slopes:
-        """Means of both."""
-        return _Slopes(0.5 * (self.state + other.state), 0.5 * (self.harmonics + other.harmonics))
-
-    def total(self, by_parameter: _Slopes) -> np.ndarray:
-        """Derivative of the harmonics of the motion that repeats, by a parameter; these are by the
-        states.
+    def by_parameters(self, parameters: _Parameters) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by the parameters, over their scales: of the start that repeats, over what a
+        microstep moves, (n, p), and of its harmonics, (k, p); nan where there is none.
         """
-        unit = np.eye(len(self.state))
-        moved = np.linalg.solve(unit - self.state, by_parameter.state)
-        result: np.ndarray = by_parameter.harmonics + self.harmonics @ moved
+        count = len(parameters.keys)
+        ends: list[_End | None] = []
+        for part in PARAMETER_STEP * np.eye(count):
+            try:
+                changed = parameters.changed(self.period.map.scenario, part)
+                ends.append(self.period.beside(self.state, changed))
+            except SimulationError:
+                ends.append(None)
+        known = np.array([end is not None for end in ends], dtype=bool)
+        moved = np.full((self.moving.size, count), np.nan)
+        total = np.full((self.harmonics.size, count), np.nan, dtype=complex)
+        found = [end for end in ends if end is not None]
+        if found:
+            gained = np.column_stack([self.gained(end) for end in found])
+            moved[:, known] = self.closing(gained) / PARAMETER_STEP
+            own = self.period.harmonics(found) - self.harmonics[:, None]
+            total[:, known] = own / PARAMETER_STEP + self._of_harmonics @ moved[:, known]
+        return moved, total
+
+    def disagreement(
+        self, other: _Recorded, parameters: _Parameters, moved: np.ndarray, total: np.ndarray
+    ) -> np.ndarray:
+        """How far logarithms of harmonics are from where the derivatives lead, with the steps of
+        ``other``: between all parameters less by the part CHECKED of themselves, or more, and as much
+        more, or less; over that part, (k,). Infinite where other events occur.
+        """
+        count = len(parameters.keys)
+        signs = np.where(np.random.default_rng(count).random(count) < 0.5, -1.0, 1.0)
+        try:
+            state = self._closed_by(other)
+            above, below = (
+                self._reached(
+                    other,
+                    parameters.changed(other.map.scenario, part),
+                    self.moved(moved @ part, state),
+                )
+                for part in (CHECKED * signs, -CHECKED * signs)
+            )
+        except SimulationError:
+            return np.full(self.harmonics.size, np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.log(above / below) / (2.0 * CHECKED)
+            off: np.ndarray = np.abs(slope - (total @ signs) / self.harmonics)
+        return off
+
+    def _closed_by(self, other: _Recorded) -> np.ndarray:
+        """The start from which the steps of another recording close the period.
+
+        Raises NotDifferentiable where they have other events.
+        """
+        state = self.state
+        end = other.record(state)
+        if not self.period.has_events_of(other):
+            raise NotDifferentiable(KINK)
+        for _ in range(MAX_CLOSING_STEPS):
+            gap = ((end.state - state) / self.sizes)[self.moving]
+            if float(np.max(np.abs(gap))) < CLOSED:
+                return state
+            state = self.moved(self.closing(gap), state)
+            end = other.settle(state)
+        raise NotDifferentiable(NOT_CLOSED)
+
+    def _reached(self, other: _Recorded, scenario: Scenario, start: np.ndarray) -> np.ndarray:
+        """Harmonics of a changed scenario that repeat near a ``start``, with the steps of another
+        recording, (k,).
+
+        Raises SimulationError where other events occur.
+        """
+        if not other.has_same_events(start, scenario):
+            raise NotDifferentiable(KINK)
+        end = other.beside(start, scenario)
+        left = self.closing(((end.state - start) / self.sizes)[self.moving])
+        result: np.ndarray = other.harmonics([end])[:, 0] + self._of_harmonics @ left
         return result
 
 
-def _closed(period: _Period, state: np.ndarray, about: _Differences) -> np.ndarray:
-    """The state from which a period ends where it starts, by corrections with one set of slopes."""
-    unit, moving = np.eye(about.moving.size), about.moving
-    for _ in range(MAX_CLOSING_STEPS):
-        gap = ((period.advance(state).state - state) / period.sizes)[moving]
-        if float(np.max(np.abs(gap))) < CLOSED:
-            return state
-        state = state.copy()
-        state[moving] += np.linalg.solve(unit - about.central.state, gap) * period.sizes[moving]
-    raise NotDifferentiable(
-        "with finer steps the period does not close about the motion that was found"
-    )
-
-
-def _by_parameter(
-    scenario: Scenario, by_state: _Differences, key: str, value: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the harmonics by a parameter, and how far those to either side are from them."""
-    step = PARAMETER_STEP * value
-    forward, backward = (
-        by_state.slopes(_changed(scenario, by_state, key, value + change), change)
-        for change in (step, -step)
-    )
-    central = by_state.central.total(forward.mean_with(backward))
-    one_sided = by_state.forward.total(forward), by_state.backward.total(backward)
-    return central, np.max([np.abs(one - central) for one in one_sided], axis=0)
-
-
-def _changed(scenario: Scenario, by_state: _Differences, key: str, value: float) -> _End:
-    """Where the period of a changed scenario leads to from the same state.
-
-    Where the clock changes, the settling time follows, so that the period starts at the same
-    microstep.
+def _about_closed(period: _Recorded, state: np.ndarray) -> _Differences:
+    """Differences about the state from which a period ends where it starts, near a ``state`` as
+    ``PeriodMap`` has it.
     """
-    changed = scenario.with_si({key: value})
-    before, after = scenario.driving_frequency, changed.driving_frequency
-    if before and after and before != after:
-        settle = scenario.record.settle * (before / after)
-        changed = changed.with_si({"record.settle": settle})
-    return _Period(changed, by_state.microsteps, by_state.orders).advance(by_state.state)
+    state = state - _offset(period.map)
+    for _ in range(MAX_CLOSING_STEPS):
+        period.record(state)
+        about = _Differences(period, state)
+        with suppress(SimulationError):  # steps too short for their events to move so far
+            if about.close():
+                return about
+        state = about.state
+    raise NotDifferentiable(NOT_CLOSED)

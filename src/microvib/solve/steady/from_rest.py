@@ -76,7 +76,7 @@ class RunFromRest:
         self._begun = int(period.packed.state.counters[kernel.STEPS])
         times, _ = scenario.tracking.breakpoints()
         now = int(np.searchsorted(times, scenario.record.settle, side="right")) - 1
-        since = float(times[now]) + scenario.driver.delay
+        since = float(times[now]) + scenario.driver.delay + scenario.driver.shape.lasts
         part = period.microsteps // parts
         self.made = part * math.ceil((since - period.start) / (part * period.microstep_time) + 1e-6)
         stop = self._time(self.made)

@@ -10,6 +10,7 @@ many microsteps. Where the phases are not equal it takes a whole electrical turn
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,13 +19,13 @@ from microvib.errors import SimulationError
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
-from microvib.solve.pack import pack
+from microvib.solve.pack import Packed, pack
 from microvib.solve.propagate import INITIAL_STEP_LEVELS
 from microvib.solve.sampling import FILTER_HALF_LENGTH, empty_sample_buffer
 
 SECTION_PHASE = 0.1
 """The map starts this part of a microstep period before a microstep, when the last transient has
-decayed longest.
+decayed longest; a smaller one where the last part of a microstep comes late.
 """
 
 
@@ -38,8 +39,15 @@ def common_period(scenario: Scenario) -> tuple[int, int]:
     """
     own = scenario.driver.repeats_after(scenario.motor)
     turn = scenario.driver.beats * scenario.driver.microsteps * scenario.motor.rotor_teeth
-    orders = [e.order for e in scenario.reducer.errors if e.amplitude > 0.0]
+    orders = [e.order for e in scenario.rotor_harmonics if e.amplitude > 0.0]
     return math.lcm(own, *((order / turn).denominator for order in orders)), own
+
+
+def _section_phase(scenario: Scenario) -> float:
+    """Part of a microstep period before a microstep, halfway at least from the last part of the one
+    before."""
+    lasts = scenario.driver.shape.lasts * scenario.highest_driving_frequency
+    return min(SECTION_PHASE, 0.5 * (1.0 - lasts))
 
 
 class CommandRotation(NamedTuple):
@@ -82,6 +90,7 @@ class PeriodMap:
         self._rest = [x.copy() for x in self.packed.state]
         self.frequency, self.microstep_time = f_d / microsteps, 1.0 / f_d
         self.command = Command.lasting(scenario, scenario.record.settle)
+        self._section_phase = _section_phase(scenario)
         rate = -math.copysign(
             f_d, (scenario.rate or 0.0) * scenario.reducer.h
         )  # in microsteps per second
@@ -93,7 +102,15 @@ class PeriodMap:
         # The same place of the period whatever the settling time is, so that what is found does not
         # depend on it.
         gone = turned * microsteps * math.floor((round(count) * turned - before) / microsteps)
-        self.start = scenario.record.settle + (gone + (0.5 - SECTION_PHASE) * turned - count) / rate
+        section = float(
+            self.command.compensated.commanded(
+                np.asarray(gone + (0.5 - self._section_phase) * turned)
+            )
+        )
+        self.start = scenario.record.settle + (section - count) / rate
+        evenly = gone + (0.5 - SECTION_PHASE) * turned
+        self.after_clock = self.start - (scenario.record.settle + (evenly - count) / rate)
+        """Time [s] from where an ordinary period begins, which the step clock alone says, to ``start``."""
         self.command = Command.lasting(scenario, self.start)
         self.times, self.commands = self.command.microsteps(
             self.start, self.start + microsteps / f_d
@@ -103,11 +120,56 @@ class PeriodMap:
         self._references = np.column_stack(
             self.references(self.angle(np.arange(-1, microsteps + 1)))
         )
+        self._ramp = self._last_ramp(gone, turned, section)
         self.sizes = np.where(np.isfinite(self.packed.sizes), self.packed.sizes, 1.0)
         p = self.packed.drive
         self.idle = [kernel.TL, kernel.WL] * bool(p.rigid) + [kernel.XA, kernel.XB] * (p.K_I == 0.0)
         self.unseen = empty_sample_buffer(self.packed.channels)._replace(width=0.0)
         self.evaluations = 0.0
+
+    @property
+    def parts(self) -> int:
+        """Parts of a microstep: rows of ``times`` and ``commands`` for each."""
+        return max(len(self.scenario.driver.microstep_shape), 1)
+
+    def _last_ramp(self, gone: float, turned: float, section: float) -> tuple[float, float]:
+        """Time [s] that the ramp lasts which was last begun before the section, and since when."""
+        ramp, compensated = self.scenario.driver.microstep_ramp, self.command.compensated
+        if not compensated.acts:
+            return (
+                ramp * self.microstep_time,
+                (1.0 - self._section_phase) * self.microstep_time,
+            )
+        last, coming = compensated.commanded(np.array([gone - 0.5 * turned, gone + 0.5 * turned]))
+        return (
+            ramp * abs(coming - last) * self.microstep_time,
+            abs(section - last) * self.microstep_time,
+        )
+
+    def beside(self, scenario: Scenario, packed: Packed) -> PeriodMap:
+        """Map of another drive over the same microsteps, from the same start; its rate may differ a
+        little, and ``packed`` has its parameters and the state of this one.
+        """
+        f_d = scenario.driving_frequency
+        assert f_d
+        if self.parts > 1 or self.command.compensated.acts:
+            other = PeriodMap(scenario, self.microsteps)
+            other.packed = packed
+            return other
+        other = copy(self)
+        other.scenario, other.packed = scenario, packed
+        other.frequency, other.microstep_time = f_d / self.microsteps, 1.0 / f_d
+        slower = other.microstep_time / self.microstep_time
+        other.times = self.start + (self.times - self.start) * slower
+        other._references = np.column_stack(
+            other.references(other.angle(np.arange(-1, self.microsteps + 1)))
+        )
+        other.commands = self.commands.copy()
+        other.commands[:, :2] = np.column_stack(
+            other.references(self.commands[:, 2] / packed.drive.z)
+        )
+        other.commands[:, 3] *= slower
+        return other
 
     def guess(self) -> np.ndarray:
         """State just before a microstep, seen from the command, of a drive that follows its command
@@ -145,6 +207,11 @@ class PeriodMap:
     def angle(self, microstep: Any) -> Any:
         """Commanded rotor angle [rad] before a ``microstep`` of the period."""
         return self._begun + microstep * self._step
+
+    @property
+    def commanded_output(self) -> float:
+        """Angle of the output [rad] by the command at the start of the period."""
+        return -self._begun * float(self.packed.drive.inv_h)
 
     def references(self, angle: Any) -> tuple[Any, Any]:
         """Commanded currents [A] at a rotor angle [rad]."""
@@ -227,8 +294,8 @@ class PeriodMap:
         clock[:, kernel.NEXT_STEP] = p.max_step
         clock[:, kernel.THETA_E] = p.z * self.angle(microsteps)
         goal = clock[:, kernel.REF_A : kernel.REF_B + 1] = self._references[microsteps + 1]
-        lasts = self.scenario.driver.microstep_ramp * self.microstep_time
-        left = lasts - (1.0 - SECTION_PHASE) * self.microstep_time
+        lasts, begun = self._ramp
+        left = lasts - begun
         if left > 0.0:
             rate = (goal - self._references[microsteps]) / lasts
             (

@@ -444,4 +444,5 @@ def sample_rows(period: PeriodMap) -> int:
     """
     highest = math.ceil(PASSBAND * period.scenario.record.sample_rate / period.frequency)
     wanted = min(50 * min(HARMONICS * period.microsteps, highest), MAX_PERIOD_SAMPLES)
-    return math.ceil(max(4 * highest, wanted) / period.microsteps)
+    rows = math.ceil(max(4 * highest, wanted) / period.microsteps)
+    return period.parts * math.ceil(rows / period.parts)

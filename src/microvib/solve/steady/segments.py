@@ -49,7 +49,8 @@ class Segments:
         """From states ``x`` (k, n), seen from the command, at the microsteps ``first`` (k,) to the
         microsteps ``last``.
 
-        The torque is averaged over so many ``rows`` in each microstep, or not sampled. Raises
+        The torque is averaged over so many ``rows`` in each microstep, a multiple of its parts, or not
+        sampled. Raises
         NotPeriodic where a drive fails.
         """
         period, packed = self.period, self.period.packed
@@ -60,7 +61,7 @@ class Segments:
         status, sticks, sticking = packed.advance_each(
             y,
             period.clocks(first),
-            np.column_stack([first, last]),
+            np.column_stack([first, last]) * period.parts,
             period.start + last * period.microstep_time,
             samples,
             period.times,

@@ -344,6 +344,8 @@ def _shorter_period_hint(scenario: Scenario) -> str:
     ]
     if scenario.reducer.transmission_error:
         keys += ["reducer.transmission_error"]
+    if scenario.driver.compensates:
+        keys += ["driver.compensation"]
     if any(order % scenario.motor.full_steps for order in scenario.motor.detent_orders):
         keys += ["motor.detent"]
     if keys:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time as clock_time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -181,16 +181,22 @@ class SteadyState:
         return result
 
     def derivatives(
-        self, keys: Sequence[str], orders: Sequence[int] | None = None
+        self,
+        keys: Sequence[str],
+        orders: Sequence[int] | None = None,
+        *,
+        scales: Mapping[str, float] | None = None,
     ) -> LineDerivatives:
         """Derivatives of the torque's complex amplitudes by continuous parameters, in SI units.
 
         Parameters
         ----------
         keys : sequence of str
-            Dotted keys of numbers other than 0, such as ``reducer.stiffness``.
+            Dotted keys of numbers, such as ``reducer.stiffness``.
         orders : sequence of int, optional
             Harmonics of ``frequency``; as a rule those of the motion up to the eighth driving line.
+        scales : mapping, optional
+            What steps are relative to [SI], of parameters that are 0: such as their ranges.
 
         Returns
         -------
@@ -202,12 +208,17 @@ class SteadyState:
         NotDifferentiable
             Where frictions have a memory, or finer steps lead to another motion.
         MicrovibError
-            Where a key is not a number other than 0.
+            Where a key is not a number, or is 0 without a scale.
         """
         if orders is None:
             orders = range(1, HARMONICS * self.microsteps + 1)
         return line_derivatives(
-            self.scenario, self.state, self.microsteps, keys, np.asarray(orders, dtype=int)
+            self.scenario,
+            self.state,
+            self.microsteps,
+            keys,
+            np.asarray(orders, dtype=int),
+            scales or {},
         )
 
     def motion(
@@ -243,8 +254,8 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
     its record.
 
     A short period is searched (``microvib.solve.steady.search``). Where it is long, where frictions
-    have a memory, or where the search finds nothing that a start from rest leads to, it is the
-    motion that a run from rest settles to.
+    have a memory, where microsteps do not come evenly (``driver.compensation``), or where the search
+    finds nothing that a start from rest leads to, it is the motion that a run from rest settles to.
 
     Parameters
     ----------
@@ -275,9 +286,12 @@ def _steady_state(scenario: Scenario, confirmed: bool) -> SteadyState:
             f"there are more than {MAX_MODES} modes, for which time integration is faster"
         )
     repeat, quarter = common_period(scenario)
-    attempts = (
-        () if scenario.has_memory or repeat > MAX_PERIOD_QUARTER_TURNS * quarter else ATTEMPTS
-    )
+    if scenario.has_memory or scenario.driver.compensates:
+        attempts: tuple[tuple[int, int], ...] = ()
+    elif repeat > MAX_PERIOD_QUARTER_TURNS * quarter:
+        attempts = ()
+    else:
+        attempts = ATTEMPTS
     spent = 0.0
     for multiple, warm_up in attempts:
         period = PeriodMap(scenario, multiple * repeat)

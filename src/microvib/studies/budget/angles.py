@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from microvib.analysis.margins import Verdict
 from microvib.errors import OptionError
+from microvib.model.drive_states import Sticking
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.solve.integration import Progress
 from microvib.studies.budget.angle_search import WorstAngle, worst_angles
@@ -119,11 +121,13 @@ def _over_orbit(
     listed_sources, files = read_sources(keys.get("sources"))
     harmonics = keys.get("harmonics", 8)
     turned = analyse_orbit(first, angles, harmonics=harmonics)
+    first_drive, second_drive = zip(*turned.runs.sticking, strict=True)
+    sticking = reduce(Sticking.or_as, first_drive), reduce(Sticking.or_as, second_drive)
     drives = _drives_at_angles(first, turned, keys.get("recording"), harmonics)
 
     def sources(angle: float) -> list[Contribution]:
         there = first.at_angle(Si(angle))
-        others = [contribution_of_other(one, there, files) for one in listed_sources]
+        others = [contribution_of_other(one, there, files, sticking) for one in listed_sources]
         return [*(drive(angle) for drive in drives), *others]
 
     low, high = sorted((float(turned.sweep.angles[0]), float(turned.sweep.angles[-1])))

@@ -15,6 +15,7 @@ import numpy as np
 
 from microvib.analysis.pointing import noise_spectrum_of_wings
 from microvib.io.file_access import FileAccess
+from microvib.model.drive_states import SLIDES
 from microvib.model.scenario import Scenario
 from microvib.studies.budget.files import OtherSource
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -57,7 +58,8 @@ def with_craft_of_cases(
     def on(source: OtherSource) -> Callable[[int], Contribution]:
         @lru_cache(maxsize=_KEPT)
         def in_case(number: int) -> Contribution:
-            return contribution_of_other(source, scenarios.of(number), files)
+            # with its nominal figure, which knows how far states of the drives change it
+            return contribution_of_other(source, scenarios.of(number), files, (SLIDES, SLIDES))
 
         return in_case
 

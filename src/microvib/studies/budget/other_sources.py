@@ -19,7 +19,7 @@ from microvib.model.coupling import (
     require_craft,
     resonance_frequency_grid,
 )
-from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
@@ -48,19 +48,23 @@ _METRIC_COLUMNS = rf"({'|'.join(METRICS)})_[0-9.e+-]+(s|ms|us)_[xy]_rad"
 
 
 def contribution_of_other(
-    source: OtherSource, scenario: Scenario, files: FileAccess
+    source: OtherSource,
+    scenario: Scenario,
+    files: FileAccess,
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
 ) -> Contribution:
-    """A source of a file of sources, on the hub of ``scenario`` with its drive and array; its
-    tables are taken from ``files``.
+    """A source of a file of sources, on the hub of ``scenario`` with its drive and array, of which
+    ``sticking`` tells the shafts that may stick; its tables are taken from ``files``.
     """
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
-            return WheelOnCraft(
-                source.name, source.wheel, scenario, _load_point_motion(source, scenario)
-            ).contribution()
+            place = _load_point_motion(source, scenario)
+            wheel = WheelOnCraft(source.name, source.wheel, scenario, place, sticking)
+            return wheel.contribution()
+        states = drive_states(scenario, sticking=sticking)
         if source.lines:
-            return _of_lines(source, scenario, files)
-        return _of_density(source, scenario, files)
+            return _of_lines(source, scenario, files, states)
+        return _of_density(source, scenario, files, states)
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,9 @@ def _line_table(path: Path) -> tuple[list[dict[str, str]], tuple[str, ...]]:
     )
 
 
-def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
+def _of_lines(
+    source: OtherSource, scenario: Scenario, files: FileAccess, states: DriveStates | None
+) -> Contribution:
     path = files.under("lines").path(source.lines)
     rows, chosen = _line_table(path)
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
@@ -207,7 +213,6 @@ def _of_lines(source: OtherSource, scenario: Scenario, files: FileAccess) -> Con
     lost = np.isnan(sizes).any(axis=1)
     if chosen == LOAD_COLUMNS:
         loads, place = tones, _load_point_motion(source, scenario)
-        states = drive_states(scenario)
 
         def moved(on: Scenario, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """Line of sight by the loads of the lines at frequencies (k n,), and by which part it
@@ -293,7 +298,9 @@ def _missing_loads_note(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]
     )
 
 
-def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> Contribution:
+def _of_density(
+    source: OtherSource, scenario: Scenario, files: FileAccess, states: DriveStates | None
+) -> Contribution:
     path = files.under("density").path(source.density)
     rows, chosen = _table(path, "densities", (_LOAD_DENSITIES, _LOS_DENSITIES))
     f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
@@ -304,7 +311,7 @@ def _of_density(source: OtherSource, scenario: Scenario, files: FileAccess) -> C
         )
     gaps, bounds = _missing_axes_gap(rows, chosen), None
     if chosen == _LOAD_DENSITIES:
-        states, place = drive_states(scenario), _load_point_motion(source, scenario)
+        place = _load_point_motion(source, scenario)
         near = [resonance_frequency_grid(scenario)]
         if states is not None:
             near += [f + width * _OFFSETS for f, width in states.natural_frequencies.tolist()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -41,7 +41,7 @@ from microvib.model.coupling import (
     source_of,
 )
 from microvib.model.drive_matrices import coordinates
-from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.driven import noise_bands
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
@@ -60,7 +60,7 @@ from microvib.signals.line_table import (
 )
 from microvib.solve.steady.period import common_period
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.recorded import unaccounted
+from microvib.studies.budget.recorded import below_all_bands, higher_orders, unaccounted
 from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
@@ -250,10 +250,15 @@ class Contribution:
 
 
 def contribution_of_run(
-    name: str, scenario: Scenario, result: RunResult, *, other_steps: bool = False
+    name: str,
+    scenario: Scenario,
+    result: RunResult,
+    *,
+    other_steps: bool = False,
+    other_sticking: Sticking = MAY_STICK,
 ) -> tuple[Contribution, HubLines]:
-    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps;
-    and all lines of its loads.
+    """A drive by its run on the craft, on which that of a second wing holds or, as is said, steps
+    and may stick; and all lines of its loads.
     """
     source = result.state or result.motion
     assert source is not None
@@ -267,7 +272,10 @@ def contribution_of_run(
     )
     reasons = map(open_gap, filter(None, (unknown, _between_clock_lines(result))))
     relative_error = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
-        scenario, own, found.frequency, other_steps
+        scenario,
+        own,
+        found.frequency,
+        drive_states(scenario, own=False, steps=other_steps, sticking=(MAY_STICK, other_sticking)),
     )
     if result.state is None and (gap := record_gap(scenario, result.table.duration)):
         relative_error[0] = np.maximum(relative_error[0], 1.0 - 1.0 / gap.overstated)
@@ -334,17 +342,16 @@ def _run_uncertainty(scenario: Scenario, table: LineTable, lines: Sequence[Line]
     more = (
         own + held + np.minimum(rings / size, RINGING_FACTOR) + np.maximum(hidden / size - 1.0, 0.0)
     )
-    dies_away = [bool(ringing_reason(x, table, scenario)) for x in lines]
+    dies_away = np.array([bool(ringing_reason(x, table, scenario)) for x in lines], dtype=bool)
     less = np.where((hidden > 0.0) | dies_away, 1.0, np.minimum(more, 1.0))
     return np.tile(np.nan_to_num([less, more])[:, :, None], 2)
 
 
 def _resonance_uncertainty(
-    scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, steps: bool
+    scenario: Scenario, lines: Sequence[Line], frequency: np.ndarray, states: DriveStates | None
 ) -> np.ndarray:
     """Relative error of lines of the clock, (2, k, 2), by the response at frequencies that they may
-    have; of a second drive that does not step, also by where it may stand."""
-    states = drive_states(scenario, own=False, steps=steps)
+    have, and by the ``states`` in which a second drive may be."""
     found = _drive_uncertainty(scenario, states, frequency)
     return found * np.array([line.of_clock for line in lines])[:, None]
 
@@ -730,6 +737,7 @@ def contribution_of_recording(
         gaps.append(
             Unobserved("lines below the recording's floor", 0.0, math.inf, f[faint], most[faint])
         )
+    gaps += _higher_orders_gap(scenario, recording, recorded.tables, table.clock_ratio or 1.0)
     for k in np.flatnonzero(~(seen | faint)):
         why = f"{expected[k].name} ({status[k]}; a longer recording)"
         if status[k] in DISTORTED:
@@ -743,6 +751,9 @@ def contribution_of_recording(
         Unobserved(why, low, high, np.array([math.sqrt(low * high)]), size[None, :], between=True)
         for why, low, high, size in unaccounted(scenario, recording, recorded.tables, set(names))
     ]
+    slow = below_all_bands(scenario, recording, recorded.tables)
+    ends, most_of_slow = np.array([0.1 * slow.high, slow.high]), np.tile(slow.most, (2, 1))
+    gaps.append(Unobserved(slow.why, 0.0, slow.high, ends, most_of_slow, between=True))
     spread = np.array([_relative_uncertainty(row) for row in found])
     relative_error = (
         BLOCKED_LOAD_UNCERTAINTY
@@ -765,6 +776,26 @@ def contribution_of_recording(
         scenario=scenario,
         recorded=(loads[kept], floors[kept]),
     )
+
+
+def _higher_orders_gap(
+    scenario: Scenario, recording: Recording, tables: Mapping[str, LineTable], clock_ratio: float
+) -> Iterator[Unobserved]:
+    """The gap of orders of a recording that are not listed and that no excess shows."""
+    found = higher_orders(scenario, recording, tables, clock_ratio)
+    by_each = _line_of_sight_by_load(scenario, found.frequency, rotation_to_hub_axes(scenario))
+    noise = np.sqrt(np.einsum("jka,kj->ka", by_each**2, found.noise**2))
+    most = np.einsum("jka,kj->ka", by_each, found.amplitude) + noise
+    known = np.all(np.isfinite(most), axis=1)
+    if known.any():
+        yield Unobserved(
+            "orders that are not listed, of which the recording's floor may hide lines"
+            " (a longer recording, or --harmonics N)",
+            0.0,
+            math.inf,
+            found.frequency[known],
+            most[known],
+        )
 
 
 def recording_at_angle(measured: Contribution, scenario: Scenario) -> Contribution:

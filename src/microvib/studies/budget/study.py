@@ -21,10 +21,12 @@ from microvib.analysis.short_way import (
     method_differences,
 )
 from microvib.analysis.start import steady_state_fallback_note
+from microvib.analysis.sticking import sticking_of
 from microvib.errors import MicrovibError, ObjectError, OptionError, expect_list, quoted_value
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.model.coupling import blocked_load_method as short_way_of_loads
 from microvib.model.coupling import require_craft, rotation_to_hub_axes, source_of
+from microvib.model.drive_states import MAY_STICK, SLIDES, Sticking
 from microvib.model.line_names import SECOND_DRIVE, is_unlisted
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
@@ -214,7 +216,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     first, two = drives[0], _has_second_wing(drives)
     required = _read_requirements(requirements)
     # What can be refused is looked at before anything is simulated.
-    beside = _other_contributions(sources, whole)
+    _other_contributions(sources, whole, (SLIDES, SLIDES))
     if two and campaign is not None and recording is not None:
         raise OptionError(
             "campaign",
@@ -230,6 +232,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         drives[0] = first._replace(scenario=first.scenario.with_({"record.start": "steady"}))
 
     runs = _runs(drives, harmonics, progress)
+    sticking = _sticking(runs, drives, ensemble)
+    beside = _other_contributions(sources, whole, sticking)
     compared: tuple[Difference, ...] = ()
     if short_way or measured is not None:
         blocked, by_blocked_loads = blocked_load_solution(
@@ -286,6 +290,8 @@ class _Run(NamedTuple):
     lines: HubLines
     without_steady: str
     """Why it did not start in its steady state, where it was to."""
+    sticking: Sticking
+    """Which of its shafts stick at times."""
 
 
 def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -> list[_Run]:
@@ -294,12 +300,18 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
     ]
     two = _has_second_wing(drives)
+    sticking = [sticking_of(result.motion or result.state) for result in results]
     runs = []
-    for drive, result in zip(drives, results, strict=True):
+    for k, (drive, result) in enumerate(zip(drives, results, strict=True)):
         contribution, lines = contribution_of_run(
-            drive.name, drive.scenario, result, other_steps=two
+            drive.name,
+            drive.scenario,
+            result,
+            other_steps=two and k < 2,
+            other_sticking=sticking[1 - k] if two and k < 2 else MAY_STICK,
         )
-        runs.append(_Run(contribution, lines, steady_state_fallback_note(result.solver)))
+        note = steady_state_fallback_note(result.solver)
+        runs.append(_Run(contribution, lines, note, sticking[k]))
     if two:
         wings = drives[0].scenario, drives[1].scenario
         for k, other in ((0, 1), (1, 0)):
@@ -468,11 +480,26 @@ def read_sources(
 
 
 def _other_contributions(
-    sources: str | Path | Sequence[OtherSource] | None, scenario: Scenario
+    sources: str | Path | Sequence[OtherSource] | None,
+    scenario: Scenario,
+    sticking: tuple[Sticking, Sticking],
 ) -> list[Contribution]:
     """Contributions of other sources to the line of sight of a ``scenario``."""
     listed, files = read_sources(sources)
-    return [contribution_of_other(source, scenario, files) for source in listed]
+    return [contribution_of_other(source, scenario, files, sticking) for source in listed]
+
+
+def _sticking(
+    runs: Sequence[_Run], drives: Sequence[_Drive], ensemble: Results | None
+) -> tuple[Sticking, Sticking]:
+    """Shafts of the first drive and of a second wing's that stick in their runs, or may in a case of
+    a campaign, which tells it of the first output alone.
+    """
+    own = runs[0].sticking
+    if ensemble is not None:
+        stuck = ensemble.scalar("stuck_output")[drawn_cases(ensemble)]
+        return own.or_as(Sticking(True, not np.all(stuck == 0.0))), MAY_STICK
+    return own, runs[1].sticking if _has_second_wing(drives) else MAY_STICK
 
 
 def _second_wing_drive(name: str) -> str:

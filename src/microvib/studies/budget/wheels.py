@@ -19,7 +19,7 @@ import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY, frequency_error_bound
 from microvib.model.coupling import line_of_sight_transfer
-from microvib.model.drive_states import DriveStates, drive_states
+from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import (
@@ -84,11 +84,13 @@ class WheelOnCraft:
     scenario: Scenario
     place: np.ndarray
     """Motion of the place by the hub's coordinates, (6, n)."""
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK)
+    """Shafts of the first drive and of the second that may stick."""
 
     @cached_property
     def states(self) -> DriveStates | None:
         """States in which the drives of the craft may be; None where these are known."""
-        return drive_states(self.scenario)
+        return drive_states(self.scenario, sticking=self.sticking)
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -243,7 +245,7 @@ class WheelOnCraft:
         """The wheel with the largest amplitudes over all states of the drives."""
         if self.states is None:
             return self
-        return _WheelInAnyState(self.name, self.wheel, self.scenario, self.place)
+        return _WheelInAnyState(self.name, self.wheel, self.scenario, self.place, self.sticking)
 
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Frequencies that each order passes, (n,) [Hz], and its amplitudes there, (n, 2)

@@ -299,7 +299,8 @@ def _of_torque(work: WorkPackage, scenario: Scenario, torque: Torque) -> _Result
 
 
 def _of_steady_state(work: WorkPackage, scenario: Scenario) -> _Result:
-    found = steady_lines(scenario, harmonics=work.study.harmonics)
+    # A case is one of many: their lines need no spread of their own.
+    found = steady_lines(scenario.with_sources({}), harmonics=work.study.harmonics)
     stuck = math.nan if found.state is None else found.state.stuck_output
     second = _second_wing_lines(work, scenario)
     motion = _Motion(found.lines, found.source["T_d"], stuck, second, found.fallback)

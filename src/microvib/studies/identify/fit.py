@@ -285,8 +285,9 @@ def _best_so_far(problem: Problem) -> Findings:
     if problem.best_so_far.best is None:
         raise KeyboardInterrupt
     problem, x, r = problem.best_so_far.best
-    if problem.whole is not None:
-        problem = problem.whole
+    posed = (problem.whole or problem).with_cartesian(False)
+    if posed is not problem:
+        problem, x = posed, posed.point(problem.named(x))
         r = problem.residuals([x])[0]
     return Findings(problem, Optimum(x, r, cost(r)))
 
@@ -618,7 +619,9 @@ def source_text(e: Estimate, names: str) -> str:
 def _sensitivities(findings: Findings) -> dict[str, tuple[float, ...]]:
     problem = findings.problem
     values = problem.values(findings.best.x)
-    scale = np.array([v / key.slope(v) for key, v in zip(problem.keys, values, strict=True)])
+    scale = np.array(
+        [key.relative_to(v) / key.slope(v) for key, v in zip(problem.keys, values, strict=True)]
+    )
     rows = findings.local.J[: problem.figures] * problem.weights[:, None] * scale[None, :]
     several = len(problem.tests) > 1
     names = [

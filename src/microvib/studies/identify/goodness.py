@@ -101,7 +101,7 @@ class Deviation:
     measured: float
     fitted: float
     sigma: float
-    """Difference over its standard deviation, a common error of the recording taken off."""
+    """Difference over its standard deviation, errors that figures of the recording share taken off."""
 
     @property
     def off(self) -> bool:
@@ -110,7 +110,7 @@ class Deviation:
 
 
 def goodness(problem: Problem, r: np.ndarray) -> Goodness:
-    """Goodness of residuals: those of figures and common errors, without the prior's."""
+    """Goodness of residuals: those of figures and of errors that they share, without the prior's."""
     m = len(problem.keys)
     return Goodness(float(r[:-m] @ r[:-m]), problem.figures, m)
 

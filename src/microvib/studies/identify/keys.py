@@ -53,6 +53,10 @@ class FitKey:
     """Number of the recording whose own it is; None where all share one value."""
     recording: str = ""
     """That recording's name."""
+    around: float = 0.0
+    """Value that a range of ours was made about."""
+    periodic: bool = False
+    """Whether it is a phase that may have any value, the range being one turn."""
 
     @property
     def label(self) -> str:
@@ -65,6 +69,17 @@ class FitKey:
     def logarithmic(self) -> bool:
         """Positive ranges are fitted by their logarithm."""
         return self.low > 0.0
+
+    @property
+    def is_phase(self) -> bool:
+        """Whether it is a phase: an angle, of which 0 is a value like any other."""
+        return self.key.endswith(".phase")
+
+    def relative_to(self, value: float) -> float:
+        """Size that changes of a value are relative to: the value, or 1 rad for a phase."""
+        if self.is_phase:
+            return 1.0
+        return value
 
     def coordinate(self, value: float) -> float:
         """The coordinate of a value; a value that has no logarithm counts as the lower end."""
@@ -102,6 +117,9 @@ class FitKey:
         """Coordinates between which a local fit may move: a stated range, or as far as ours would
         be widened at most.
         """
+        if self.periodic:
+            low, high = self.range
+            return 2.0 * low, 2.0 * high
         if self.stated:
             return self.range
         far = self.factor**MAX_WIDENINGS
@@ -111,9 +129,18 @@ class FitKey:
 
     def interior(self, x: float) -> bool:
         """Whether a coordinate lies inside the range, off its ends."""
+        if self.periodic:
+            return True
         low, high = self.range
         rim = (1e-3 if self.stated else BOUND_MARGIN) * (high - low)
         return low + rim < x < high - rim
+
+    def as_begun(self) -> FitKey:
+        """With the range that it began with, where that is ours and was widened."""
+        if self.stated:
+            return self
+        low, high = self.around / self.factor, self.around * self.factor
+        return replace(self, low=max(self.low, low), high=min(self.high, high))
 
     def widened(self) -> FitKey:
         """With a range that reaches further both ways, where it is ours."""
@@ -184,7 +211,7 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     cent for a frequency.
 
     What may be of either sign is fitted within its usual sizes to both sides of zero, or a factor
-    of four beyond its value.
+    of four beyond its value; a phase may have any value.
     """
     key, _, span = text.partition("=")
     key = key.strip()
@@ -221,6 +248,8 @@ def parse_fit(scenario: Scenario, text: str) -> FitKey:
     _check_fittable(scenario, key, value)
     if span:
         return _stated(text, key, span, quantity)
+    if key.endswith(".phase"):
+        return FitKey(key, -math.pi, math.pi, quantity.unit, periodic=True)
     if quantity.usual is not None and quantity.ge is not None and quantity.ge < 0.0:
         far = max(quantity.usual[1], RANGE_FACTOR * abs(value))
         return FitKey(key, max(-far, quantity.ge), min(far, quantity.le or far), quantity.unit)
@@ -243,7 +272,7 @@ def range_around(key: str, value: float, quantity: Quantity, along: bool = False
     else:
         ceiling = quantity.le
     low, high = max(value / factor, floor), min(value * factor, ceiling)
-    return FitKey(key, low, high, quantity.unit, False, along, factor, floor, ceiling)
+    return FitKey(key, low, high, quantity.unit, False, along, factor, floor, ceiling, around=value)
 
 
 def _stated(text: str, key: str, span: str, quantity: Quantity) -> FitKey:

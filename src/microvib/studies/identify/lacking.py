@@ -67,8 +67,10 @@ class UnmodelledEffect:
     remedy: str = ""
     """Advice on what would rule it out, a clause with its semicolon; empty where nothing is known."""
 
-    def text(self, value: float, moved: float) -> str:
-        """Why an estimate is not identifiable that it moves to another value."""
+    def text(self, value: float, moved: float, phase: bool = False) -> str:
+        """Why an estimate, of a phase [rad] or another, is not identifiable that it moves to
+        another value.
+        """
         if value:
             change = moved / value - 1.0
         else:
@@ -76,6 +78,8 @@ class UnmodelledEffect:
         by = f"by {100.0 * change:+.2g} %"
         if not abs(change) < 1.0:
             by = "by more than a factor of two" if value else "away from 0"  # slopes tell no more
+        if phase:
+            by = f"by {math.degrees(moved - value):+.2g} deg"
         return f"not identifiable: the evidence does not rule out {self.effect}, which would move it {by}{self.remedy}"
 
 
@@ -131,12 +135,13 @@ def shift_reason(
     far = [
         one
         for one in far
-        if abs(key.value(x + one.shifts[k]) - value) > MAX_RELATIVE_SHIFT * abs(value)
+        if abs(key.value(x + one.shifts[k]) - value)
+        > MAX_RELATIVE_SHIFT * abs(key.relative_to(value))
     ]
     if not far:
         return ""
     worst = max(far, key=lambda one: abs(one.shifts[k]))
-    return worst.text(value, key.value(x + worst.shifts[k]))
+    return worst.text(value, key.value(x + worst.shifts[k]), key.is_phase)
 
 
 def _chain_effects(problem: Problem) -> Iterator[tuple[str, list[np.ndarray]]]:

@@ -21,6 +21,7 @@ from microvib.model.line_names import ARRAY_MODE, LineName
 from microvib.model.scenario import Scenario
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
+from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.keys import (
     FREQUENCY_RANGE_FACTOR,
     MAX_WIDENINGS,
@@ -28,14 +29,15 @@ from microvib.studies.identify.keys import (
     range_around,
 )
 from microvib.studies.interrupts import result, threads
+from microvib.studies.relative_phase import phase_multiples
 from microvib.units import Si
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")
 
 FREQUENCY_FLOOR, DECAY_FLOOR, PHASE_FLOOR = 2e-4, 0.01, 0.01
-"""Relative accuracy of frequencies and decays, and that of phases [rad], that no observation is
-trusted beyond.
+"""Relative accuracy of frequencies and decays, and that of the phase of each line [rad], that no
+observation is trusted beyond.
 """
 HUBER_THRESHOLD = 5.0
 """Standard deviations from which a residual counts in proportion, not by its square: a start far
@@ -43,6 +45,8 @@ off still shows the way.
 """
 TORQUE_FORMS = ("amplitude", "nearest_bin", "level")
 """Forms of figures in N m."""
+FULL_STEPS = 4
+"""Full steps in an electrical period of two phases."""
 _MISSING_DIFFERENCE = (
     dict.fromkeys((*TORQUE_FORMS, "decay"), 5.0)
     | dict.fromkeys(("phase", "branch", "turn"), math.pi)
@@ -165,9 +169,14 @@ def difference(o: Observation, simulated: Simulated | None) -> float:
     return (value - o.value) / max(abs(o.value), 1e-6)
 
 
-def total_standard_deviation(o: Observation, each: float, less: float = 1.0) -> float:
+def total_standard_deviation(
+    o: Observation, each: float, less: float = 1.0, steps: int = FULL_STEPS
+) -> float:
     """Standard deviation that the difference of one observation is measured by: its own, divided by
     ``less``, and the model's.
+
+    Of a phase (m phi_j - n phi_k, ``relative_phase``, with ``steps`` full steps in an electrical
+    period) that of m phi_j: the error of phi_k is shared by all phases against this line.
     """
     own = o.uncertainty / less
     if o.form in TORQUE_FORMS:
@@ -176,7 +185,38 @@ def total_standard_deviation(o: Observation, each: float, less: float = 1.0) -> 
         return math.hypot(own / o.value, FREQUENCY_FLOOR)
     if o.form == "decay":
         return math.hypot(own / max(abs(o.value), 1e-6), DECAY_FLOOR)
-    return math.hypot(own, PHASE_FLOOR)
+    return math.hypot(own, PHASE_FLOOR * _multiples(o, steps)[0])
+
+
+def _multiples(o: Observation, steps: int) -> tuple[int, int]:
+    """Times that the phases of a line and of the one that it is against count in an angle."""
+    if not o.against:
+        return 1, 0
+    return phase_multiples(o.line, o.against, steps)
+
+
+def shared_errors(
+    observed: Sequence[tuple[int, Observation]], tests: Sequence[Scenario], common: float
+) -> np.ndarray:
+    """Standard deviations (figures, errors) by which errors that figures share move their
+    differences.
+
+    There is one of each recording's scale, where its ``common`` deviation is not 0, and one of the
+    phase of each line that others are relative to.
+    """
+    columns = []
+    if common:
+        for k in range(len(tests)):
+            columns.append([common * (j == k and o.form in TORQUE_FORMS) for j, o in observed])
+    for k, name in dict.fromkeys((j, o.against) for j, o in observed if o.against):
+        steps = tests[k].motor.alike_per_turn
+        columns.append(
+            [
+                -PHASE_FLOOR * _multiples(o, steps)[1] if (j, o.against) == (k, name) else 0.0
+                for j, o in observed
+            ]
+        )
+    return np.array(columns).reshape(len(columns), len(observed)).T
 
 
 @dataclass(frozen=True)
@@ -224,18 +264,13 @@ class BestSoFar:
             self._tell()
 
 
-def _start_coordinates(
+def _start_values(
     scenario: Scenario, tests: Sequence[Scenario], keys: Sequence[FitKey]
-) -> np.ndarray:
-    """Coordinates of the scenario's values or, of a key with one in each test, of its test's."""
+) -> list[float]:
+    """The scenario's values or, of a key with one in each test, its test's."""
     shared = {name: value for name, value, _ in scenario.entries()}
     own = [{name: value for name, value, _ in test.entries()} for test in tests]
-    return np.array(
-        [
-            key.coordinate(float((shared if key.test is None else own[key.test])[key.key]))
-            for key in keys
-        ]
-    )
+    return [float((shared if key.test is None else own[key.test])[key.key]) for key in keys]
 
 
 class Problem:
@@ -259,11 +294,18 @@ class Problem:
             self.tests = [(one, with_short_record(test, one)) for one, test in tests]
         self.observed = [(k, o) for k, (one, _) in enumerate(self.tests) for o in one.observations]
         self.weights = self.tight = np.array(
-            [total_standard_deviation(o, trust.each) for _, o in self.observed]
+            [
+                total_standard_deviation(o, trust.each, steps=self.tests[k][1].motor.alike_per_turn)
+                for k, o in self.observed
+            ]
         )
-        self.start = _start_coordinates(scenario, [test for _, test in tests], self.keys)
-        self.spans = np.array([key.span for key in self.keys])
-        self.low, self.high = np.array([key.reach for key in self.keys]).T
+        self.shared = shared_errors(self.observed, [test for _, test in self.tests], trust.common)
+        self.coordinates = Coordinates(tuple(self.keys))
+        self.start = self.coordinates.start(
+            _start_values(scenario, [test for _, test in tests], self.keys)
+        )
+        self.spans = self.coordinates.spans
+        self.low, self.high = self.coordinates.limits
         self.best_so_far = best_so_far or BestSoFar()
 
     def again(
@@ -282,7 +324,27 @@ class Problem:
             keys,
             trust or self.trust,
             best_so_far=self.best_so_far,
-        )
+        ).with_cartesian(self.is_cartesian)
+
+    @property
+    def is_cartesian(self) -> bool:
+        """Whether amplitudes and phases are moved by their Cartesian parts."""
+        return bool(self.coordinates.pairs)
+
+    def with_cartesian(self, cartesian: bool = True) -> Problem:
+        """The problem with Cartesian parts for amplitudes that are fitted with their phases, or
+        without; itself where that changes nothing.
+        """
+        coordinates = Coordinates(tuple(self.keys))
+        if cartesian:
+            coordinates = coordinates.cartesian()
+        if coordinates == self.coordinates:
+            return self
+        other = copy(self)
+        other.coordinates, other.spans = coordinates, coordinates.spans
+        other.low, other.high = coordinates.limits
+        other.start = coordinates.start(self.values(self.start))
+        return other
 
     def looser(self, factors: np.ndarray) -> Problem:
         """Problem with each figure's standard deviation ``factors`` (figures,) times as large;
@@ -310,7 +372,7 @@ class Problem:
             self.trust,
             best_so_far=self.best_so_far,
             whole=self,
-        )
+        ).with_cartesian(self.is_cartesian)
         if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)):
             return self
         return short
@@ -342,7 +404,10 @@ class Problem:
     def within(self, x: np.ndarray) -> Problem:
         """With ranges of ours widened until ``x`` lies inside, as far as they may be."""
         keys = list(self.keys)
+        pairs = {k for pair in self.coordinates.pairs for k in pair}
         for k, c in enumerate(x):
+            if k in pairs:
+                continue
             for _ in range(MAX_WIDENINGS):
                 if keys[k].interior(float(c)):
                     keys[k] = keys[k]
@@ -419,10 +484,7 @@ class Problem:
 
     def point(self, values: dict[str, float]) -> np.ndarray:
         """Coordinates of the fitted keys' values, by label, within their reach."""
-        each = zip(self.keys, self.low, self.high, strict=True)
-        return np.array(
-            [min(max(key.coordinate(values[key.label]), low), high) for key, low, high in each]
-        )
+        return self.coordinates.point([values[key.label] for key in self.keys])
 
     def _seen(self, x: np.ndarray, j: int, line: str) -> float | None:
         """Frequency of an array mode through the drive [Hz], in a test."""
@@ -438,7 +500,7 @@ class Problem:
 
     def values(self, x: np.ndarray) -> list[float]:
         """The fitted keys' values at ``x``, in their order."""
-        return [key.value(float(c)) for key, c in zip(self.keys, x, strict=True)]
+        return self.coordinates.values(x)
 
     def named(self, x: np.ndarray) -> dict[str, float]:
         """The fitted keys' values at ``x``, by label."""
@@ -487,8 +549,8 @@ class Problem:
     def residuals(
         self, points: Sequence[np.ndarray], also: Sequence[Sequence[Mapping[str, object]]] = ()
     ) -> list[np.ndarray]:
-        """Weighted differences of all observations, each recording's common error, and the prior's
-        of all parameters.
+        """Weighted differences of all observations, the errors that they share, and the prior's of
+        all parameters.
 
         ``also`` are changes to other keys at each of the points, of each test.
         """
@@ -510,23 +572,22 @@ class Problem:
 
     def least(self, change: np.ndarray) -> np.ndarray:
         """A change of residuals, (rows,) or several (n, rows), without whole turns of angles."""
+        n, q = self.shared.shape
         angles = np.flatnonzero([o.is_angle for _, o in self.observed])
-        turn = math.tau / self.weights[angles]
-        change = change.copy()
-        change[..., angles] -= turn * np.rint(change[..., angles] / turn)
-        return change
+        d = change[..., :n] * self.weights + change[..., n : n + q] @ self.shared.T
+        turns = np.rint(d[..., angles] / math.tau)
+        if not np.any(turns):
+            return change
+        d[..., angles] -= math.tau * turns
+        return np.concatenate([*self.weighted(d), change[..., n + q :]], axis=-1)
 
     def weighted(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Differences over their standard deviations, the most likely common error taken off; and
-        that of each recording.
+        """Differences (..., figures) over their standard deviations, the most likely errors that
+        they share taken off; and these over their standard deviations, (..., errors).
+
+        The sum of squares of both is that of the differences with their whole covariance.
         """
-        if self.trust.common == 0.0:
-            return d / self.weights, np.zeros(0)
-        r, errors = d / self.weights, np.zeros(len(self.tests))
-        for k in range(len(self.tests)):
-            mine = np.array([j == k and o.form in TORQUE_FORMS for j, o in self.observed])
-            w = self.weights[mine] ** -2
-            common = float(d[mine] @ w) / (float(w.sum()) + self.trust.common**-2)
-            r[mine] -= common / self.weights[mine]
-            errors[k] = common / self.trust.common
-        return r, errors
+        part = self.shared / self.weights[:, None]
+        normal = part.T @ part + np.eye(part.shape[1])
+        errors = np.linalg.solve(normal, part.T @ (d / self.weights).T).T
+        return (d - errors @ self.shared.T) / self.weights, errors

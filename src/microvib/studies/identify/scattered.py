@@ -34,7 +34,9 @@ TRIAL_SHIFTS = (3e-5, 3e-4)
 """Changes of all coordinates after which figures are compared with their slopes."""
 MAX_NONLINEARITY = 0.3
 """Difference from these, in standard deviations of all figures together, from which they jump: it
-moves an estimate by as many of its standard errors."""
+moves an estimate by as many of its standard errors. Where the slopes change the figures by more
+than one standard deviation, the part of that change: figures that are merely curved do not jump.
+"""
 INITIAL_HALF_WIDTH, ROUNDS, FINAL_HALF_WIDTH = 0.05, 8, 2.0
 """Half width of the first region in each coordinate; most regions; half width of the last over the
 standard error.
@@ -70,14 +72,12 @@ def is_noisy(problem: Problem, best: Optimum, local: LinearModel) -> bool:
         for shift in TRIAL_SHIFTS
         for sign in signs
     ]
-    found = zip(points, problem.residuals(points), strict=True)
-    return (
-        max(
-            float(np.linalg.norm(problem.least(r - best.r) - local.J @ (x - best.x)))
-            for x, r in found
-        )
-        > MAX_NONLINEARITY
-    )
+    for x, r in zip(points, problem.residuals(points), strict=True):
+        expected = local.J @ (x - best.x)
+        off = float(np.linalg.norm(problem.least(r - best.r) - expected))
+        if off > MAX_NONLINEARITY * max(float(np.linalg.norm(expected)), 1.0):
+            return True
+    return False
 
 
 def _any_noise(problem: Problem) -> bool:
@@ -201,7 +201,7 @@ def _dependences(
         axis=0,
     )
     moves = -(local.covariance / local.scatter) @ (local.J.T @ change) / part
-    scale = [key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)]
+    scale = [key.slope(v) / key.relative_to(v) for key, v in zip(problem.keys, values, strict=True)]
     return (Dependence(SETTLE_KEY, tuple((np.array(scale) * moves).tolist())),)
 
 
@@ -282,9 +282,9 @@ def _step(
     single = np.ones(fit.at.size)
     for i, (_, o) in enumerate(problem.observed):
         if noisy[i]:
-            single[i] = (
-                total_standard_deviation(o, problem.trust.each, TWO_DRAW_SCATTER) / problem.tight[i]
-            ) ** 2
+            steps = problem.tests[problem.observed[i][0]][1].motor.alike_per_turn
+            each = total_standard_deviation(o, problem.trust.each, TWO_DRAW_SCATTER, steps)
+            single[i] = (each / problem.tight[i]) ** 2
     own = np.where(
         np.append(noisy, np.zeros(fit.at.size - noisy.size, bool)),
         np.maximum(single, fit.variance),

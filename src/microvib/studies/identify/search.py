@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.goodness import REJECTION_PROBABILITY, goodness
 from microvib.studies.identify.images import symmetric_solutions
 from microvib.studies.identify.keys import MAX_WIDENINGS
@@ -231,6 +232,26 @@ def search(
     frequency is fitted as well, from there and from as many others; then ranges of ours are widened
     both ways, as long as that helps.
     """
+    problem, optima = _search(problem.with_cartesian(), seed, starts, finishes)
+    return _by_keys(problem, optima)
+
+
+def _by_keys(problem: Problem, optima: Sequence[Optimum]) -> tuple[Problem, list[Optimum]]:
+    """The problem and its optima with a coordinate for each key, where amplitudes and phases were
+    moved by their Cartesian parts.
+    """
+    own = problem.with_cartesian(False)
+    if own is not problem:
+        points = [own.point(problem.named(o.x)) for o in optima]
+        each = zip(points, own.residuals(points), strict=True)
+        optima = [Optimum(x, r, cost(r)) for x, r in each]
+    return own, list(optima)
+
+
+def _search(
+    problem: Problem, seed: int, starts: int, finishes: int
+) -> tuple[Problem, list[Optimum]]:
+    """The search, in the problem's coordinates."""
     optima: list[Optimum] = []
     also = [problem.start]
     for _ in range(MAX_WIDENINGS + 2):
@@ -285,15 +306,15 @@ def _search_round(
 
     problem.best_so_far.stage = "global"
     rough, few = problem.rough(), problem.along() is not None
-    low, high = np.array([key.range for key in problem.keys]).T
     if few:
         count = math.ceil(starts / SEARCH_REDUCTION)
     else:
         count = starts
-    unit = qmc.Sobol(low.size, seed=seed).random_base2(max(math.ceil(math.log2(count)), 1))[:count]
-    points = [problem.tuned(x) for x in (*(low + (high - low) * unit), *also)]
-    parts = [points[k : k + PROGRESS_INTERVAL] for k in range(0, len(points), PROGRESS_INTERVAL)]
-    costs = [cost(r) for part in parts for r in rough.residuals(part)]
+    power = max(math.ceil(math.log2(count)), 1)
+    parts = qmc.Sobol(len(problem.keys), seed=seed).random_base2(power)[:count]
+    points = [problem.tuned(x) for x in (*problem.coordinates.spread(parts), *also)]
+    some = [points[k : k + PROGRESS_INTERVAL] for k in range(0, len(points), PROGRESS_INTERVAL)]
+    costs = [cost(r) for part in some for r in rough.residuals(part)]
     if few:
         most = min(finishes, FITS_PER_BATCH)
     else:
@@ -330,6 +351,17 @@ def least_misfit(
     follows to their ends those fits that were the best of the one before, from points about them,
     too.
     """
+    given, problem = problem, problem.with_cartesian()
+    if problem is not given:
+        points = [problem.point(given.named(o.x)) for o in optima]
+        optima = [Optimum(x, o.r, o.cost) for x, o in zip(points, optima, strict=True)]
+    return _by_keys(*_least_misfit(problem, optima, seed))
+
+
+def _least_misfit(
+    problem: Problem, optima: Sequence[Optimum], seed: int
+) -> tuple[Problem, list[Optimum]]:
+    """The search for the least misfit, in the problem's coordinates."""
     problem.best_so_far.stage = "least misfit"
     found = sorted(optima, key=lambda o: _chi_square(problem, o.r))[:FITS_PER_BATCH]
     looks = _looks(problem, seed)
@@ -365,15 +397,13 @@ def _looks(problem: Problem, seed: int) -> Iterator[list[np.ndarray]]:
     """
     from scipy.stats import qmc
 
-    low, high = np.array([key.range for key in problem.keys]).T
-    ours = np.array([key.logarithmic and not key.stated for key in problem.keys])
-    first_low = np.where(ours, np.maximum(low, problem.start - problem.spans / 2.0), low)
-    first_high = np.where(ours, np.minimum(high, problem.start + problem.spans / 2.0), high)
-    sampler = qmc.Sobol(low.size, seed=seed)
+    m = len(problem.keys)
+    first = Coordinates(tuple(key.as_begun() for key in problem.keys), problem.coordinates.pairs)
+    sampler = qmc.Sobol(m, seed=seed)
     while True:
-        count = _power(SCALED_POINTS * min(low.size, SCALED_KEYS))
+        count = _power(SCALED_POINTS * min(m, SCALED_KEYS))
         near, far = np.split(sampler.random(count), [int(SCALED_NEAR * count)])
-        points = [*(first_low + (first_high - first_low) * near), *(low + (high - low) * far)]
+        points = [*first.spread(near), *problem.coordinates.spread(far)]
         yield [problem.tuned(x) for x in points]
 
 

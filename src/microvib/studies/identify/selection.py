@@ -64,13 +64,6 @@ class Effect:
     """Fitted keys of the effect."""
     whole: IntegerKey | None = None
     """Its whole number, each of which is tried."""
-    ranges: Mapping[str, str] = field(default_factory=dict)
-    """Ranges of fitted keys that have none of their own, as ``LOW:HIGH``."""
-
-    @property
-    def fitted(self) -> list[str]:
-        """Fitted keys with their ranges, as ``parse_fit`` takes them."""
-        return [f"{key}={self.ranges[key]}" if key in self.ranges else key for key in self.keys]
 
     @property
     def parameters(self) -> int:
@@ -116,7 +109,6 @@ EFFECTS = {
         {"motor.flux_harmonics": []},
         _flux,
         ("motor.flux_harmonics.0.amplitude", "motor.flux_harmonics.0.phase"),
-        ranges={"motor.flux_harmonics.0.phase": "-100 deg:100 deg"},  # amplitudes have either sign
     ),
     "friction.presliding": Effect(
         {"friction.presliding": None}, _presliding, ("friction.presliding.stiffness",)
@@ -319,7 +311,7 @@ class Selector:
 
     def keys_of(self, scenario: Scenario, on: Sequence[str]) -> list[FitKey]:
         """Fitted keys of those effects."""
-        return [parse_fit(scenario, text) for name in on for text in EFFECTS[name].fitted]
+        return [parse_fit(scenario, text) for name in on for text in EFFECTS[name].keys]
 
     def fitted(self, on: Iterable[str]) -> Known:
         """The model with those effects and all whole numbers; see ``_fitted``."""
@@ -371,7 +363,7 @@ class Selector:
             [*self.keys, *self.keys_of(scenario, models)],
             self.trust,
             BestSoFar(self.progress),
-        )
+        ).with_cartesian()
         while (along := problem.along()) is not None:
             problem = along
         return problem
@@ -389,16 +381,17 @@ class Selector:
         points = [problem.point(problem.named(problem.start) | then)]
         new = [k for k, key in enumerate(problem.keys) if key.label not in then]
         if new:
-            low, high = np.array([problem.keys[k].range for k in new]).T
             count = POINTS if before else self.starts
-            unit = qmc.Sobol(len(new), seed=self.seed).random_base2(math.ceil(math.log2(count)))[
-                :count
-            ]
-            points += [points[0].copy() for _ in unit]
-            for point, u in zip(points[1:], unit, strict=True):
-                point[new] = low + (high - low) * u
+            parts = np.zeros((count, len(problem.keys)))
+            power = math.ceil(math.log2(count))
+            parts[:, new] = qmc.Sobol(len(new), seed=self.seed).random_base2(power)[:count]
+            points += [points[0].copy() for _ in parts]
+            for point, there in zip(points[1:], problem.coordinates.spread(parts), strict=True):
+                point[new] = there[new]
             if before:
-                points[0][new] = [_null_coordinate(problem.keys[k]) for k in new]
+                points[0][new] = problem.coordinates.start(
+                    [_value_without_effect(key) for key in problem.keys]
+                )[new]
         points = [problem.tuned(point) for point in points]
         costs = [cost(r) for r in problem.residuals(points)]
         ends = descend_all(problem, [points[k] for k in np.argsort(costs, kind="stable")[:ENDS]])
@@ -408,13 +401,12 @@ class Selector:
         )
 
 
-def _null_coordinate(key: FitKey) -> float:
-    """Coordinate at which an effect does least: 0, the largest stiffness, or else the lower end of
-    a range.
+def _value_without_effect(key: FitKey) -> float:
+    """Value at which an effect does least: 0, the largest stiffness, or else the lower end of a
+    range.
     """
-    low, high = key.range
     if not key.logarithmic:
-        return min(max(0.0, low), high)
+        return min(max(0.0, key.low), key.high)
     if key.key.endswith("stiffness"):
-        return high
-    return low
+        return key.high
+    return key.low

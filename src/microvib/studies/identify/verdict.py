@@ -281,7 +281,11 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
     key = findings.problem.keys[k]
     value = key.value(float(findings.best.x[k]))
     half = 0.5 * (key.value(interval.high) - key.value(interval.low))
-    if interval.open_low or interval.open_high or half > Z_95 * MAX_RELATIVE_ERROR * abs(value):
+    if (
+        interval.open_low
+        or interval.open_high
+        or half > Z_95 * MAX_RELATIVE_ERROR * abs(key.relative_to(value))
+    ):
         correlation = np.abs(
             np.where(np.arange(findings.best.x.size) == k, 0.0, correlations(findings.local)[k])
         )
@@ -294,7 +298,7 @@ def _width(findings: Findings, k: int, interval: Interval, fit: Goodness) -> tup
         return False, "not identifiable: the evidence is insensitive to it"
     settle = findings.problem.scenario.record.settle
     late = next((one.shifts[k] for one in findings.dependences if one.key == SETTLE_KEY), 0.0)
-    if abs(late) * settle_relative_error(findings.problem) * abs(value) > half:
+    if abs(late) * settle_relative_error(findings.problem) * abs(key.relative_to(value)) > half:
         moves = f"1 s more than the {settle:g} s assumed moves it by {100.0 * late / settle:+.2g} %"
         return False, f"not identifiable without the settling time: {moves}"
     # slopes that tell too little widen the linearised one alone
@@ -359,7 +363,9 @@ def dependences(problem: Problem, best: Optimum, local: LinearModel) -> tuple[De
     changes = [{name: own[name] * (1.0 + RELATIVE_STEP)} for name in free]
     changes = [change for change in changes if _scenario_if_valid(problem.scenario, change)]
     values = problem.values(best.x)
-    scale = np.array([key.slope(v) / v for key, v in zip(problem.keys, values, strict=True)])
+    scale = np.array(
+        [key.slope(v) / key.relative_to(v) for key, v in zip(problem.keys, values, strict=True)]
+    )
     gain = -(local.covariance / local.scatter) @ local.J.T
     nudged = problem.residuals(
         [best.x] * len(changes), [[change] * len(problem.tests) for change in changes]

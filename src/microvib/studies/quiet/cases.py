@@ -19,8 +19,10 @@ from microvib.studies.quiet.levers import Lever, fixed
 SEARCH_SEED, CHOICE_SEED, JUDGE_SEED = 1, 3, 2
 """Seeds of the cases that are searched on, of those by which one of the best settings is chosen, and
 of those that judge it."""
-SEARCH_CASES, CHOICE_CASES, JUDGE_CASES = 16, 48, 80
-"""How many of each there are."""
+SEARCH_CASES, JUDGE_CASES = 16, 80
+"""How many there are of the first and of the last."""
+CHOICE_RATIO = 1.2
+"""Cases by which a setting is chosen, for each that judges: what is rare should be seen before."""
 STIFFNESS, FRICTION, DETENT = "30 percent", "50 percent", "20 percent"
 """By how much values may be off either way where no study says so."""
 DAMPING_RANGE = "0.2 percent", "2 percent"
@@ -34,7 +36,7 @@ class DrawnCases:
     """Cases of one spread, as changes of a scenario's keys in SI."""
 
     text: tuple[str, ...]
-    """What varies, in sentences without a stop."""
+    """Variations, in sentences without a stop."""
     assumed: bool
     """Whether nobody stated the spread."""
     searched: tuple[dict[str, Any], ...]
@@ -81,7 +83,10 @@ def draw_cases(
             validate_part(Study, {**_plain(spread), "sampling": sampling}), files, origin, scenario
         )
 
-    searched, chosen_by = drawn(SEARCH_SEED, SEARCH_CASES), drawn(CHOICE_SEED, CHOICE_CASES)
+    searched, chosen_by = (
+        drawn(SEARCH_SEED, SEARCH_CASES),
+        drawn(CHOICE_SEED, round(CHOICE_RATIO * count)),
+    )
     judged = drawn(JUDGE_SEED, count)
     cases = _changes(judged)
     _require_free_levers(levers, cases[0])

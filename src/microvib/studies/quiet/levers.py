@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import numpy as np
 
 from microvib.errors import OptionError, ScenarioError, did_you_mean
 from microvib.model.driver import MAX_TABLE, Driver, quantized
+from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.units import Quantity, Si, convert
 
@@ -22,6 +24,9 @@ TABLE_FIRST_ORDERS = (1, 2)
 MAX_CORRECTION = 0.1
 """Largest correction [rad] of the electrical angle for what unequal phases do, and least range for
 others."""
+COMPENSATION_KEY = "driver.compensation"
+COMPENSATION_RANGE = 1.5
+"""Times the gear's error up to which microsteps make up for it."""
 DETENT_RANGE = 1.5
 """Times the correction that cancels a torque of the motor at standstill, up to which it is tried."""
 
@@ -56,7 +61,7 @@ class Setting:
     """One setting of all levers."""
 
     numbers: tuple[tuple[float, ...], ...]
-    """Of each lever, those between 0 and 1 or its choice."""
+    """Numbers of each lever between 0 and 1, or its choice."""
 
 
 def with_levers(scenario: Scenario, levers: Sequence[Lever], setting: Setting) -> Scenario:
@@ -154,6 +159,82 @@ def gains_lever(scenario: Scenario, low: float, high: float) -> Lever:
     return Lever("gains", text, keys, change, (start,), (start,), show=show)
 
 
+# ---- Times of the microsteps ----
+
+
+def shape_lever(scenario: Scenario, low: float, high: float) -> Lever:
+    """Microsteps in two halves, the second ``low`` to ``high`` [s] after the first: half a period of
+    a resonance takes its lines away (ZV).
+    """
+    at = _on_range(low, high, "linear")
+
+    def change(_: Scenario, numbers: Sequence[float]) -> dict[str, Any]:
+        halves = [{"fraction": 0.5}, {"fraction": 0.5, "after": Si(at(numbers[0]))}]
+        return {"driver.microstep_shape": halves}
+
+    def show(_: Scenario, numbers: Sequence[float]) -> str:
+        return f"microsteps in two halves, {1e3 * at(numbers[0]):.3g} ms apart"
+
+    text = f"microsteps in two halves, {1e3 * low:g} to {1e3 * high:g} ms apart"
+    guess = _part_of_range(_half_period(scenario), low, high, "linear")
+    return Lever("shape", text, ("driver.microstep_shape",), change, (guess,), (guess,), show=show)
+
+
+def _half_period(scenario: Scenario) -> float:
+    """Half a period [s] of the resonance that the microsteps are next to."""
+    frequencies = [mode.frequency for mode in coupled_modes(scenario)]
+    wanted = scenario.driving_frequency or 0.0
+    nearest = min(frequencies, key=lambda f: abs(f - wanted), default=wanted)
+    return 0.5 / nearest
+
+
+def compensation_lever(scenario: Scenario, bound: float) -> Lever:
+    """Microsteps that come earlier or later to make up for the gear's error, at its orders: an
+    amplitude up to ``bound`` times the error's and any phase.
+    """
+    errors = [e for e in scenario.reducer.errors if e.amplitude > 0.0]
+    if not errors or any(float(e.order) % 1.0 for e in errors):
+        raise OptionError(
+            "lever",
+            "needs a gear's error of whole orders per turn of the rotor"
+            " (reducer.transmission_error)",
+            "compensation",
+        )
+
+    def harmonics(numbers: Sequence[float]) -> list[tuple[int, complex]]:
+        pairs = 2.0 * np.asarray(numbers, dtype=float).reshape(-1, 2) - 1.0
+        return [
+            (int(e.order), bound * e.amplitude * complex(*pair))
+            for e, pair in zip(errors, pairs, strict=True)
+        ]
+
+    def change(_: Scenario, numbers: Sequence[float]) -> dict[str, Any]:
+        parts = [
+            {"order": order, "amplitude": Si(abs(z)), "phase": Si(float(np.angle(z)))}
+            for order, z in harmonics(numbers)
+        ]
+        return {COMPENSATION_KEY: parts}
+
+    def show(_: Scenario, numbers: Sequence[float]) -> str:
+        parts = (
+            f"{math.degrees(abs(z)) * 3600.0:.3g} arcsec at order {order}, phase"
+            f" {math.degrees(np.angle(z)):.0f} deg"
+            for order, z in harmonics(numbers)
+        )
+        return f"microsteps make up for the gear's error by {' and '.join(parts)}"
+
+    guess = [x for e in errors for x in _as_numbers(cmath.rect(1.0 / bound, e.phase))]
+    centre = (0.5,) * len(guess)
+    orders = ", ".join(str(int(e.order)) for e in errors)
+    text = f"microsteps that make up for the gear's error, orders {orders} per turn of the rotor"
+    return Lever("compensation", text, (COMPENSATION_KEY,), change, centre, tuple(guess), show=show)
+
+
+def _as_numbers(z: complex) -> tuple[float, float]:
+    """Numbers between 0 and 1 of a complex amplitude within the unit circle."""
+    return 0.5 + 0.5 * z.real, 0.5 + 0.5 * z.imag
+
+
 # ---- Table of the currents ----
 
 
@@ -247,13 +328,24 @@ def table_orders(scenario: Scenario) -> tuple[int, ...]:
 
 # ---- What is written ----
 
-NAMED = ("ramp", "table", "microsteps", "rate", "current", "gains", "damping", "wings")
+NAMED = (
+    "ramp",
+    "shape",
+    "table",
+    "microsteps",
+    "rate",
+    "compensation",
+    "current",
+    "gains",
+    "damping",
+    "wings",
+)
 """Levers that have a name; any number of the scenario is one, too."""
 
 
 @dataclass(frozen=True)
 class TableLimits:
-    """What a driver's table can hold."""
+    """Size of a table that a driver can hold."""
 
     bits: int | None = None
     rows: int = MAX_TABLE
@@ -288,6 +380,11 @@ def parse_levers(
     for key in keys:
         if keys.count(key) > 1:
             raise OptionError("lever", f"{key} is set by two levers; one is expected")
+    names = [lever.name for lever in levers]
+    if "ramp" in names and "shape" in names:
+        raise OptionError(
+            "lever", "shape and ramp are two ways to make a microstep; one is expected"
+        )
     return tuple(sorted(levers, key=lambda lever: lever.name == "table"))
 
 
@@ -302,6 +399,11 @@ def _parsed(text: str, scenario: Scenario, limits: TableLimits) -> Lever:
     if name == "gains":
         low, high = _factors(text, span or "0.05:2")
         return gains_lever(scenario, low, high)
+    if name == "shape":
+        low, high = _times(text, span, scenario)
+        return shape_lever(scenario, low, high)
+    if name == "compensation":
+        return compensation_lever(scenario, COMPENSATION_RANGE)
     if name == "microsteps":
         counts = span or _usual_counts(scenario)
         return choice_lever(name, "driver.microsteps", _whole_numbers(text, counts))
@@ -426,6 +528,18 @@ def _number(text: str, part: str, quantity: Quantity) -> float:
         return convert(part, quantity.unit)
     except ValueError as error:
         raise OptionError("lever", f"{error} ({quantity.meaning})", text) from None
+
+
+def _times(text: str, span: str, scenario: Scenario) -> tuple[float, float]:
+    """Times [s] between the halves of a microstep: those that are given, or most of its period."""
+    if span:
+        low, high = _range(text, span, Quantity("s", "time between the halves of a microstep"))
+    else:
+        period = 1.0 / (scenario.driving_frequency or math.nan)
+        low, high = 0.05 * period, 0.95 * period
+    if not low > 0.0:
+        raise OptionError("lever", "times above 0 s are expected", text)
+    return low, high
 
 
 def _factors(text: str, span: str) -> tuple[float, float]:

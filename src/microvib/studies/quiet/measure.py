@@ -39,7 +39,7 @@ class DriveLines:
     residual: float
     """RMS of the torque less all lines and what rings [N m]."""
     los_frequency: np.ndarray
-    """Of lines of the line of sight [Hz], (m,); empty where nobody asked for them."""
+    """Frequencies of lines of the line of sight [Hz], (m,); empty where nobody asked for them."""
     los: np.ndarray | None = None
     """Complex amplitudes of both angles [rad], (m, 2)."""
     problem: str = ""
@@ -57,7 +57,7 @@ class DriveLines:
 
 
 def failed(problem: str) -> DriveLines:
-    """What is known of a drive that does not come to its rate."""
+    """Stand for a drive that does not come to its rate."""
     return DriveLines((), np.zeros(0), np.zeros(0), math.inf, np.zeros(0), problem=problem)
 
 

@@ -1,4 +1,4 @@
-"""What a search makes small: a line, a band, the RMS, lines over a limit curve, or a requirement on
+"""Figures that a search makes small: a line, a band, the RMS, lines over a limit curve, or a requirement on
 the line of sight.
 """
 

@@ -43,6 +43,8 @@ class Tried:
 
     setting: Setting
     worst: float
+    median: float = math.nan
+    """Median of the cases, each from its worst start; nan of one that was given up."""
     why_not: str = ""
     """Why it is not allowed."""
 
@@ -101,8 +103,10 @@ class Search:
         if known is not None:
             return known.worst
         why_not = self._why_not(setting)
-        worst = math.inf if why_not else self._worst_of_cases(setting, bound)
-        one = self._tried[setting] = Tried(setting, worst, why_not)
+        worst, median = math.inf, math.nan
+        if not why_not:
+            worst, median = self._over_cases(setting, bound)
+        one = self._tried[setting] = Tried(setting, worst, median, why_not)
         better = worst < self._best
         self._best = min(worst, self._best)
         self._on_tried(one, better)
@@ -114,22 +118,25 @@ class Search:
         except ScenarioError as error:
             return str(error)
 
-    def _worst_of_cases(self, setting: Setting, bound: float) -> float:
-        """Cases that were worst of earlier settings come first."""
+    def _over_cases(self, setting: Setting, bound: float) -> tuple[float, float]:
+        """Worst figure of a setting, and the median over cases, which is not known where one is above
+        the ``bound``; cases that were worst of earlier settings come first.
+        """
         every = self._cases_of(setting)
         order = np.argsort(-self._telling, kind="stable")
-        worst = 0.0
+        values = np.zeros(len(every))
         for first in range(0, len(every), AT_ONCE):
             chosen = order[first : first + AT_ONCE]
-            values = self.evaluations.values([every[k] for k in chosen])
-            top = int(np.argmax(values))
-            if values[top] > worst:
-                worst, decided = float(values[top]), int(chosen[top])
-            if worst > bound:
+            values[chosen] = self.evaluations.values([every[k] for k in chosen])
+            if values.max() > bound:
                 break
-        if worst > 0.0:
-            self._telling[decided] += 1.0
-        return worst
+        else:
+            first = len(every)
+        self._telling[int(np.argmax(values))] += 1.0
+        if first < len(every):
+            return float(values.max()), math.nan
+        by_case = values.reshape(-1, len(self.drives.starts)).max(axis=1)
+        return float(values.max()), float(np.median(by_case))
 
     def _cases_of(self, setting: Setting) -> list[Case]:
         return drawn(

@@ -41,7 +41,7 @@ DEFAULT_EFFORT, EFFORT_RANGE = 200, (4, 100_000)
 """Settings that a search tries over the drawn cases."""
 CASES_RANGE = (8, 10_000)
 ALONE_EFFORT = 24
-"""Settings of each lever alone that are tried on the drive as it is."""
+"""Settings of each lever alone that are tried on the nominal drive."""
 COEXISTING = 1.25
 """Ratio of the figures from two starts from which they have led to different motions."""
 P95 = 0.95
@@ -49,7 +49,7 @@ P95 = 0.95
 
 @dataclass(frozen=True)
 class Constraints:
-    """What every setting must keep."""
+    """Bounds that every setting must keep."""
 
     margin: float = 0.0
     """Least torque margin, with its factors."""
@@ -75,14 +75,14 @@ class Constraints:
 
 @dataclass(frozen=True)
 class Spread:
-    """The figure of one design: of the drive as it is, and over cases, each from its worst start."""
+    """The figure of one design: of the nominal drive, and over cases, each from its worst start."""
 
     design: Annotated[str, Column("design", "design")]
     nominal: float
-    """Of the drive as it is, from its worst start."""
+    """Figure of the nominal drive, from its worst start."""
     from_rest: float
     cases: np.ndarray
-    """Of each case from its worst start, (cases,); infinite where it does not come to its rate."""
+    """Figures of the cases, each from its worst start, (cases,); infinite where it does not come to its rate."""
     coexisting: Annotated[int, Column("coexisting", "cases with several motions", COUNT)]
     """Cases in which different starts lead to different motions."""
 
@@ -116,7 +116,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeverAlone:
-    """What one lever brings by itself, on the drive as it is."""
+    """Gain that one lever brings by itself, on the nominal drive."""
 
     lever: str
     setting: str
@@ -141,7 +141,7 @@ class LineChange:
 
     @property
     def change(self) -> Annotated[float, Column("change_db", "change", DECIBEL)]:
-        """Change of the drive as it is, from rest [dB]; nan where the line is not there."""
+        """Change of the nominal drive, from rest [dB]; nan where the line is not there."""
         return _decibel(self.before, self.after)
 
     @property
@@ -158,7 +158,7 @@ def _decibel(before: float, after: float) -> float:
 
 @dataclass(frozen=True)
 class QuietDrive:
-    """What a search found, judged on drawn cases that it had not seen."""
+    """Result of a search, judged on drawn cases that it had not seen."""
 
     scenario: Scenario
     """As it was."""
@@ -173,7 +173,7 @@ class QuietDrive:
     before: Spread
     after: Spread
     best_nominal: Spread | None
-    """The setting that is best for the drive as it is, where that is another."""
+    """The setting that is best for the nominal drive, where that is another."""
     best_nominal_text: str
     alone: tuple[LeverAlone, ...]
     lines: tuple[LineChange, ...]
@@ -196,7 +196,7 @@ class QuietDrive:
 
     @property
     def trap(self) -> bool:
-        """Whether the setting that is best for the drive as it is is worse over the cases."""
+        """Whether the setting that is best for the nominal drive is worse over the cases."""
         one = self.best_nominal
         return one is not None and one.p95 > 1.05 * self.after.p95
 
@@ -306,6 +306,7 @@ def quiet(  # noqa: PLR0913 - keyword options
         parsed: tuple[Lever, ...] = ()
     else:
         parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
+        _require_seen(parsed, wanted)
     sampled = draw_cases(scenario, parsed, None if study is None else Path(study), cases)
     file = None if keep is None else Path(keep)
     with evaluations(wanted, file, workers) as figures:
@@ -316,8 +317,22 @@ def quiet(  # noqa: PLR0913 - keyword options
         return task.searched()
 
 
+def _require_seen(levers: Sequence[Lever], objective: Objective) -> None:
+    """OptionError where a lever acts on nothing that the objective is of."""
+    for lever in levers:
+        if lever.name == "wings" and not objective.sees_pointing:
+            raise OptionError(
+                "lever",
+                "acts on what two wings do to the craft together; give requirement in place of an"
+                " objective, which is of the first drive's torque",
+                "wings",
+            )
+
+
 CANDIDATES = 6
 """Settings of a search of which one is chosen by more cases."""
+AS_GOOD = 1.1
+"""Ratio of their worst figures up to which settings are taken for equally good."""
 CHOOSING, JUDGING = 4, 20
 """Settings that a choice and the judgement of one design count as in the progress."""
 
@@ -375,7 +390,7 @@ class _Task:
         best = nominal.run(max(self.effort // 2, 4), tuple(nominal.as_it_is()))
         search = self._search(self.cases.searched, self.levers, robust=True)
         search.run(self.effort, (best.setting, *search.as_it_is()))
-        found = self._chosen(search)
+        found = self._chosen(search, best.setting)
         if not math.isfinite(found.worst):
             why = found.why_not or "no setting brings all cases to their rate"
             raise OptionError(
@@ -384,14 +399,18 @@ class _Task:
         quieter = with_levers(self.scenario, self.levers, found.setting)
         return self._judged(found.setting, quieter, alone, search.tried, best.setting)
 
-    def _chosen(self, search: Search) -> Tried:
-        """The one of the best settings whose worst is least over more cases and all starts."""
+    def _chosen(self, search: Search, nominal: Setting) -> Tried:
+        """The one of the best settings, and of the ``nominal`` drive's best, whose worst is least over
+        more cases and all starts; of those that are as good, that with the least median.
+        """
         drives = Drives(search.drives.base, self.cases.chosen_by, STARTS, self.constraints.why_not)
         choice = Search(drives, self.levers, self.figures)
-        for setting in search.unlike(CANDIDATES):
-            choice.worst(setting, choice.best)
+        for setting in dict.fromkeys((*search.unlike(CANDIDATES - 1), nominal)):
+            choice.worst(setting, AS_GOOD * choice.best)
             self.told.step(CHOOSING)
-        return choice.tried[0] if choice.tried else search.tried[0]
+        finished = [one for one in choice.tried if math.isfinite(one.median)]
+        alike = [one for one in finished if one.worst <= AS_GOOD * choice.best]
+        return min(alike, key=lambda one: one.median, default=search.tried[0])
 
     def _search(
         self, cases: Sequence[dict[str, Any]], levers: tuple[Lever, ...], robust: bool = False
@@ -429,14 +448,14 @@ class _Task:
         tried: tuple[Tried, ...],
         best_nominal: Setting | None,
     ) -> QuietDrive:
-        before, lines_before = self._over_cases("as it is", self.scenario, None)
+        before, lines_before = self._over_cases("before", self.scenario, None)
         if setting is None:
             after, lines_after = self._over_cases("with the table", self.scenario, quieter)
         else:
             after, lines_after = self._over_cases("quieter", self.scenario, setting)
         other, text = None, ""
         if best_nominal is not None and best_nominal != setting:
-            other, _ = self._over_cases("best as it is", self.scenario, best_nominal)
+            other, _ = self._over_cases("best nominal", self.scenario, best_nominal)
             text = in_words(self.scenario, self.levers, best_nominal)
         return QuietDrive(
             self.scenario,
@@ -460,7 +479,7 @@ class _Task:
     def _over_cases(
         self, name: str, base: Scenario, change: Setting | Scenario | None
     ) -> tuple[Spread, list[list[Figure]]]:
-        """A design over the cases that judge: its spread, and figures of the drive as it is and of
+        """A design over the cases that judge: its spread, and figures of the nominal drive and of
         every case by starts.
         """
 
@@ -488,7 +507,7 @@ def _unchanged(scenario: Scenario) -> Scenario:
 def _line_changes(
     before: Sequence[Sequence[Figure]], after: Sequence[Sequence[Figure]]
 ) -> Iterator[LineChange]:
-    """Every line of either, those of the drive as it is from rest and over cases; the largest first."""
+    """Every line of either, those of the nominal drive from rest and over cases; the largest first."""
     names: dict[str, float] = {}
     for by_starts in (*before, *after):
         for figure in by_starts:

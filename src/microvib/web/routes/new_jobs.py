@@ -15,11 +15,12 @@ from microvib.analysis.seeds import check_seeds
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.files import RECORDINGS
 from microvib.model.coupling import require_craft
+from microvib.model.ranges import noted_ranges
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.angles import angles_in, check_sweep
 from microvib.studies.rates import rate_grid
-from microvib.studies.sensitivity import NOT_RANKED, noted_ranges
+from microvib.studies.sensitivity import NOT_RANKED
 from microvib.units import Si, band, quantity
 from microvib.web.jobs.store import Store, Upload, private
 from microvib.web.routes.common import (

@@ -9,6 +9,8 @@ const groups = new Map();
 const TITLES = {
   slip_ring: "slip ring",
   transmission_error: "transmission error",
+  microstep_shape: "part of a microstep",
+  compensation: "compensation",
   flux_harmonics: "flux harmonic",
   detent: "detent harmonic",
   modes: "mode",

@@ -1,4 +1,4 @@
-"""Rate plans on the line of sight as text, tables and a picture."""
+"""Rate plans by the line of sight as text, tables and a picture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from microvib.reports import sheets
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
 from microvib.results import MICROSTEPS, RATE, SHARE, Column, Table
-from microvib.studies.rates_on_sight import JudgedRate, SightPlan
+from microvib.studies.rates_by_pointing import JudgedRate, PointingPlan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SHOWN = 12
 
 
-def sight_outcome(plan: SightPlan) -> Outcome:
+def pointing_rates_outcome(plan: PointingPlan) -> Outcome:
     """A plan for those who read it: the best rates with their budgets' verdicts, every case."""
     ranked = sorted((x for x in plan.cases if math.isfinite(x.share)), key=lambda x: x.share)
     first: list[Item] = [
@@ -39,7 +39,7 @@ def sight_outcome(plan: SightPlan) -> Outcome:
                 "Rates, the least part of a limit first",
                 (
                     Table.of(
-                        "rates_on_sight",
+                        "rates_by_pointing",
                         type(plan.cases[0]),
                         plan.cases,
                         for_readers=ranked,
@@ -74,7 +74,7 @@ def _judged_row(one: JudgedRate) -> tuple[int, float, float, str]:
     return one.case.microsteps, one.case.rate, one.case.share, one.verdict
 
 
-def _summary(plan: SightPlan) -> str:
+def _summary(plan: PointingPlan) -> str:
     rates = [case.rate for case in plan.cases]
     steady = sum(case.solved == "steady" for case in plan.cases)
     return (
@@ -84,7 +84,7 @@ def _summary(plan: SightPlan) -> str:
     )
 
 
-def _best(plan: SightPlan) -> str:
+def _best(plan: PointingPlan) -> str:
     best = plan.best
     least = plan.judged[0].case
     if best is None:
@@ -99,7 +99,7 @@ def _best(plan: SightPlan) -> str:
     )
 
 
-def _verdict(plan: SightPlan) -> Verdict:
+def _verdict(plan: PointingPlan) -> Verdict:
     if plan.best is not None:
         return "pass"
     if all(one.verdict == "fail" for one in plan.judged) and _all_above(plan):
@@ -107,18 +107,18 @@ def _verdict(plan: SightPlan) -> Verdict:
     return "not judged"
 
 
-def _all_above(plan: SightPlan) -> bool:
+def _all_above(plan: PointingPlan) -> bool:
     """Whether the drive's lines alone are above a limit at every rate."""
     return all(x.share > 1.0 for x in plan.cases)
 
 
-def _facts(plan: SightPlan) -> Iterator[Fact]:
+def _facts(plan: PointingPlan) -> Iterator[Fact]:
     least = plan.judged[0].case
     yield Fact(RATE.figure(least.rate), f"least part of a limit, {least.microsteps} microsteps")
     yield Fact(SHARE.figure(least.share), "of the limit, by the drive's lines")
 
 
-def draw_shares(plan: SightPlan) -> Figure:
+def draw_shares(plan: PointingPlan) -> Figure:
     """Part of the limit over rate, a curve for each microstep count."""
     figure, ax = sheets.one_axes(3.0)
     counts = dict.fromkeys(case.microsteps for case in plan.cases)

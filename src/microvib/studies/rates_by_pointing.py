@@ -1,4 +1,4 @@
-"""Rate planning on the line of sight: at which rates the drive's lines use least of what
+"""Rate planning by the line of sight: at which rates the drive's lines use least of what
 requirements allow.
 
 Cases are compared by the drive's lines alone. What other sources, gaps and uncertainties add is for
@@ -35,8 +35,8 @@ MAX_JUDGED = 100
 
 
 @dataclass(frozen=True)
-class SightCase:
-    """What the drive's lines make of the line of sight at one rate and microstep count."""
+class PointingCase:
+    """Motion of the line of sight by the drive's lines at one rate and microstep count."""
 
     microsteps: Annotated[int, MICROSTEPS]
     rate: Annotated[float, Column("rate_deg_s", "rate", RATE)]
@@ -47,7 +47,7 @@ class SightCase:
     line: Annotated[str, Column("line", "largest line")] = ""
     frequency: Annotated[float, Column("frequency_hz", "at", FREQUENCY)] = math.nan
     amplitude: Annotated[float, Column("amplitude_rad", "amplitude", POINTING_ANGLE)] = math.nan
-    """Of that line, the larger of both axes [rad]."""
+    """Amplitude of that line, the larger of both axes [rad]."""
     solved: Annotated[str, Column("solved", "solved", report_only=True)] = ""
     """Steady, or why in time, or why not at all."""
 
@@ -56,7 +56,7 @@ class SightCase:
 class JudgedRate:
     """A case with the budget at its rate."""
 
-    case: SightCase
+    case: PointingCase
     budget: Budget
 
     @property
@@ -66,12 +66,12 @@ class JudgedRate:
 
 
 @dataclass(frozen=True)
-class SightPlan:
+class PointingPlan:
     """Cases by microstep count and rate, and the best of them judged."""
 
     scenario: Scenario
     requirements: tuple[Requirement, ...]
-    cases: tuple[SightCase, ...]
+    cases: tuple[PointingCase, ...]
     judged: tuple[JudgedRate, ...]
     """Least part of a limit first."""
 
@@ -81,7 +81,7 @@ class SightPlan:
         return next((one for one in self.judged if one.verdict == "pass"), None)
 
 
-def plan_rates_on_sight(  # noqa: PLR0913 - keyword options
+def plan_rates_by_pointing(  # noqa: PLR0913 - keyword options
     scenario: GivenScenario,
     rates: Sequence[GivenQuantity],
     requirement: str | Path,
@@ -91,7 +91,7 @@ def plan_rates_on_sight(  # noqa: PLR0913 - keyword options
     judged: int = 1,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> SightPlan:
+) -> PointingPlan:
     """Find what a drive's lines use of the limits on the line of sight at many rates, and judge the
     best rates with a budget.
 
@@ -116,7 +116,7 @@ def plan_rates_on_sight(  # noqa: PLR0913 - keyword options
 
     Returns
     -------
-    SightPlan
+    PointingPlan
         Every case, and the budgets of the best.
 
     Raises
@@ -133,7 +133,7 @@ def plan_rates_on_sight(  # noqa: PLR0913 - keyword options
     asked = quickly_judged(required.requirements, scenario)
     wanted = [(scenario, Si(rate), count, asked) for count in counts for rate in grid]
     with parallel_calls(progress, workers) as calls:
-        cases: list[SightCase] = calls(_case, wanted)
+        cases: list[PointingCase] = calls(_case, wanted)
     known = sorted((x for x in cases if math.isfinite(x.share)), key=lambda x: x.share)
     if not known:
         raise OptionError("from", f"no rate could be solved: {cases[0].solved}")
@@ -149,13 +149,13 @@ def plan_rates_on_sight(  # noqa: PLR0913 - keyword options
         )
         for case in known[:judged]
     )
-    return SightPlan(scenario, required.requirements, tuple(cases), budgets)
+    return PointingPlan(scenario, required.requirements, tuple(cases), budgets)
 
 
 def _case(
     scenario: Scenario, rate: Si, microsteps: int, asked: tuple[Requirement, ...]
-) -> SightCase:
-    """What the drive's lines use at one rate."""
+) -> PointingCase:
+    """Part of the limits that the drive's lines use at one rate."""
     changed = at_rate(scenario, rate, microsteps)
     try:
         state, why = find_steady(changed)
@@ -163,7 +163,7 @@ def _case(
         source = state or simulate_from_rest(changed, channels=kept, balanced=False)
         lines = hub_lines(source, find_lines(source), los_only=True)
     except MicrovibError as error:
-        return SightCase(microsteps, rate, math.nan, solved=f"failed: {error}")
+        return PointingCase(microsteps, rate, math.nan, solved=f"failed: {error}")
     assert lines.los is not None
     los = np.nan_to_num(lines.los)
     shares = [part_of_limit(one, lines.frequency, los) for one in asked]
@@ -172,9 +172,9 @@ def _case(
     solved = f"in time: {why}" if why else "steady"
     name = asked[worst].name or f"no. {worst + 1}"
     if not sizes.size:
-        return SightCase(microsteps, rate, shares[worst], name, solved=solved)
+        return PointingCase(microsteps, rate, shares[worst], name, solved=solved)
     top = int(np.argmax(sizes))
     frequency, size = float(lines.frequency[top]), float(sizes[top])
-    return SightCase(
+    return PointingCase(
         microsteps, rate, shares[worst], name, lines.names[top], frequency, size, solved
     )
