@@ -425,8 +425,10 @@ def test_a_rate_is_not_allowed_for_lines_above_the_passband(state_1):
             limit="15 mN*m",
             band="5:100 Hz",
         )
-        for case, truth in zip(plan.cases, whole.cases, strict=True):
-            assert case.rate == truth.rate
+        known = {case.rate: case for case in whole.cases}  # either plan may add rates of its own
+        both = [(case, known[case.rate]) for case in plan.cases if case.rate in known]
+        assert len(both) >= len(rates)
+        for case, truth in both:
             for limit in limits:
                 assert case.verdict(of_band, limit) or not truth.verdict(of_band, limit)
         if sample_rate == "40 Hz":

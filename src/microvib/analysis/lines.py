@@ -23,6 +23,7 @@ from microvib.analysis.spread import with_spread
 from microvib.analysis.start import (
     full_step_time,
     has_decayed,
+    may_still_ring,
     time_to_settle,
     with_full_steps,
 )
@@ -38,6 +39,7 @@ from microvib.model.driven import (
 )
 from microvib.model.expected import ExpectedLine, expected_lines
 from microvib.model.line_names import UNLISTED, LineName, driving_line
+from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND, Start
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import (
@@ -322,8 +324,13 @@ def simulated_lines(
     """
     table = estimate_lines(x, sample_rate, expected)
     table = _with_noise_statistics(table, scenario, expected, disturbance)
+    ringing = {mode.name for mode in coupled_modes(scenario) if may_still_ring(mode, scenario)}
     settled = time_to_settle(scenario)
-    ended = {line.name for line in expected if line.is_mode and has_decayed(line.decay, settled)}
+    ended = {
+        line.name
+        for line in expected
+        if line.is_mode and line.name not in ringing and has_decayed(line.decay, settled)
+    }
     table = _relabel_lasting_lines(table, ended)
     return _with_intermittent_peaks(table, x, scenario)
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.start import SETTLED_EFOLDINGS, rounded_up, time_to_settle
+from microvib.analysis.start import SETTLED_EFOLDINGS, may_still_ring, rounded_up
 from microvib.model.expected import distance_to_clock_line
 from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
@@ -203,7 +203,7 @@ def _parted_by_ringing(line: Line, table: LineTable, scenario: Scenario | None) 
     """
     if scenario is None or not line.of_clock or not scenario.driving_frequency:
         return 0.0
-    if not any(_may_still_ring(mode, scenario) for mode in coupled_modes(scenario)):
+    if not any(may_still_ring(mode, scenario) for mode in coupled_modes(scenario)):
         return 0.0
     reach = 0.5 * scenario.driving_frequency
     return sum(
@@ -399,7 +399,7 @@ def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:
         for m in coupled_modes(scenario)
         if m.name == line.name or abs(m.frequency - line.frequency) < near
     ]
-    return any(_may_still_ring(m, scenario) for m in modes)
+    return any(may_still_ring(m, scenario) for m in modes)
 
 
 def ringing_reason(line: Line, table: LineTable, scenario: Scenario | None) -> str:
@@ -423,7 +423,7 @@ def _may_be_locked(line: Line, scenario: Scenario) -> bool:
     """
     if not scenario.reducer.backlash or scenario.driver.distorted or line.kind != "electrical":
         return False
-    return any(_may_still_ring(mode, scenario) for mode in coupled_modes(scenario))
+    return any(may_still_ring(mode, scenario) for mode in coupled_modes(scenario))
 
 
 def _unseen_mode_beside(line: Line, table: LineTable, scenario: Scenario) -> str:
@@ -447,12 +447,5 @@ def unseen_ringing_modes(
     return [
         mode
         for mode in coupled_modes(scenario)
-        if mode.name not in seen and _may_still_ring(mode, scenario, efoldings)
+        if mode.name not in seen and may_still_ring(mode, scenario, efoldings)
     ]
-
-
-def _may_still_ring(
-    mode: CoupledMode, scenario: Scenario, efoldings: float = SETTLED_EFOLDINGS
-) -> bool:
-    """Whether the damping of a mode has not yet ended what rings after the start."""
-    return mode.decay * time_to_settle(scenario) < efoldings

@@ -21,6 +21,12 @@ from microvib.model.slow_variations import (
     slow_variations,
     unseen_variations,
 )
+from microvib.model.turning import (
+    GROWN_EFOLDINGS,
+    TurningDrive,
+    decay_in_motion,
+    turning_drive,
+)
 from microvib.signals.line_table import Line
 
 SETTLED_EFOLDINGS = 12.0
@@ -53,12 +59,19 @@ def mode_has_decayed(line: Line, scenario: Scenario | None) -> bool:
     if scenario is None or not line.is_mode:
         return False
     mode = next((m for m in coupled_modes(scenario) if m.name == line.name), None)
-    return mode is not None and has_decayed(mode.decay, time_to_settle(scenario))
+    return mode is not None and not may_still_ring(mode, scenario)
 
 
 def has_decayed(decay: float, settled: float) -> bool:
     """Whether what decays at the rate ``decay`` [1/s] has vanished after a time ``settled`` [s]."""
     return decay * settled > SETTLED_EFOLDINGS
+
+
+def may_still_ring(
+    mode: CoupledMode, scenario: Scenario, efoldings: float = SETTLED_EFOLDINGS
+) -> bool:
+    """Whether what rings in a mode after the start has not yet died away by so many ``efoldings``."""
+    return decay_in_motion(mode, scenario) * time_to_settle(scenario) <= efoldings
 
 
 def time_to_settle(scenario: Scenario) -> float:
@@ -263,25 +276,41 @@ def _not_lasting_reason(scenario: Scenario) -> str:
 
     Nothing in a drive is quite linear: while a mode rings, its angles shift the phases at which
     friction, detent torque and the motor's spring act, and lines are smeared. Where friction falls
-    with the rate by more than the damping, modes grow until they stick.
+    with the rate by more than the damping, modes grow until they stick; where the motor's stiffness
+    varies at twice their frequency, or windings take damping away, they grow from nothing.
     """
-    slowest = min(_ringing_modes(scenario), key=lambda mode: mode.decay, default=None)
-    if slowest is None:
-        return ""
-    needed = _ONSET_EFOLDINGS / slowest.decay
-    what = f"lines while {slowest.name} still rings with more than a third of what it began with"
-    growth = sliding_growth(scenario)
-    if growth > 0.0:
-        needed = SETTLED_EFOLDINGS / min(growth, slowest.decay)
+    ringing = {mode.name: decay_in_motion(mode, scenario) for mode in _ringing_modes(scenario)}
+    decays = [(decay, name) for name, decay in ringing.items() if decay > 0.0]
+    decay, slowest = min(decays, default=(math.inf, ""))
+    needed = _ONSET_EFOLDINGS / decay
+    what = f"lines while {slowest} still rings with more than a third of what it began with"
+    if (growth := sliding_growth(scenario)) > 0.0:
+        needed = SETTLED_EFOLDINGS / min(growth, decay)
         what = (
             "stick-slip that has not come to its end, as friction falls with the rate by more than"
             " the damping"
         )
+    elif (turning := turning_drive(scenario)).growth > 0.0:
+        needed = GROWN_EFOLDINGS / turning.growth + SETTLED_EFOLDINGS / decay
+        what = _oscillation(turning)
     settled = time_to_settle(scenario)
     if settled >= needed:
         return ""
     longer = rounded_up(scenario.record.settle - settled + needed)
     return f"{what} (record.settle >= {longer} s{steady_start_advice(scenario)})"
+
+
+def _oscillation(turning: TurningDrive) -> str:
+    """The motion to which deviations from smooth turning grow without a friction that falls."""
+    if turning.varying:
+        return (
+            "a parametric resonance that has not come to its end, as detent torque, flux harmonics or"
+            " steps of the references vary the motor's stiffness at about twice a mode's frequency"
+        )
+    return (
+        "an oscillation that has not come to its end, as the windings take damping away at this rate"
+        " (mid-range instability)"
+    )
 
 
 def _ringing_modes(scenario: Scenario) -> list[CoupledMode]:

@@ -3,7 +3,8 @@
 Of what the step clock makes, the linearised drive says how large it gets from what pulls at the
 rotor: the command's staircase and its side lines, the detent torque, errors of the driver. What
 goes on from the highest octave of the record does so no stronger than there, through the same
-drive. Lines of a gear train's errors are not bounded by any model here. Friction, backlash and
+drive. Lines of a gear train's errors are not bounded by any model here, but their side lines are,
+which they make with the motor's torques. Friction, backlash and
 hysteresis may make lines at any frequency, also between those of the clock, no larger than a torque
 of their size makes.
 """
@@ -17,13 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR
-from microvib.analysis.start import SETTLED_EFOLDINGS, time_to_settle
+from microvib.analysis.start import may_still_ring
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.expected import SIDEBANDS, angle_errors
 from microvib.model.linear import (
     coupled_modes,
     disturbance_torque_response,
+    dynamic_stiffness,
+    gear_error_response,
     linear_lines,
     staircase_torque,
 )
@@ -41,6 +44,7 @@ _SWITCHING_SEEN_RATIO = 2.0
 largest of the lines that this makes, and what is above follows from them.
 """
 _MAX_ORDERS = 5000
+_MAX_SIDE_ORDERS = 100
 _MAX_FREQUENCIES = 600
 """Frequencies at which one family of lines is looked at: all of its lines, or those near modes and
 others spread evenly.
@@ -111,7 +115,7 @@ def out_of_band_lines(
     if any(x.status == TRANSIENT for x in table):  # in the steady state nothing rings
         return
     for mode in modes:
-        if mode.damping > 0.0 and mode.decay * time_to_settle(scenario) < SETTLED_EFOLDINGS:
+        if mode.damping > 0.0 and may_still_ring(mode, scenario):
             yield _unbounded(f"ringing of {mode.name}", mode.frequency)
 
 
@@ -230,6 +234,67 @@ def clock_line_bounds(
         f = float(e.order) * f_d / turn
         if e.amplitude > 0.0 and start < f <= high:
             yield _unbounded(e.line, f)
+    yield from _side_lines_of_gear_errors(scenario, start, high, count)
+
+
+def _side_lines_of_gear_errors(
+    scenario: Scenario, start: float, high: float, count: int
+) -> Iterator[OutOfBandLines]:
+    """Upper bounds on lines between two frequencies [Hz] that errors of the gear train make together
+    with the motor's torques: of order n per electrical turn, and of the staircase up to its order
+    ``count``, or _MAX_SIDE_ORDERS, above which it hardly moves the rotor.
+
+    A torque at the frequency g moves the rotor by x, and an error e sin(N theta) then has side lines
+    at distances of j g with the size e J_j(N x). An error at the frequency f moves it by y, and a
+    torque A sin(n z theta) has side lines at distances of j f with the size A J_j(n z y). J_j(u) is
+    below 1 and below (u/2)^j / j! (Jacobi-Anger expansion). To the staircase n = 1 applies.
+    """
+    f_d, motor, driver = scenario.driving_frequency or 0.0, scenario.motor, scenario.driver
+    errors = [e for e in scenario.reducer.errors if e.amplitude > 0.0]
+    if not errors:
+        return
+    turn = driver.beats * driver.microsteps
+    orders, torques = np.arange(1, min(count, _MAX_SIDE_ORDERS) + 1), motor.torque_orders
+    n = np.concatenate([np.ones(orders.size), list(torques)])
+    g = np.concatenate([f_d * orders, f_d / turn * np.array(list(torques))])
+    size = np.concatenate([np.abs(staircase_torque(scenario, orders)), list(torques.values())])
+    compliance = np.abs(np.linalg.inv(dynamic_stiffness(scenario, g))[:, 0, 0])
+    for e in errors:
+        f = float(e.order) * f_d / (turn * motor.rotor_teeth)
+        moved = e.amplitude * float(gear_error_response(scenario, np.array([f])).rotor[0])
+        what = f"a side line of {e.line}"
+        for j in range(1, SIDEBANDS + 1):
+            part = _side_line_part(n * motor.rotor_teeth * moved, j)
+            at = np.concatenate([np.abs(g - j * f), g + j * f])
+            pull = ABOVE_PASSBAND_FACTOR * np.tile(size * part, 2)
+            yield _line_family_bounds(scenario, what, at, pull, start, high)
+            part = _side_line_part(float(e.order) * size * compliance, j)
+            at = np.concatenate([np.abs(f - j * g), f + j * g])
+            wrong = ABOVE_PASSBAND_FACTOR * e.amplitude * np.tile(part, 2)
+            yield _lines_of_errors(scenario, what, at, wrong, (start, high))
+
+
+def _side_line_part(depth: np.ndarray, j: int) -> np.ndarray:
+    """Upper bounds on the Bessel function J_j of phases (n,) [rad] by which a line is modulated."""
+    return np.minimum(1.0, (0.5 * depth) ** j / math.factorial(j))
+
+
+def _lines_of_errors(
+    scenario: Scenario,
+    what: str,
+    frequency: np.ndarray,
+    wrong: np.ndarray,
+    ends: tuple[float, float],
+) -> OutOfBandLines:
+    """Lines between the ``ends`` [Hz], of those at ``frequency`` (n,), that errors ``wrong`` (n,)
+    [rad] of the gear train make.
+    """
+    there = np.flatnonzero((frequency > ends[0]) & (frequency <= ends[1]))
+    there = there[np.argsort(frequency[there], kind="stable")]
+    at = frequency[there]
+    most = wrong[there] * gear_error_response(scenario, at).torque
+    pull = most / np.maximum(output_torque_gain(scenario, at), 1e-300)
+    return OutOfBandLines(what, at, most, pull, on_output=True)
 
 
 def _line_family_bounds(

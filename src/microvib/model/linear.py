@@ -17,7 +17,7 @@ import numpy as np
 
 from microvib.model.array import Array
 from microvib.model.craft import craft_of, shaft_load
-from microvib.model.drive_matrices import drive_matrices
+from microvib.model.drive_matrices import coordinates, drive_matrices
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.mode_names import mode_names
@@ -148,6 +148,43 @@ def disturbance_torque_response(
     return np.asarray((2.0 * math.pi * frequency) ** 2 * found)
 
 
+@dataclass(frozen=True)
+class GearErrorResponse:
+    """What a transmission error of the output's angle makes at some frequencies, by the linearised
+    drive; all over the error.
+    """
+
+    rotor: np.ndarray
+    """Motion of the rotor [rad/rad], (m,)."""
+    torque: np.ndarray
+    """Size of T_d [N m/rad], (m,)."""
+
+
+def gear_error_response(scenario: Scenario, frequency: np.ndarray) -> GearErrorResponse:
+    """Response to a transmission error e at each ``frequency`` of (m,) [Hz].
+
+    With theta_l = e - theta_m/h of a rigid gear the error moves what is on the output; a gear that
+    gives is twisted by it.
+    """
+    reducer, modes = scenario.reducer, scenario.load.H.size
+    omega = 2.0 * math.pi * np.asarray(frequency, dtype=float)[:, None, None]
+    loose = reducer.model_copy(update={"stiffness": 0.0, "damping": 0.0})
+    M, C, K = drive_matrices(held_motor(scenario), loose, scenario.friction, scenario.load)
+    dynamic = _dynamic(scenario, M, C, K, frequency)
+    if reducer.rigid:
+        T = coordinates(reducer, modes)
+        moved = np.linalg.solve(T.T @ dynamic @ T, -T.T @ dynamic[..., :, [1]])
+        moved = T @ moved
+        moved[:, 1] += 1.0
+    else:
+        twist = np.zeros((M.shape[0], 1))
+        twist[:2, 0] = -1.0 / reducer.h, -1.0
+        gear = float(reducer.stiffness) + 1j * omega * reducer.damping
+        moved = np.linalg.solve(dynamic + gear * (twist @ twist.T), -gear * twist)
+    momentum = np.sum(_momentum_of_shafts(scenario, frequency) * moved[..., 0], axis=-1)
+    return GearErrorResponse(np.abs(moved[:, 0, 0]), omega[:, 0, 0] ** 2 * np.abs(momentum))
+
+
 def dynamic_stiffness(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
     """Torques by motions in the coordinates of ``matrices`` at a ``frequency`` (...) [Hz], complex,
     (..., n, n).
@@ -209,18 +246,20 @@ def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, c
 def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
     """Angular momentum about the drive axis for unit rates at a ``frequency`` (...) [Hz], which may
     be complex, of the coordinates of ``matrices`` (Eq. 20), complex, (..., n)."""
-    load, h = scenario.load, scenario.reducer.h
-    rotor, output = load.rotor + load.cross, load.output + load.cross
+    shafts = _momentum_of_shafts(scenario, frequency)
+    if not scenario.reducer.rigid:
+        return shafts
+    return shafts @ coordinates(scenario.reducer, scenario.load.H.size)
+
+
+def _momentum_of_shafts(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
+    """The same of rotor, output and modes, whether or not the gear is rigid."""
+    load = scenario.load
     modes = (
         load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency)[..., None])
     )
-    if scenario.reducer.rigid:
-        shafts = [rotor - output / h]
-    else:
-        shafts = [rotor, output]
-    return np.concatenate(
-        [np.broadcast_to(shafts, (*modes.shape[:-1], len(shafts))), modes], axis=-1
-    )
+    shafts = [load.rotor + load.cross, load.output + load.cross]
+    return np.concatenate([np.broadcast_to(shafts, (*modes.shape[:-1], 2)), modes], axis=-1)
 
 
 _CIRCLE_POINTS = 16
@@ -407,6 +446,21 @@ def sliding_growth(scenario: Scenario) -> float:
         for output, rotor in ((falling, falling_on_rotor), (friction, on_rotor))
     )
     return growth if growth > _GROWTH_NOISE * max(rounding, 0.0) + 1e-9 else 0.0
+
+
+def undamped_rounding(scenario: Scenario) -> float:
+    """Largest real part [1/s] that rounding gives eigenvalues of the drive about rest, none of which
+    is above zero.
+    """
+    largest = _largest_real_part(
+        held_motor(scenario),
+        scenario.reducer,
+        scenario.friction,
+        scenario.array,
+        scenario.mounted,
+        scenario.driver.drive == "voltage",
+    )
+    return max(largest, 0.0)
 
 
 @lru_cache(maxsize=16)

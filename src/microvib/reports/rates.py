@@ -118,9 +118,21 @@ def _forbidden(plan: RatePlan) -> tuple[Item, ...]:
     if plan.limit is None and not plan.keep_away:
         return ()
     bands = Table.of("forbidden", Forbidden, plan.forbidden)
+    between = Text(_between_rates(plan), note=True)
     if plan.forbidden:
-        return (bands,)
-    return (bands, Text("None."))
+        return (bands, between)
+    return (bands, Text("None."), between)
+
+
+def _between_rates(plan: RatePlan) -> str:
+    """What is not known between the rates that were solved."""
+    part, step = plan.widest_step()
+    if part == 0.0:
+        return "Rates that were not solved are not judged."
+    return (
+        "Judged are the rates that were solved; between them a narrow resonance may be above the limit."
+        f" Neighbours are at most {100 * part:.2g} % ({_deg(step)} deg/s) apart."
+    )
 
 
 def _stepping_modes(plan: RatePlan) -> tuple[Item, ...]:

@@ -44,6 +44,7 @@ from microvib.model.line_names import (
 from microvib.model.linear import CoupledMode, coupled_modes, linear_lines
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.turning import decay_in_motion, parametric_resonances
 from microvib.results import FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, former_field
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
@@ -60,11 +61,21 @@ MIN_LINE_RATIO = 1e-6
 """Lines below this fraction of a case's largest are dropped: rounding."""
 MIN_RESONANCE_RATIO = 1e-3
 """Fraction of a case's largest line below which a line that meets a mode is no resonance."""
+PARAMETRIC_SHIFTS = np.linspace(0.97, 1.03, 13)
+"""Rates, over that at which the motor's stiffness varies at twice the frequency of a mode, at which a
+plan looks for parametric resonance.
+"""
 MAX_RESONANCE_DAMPING = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
 FULL_STEPS = 4
 """Full steps of the motor that a plan records at least where there is no steady state, if that is
 affordable."""
+REFINEMENTS = 4
+"""Halvings of the step between two rates where a line comes near the limit."""
+REFINED_NEAR = 3.0
+"""Factor to the limit within which it does."""
+REFINED_ABOVE = 0.02
+"""Part of a rate below which a step is short."""
 BISECTIONS = 8
 """Halvings of the step between two rates with which the edge of a forbidden band is found."""
 
@@ -275,6 +286,17 @@ class RatePlan:
         """Best of all cases, whether allowed or not; None where all failed."""
         return self._smallest(self._solved(microsteps))
 
+    def widest_step(self) -> tuple[float, float]:
+        """The largest distance between neighbouring rates, over the lower of them, and that distance
+        [rad/s]; zeros of single rates.
+        """
+        steps = [
+            (b.rate / a.rate - 1.0, b.rate - a.rate)
+            for count in self.counts
+            for a, b in pairwise(self.of(count))
+        ]
+        return max(steps, default=(0.0, 0.0))
+
     def is_allowed(self, case: RateCase) -> bool:
         """Whether a case has lines, none of them above the limit or hidden, and is far enough from
         every resonance.
@@ -400,6 +422,8 @@ def plan_rates(  # noqa: PLR0913 - keyword options
 
         wanted, beyond = _wanted_cases(grid, counts, crossings)
         found = _solved_cases(wanted | beyond, within, solve)
+        if most is not None and not linear:
+            wanted |= _refine(found, wanted, (most, within), solve)
         rows = [[found[key] for key in sorted(wanted) if key[1] == count] for count in counts]
         forbidden = []
         if most is not None:
@@ -462,6 +486,45 @@ def _wanted_cases(
         kept = wanted if min(grid) <= resonance.rate <= max(grid) else beyond
         kept |= {(rate, resonance.microsteps) for rate in examined}
     return wanted, beyond
+
+
+def _refine(
+    found: dict[tuple[float, int], RateCase],
+    wanted: set[tuple[float, int]],
+    bound: tuple[float, tuple[float, float]],
+    solve: Solve,
+) -> set[tuple[float, int]]:
+    """Rates that are added between those of the plan where a line comes near the limit, which are
+    ``found``, too; ``bound`` are limit [N m] and band [Hz].
+
+    The frequency of a resonance may fall as its amplitude rises, so that it is largest beside the
+    rate at which a line meets the mode of the linearised drive. Intervals are halved at whose ends no
+    line is above the limit and at one of which a line is near it, until they are short.
+    """
+    (limit, band), added = bound, set[tuple[float, int]]()
+    for _ in range(REFINEMENTS):
+        cases = sorted((found[key] for key in wanted | added), key=lambda x: (x.microsteps, x.rate))
+        middles = [
+            (0.5 * (a.rate + b.rate), a.microsteps, False)
+            for a, b in pairwise(cases)
+            if a.microsteps == b.microsteps
+            and b.rate - a.rate > REFINED_ABOVE * a.rate
+            and not a.verdict(band, limit)
+            and not b.verdict(band, limit)
+            and max(_top(a, band), _top(b, band)) * REFINED_NEAR > limit
+        ]
+        if not middles:
+            break
+        new = {(case.rate, case.microsteps): case for case in solve(middles)}
+        found |= new
+        added |= set(new)
+    return added
+
+
+def _top(case: RateCase, band: tuple[float, float]) -> float:
+    """Amplitude [N m] of the largest line of a case in the band, 0 without one."""
+    line = case.largest(band)
+    return 0.0 if line is None else line.amplitude
 
 
 def _may_resonate(mode: CoupledMode) -> bool:
@@ -775,6 +838,38 @@ def _crossings_of_drive(
             if low <= rate <= high:
                 met = Resonance(microsteps, rate, f, math.nan, f"{prefix}{line}", mode.name, f)
                 yield _Crossing(met, _rates_to_examine(rate, mode))
+    yield from _parametric_crossings(drive, microsteps, span, prefix)
+
+
+def _parametric_crossings(
+    drive: Scenario, microsteps: int, span: tuple[float, float], prefix: str
+) -> Iterator[_Crossing]:
+    """Where detent torque and flux harmonics of a ``drive`` vary the motor's stiffness at twice the
+    frequency of a mode, or at the sum of two, and by enough to keep it ringing.
+
+    What rings has half the order of the variation. The rotor's own motion shifts the rate; looked at
+    are the rates nearby at which the mode grows most, or decays most slowly.
+    """
+    low, high = span
+    turn = drive.driver.beats * drive.driver.microsteps
+    electrical = (drive.driving_frequency or 0.0) / (low * turn)  # [Hz] at the rate 1 rad/s
+    for found in parametric_resonances(drive):
+        rate = found.frequency / (found.order * electrical)
+        if not low <= rate <= high:
+            continue
+        near = [x for x in rate * PARAMETRIC_SHIFTS if low <= x <= high]
+        own = float(drive.rate or 0.0) / low
+        decays = [
+            decay_in_motion(found.mode, at_rate(drive, Si(x * own), drive.driver.microsteps))
+            for x in near
+        ]
+        slowed = [
+            x for x, decay in zip(near, decays, strict=True) if decay < 0.5 * found.mode.decay
+        ]
+        least = near[int(np.argmin(decays))]
+        line, f = electrical_line(found.order // 2), 0.5 * found.frequency
+        met = Resonance(microsteps, least, f, math.nan, f"{prefix}{line}", found.mode.name, f)
+        yield _Crossing(met, sorted({least, *slowed}))
 
 
 def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:

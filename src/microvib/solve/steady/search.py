@@ -28,9 +28,10 @@ from functools import reduce
 import numpy as np
 
 from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.steady.arrival import PeriodicMotion, confirm_reached_from_rest
-from microvib.solve.steady.from_rest import RunFromRest
+from microvib.solve.steady.from_rest import RingingTimes, RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 from microvib.solve.steady.segments import SegmentEnds, Segments
 
@@ -52,8 +53,9 @@ MAX_CORRECTION = 1e3
 MAX_STEPS = 12
 """Corrections that a search may take; four or five are usual."""
 MAX_STABLE_MULTIPLIER = 1.005
-"""Largest multiplier that passes for stable: an undamped mode has 1, and multipliers are measured
-to a thousandth.
+"""Multiplier above which a motion is unstable for certain: an undamped mode has 1, and multipliers
+of drives that slip are measured to a thousandth. One between 1 and this does not settle
+(``Search._check_settles``).
 """
 MAX_REPORTED_MULTIPLIER = 10.0
 """Multiplier above which its value is not given, since it means nothing."""
@@ -64,11 +66,19 @@ slow.
 SETTLING_RATIO = 2.0
 """Settling time, over that by the modes' own damping, above which friction feeds the modes."""
 SLOW_MULTIPLIER = 0.8
-"""Multiplier above which the decay of a deviation is measured over a whole period, not taken from
-the derivatives.
+"""Multiplier above which a deviation decays slowly."""
+LEAST_SIMULATED_MULTIPLIER = 0.3
+"""Multiplier by the rough derivatives from which what is left of a deviation is simulated: what
+decays faster cannot be kept up by the varying stiffness of a motor.
 """
 DEVIATION = 0.3
-"""Deviation with which that is measured, over what a microstep moves."""
+"""Deviation with which that is done, over what a microstep moves."""
+LEAST_PART_OF_DECAY = 0.7
+"""Part of the slowest mode's own decay below which something feeds a mode: then all derivatives
+are computed.
+"""
+DOUBTED_MULTIPLIER = 0.99
+"""Multiplier above which that is done in any case: by slow shapes it may be wrong by 0.004."""
 STICKING_STATES = np.array([kernel.WM, kernel.WL])
 """States that are exactly zero while a friction sticks."""
 DIFFERENCE_STEP = 0.03
@@ -192,12 +202,13 @@ class Search:
     def _check_stable(self) -> None:
         """Against unstable motions: no deviation may grow from period to period.
 
-        The derivatives of the search belong to the first iterates; where they say unstable, those
-        at the solution decide.
+        Where a mode decays about as its own damping has it, what the search knows of its shape
+        suffices; else all is differentiated anew, at the solution.
         """
-        self.multiplier = self._multiplier(self.newton.derivatives)
-        if self.multiplier > MAX_STABLE_MULTIPLIER:
-            self.multiplier = self._multiplier(self._derivatives(self.x[0]))
+        self.multiplier = self._multiplier_of_slow_shapes(self.newton.derivatives)
+        own = RingingTimes(self.period.scenario).decay / self.period.frequency
+        if not self.multiplier < min(math.exp(-LEAST_PART_OF_DECAY * own), DOUBTED_MULTIPLIER):
+            self.multiplier = self._multiplier(self._derivatives_of_solution())
         if self.multiplier > MAX_STABLE_MULTIPLIER:
             if self.multiplier > MAX_REPORTED_MULTIPLIER:
                 far = "far from it"
@@ -215,50 +226,115 @@ class Search:
         return math.log(0.01) / math.log(max(self.multiplier, 1e-9)) / self.period.frequency
 
     def _check_settles(self) -> None:
-        """Against motions that no run reaches: a mode that friction feeds nearly as fast as damping
-        drains it rings for minutes.
+        """Against motions that no run reaches: a mode that something feeds nearly as fast as damping
+        drains it rings for minutes, or for good.
         """
         own = math.log(100.0) / max(min(self.period.scenario.load.decay, default=math.inf), 1e-9)
-        if self.settling > max(MAX_SETTLING, SETTLING_RATIO * own):
-            raise NotReproducedByRun(
-                "negative friction slope (Stribeck effect) sustains the ringing: deviations take"
-                f" {self.settling:.3g} s to fall to a hundredth,"
-                f" {own:.3g} s by the modes' own damping"
-            )
+        if self.settling <= max(MAX_SETTLING, SETTLING_RATIO * own):
+            return
+        cause = _cause_of_ringing(self.period.scenario)
+        if math.isinf(self.settling):
+            raise NotReproducedByRun(f"{cause}: deviations do not die out")
+        by_modes = f", {own:.3g} s by the modes' own damping" if own > 0.0 else ""
+        raise NotReproducedByRun(
+            f"{cause}: deviations take {self.settling:.3g} s to fall to a hundredth{by_modes}"
+        )
 
-    def _multiplier(self, derivatives: np.ndarray) -> float:
-        """Largest part of a deviation that is left after a period.
+    def _derivatives_of_solution(self) -> np.ndarray:
+        """Derivative of each segment's map at the solution, (segments, n, n), by differences at the
+        segment's own start.
 
-        The eigenvalues of the derivatives' product are too coarse near 1, since the derivatives are
-        powers of one part's. For the slow ones, a deviation along all their right eigenvectors is
-        therefore simulated, and the left eigenvectors, which see one direction each, read off what
-        is left in every segment. Those at the start are kept as ``_slow``, and the largest
-        multiplier of all else as ``_fast``.
+        Powers of one part's derivative, which suffice for a search, leave out that detent torque
+        and flux harmonics change the motor's stiffness over the period: by this a mode may grow that
+        has half the frequency of the full steps (parametric resonance). The rate of a body that
+        sticks at a start has no influence, nor do ``idle`` states.
+        """
+        bounds, (count, n) = self.segments.bounds, self.x.shape
+        moving = np.setdiff1d(np.arange(n), self.period.idle)
+        steps = DIFFERENCE_STEP * np.eye(n)[moving]
+        starts = (self.x[:, None] + steps).reshape(-1, n)
+        ends = self._from(
+            starts, np.repeat(bounds[:-1], moving.size), np.repeat(bounds[1:], moving.size)
+        )
+        gained = ends.x.reshape(count, moving.size, n) - self.ends.x[:, None]
+        result = np.zeros((count, n, n))
+        result[:, :, moving] = np.swapaxes(gained, 1, 2) / DIFFERENCE_STEP
+        result[:, :, STICKING_STATES] *= ~_shifted(self.ends.stuck)[:, None, :]
+        return result
+
+    def _multiplier_of_slow_shapes(self, derivatives: np.ndarray) -> float:
+        """Largest part of a deviation that is left after a period, by deviations along shapes that
+        decay slowly by rough ``derivatives``.
+
+        These are powers of one part's, too coarse near 1 and blind to what changes over the period.
+        Deviations along their right eigenvectors, real and imaginary parts by themselves, are
+        therefore simulated in all segments, and the left eigenvectors read off what becomes of
+        them: the product of these small matrices has the multipliers.
         """
         from scipy.linalg import eig  # slow to import, and runs from rest need none of it
 
         values, left, right = eig(_product(derivatives), left=True)
         size = np.abs(values)
-        slow = (size > SLOW_MULTIPLIER) & (values.imag >= 0.0)
+        told = (size > LEAST_SIMULATED_MULTIPLIER) & (values.imag >= 0.0)
+        self._fast = float(np.max(size[size <= LEAST_SIMULATED_MULTIPLIER], initial=0.0))
+        self._slow = np.zeros((0, size.size))
+        if not np.any(told):
+            return self._fast
+        shapes, readings = _real_columns(right[:, told]), _real_columns(left[:, told])
+        along, seen = [shapes], [readings.T]
+        for derivative in derivatives[:-1]:
+            along.append(derivative @ along[-1])
+        for derivative in derivatives[::-1]:
+            seen.insert(0, seen[0] @ derivative)
+        with np.errstate(all="ignore"):
+            # Beside a direction that grows by many powers of ten others vanish, and nothing is known.
+            found = self._reduced(np.array(along), [*seen[:-1], readings.T])
+        if not np.all(np.isfinite(found)):
+            return math.inf
+        multipliers, by_shape = np.linalg.eig(found.T)
+        self._keep(multipliers, by_shape.T @ np.linalg.solve(readings.T @ shapes, readings.T))
+        return float(np.max(np.abs(multipliers)))
+
+    def _reduced(self, along: np.ndarray, seen: list[np.ndarray]) -> np.ndarray:
+        """The period's map in coordinates of the deviations ``along`` (segments, n, m) of the starts
+        of its segments, which ``seen`` (m, n) at each start and at the end read off, (m, m).
+        """
+        bounds, (count, n) = self.segments.bounds, self.x.shape
+        m = along.shape[2]
+        moved = self.x[:, :, None] != 0.0  # what sticks stays at rest
+        step = DEVIATION / np.max(np.abs(along * moved), axis=1)
+        starts = self.x[:, None] + np.swapaxes(along * moved * step[:, None], 1, 2)
+        ends = self._from(
+            starts.reshape(-1, n), np.repeat(bounds[:-1], m), np.repeat(bounds[1:], m)
+        )
+        gained = np.swapaxes(ends.x.reshape(count, m, n) - self.ends.x[:, None], 1, 2)
+        result, following = np.eye(m), [*along[1:], along[0]]
+        for j in range(count):
+            unit = seen[j + 1] @ following[j]
+            result = np.linalg.solve(unit, seen[j + 1] @ (gained[j] / step[j])) @ result
+        return result
+
+    def _keep(self, multipliers: np.ndarray, left: np.ndarray) -> None:
+        """Keep left eigenvectors (m, n) of what decays slowly as ``_slow``, and the largest
+        multiplier of all else as ``_fast``.
+        """
+        size = np.abs(multipliers)
+        self._slow = left[(size > SLOW_MULTIPLIER) & (multipliers.imag >= 0.0)]
+        rest = float(np.max(size[size <= SLOW_MULTIPLIER], initial=0.0))
+        self._fast = max(self._fast, rest)
+
+    def _multiplier(self, derivatives: np.ndarray) -> float:
+        """Largest part of a deviation that is left after a period, by the ``derivatives`` of its
+        segments at the solution.
+        """
+        from scipy.linalg import eig
+
+        values, left, right = eig(_product(derivatives), left=True)
         with np.errstate(divide="ignore", invalid="ignore"):
-            self._slow = (left / np.sum(left * right.conj(), axis=0))[:, slow].conj().T
-        self._fast = float(np.max(size[size <= SLOW_MULTIPLIER], initial=0.0))
-        if np.any(slow):
-            along, seen = [right[:, slow]], [left[:, slow].conj().T]
-            for derivative in derivatives[:-1]:
-                along.append(derivative @ along[-1])
-            for derivative in derivatives[::-1]:
-                seen.insert(0, seen[0] @ derivative)
-            off = np.array([v.real.sum(axis=1) for v in along])
-            off *= DEVIATION / np.max(np.abs(off)) * (self.x != 0.0)  # what sticks stays at rest
-            x, ends = self._advance(self.x + off)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                for j in range(len(x)):
-                    after = np.abs(seen[j + 1] @ (ends.x[j] - self.ends.x[j]))
-                    size[slow] *= after / np.abs(seen[j] @ (x[j] - self.x[j]))
-        largest = float(np.max(size))
-        # Beside a direction that grows by many powers of ten others vanish, and nothing is known.
-        return math.inf if math.isnan(largest) else largest
+            rows = (left / np.sum(left * right.conj(), axis=0)).conj().T
+        self._fast = 0.0
+        self._keep(values, rows)
+        return float(np.max(np.abs(values)))
 
     def _check_from_rest(self) -> None:
         """Against all else: the motion that a run shows is the one that a start from rest leads to."""
@@ -326,6 +402,12 @@ class _Newton:
         return change
 
 
+def _real_columns(vectors: np.ndarray) -> np.ndarray:
+    """Real columns that span the same as complex ones (n, m) and their conjugates."""
+    imaginary = vectors.imag[:, np.any(vectors.imag != 0.0, axis=0)]
+    return np.hstack([vectors.real, imaginary])
+
+
 def _shifted(ends: np.ndarray) -> np.ndarray:
     """Ends of segments (segments, ...) in the order of the starts that they lead to."""
     return np.concatenate([ends[-1:], ends[:-1]])
@@ -338,6 +420,19 @@ def _product(derivatives: np.ndarray) -> np.ndarray:
     if not np.all(np.isfinite(result)):
         raise NotPeriodic(NOT_FOUND)
     return result
+
+
+def _cause_of_ringing(scenario: Scenario) -> str:
+    """What may feed a mode of a drive, as the beginning of a sentence."""
+    motor, friction = scenario.motor, scenario.friction
+    if max(motor.friction.stribeck_torque, friction.stribeck_torque) > 0.0:
+        return "negative friction slope (Stribeck effect) sustains the ringing"
+    if motor.stiffness_orders:
+        return (
+            "the motor's stiffness, which detent torque or flux harmonics vary over each full step,"
+            " sustains the ringing of a mode (parametric resonance)"
+        )
+    return "ringing is hardly damped"
 
 
 def sample_rows(period: PeriodMap) -> int:

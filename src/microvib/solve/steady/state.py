@@ -18,7 +18,9 @@ import numpy as np
 
 from microvib.errors import error_context
 from microvib.former_names import FormerName
+from microvib.model.linear import sliding_growth
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.turning import GROWN_EFOLDINGS, turning_drive
 from microvib.solve.integration import (
     SECOND_WING,
     Progress,
@@ -324,6 +326,8 @@ def _result_of_settling(period: PeriodMap, spent: float, begun: float) -> Steady
     """The motion that a run from rest settles to, after searches simulated ``spent`` [s] in vain."""
     run = RunFromRest(period)
     found = Settling(run).followed(sample_rows(period))
+    if found.period.microsteps == period.microsteps:  # else what grows has left it
+        _check_grown(run)
     period, simulated = found.period, spent + run.simulated
     multiplier = math.exp(-run.ringing.decay / period.frequency)
     solver = {
@@ -351,6 +355,21 @@ def _result_of_settling(period: PeriodMap, spent: float, begun: float) -> Steady
         solver=solver,
         stick=found.stick,
     )
+
+
+def _check_grown(run: RunFromRest) -> None:
+    """Against a motion that a run is still about to leave: NotPeriodic where deviations grow from
+    nothing, and took too little time to be seen.
+    """
+    scenario = run.period.scenario
+    if sliding_growth(scenario) > 0.0:  # then friction stirs them, and they are large at once
+        return
+    growth = turning_drive(scenario).growth
+    if 0.0 < run.simulated * growth < GROWN_EFOLDINGS:
+        raise NotPeriodic(
+            "deviations from smooth turning grow so slowly that what they become was not seen in"
+            f" {run.simulated:.3g} s (growth by e in {1.0 / growth:.3g} s)"
+        )
 
 
 def _result_of_search(search: Search, spent: float, seconds: float) -> SteadyState:

@@ -1,0 +1,97 @@
+"""Deviations from smooth turning that grow: parametric resonance, mid-range instability, and what that
+leaves of verdicts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from support.growing_drives import (
+    BENT,
+    BY_WINDINGS,
+    GEAR_AND_DETENT,
+    SLOW_GROWTH,
+    WIDE_DETENT,
+    drawn,
+)
+from support.scenarios import limit_of
+
+import microvib as mv
+from microvib.analysis.limits import judge
+from microvib.model.turning import turning_drive
+from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
+from microvib.solve.steady.search import Search
+from microvib.studies.rates import plan_rates, rate_grid
+
+
+def test_a_motion_about_which_a_mode_grows_at_half_the_full_steps_is_no_steady_state():
+    """The tool passed 0.45 N m, and a start from rest leads to 12 N m."""
+    scenario = drawn(WIDE_DETENT).with_({"tracking.rate": "0.2195 deg/s"})
+    with pytest.raises(NotPeriodic, match=r"not stable \(multiplier 1.019\)"):
+        Search(PeriodMap(scenario, common_period(scenario)[0])).run(0)
+    lines = [x for x in mv.find_lines(scenario, start="steady") if math.isfinite(x.amplitude)]
+    largest = max(lines, key=lambda x: x.amplitude)
+    assert largest.frequency == pytest.approx(4.573, abs=0.01)
+    assert largest.amplitude == pytest.approx(12.3, rel=0.03)
+
+
+@pytest.mark.parametrize(("rate", "multiplier"), [(0.2188, 1.01782), (0.2215, 1.00878)])
+def test_growth_of_the_linear_drive_is_that_of_the_kernels_period(rate, multiplier):
+    """Multipliers are those of the kernel's own period, by differences."""
+    scenario = drawn(WIDE_DETENT).with_({"tracking.rate": f"{rate} deg/s"})
+    period = common_period(scenario)[0] / scenario.driving_frequency
+    assert math.exp(turning_drive(scenario).growth * period) == pytest.approx(multiplier, abs=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "settle", "limit", "band", "what"),
+    [
+        (SLOW_GROWTH, "40 s", 5e-3, (0.5, 7.0), "parametric resonance"),
+        (BY_WINDINGS, "30 s", 1e-3, (1.0, 150.0), "mid-range instability"),
+    ],
+)
+def test_a_run_in_time_passes_nothing_while_deviations_may_grow(text, settle, limit, band, what):
+    record = {"record.settle": settle, "record.sample_rate": "512 Hz"}
+    scenario = drawn(text).with_(record)
+    assert turning_drive(scenario).growth > 0.01
+    judged = judge(mv.find_lines(mv.simulate(scenario)), limit_of(limit, *band), scenario)
+    assert judged.verdict == "not judged"
+    assert what in str(judged)
+
+
+@pytest.mark.parametrize("name", ["state-1", "state-3", "state-5"])
+def test_nothing_grows_in_the_catalog(name):
+    assert turning_drive(mv.load_scenario(name)).growth == 0.0
+
+
+def test_side_lines_of_a_gears_error_above_the_passband_are_not_passed():
+    """At 512 Hz the line is seen with 7.7 mN m."""
+    scenario = drawn(GEAR_AND_DETENT).with_(
+        {"record.settle": "60 s", "record.sample_rate": "16 Hz"}
+    )
+    lines = mv.find_lines(mv.simulate(scenario))
+    assert judge(lines, limit_of(7e-3, 39.2, 40.1), scenario).verdict == "not judged"
+    assert judge(lines, limit_of(1.0, 39.2, 40.1), scenario).verdict == "pass"
+
+
+def test_a_rate_plan_looks_at_parametric_resonances():
+    plan = plan_rates(
+        drawn(WIDE_DETENT),
+        rate_grid("0.192778 deg/s", "0.36506 deg/s", 3),
+        limit="0.76 N*m",
+        band="0.05:100 Hz",
+    )
+    for rate in np.radians([0.2188, 0.2195, 0.2205, 0.2215]):
+        assert any(band.low <= rate <= band.high for band in plan.forbidden)
+
+
+def test_a_rate_plan_refines_where_a_bent_resonance_comes_near_the_limit():
+    plan = plan_rates(
+        drawn(BENT),
+        rate_grid("0.111041 deg/s", "0.19274 deg/s", 5),
+        limit="1.5849 N*m",
+        band="0.05:30 Hz",
+    )
+    assert any(band.low < math.radians(0.137) < band.high for band in plan.forbidden)
