@@ -79,6 +79,20 @@ DONE = {
     ],
     "schema": ["schema"],
     "budget": ["budget", "craft.yaml", *SHORT],
+    "quiet": [
+        "quiet",
+        "state-1",
+        "--lever",
+        "ramp",
+        "--cases",
+        "8",
+        "--effort",
+        "4",
+        "--set",
+        "record.settle=0.5 s",
+        "--set",
+        "record.duration=2.5 s",
+    ],
     "docs": ["docs", "--path"],
 }
 """A command line of each command, in the folder of ``worked``."""
@@ -121,6 +135,7 @@ REFUSED = {
     "new": (["new", "study.yaml"], "already exists"),
     "sensitivity": (["sensitivity", "state-1"], "no value of this scenario has a range"),
     "budget": (["budget", "state-1"], "spacecraft: missing"),
+    "quiet": (["quiet", "state-1", "--lever", "spring"], "lever spring: is none"),
 }
 """A command line that is refused, and words of the sentence that says why."""
 MISUSED = {

@@ -24,7 +24,7 @@ VARIES = {
     "friction.viscous": 20.0,
     "friction.position.harmonics": [{"order": 20_000, "amplitude": 0.6, "phase": 0.7}],
 }
-RAMP = {"driver.microstep_ramp": 1.0}
+RAMP = {"driver.microstep_ramp": 0.95}
 CASES = {
     "compliant reducer": {},
     "ramping references": RAMP,

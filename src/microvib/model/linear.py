@@ -150,7 +150,7 @@ def disturbance_torque_response(
 
 @dataclass(frozen=True)
 class GearErrorResponse:
-    """What a transmission error of the output's angle makes at some frequencies, by the linearised
+    """Response to a transmission error of the output's angle at some frequencies, by the linearised
     drive; all over the error.
     """
 
@@ -253,7 +253,7 @@ def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarra
 
 
 def _momentum_of_shafts(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:
-    """The same of rotor, output and modes, whether or not the gear is rigid."""
+    """Angular momentum as ``momentum_row``, of rotor, output and modes, whether or not the gear is rigid."""
     load = scenario.load
     modes = (
         load.H + load.R + (load.V_l + load.V_m) / (2j * math.pi * np.asarray(frequency)[..., None])

@@ -63,7 +63,7 @@ _ROUNDING = 10.0
 
 @dataclass(frozen=True)
 class TurningDrive:
-    """What becomes of small deviations from smooth turning."""
+    """Fate of small deviations from smooth turning."""
 
     growth: float
     """Rate [1/s] at which the fastest grows; 0 where all die away."""
@@ -80,7 +80,7 @@ SLIDING = TurningDrive(0.0, False, {})
 
 
 def turning_drive(scenario: Scenario) -> TurningDrive:
-    """What becomes of small deviations from smooth turning at the rate of the record.
+    """Find what becomes of small deviations from smooth turning at the rate of the record.
 
     Nothing is said of a drive without a rate in its record, of one by pulses, or of one that cannot
     carry its friction.
@@ -199,7 +199,7 @@ class _System:
 
     @staticmethod
     def of(scenario: Scenario, falling: bool = False) -> _System | None:
-        """That of a scenario, with frictions by their viscous part or, ``falling``, by their slope at
+        """System of a scenario, with frictions by their viscous part or, ``falling``, by their slope at
         the rate; None where its motor cannot carry the friction.
         """
         windings = _Windings.of(scenario)

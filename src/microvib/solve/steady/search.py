@@ -423,7 +423,7 @@ def _product(derivatives: np.ndarray) -> np.ndarray:
 
 
 def _cause_of_ringing(scenario: Scenario) -> str:
-    """What may feed a mode of a drive, as the beginning of a sentence."""
+    """Possible cause that feeds a mode of a drive, as the beginning of a sentence."""
     motor, friction = scenario.motor, scenario.friction
     if max(motor.friction.stribeck_torque, friction.stribeck_torque) > 0.0:
         return "negative friction slope (Stribeck effect) sustains the ringing"
