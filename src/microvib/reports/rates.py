@@ -125,7 +125,7 @@ def _forbidden(plan: RatePlan) -> tuple[Item, ...]:
 
 
 def _between_rates(plan: RatePlan) -> str:
-    """What is not known between the rates that were solved."""
+    """Sentence on what is not known between the rates that were solved."""
     part, step = plan.widest_step()
     if part == 0.0:
         return "Rates that were not solved are not judged."
