@@ -369,6 +369,13 @@ class Driver(Part):
             return self.supply_voltage / motor.winding_resistance
         return motor.axis_current
 
+    def least_amplitude(self, motor: Motor) -> float:
+        """Least size of the currents of the two axes together, of all microsteps [A]."""
+        if self.pulsed or not self.distorted:
+            return self.amplitude(motor)
+        turn = references_over_electrical_period(self, motor.axis_current, motor.phases)
+        return float(np.min(np.hypot(turn[:, 0], turn[:, 1])))
+
     def largest_reference(self, motor: Motor) -> float:
         """Largest reference current of a phase [A], of two."""
         if self.distorted:
