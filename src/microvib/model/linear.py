@@ -83,7 +83,8 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     amplitude delta/(pi k); it pulls at the rotor through the electromagnetic spring z K_m I.
     Currents are assumed to follow instantly, those of voltages by their windings, about a rotor
     without load; friction is viscous only, and detent torque, stick and errors of the driver do not
-    exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the
+    exist, so that there are no full-step lines; of errors and of a table only the mean of their spring
+    counts. A ramp over the part r of a microstep averages the
     staircase, whose order k falls by sinc(k r); parts of a microstep multiply it by the spectrum of
     their fractions. Compensation of the gear is left out. Empty where the rate is zero or changes, and of a
     pulse drive, between whose pulses nothing pulls.
