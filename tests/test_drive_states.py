@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import microvib as mv
 from microvib.io.file_access import FileAccess
@@ -16,9 +17,11 @@ from microvib.model.drive_states import (
     DriveStates,
     Sticking,
     drive_states,
-    springs_of_detent,
     springs_of_drive,
+    springs_of_motor,
 )
+from microvib.model.driver import spring_factors
+from microvib.model.linear import linear_lines
 from microvib.model.rigid import rigid_motion_at
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -280,9 +283,10 @@ def test_a_drive_that_sticks_holds_its_array_as_a_rigid_joint_does(
 def test_flux_harmonics_are_springs_of_a_held_drive_as_detent_torque_is(
     one_wing: mv.Scenario,
 ) -> None:
-    assert springs_of_detent(one_wing) == []
+    assert springs_of_motor(one_wing, stands=True) == []
     harmonic = one_wing.with_({"motor.flux_harmonics": [{"order": 3, "amplitude": 0.05}]})
-    (spring,) = springs_of_detent(harmonic)
+    assert springs_of_motor(harmonic, stands=False) == []
+    (spring,) = springs_of_motor(harmonic, stands=True)
     part = harmonic.motor.detent_stiffness / harmonic.motor.electromagnetic_stiffness
     assert 0.0 < part < 1.0
     assert (spring.low, spring.high) == (-part, part)
@@ -293,3 +297,85 @@ def test_strands_of_a_harness_stick_or_slide(one_wing: mv.Scenario) -> None:
     (spring,) = springs_of_drive(one_wing.with_({"friction.harness": strands}), SLIDES)
     assert (spring.low, spring.high) == (0.0, 1.0)
     assert spring.stiffness == pytest.approx(4000.0)
+
+
+def _table_of(size: float, scenario: mv.Scenario) -> dict[str, object]:
+    """Table of currents of sine and cosine, of another size than the current."""
+    count = scenario.driver.beats * scenario.driver.microsteps
+    angle = 2.0 * np.pi * np.arange(count) / count
+    pairs = size * np.column_stack([np.cos(angle), np.sin(angle)])
+    return {"driver.table": {"currents": pairs.tolist()}}
+
+
+def _judged(scenario: mv.Scenario, folder: Path, f: float) -> tuple[float, float, float]:
+    """Least, value and most about x and a line of loads at a frequency [Hz]."""
+    (folder / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f!r},0.2\n")
+    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], lines="lines.csv")
+    one = contribution_of_other(source, scenario, FileAccess(folder=folder))
+    found = assess(Requirement(metric="ape", axis="y", limit="1 urad"), [one], "rss")
+    return found.least, found.value, found.most
+
+
+def test_a_table_of_smaller_currents_is_a_smaller_current(
+    one_wing: mv.Scenario, tmp_path: Path
+) -> None:
+    soft = one_wing.with_({"motor.current": "0.1 A"})
+    table = soft.with_(_table_of(0.8, soft))
+    smaller = one_wing.with_({"motor.current": "0.08 A"})
+    modes = [[m.frequency for m in mv.coupled_modes(x)] for x in (soft, table, smaller)]
+    np.testing.assert_allclose(modes[1], modes[2], rtol=1e-9)
+    assert np.max(np.abs(np.array(modes[0]) / modes[2] - 1.0)) > 0.005
+    np.testing.assert_allclose(by_loads(table, F), by_loads(smaller, F), rtol=1e-6, atol=1e-16)
+    assert drive_states(table) is None
+    f = modes[2][int(np.argmax(np.abs(np.array(modes[0]) / modes[2] - 1.0)))]
+    found = [_judged(x, tmp_path, f) for x in (table, smaller)]
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
+    lines = [linear_lines(x) for x in (table, smaller)]
+    np.testing.assert_allclose(*[[abs(x.amplitude) for x in one] for one in lines], rtol=1e-9)
+
+
+ERRORS: dict[str, tuple[dict[str, object], float, float]] = {
+    # part of the ideal spring at the least and the most, in closed form
+    "gain_b": ({"gain_b": -0.3}, 0.7, 1.0),
+    "offset_a": ({"offset_a": 0.3}, 0.7, 1.3),
+    "quadrature": (
+        {"quadrature": "0.3 rad"},
+        np.sqrt(1.0 - np.sin(0.3)),
+        np.sqrt(1.0 + np.sin(0.3)),
+    ),
+    "dac_bits": ({"dac_bits": 2}, np.cos(2.0 * np.pi * 5 / 64), np.sqrt(2.0)),  # 5 of 64 microsteps
+}
+
+
+@pytest.mark.parametrize("which", ERRORS)
+@pytest.mark.parametrize("drive", ["held", "parked", "running"])
+def test_errors_of_a_driver_are_springs_over_the_electrical_angle(
+    which: str, drive: str, one_wing: mv.Scenario
+) -> None:
+    errors, low, high = ERRORS[which]
+    soft = one_wing.with_({"motor.current": "0.1 A"})
+    driver = {f"driver.imperfections.{name}": value for name, value in errors.items()}
+    motor = yaml.safe_load(mv.dump_scenario(soft))["motor"]
+    wing = {"spacecraft.second_wing.driver": yaml.safe_load(mv.dump_scenario(soft.with_(driver)))["driver"]}  # fmt: skip
+    if drive == "held":
+        scenario = held(soft, SMOOTH).with_(wing)
+    elif drive == "parked":
+        scenario = soft.with_({**driver, "tracking.rate": "0 deg/s"})
+    else:
+        scenario = soft.with_(driver)
+
+    def state(part: float) -> mv.Scenario:
+        current = f"{0.1 * part!r} A"
+        if drive == "held":
+            changed = {"spacecraft.second_wing.motor": {**motor, "current": current}}
+            return held(soft, SMOOTH).with_(changed)
+        return soft.with_({"motor.current": current})
+
+    (spring,) = springs_of_motor(soft.with_(driver), stands=drive != "running")
+    mean = spring_factors(soft.with_(driver).driver, soft.motor).mean
+    assert spring.low + mean == pytest.approx(low, rel=1e-3)
+    assert spring.high + mean == pytest.approx(high, rel=1e-3)
+    states = states_of(scenario)
+    ends = np.linspace(spring.low + mean, spring.high + mean, 100).tolist()
+    each = [by_loads(state(part), F) for part in ends]
+    check_bounds(states.extremes(F, states.on_hub(CENTER)), each, 1e-6)

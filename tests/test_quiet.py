@@ -192,9 +192,22 @@ def test_the_torque_margin_is_that_of_the_sum(drive: mv.Scenario) -> None:
     assert relaxed.margin > found.margin
 
 
+def test_a_driver_with_errors_has_the_torque_of_its_least_currents(drive: mv.Scenario) -> None:
+    ideal, weak = (
+        torque_margin(drive.with_({"driver.imperfections.gain_b": x})) for x in (0.0, -0.2)
+    )
+    assert weak.available == pytest.approx(0.8 * ideal.available, rel=1e-9)
+    assert weak.required == ideal.required
+
+
 def test_the_lag_is_that_of_the_steady_state(drive: mv.Scenario) -> None:
-    for viscous in ("0.0255 N*m*s/rad", "50 N*m*s/rad"):
-        changed = drive.with_({"friction.viscous": viscous})
+    for viscous, gain_b in (
+        ("0.0255 N*m*s/rad", 0.0),
+        ("50 N*m*s/rad", 0.0),
+        ("50 N*m*s/rad", -0.3),
+    ):
+        errors = {"driver.imperfections.gain_b": gain_b}
+        changed = drive.with_({"friction.viscous": viscous, **errors})
         state = mv.steady_state(changed)
         behind = float(np.mean((changed.rate or 0.0) * state.time - state["theta_l"]))
         assert lag_of_array(changed) == pytest.approx(behind, rel=0.02)

@@ -24,6 +24,7 @@ from microvib.model.craft import Craft, HeldWing, array_on_hub, held_wing, hub_m
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
 from microvib.model.driven import noise_density as density_of_friction
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.linear import coupled_modes, staircase_torque
 from microvib.model.rigid import block_rotation, rigid_motion_at
 from microvib.model.scenario import Scenario
@@ -129,8 +130,9 @@ def source_of(scenario: Scenario, *, powered: bool = True) -> Source:
             " simulation of the spacecraft instead"
         )
     spacecraft, s = require_craft(scenario).spacecraft, scenario
+    motor = motor_of_mean_spring(s.driver, s.motor)
     found = held_wing(
-        s.motor, s.reducer, s.friction, s.array, spacecraft.interface, spacecraft.array_angle
+        motor, s.reducer, s.friction, s.array, spacecraft.interface, spacecraft.array_angle
     )
     if powered:
         return Source(found.mass, found.G, found.M, found.C, found.K)

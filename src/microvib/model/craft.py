@@ -29,6 +29,7 @@ import numpy as np
 from microvib.model.array import Array
 from microvib.model.decoupled import DecoupledModes, decouple_modes
 from microvib.model.drive_matrices import coordinates, drive_matrices
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.motor import Motor
@@ -358,12 +359,14 @@ def second_wing(spacecraft: Spacecraft) -> HeldWing | None:
     if wing is None:
         return None
     assert wing.motor is not None
+    assert wing.driver is not None
     assert wing.reducer is not None
     assert wing.friction is not None
     assert wing.array is not None
     assert wing.array_angle is not None
+    motor = motor_of_mean_spring(wing.driver, wing.motor)
     return held_wing(
-        wing.motor, wing.reducer, wing.friction, wing.array, wing.interface, wing.array_angle
+        motor, wing.reducer, wing.friction, wing.array, wing.interface, wing.array_angle
     )
 
 

@@ -3,7 +3,8 @@
 The linearised drives hold their shafts by springs of known stiffness. Some are not known: friction
 that sticks locks a shaft or, with presliding, holds it by the stiffness of its contacts; elements of
 a gear's hysteresis, or of a harness, stick or slide; teeth with backlash are in contact or not; detent torque is a
-spring of either sign. How much of each acts depends on the motion. With s_i between its ends, of
+spring of either sign; references that are not sine and cosine make a spring that changes with the
+electrical angle. How much of each acts depends on the motion. With s_i between its ends, of
 springs g_i with the dynamic stiffness z_i, in coordinates of hub and wings,
 
     (Z(omega) + sum s_i z_i g_i g_i') x = F,   los = L x
@@ -26,6 +27,7 @@ import numpy as np
 from microvib.model.coupling import Source, receiver_of, require_craft, source_of
 from microvib.model.craft import hub_matrices
 from microvib.model.drive_matrices import coordinates
+from microvib.model.driver import spring_factors
 from microvib.model.friction import Friction
 from microvib.model.linear import frequency_blocks
 from microvib.model.scenario import Scenario
@@ -38,6 +40,8 @@ _RIGID = 1e3
 """Times the largest stiffness of the system, for the modes of a shaft that is locked."""
 _LEAST_STIFFNESS = 1e-3
 """Part of the electromagnetic stiffness that detent torque leaves at the least."""
+_ALIKE = 1e-9
+"""Part of the electromagnetic stiffness by which it may change and be as good as constant."""
 
 
 @dataclass(frozen=True)
@@ -91,15 +95,23 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
     return found
 
 
-def springs_of_detent(scenario: Scenario) -> list[UncertainSpring]:
-    """Spring of the detent torque and flux harmonics of a drive, wherever its rotor stands."""
-    motor = scenario.motor
-    if motor.detent_stiffness == 0.0:
+def springs_of_motor(scenario: Scenario, *, stands: bool) -> list[UncertainSpring]:
+    """Spring of a motor beside that of the linearised drive, wherever in an electrical turn it is.
+
+    By the references, if they are not sine and cosine; of a rotor that stands also by detent torque
+    and flux harmonics.
+    """
+    motor, factors = scenario.motor, spring_factors(scenario.driver, scenario.motor)
+    part = 0.0
+    if stands:
+        largest = max(abs(factors.low), abs(factors.high), 1.0)
+        part = largest * motor.detent_stiffness / motor.electromagnetic_stiffness
+    low, high = factors.low - factors.mean - part, factors.high - factors.mean + part
+    if high - low <= _ALIKE:
         return []
     rotor = coordinates(scenario.reducer, len(scenario.array.modes))[0]
-    part = motor.detent_stiffness / motor.electromagnetic_stiffness
-    least = max(-part, _LEAST_STIFFNESS - 1.0)
-    return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, part)]
+    least = max(low, min(_LEAST_STIFFNESS - factors.mean, 0.0))
+    return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, high)]
 
 
 def _of_friction(friction: Friction, on: np.ndarray, sticks: bool) -> Iterator[UncertainSpring]:
@@ -265,7 +277,7 @@ def drive_states(
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
         beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
-        beside += [] if steps else springs_of_detent(other)
+        beside += springs_of_motor(other, stands=not steps)
     if not mine and not beside:
         return None
     n_own = source_of(scenario).M.shape[0]
@@ -280,8 +292,8 @@ def drive_states(
 def _springs_of_own(scenario: Scenario, sticking: Sticking) -> list[UncertainSpring]:
     """Springs of the first drive; one that is parked holds its array as a second wing's does."""
     if scenario.rate == 0.0:
-        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_detent(scenario)]
-    return springs_of_drive(scenario, sticking)
+        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_motor(scenario, stands=True)]
+    return [*springs_of_drive(scenario, sticking), *springs_of_motor(scenario, stands=False)]
 
 
 def _placed(spring: UncertainSpring, before: int, behind: int) -> UncertainSpring:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -29,6 +29,7 @@ _USUAL = (1e-5, 0.05)  # errors of a driver, over its current
 _SWITCHED_OFF = 1e-9  # a current over I up to which a pulse leaves its winding open
 PULSE_KEYS = ("on_time", "diode_voltage")
 """Keys that a pulse drive has and no other."""
+_LEAST_SPRING = 1e-3  # mean of the electromagnetic spring over that of ideal currents, at the least
 _NOISE = 1e-14  # error of a computed reference over the current, by floating point
 
 
@@ -368,6 +369,13 @@ class Driver(Part):
             return self.supply_voltage / motor.winding_resistance
         return motor.axis_current
 
+    def least_amplitude(self, motor: Motor) -> float:
+        """Least size of the currents of the two axes together, of all microsteps [A]."""
+        if self.pulsed or not self.distorted:
+            return self.amplitude(motor)
+        turn = references_over_electrical_period(self, motor.axis_current, motor.phases)
+        return float(np.min(np.hypot(turn[:, 0], turn[:, 1])))
+
     def largest_reference(self, motor: Motor) -> float:
         """Largest reference current of a phase [A], of two."""
         if self.distorted:
@@ -452,6 +460,52 @@ def references_over_electrical_period(
     turn = current * (2.0 / phases) * (turn @ place)
     turn.flags.writeable = False
     return turn
+
+
+class SpringFactors(NamedTuple):
+    """Stiffness of the electromagnetic spring over that of ideal currents, over an electrical turn."""
+
+    low: float
+    mean: float
+    high: float
+
+
+IDEAL_SPRING = SpringFactors(1.0, 1.0, 1.0)
+
+
+def spring_factors(driver: Driver, motor: Motor) -> SpringFactors:
+    """Stiffness that a driver's references make, over z K_m I; of a pulse drive as if always on.
+
+    At the rotor's electrical angle theta_e it is z K_m (i_A cos theta_e + i_B sin theta_e). The mean
+    is that of a rotor that turns evenly, by any constant angle from its command. The range is that
+    of this rotor and of one that stands where the references put it, at z K_m |i|.
+    """
+    if driver.pulsed or not driver.distorted:
+        return IDEAL_SPRING
+    return _spring_of_turn(driver, motor.phases)
+
+
+def motor_of_mean_spring(driver: Driver, motor: Motor) -> Motor:
+    """The motor with the current whose spring is the mean that a driver's references make; the same
+    where they are ideal.
+    """
+    mean = spring_factors(driver, motor).mean
+    if mean == 1.0:
+        return motor
+    return motor.model_copy(update={"current": mean * motor.current})
+
+
+@lru_cache(maxsize=32)
+def _spring_of_turn(driver: Driver, phases: int) -> SpringFactors:
+    turn = references_over_electrical_period(driver, 1.0, phases)
+    theta_e = driver.electrical_angle(np.arange(len(turn)))
+    currents = turn[:, 0] + 1j * turn[:, 1]
+    each = [currents * np.exp(-1j * theta_e), currents * np.exp(1j * theta_e)]
+    along = max(each, key=lambda x: abs(np.mean(x)))  # a table may turn the other way round
+    mean = max(float(abs(np.mean(along))), _LEAST_SPRING)
+    found = (along * np.conj(np.mean(along)) / mean).real
+    both = np.concatenate([found, np.abs(currents), [mean]])
+    return SpringFactors(float(both.min()), mean, float(both.max()))
 
 
 def quantized(references: np.ndarray, levels: int) -> np.ndarray:

@@ -18,6 +18,7 @@ import numpy as np
 from microvib.model.array import Array
 from microvib.model.craft import craft_of, shaft_load
 from microvib.model.drive_matrices import coordinates, drive_matrices
+from microvib.model.driver import motor_of_mean_spring, spring_factors
 from microvib.model.friction import Friction
 from microvib.model.load import Load
 from microvib.model.mode_names import mode_names
@@ -82,7 +83,8 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
     amplitude delta/(pi k); it pulls at the rotor through the electromagnetic spring z K_m I.
     Currents are assumed to follow instantly, those of voltages by their windings, about a rotor
     without load; friction is viscous only, and detent torque, stick and errors of the driver do not
-    exist, so that there are no full-step lines. A ramp over the part r of a microstep averages the
+    exist, so that there are no full-step lines; of errors and of a table only the mean of their spring
+    counts. A ramp over the part r of a microstep averages the
     staircase, whose order k falls by sinc(k r); parts of a microstep multiply it by the spectrum of
     their fractions. Compensation of the gear is left out. Empty where the rate is zero or changes, and of a
     pulse drive, between whose pulses nothing pulls.
@@ -96,7 +98,7 @@ def linear_lines(scenario: Scenario, harmonics: int = 8) -> tuple[LinearLine, ..
         by_command = [
             _voltage_drive_stiffness(scenario, 2j * math.pi * f)[0] for f in frequency.tolist()
         ]
-        pull *= np.array(by_command) / scenario.motor.electromagnetic_stiffness
+        pull *= np.array(by_command) / held_motor(scenario).electromagnetic_stiffness
     lines: list[LinearLine] = []
     for part in frequency_blocks(frequency.size, of_drive[0].shape[0]):
         motion = np.linalg.solve(
@@ -201,7 +203,9 @@ def _dynamic(
         by_angle = np.vectorize(
             lambda w: _voltage_drive_stiffness(scenario, 1j * w)[1], otypes=[complex]
         )
-        dynamic[..., 0, 0] += by_angle(omega[..., 0, 0]) - scenario.motor.electromagnetic_stiffness
+        dynamic[..., 0, 0] += (
+            by_angle(omega[..., 0, 0]) - held_motor(scenario).electromagnetic_stiffness
+        )
     return dynamic
 
 
@@ -217,7 +221,8 @@ def staircase_torque(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     if scenario.driver.microstep_shape:
         frequency = order * (scenario.driving_frequency or 0.0)
         sawtooth = sawtooth * scenario.driver.shape.spectrum(frequency)
-    return np.asarray(scenario.motor.electromagnetic_stiffness * sawtooth)
+    mean = spring_factors(scenario.driver, scenario.motor).mean
+    return np.asarray(mean * scenario.motor.electromagnetic_stiffness * sawtooth)
 
 
 def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, complex]:
@@ -228,7 +233,7 @@ def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, c
     |i| = I cos a, and of small changes (R + s L + j omega_e L) i = j R I exp(-j a) z command - j
     K_m (s + j omega_e) angle.
     """
-    motor, omega = scenario.motor, -scenario.reducer.h * (scenario.rate or 0.0)
+    motor, omega = held_motor(scenario), -scenario.reducer.h * (scenario.rate or 0.0)
     z, K_m, current = motor.rotor_teeth, motor.axis_torque_constant, motor.axis_current
     R, X = motor.winding_resistance, z * omega * motor.winding_inductance
     a = math.asin(max(-1.0, min(1.0, -K_m * omega / (current * math.hypot(R, X))))) - math.atan2(
@@ -305,7 +310,8 @@ def _response_to_command(
     """T_d by the commanded angle of the array at a complex frequency [N m/rad]."""
     M, C, K = of_drive
     dynamic = K + s * C + s**2 * M + 0j
-    pull = scenario.motor.electromagnetic_stiffness
+    mean = spring_factors(scenario.driver, scenario.motor).mean
+    pull = mean * scenario.motor.electromagnetic_stiffness
     if scenario.driver.drive == "voltage":
         by_command, by_angle = _voltage_drive_stiffness(scenario, s)
         dynamic[0, 0] += by_angle - pull
@@ -351,11 +357,12 @@ def coupled_modes(scenario: GivenScenario) -> tuple[CoupledMode, ...]:
 
 def held_motor(scenario: Scenario) -> Motor:
     """The motor with what holds its rotor on average: that of a pulse drive is free between pulses but
-    for its detent torque, as if so small a current held it.
+    for its detent torque, as if so small a current held it. Where references have errors or a table, the
+    current is that whose spring is the mean over an electrical turn.
     """
     motor = scenario.motor
     if not scenario.driver.pulsed:
-        return motor
+        return motor_of_mean_spring(scenario.driver, motor)
     alike = motor.current * motor.detent_stiffness / motor.electromagnetic_stiffness
     return motor.model_copy(update={"current": alike})
 

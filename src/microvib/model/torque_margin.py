@@ -11,6 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.results import Column, Measure
@@ -74,8 +75,9 @@ class TorqueMargin:
 def torque_margin(scenario: Scenario, factors: MotorisationFactors | None = None) -> TorqueMargin:
     """Margin of a drive at its constant rate.
 
-    Friction counts at breakaway and at the rate, whichever is more; the gear's efficiency is 1, as
-    in the equations of motion. Springs are harnesses with a stiffness, over one turn of the array.
+    Available is what the least currents of an electrical turn make. Friction counts at breakaway and
+    at the rate, whichever is more; the gear's efficiency is 1, as in the equations of motion. Springs
+    are harnesses with a stiffness, over one turn of the array.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ def torque_margin(scenario: Scenario, factors: MotorisationFactors | None = None
     """
     factors = factors or MotorisationFactors()
     motor = scenario.motor
-    available = motor.axis_torque_constant * scenario.driver.amplitude(motor)
+    available = motor.axis_torque_constant * scenario.driver.least_amplitude(motor)
     return TorqueMargin(available, tuple(_resisting(scenario, factors)), factors.total)
 
 
@@ -138,7 +140,8 @@ def lag_of_array(scenario: Scenario) -> float:
     """Angle [rad] by which the array stays behind its command at a constant rate, quasi-static: by
     friction on the magnetic spring and on the reducer.
     """
-    motor, ratio = scenario.motor, abs(scenario.reducer.h)
+    motor = motor_of_mean_spring(scenario.driver, scenario.motor)
+    ratio = abs(scenario.reducer.h)
     rate = abs(scenario.rate or 0.0)
     on_output = scenario.friction.torque(rate)
     on_rotor = motor.friction.torque(rate * ratio) + on_output / ratio
