@@ -19,6 +19,7 @@ from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.fields import part_type_of
 from microvib.model.scenario import Scenario, set_key
+from microvib.studies.quiet.study import quiet
 from microvib.web.routes import forms
 
 CRAFT = Path(__file__).parents[1] / "examples" / "spacecraft.yaml"
@@ -157,6 +158,32 @@ def test_no_change_of_a_key_opens_a_file(secrets: Path) -> None:
             view = forms.view_of(forms.Spec(base="state-1", changes={key: value}))
             assert SECRET not in str(view), (key, value)
             assert _watched == [], (key, value)
+
+
+OF_A_SEARCH = {
+    "objective": {"objective": "NAME"},
+    "requirement": {"requirement": "NAME"},
+    "study": {"study": "NAME"},
+    "check": {"check": "NAME", "levers": []},
+    "keep": {"keep": "NAME"},
+}
+
+
+@pytest.mark.parametrize("key", OF_A_SEARCH)
+def test_a_search_for_a_quieter_drive_opens_none(secrets: Path, key: str) -> None:
+    """With the page's permission; with that of a command the watch sees the file."""
+    drive = mv.load_scenario("state-1")
+    name = str(secrets / "private.csv")
+    Path(name).write_text(f"{SECRET}: 1\n" * 3)  # no file that any of the options takes
+    _watched.clear()
+    given = {k: name if v == "NAME" else v for k, v in OF_A_SEARCH[key].items()}
+    asked: dict[str, Any] = {"levers": ["ramp"], **given}
+    with pytest.raises(MicrovibError, match=rf"{key}.*names a file, and the page opens no files"):
+        quiet(drive, files=forms.FILES, **asked)
+    assert _watched == []
+    with pytest.raises(MicrovibError):
+        quiet(drive, **asked)
+    assert _watched
 
 
 NAMED = {

@@ -469,6 +469,11 @@ class Quantity:
         unit = self.display or self.unit
         return f"{self._in(unit, value):.6g} {pretty(unit)}".strip()
 
+    def span(self, low: float, high: float) -> str:
+        """Range as one types it, six digits in the display unit: ``0.3:0.6 A``."""
+        unit = self.display or self.unit
+        return f"{self._in(unit, low):.6g}:{self._in(unit, high):.6g} {unit}".strip()
+
     def _in(self, unit: str, value: float) -> float:
         """A value in memory in another unit of its kind."""
         if unit == self.unit:

@@ -160,7 +160,7 @@ def _warnings(found: QuietDrive) -> Iterator[str]:
     needed = draws_needed(P95)
     if found.after.cases.size < needed:
         yield (
-            f"{found.after.cases.size} cases do not bound a 95 % quantile; from {needed} on they do"
+            f"{found.after.cases.size} cases do not bound a 95 % quantile; {needed} or more do"
             " (`--cases`)."
         )
     if found.cases.assumed:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from microvib.errors import OptionError
-from microvib.io.file_access import WORKING_FOLDER
+from microvib.io.file_access import NO_FILES, WORKING_FOLDER
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validate_part
 from microvib.studies.campaign.design import Design, design, read_study
@@ -72,7 +72,7 @@ def draw_cases(
         spread, origin = _assumed_spread(scenario), "the assumed spread"
     else:
         spread, origin = read_study(study), str(study)
-    files = WORKING_FOLDER if study is None else WORKING_FOLDER.in_folder_of(str(study))
+    files = NO_FILES if study is None else WORKING_FOLDER.in_folder_of(str(study))
 
     def drawn(seed: int, wanted: int) -> Design:
         sampling = {"method": "sobol", "count": 1, "seed": seed}

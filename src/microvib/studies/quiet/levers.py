@@ -388,6 +388,63 @@ def parse_levers(
     return tuple(sorted(levers, key=lambda lever: lever.name == "table"))
 
 
+@dataclass(frozen=True)
+class NamedLever:
+    """A named lever that a scenario can have."""
+
+    name: str
+    span: str
+    """Its usual range, list or orders as one writes them; empty where there is none."""
+    meaning: str
+    example: str
+    """What may stand in place of the usual range."""
+
+
+def named_levers(scenario: Scenario) -> tuple[NamedLever, ...]:
+    """The named levers that a scenario can have, with their usual ranges as one writes them."""
+    return tuple(lever for name in NAMED if (lever := _named(name, scenario)) is not None)
+
+
+def _named(name: str, scenario: Scenario) -> NamedLever | None:
+    try:
+        if name == "table":
+            return _named_table(scenario)
+        if name == "gains":
+            gains_lever(scenario, *_factors(name, _USUAL_FACTORS))
+            return NamedLever(name, _USUAL_FACTORS, _GAINS, "0.5:2")
+        if name == "microsteps":
+            counts = _usual_counts(scenario)
+            return NamedLever(name, counts, "microsteps per full step", "16,32")
+        key = _key_of(name, scenario)
+    except OptionError:
+        return None
+    quantity = _quantity(scenario, key)
+    unit = quantity.display or quantity.unit
+    span = _usual_span(name, key, scenario)
+    return NamedLever(name, span, quantity.meaning, f"LOW:HIGH {unit}".rstrip())
+
+
+_GAINS = "factor on the gains of the current loop"
+
+
+def _named_table(scenario: Scenario) -> NamedLever:
+    orders = ",".join(map(str, table_orders(scenario)))
+    _table(orders or "1", scenario, TableLimits())
+    return NamedLever(
+        "table", orders, "orders at which the angle of the currents is corrected", "4,8"
+    )
+
+
+def _usual_span(name: str, key: str, scenario: Scenario) -> str:
+    """The usual range of a key as one writes it; empty where there is none."""
+    try:
+        low, high = _usual_range(name, key, scenario)
+    except OptionError:
+        return ""
+    return _quantity(scenario, key).span(low, high)
+
+
+_USUAL_FACTORS = "0.05:2"
 _USUALLY_BEST = {"ramp": (1.0,), "damping": (1.0,)}
 """Ends of ranges at which named levers usually are best."""
 
@@ -397,7 +454,7 @@ def _parsed(text: str, scenario: Scenario, limits: TableLimits) -> Lever:
     if name == "table":
         return _table(span, scenario, limits)
     if name == "gains":
-        low, high = _factors(text, span or "0.05:2")
+        low, high = _factors(text, span or _USUAL_FACTORS)
         return gains_lever(scenario, low, high)
     if name == "shape":
         low, high = _times(text, span, scenario)

@@ -14,6 +14,7 @@ import numpy as np
 
 from microvib.analysis.lines import expected_in
 from microvib.errors import MicrovibError, OptionError, did_you_mean
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.tables import csv_rows, parse_finite
 from microvib.model.scenario import Scenario
 from microvib.results import TORQUE, Measure
@@ -96,7 +97,10 @@ def part_of_limit(one: Requirement, frequency: np.ndarray, los: np.ndarray) -> f
 
 
 def parse_objective(
-    given: str, scenario: Scenario, requirement: str | Path | None = None
+    given: str,
+    scenario: Scenario,
+    requirement: str | Path | None = None,
+    files: FileAccess = WORKING_FOLDER,
 ) -> Objective:
     """Read an objective.
 
@@ -109,6 +113,8 @@ def parse_objective(
         The drive, whose lines have names.
     requirement : str or path, optional
         File of requirements on the line of sight, as of ``microvib budget``; in place of ``given``.
+    files : FileAccess
+        Permission to open files.
 
     Raises
     ------
@@ -116,25 +122,38 @@ def parse_objective(
         For what is none of these.
     """
     if requirement is not None:
-        return _pointing(Path(requirement), scenario)
+        return _pointing(files.under("requirement").path(str(requirement)), scenario)
     text = given.strip()
     if text == RMS:
         return Objective("RMS of all lines")
+    if text.endswith(".csv") and files.folder is None:
+        raise OptionError(
+            "objective",
+            f"names a file, and {files.refusal}; rms, a line such as drive_1, or a band such as"
+            " '0.5:150 Hz' is expected",
+            text,
+        )
     if text.endswith(".csv"):
-        return _limit_curve(Path(text))
+        return _limit_curve(files.under("objective").path(text))
     if ":" in text:
         low, high = ends(text)
         return Objective(f"largest line from {low:g} to {high:g} Hz", band=(low, high))
-    names = [x.name for x in expected_in(scenario, scenario.record.sample_rate, HARMONICS)]
+    names = line_names(scenario)
     if text not in names:
         near = did_you_mean(text, names)
+        limit = "" if files.folder is None else " a CSV file of a limit,"
         raise OptionError(
             "objective",
-            f"is no line of this drive; {near}allowed are rms, a band such as '0.5:150 Hz', a CSV file"
-            f" of a limit, or a line: {', '.join(names)}",
+            f"is no line of this drive; {near}allowed are rms, a band such as '0.5:150 Hz',{limit}"
+            f" or a line: {', '.join(names)}",
             text,
         )
     return Objective(f"line {text}", line=text)
+
+
+def line_names(scenario: Scenario) -> list[str]:
+    """Names of the lines of a drive that an objective may be."""
+    return [x.name for x in expected_in(scenario, scenario.record.sample_rate, HARMONICS)]
 
 
 def _pointing(file: Path, scenario: Scenario) -> Objective:

@@ -13,6 +13,7 @@ import numpy as np
 
 from microvib.errors import OptionError, expect_list, whole_number
 from microvib.io.current_table import read_current_table
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.model.driver import MAX_TABLE
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.torque_margin import (
@@ -231,6 +232,7 @@ def quiet(  # noqa: PLR0913 - keyword options
     cases: int = JUDGE_CASES,
     effort: int = DEFAULT_EFFORT,
     keep: str | Path | None = None,
+    files: FileAccess = WORKING_FOLDER,
     workers: int | None = None,
     progress: Progress | None = None,
     on_best: Callable[[str], None] | None = None,
@@ -270,6 +272,8 @@ def quiet(  # noqa: PLR0913 - keyword options
         Settings that are tried over the cases of the search.
     keep : str or path, optional
         File in which every figure is kept; a search that was interrupted goes on from it.
+    files : FileAccess
+        Permission to open the files above.
     workers : int, optional
         Processes that simulate; without it threads of this one do.
     progress : callable, optional
@@ -299,21 +303,24 @@ def quiet(  # noqa: PLR0913 - keyword options
     if bits is not None:
         whole_number("bits", bits, 2, 24)
     constraints = constraints or Constraints()
-    wanted = parse_objective(objective, scenario, requirement)
-    if check is not None:
+    wanted = parse_objective(objective, scenario, requirement, files)
+    table, spread, kept = (
+        _file(files, key, name)
+        for key, name in (("check", check), ("study", study), ("keep", keep))
+    )
+    if table is not None:
         if levers:
             raise OptionError("lever", "does not go with check, which judges a table as it is")
         parsed: tuple[Lever, ...] = ()
     else:
         parsed = parse_levers(levers, scenario, TableLimits(bits, table_rows))
         _require_seen(parsed, wanted)
-    sampled = draw_cases(scenario, parsed, None if study is None else Path(study), cases)
-    file = None if keep is None else Path(keep)
-    with evaluations(wanted, file, workers) as figures:
+    sampled = draw_cases(scenario, parsed, spread, cases)
+    with evaluations(wanted, kept, workers) as figures:
         told = _Told(effort, len(parsed), progress, on_best)
         task = _Task(scenario, wanted, parsed, constraints, sampled, figures, bits, effort, told)
-        if check is not None:
-            return task.checked(Path(check))
+        if table is not None:
+            return task.checked(table)
         return task.searched()
 
 
@@ -327,6 +334,13 @@ def _require_seen(levers: Sequence[Lever], objective: Objective) -> None:
                 " objective, which is of the first drive's torque",
                 "wings",
             )
+
+
+def _file(files: FileAccess, key: str, name: str | Path | None) -> Path | None:
+    """Path of the file that an option names, if it names one."""
+    if name is None:
+        return None
+    return files.under(key).path(str(name))
 
 
 CANDIDATES = 6

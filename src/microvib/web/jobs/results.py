@@ -31,6 +31,7 @@ from microvib.reports.moving import (
     shape_of_craft,
 )
 from microvib.reports.outcome import page_answer, text_files
+from microvib.reports.quiet import quiet_outcome
 from microvib.reports.rates import rates_outcome
 from microvib.reports.rendering import address
 from microvib.reports.run.outcome import run_outcome
@@ -42,6 +43,7 @@ from microvib.solve.motion import Motion
 from microvib.studies.analyse import Analysis
 from microvib.studies.angles import AngleSweep
 from microvib.studies.identify import Fit
+from microvib.studies.quiet.study import QuietDrive
 from microvib.studies.rates import RatePlan
 from microvib.web.routes.forms import values_of
 
@@ -192,6 +194,25 @@ def angles_result(sweep: AngleSweep) -> dict[str, Any]:
     """Result of a sweep, its pictures and files."""
     outcome = angles_outcome(sweep)
     return page_answer(outcome, pictures=True) | {"files": text_files(outcome)}
+
+
+def quiet_result(found: QuietDrive, limit: float | None) -> dict[str, Any]:
+    """Result of a search, its pictures and files, and the changes that make the drive quieter."""
+    outcome = quiet_outcome(found, limit)
+    return page_answer(outcome, pictures=True) | {
+        "files": text_files(outcome),
+        "scenario_changes": _lever_changes(found),
+    }
+
+
+def _lever_changes(found: QuietDrive) -> dict[str, str]:
+    """The keys that the levers set as texts that one would type; a table as a whole."""
+    texts = values_of(found.quieter)
+    changes = {key: texts[key] for lever in found.levers for key in lever.keys if key in texts}
+    table = found.quieter.driver.table
+    if table is not None and any("driver.table" in lever.keys for lever in found.levers):
+        changes["driver.table"] = f"{{currents: {[list(row) for row in table.currents]}}}"
+    return changes
 
 
 def shapes_result(scenario: Scenario, of: str, structure: str | None) -> dict[str, Any]:

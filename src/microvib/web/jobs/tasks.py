@@ -39,13 +39,14 @@ from microvib.studies.angles import sweep_angles
 from microvib.studies.compare import compare
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_key
+from microvib.studies.quiet.study import quiet as search_quieter
 from microvib.studies.rates import plan_rates
 from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import size_simulator
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
 from microvib.web.jobs import ProgressCallback, results
-from microvib.web.routes.forms import Spec, array_structure, view_of
+from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
 
 Upload = tuple[str, str]  # a recording's file, and what its owner calls it
 
@@ -236,6 +237,27 @@ def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: Progress
         scenario, angles, progress=lambda done, total: tell(done, total, "angles", "simulating"),
     )  # fmt: skip
     _write(folder, results.angles_result(found))
+
+
+def quiet(  # noqa: PLR0913 - what a process is sent
+    folder: str,
+    scenario: Scenario,
+    objective: str,
+    levers: list[str],
+    bits: int | None,
+    cases: int,
+    effort: int,
+    limit: Si | None,
+    tell: ProgressCallback,
+) -> None:
+    """A quieter drive. No file is opened or kept."""
+    best = ["searching"]
+    found = search_quieter(
+        scenario, objective, levers, bits=bits, cases=cases, effort=effort, files=FILES,
+        progress=lambda done, total: tell(done, total, "settings", best[-1]),
+        on_best=lambda text: best.append(f"best so far {text}"),
+    )  # fmt: skip
+    _write(folder, results.quiet_result(found, limit))
 
 
 def shapes(

@@ -353,5 +353,5 @@ def _text(value: Any, quantity: Quantity | None) -> str:
             return f"{value:g}"
         return repr(value)
     if isinstance(value, tuple):
-        return str(list(value))
+        return str([list(item) if isinstance(item, tuple) else item for item in value])
     return str(value)

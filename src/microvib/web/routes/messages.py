@@ -95,6 +95,38 @@ class AnglesOf(Body):
     steady: bool = False
 
 
+class QuietOf(Body):
+    """A search for a quieter drive; no file can be named."""
+
+    scenario: Spec
+    objective: Short = Field(
+        default="rms", description="rms, a line such as drive_1, or a band such as 0.5:150 Hz"
+    )
+    levers: list[Short] = Field(
+        min_length=1, max_length=12, description="names, with or without a range: current=0.3:0.6 A"
+    )
+    bits: int | None = Field(default=None, ge=2, le=24)
+    cases: int = Field(default=24, ge=8, le=400)
+    effort: int = Field(default=24, ge=4, le=1000)
+    limit: Short | None = None
+
+
+class QuietChoices(BaseModel):
+    """What a search for a quieter drive can be asked of a scenario."""
+
+    lines: list[str]
+    levers: list[LeverOf]
+
+
+class LeverOf(BaseModel):
+    """A named lever with its usual range, which is empty where it has none."""
+
+    name: str
+    span: str
+    meaning: str
+    example: str
+
+
 class ShapesOf(Body):
     """Mode shapes: of the array with its interface clamped, or of the craft with locked hinges."""
 
@@ -230,6 +262,7 @@ class JobState(BaseModel):
         "identification",
         "rates",
         "angles",
+        "quiet",
         "shapes",
         "sensitivity",
         "sas",

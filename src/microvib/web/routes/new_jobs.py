@@ -19,6 +19,9 @@ from microvib.model.ranges import noted_ranges
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.angles import angles_in, check_sweep
+from microvib.studies.quiet.levers import TableLimits, parse_levers
+from microvib.studies.quiet.objective import parse_objective
+from microvib.studies.quiet.starts import require_constant_rate
 from microvib.studies.rates import rate_grid
 from microvib.studies.sensitivity import NOT_RANKED
 from microvib.units import Si, band, quantity
@@ -31,11 +34,13 @@ from microvib.web.routes.common import (
     requested,
     start,
 )
+from microvib.web.routes.forms import FILES
 from microvib.web.routes.messages import (
     AnalysisOf,
     AnglesOf,
     ComparisonOf,
     IdentificationOf,
+    QuietOf,
     RankingOf,
     RatesOf,
     RecordingFacts,
@@ -190,6 +195,25 @@ def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
     check_sweep(scenario)
     _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     return start(store, "angles", f"angles of {scenario.title}", scenario=scenario, angles=angles)
+
+
+@routes.post("/quiet", status_code=202)
+def start_quiet(want: QuietOf, store: StoreDependency) -> Started:
+    """Search for a quieter drive."""
+    scenario = requested(store, want.scenario)
+    require_constant_rate(scenario)
+    parse_objective(want.objective, scenario, files=FILES)
+    parse_levers(want.levers, scenario, TableLimits(want.bits))
+    if want.limit is None:
+        limit = None
+    else:
+        limit = quantity("limit", want.limit, "N*m", positive=True)
+    _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
+    return start(
+        store, "quiet", f"quieter drive for {scenario.title}", scenario=scenario,
+        objective=want.objective, levers=want.levers, bits=want.bits, cases=want.cases,
+        effort=want.effort, limit=limit,
+    )  # fmt: skip
 
 
 @routes.post("/shapes", status_code=202)

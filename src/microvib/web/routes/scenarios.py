@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 
 from fastapi import APIRouter
 
@@ -11,6 +12,9 @@ from microvib.io.data_sheet import read_entry
 from microvib.io.named import catalog_names, catalog_text
 from microvib.io.new_scenario import sheet_text
 from microvib.io.yaml_text import parse_yaml
+from microvib.studies.quiet.levers import named_levers
+from microvib.studies.quiet.objective import line_names
+from microvib.studies.quiet.starts import require_constant_rate
 from microvib.web.routes import forms
 from microvib.web.routes.common import (
     RequestRefused,
@@ -18,6 +22,7 @@ from microvib.web.routes.common import (
     reading,
     refusals,
     refused,
+    requested,
     view,
 )
 from microvib.web.routes.forms import Spec
@@ -25,7 +30,9 @@ from microvib.web.routes.messages import (
     Assumed,
     Entry,
     Form,
+    LeverOf,
     Problem,
+    QuietChoices,
     Sheet,
     SheetField,
     SheetOf,
@@ -54,6 +61,15 @@ def schema() -> Form:
 def scenario(spec: Spec, store: StoreDependency) -> View:
     """A scenario with all its values, and what is wrong with it."""
     return View.model_validate(view(store, spec))
+
+
+@routes.post("/quiet/choices", responses=refusals(429))
+def quiet_choices(spec: Spec, store: StoreDependency) -> QuietChoices:
+    """Lines and levers that a search for a quieter drive can be asked for."""
+    found = requested(store, spec)
+    require_constant_rate(found)
+    levers = [LeverOf(**asdict(lever)) for lever in named_levers(found)]
+    return QuietChoices(lines=line_names(found), levers=levers)
 
 
 @routes.get("/datasheet", response_model_exclude_none=True)

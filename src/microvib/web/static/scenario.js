@@ -82,9 +82,9 @@ export async function undoAll() {
 }
 
 /** Start from a catalog scenario, or from a text, which may have values to correct. One that cannot be read changes nothing. */
-export function startFrom({ base = null, text = null }) {
+export function startFrom({ base = null, text = null, changes = {} }) {
   return opening(async (signal) => (text === null ? null : (await readable(text, signal), packed(text))), (packed) => {
-    Object.assign(state, { base, text, packed, changes: {} });
+    Object.assign(state, { base, text, packed, changes: { ...changes } });
     remember();
     return check();
   });
