@@ -138,7 +138,7 @@ def _designs(found: QuietDrive) -> Table:
         "designs",
         columns,
         tuple(map(_spread_row, designs)),
-        caption="Each case counts from its worst start. *P95 at most*: upper end of the 95 % confidence"
+        caption="Each case counts from its worst start. P95 at most: upper end of the 95 % confidence"
         " interval of the quantile.",
     )
 
@@ -160,11 +160,13 @@ def _warnings(found: QuietDrive) -> Iterator[str]:
     needed = draws_needed(P95)
     if found.after.cases.size < needed:
         yield (
-            f"{found.after.cases.size} cases do not bound a 95 % quantile; {needed} or more do"
-            " (`--cases`)."
+            f"{found.after.cases.size} cases do not bound a 95 % quantile; {needed} cases or more do."
         )
     if found.cases.assumed:
-        yield "The spread of the cases is assumed, not measured: state yours with `--study`."
+        yield (
+            "The spread of the cases is assumed, not measured: a study file states yours"
+            " (`microvib quiet --study`)."
+        )
     at_end = list(_at_end(found))
     if at_end:
         yield f"At the end of its range, beyond which it was not tried: {', '.join(at_end)}."

@@ -397,7 +397,7 @@ class NamedLever:
     """Its usual range, list or orders as one writes them; empty where there is none."""
     meaning: str
     example: str
-    """What may stand in place of the usual range."""
+    """Form of what may stand in place of the usual range."""
 
 
 def named_levers(scenario: Scenario) -> tuple[NamedLever, ...]:

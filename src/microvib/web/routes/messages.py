@@ -112,7 +112,7 @@ class QuietOf(Body):
 
 
 class QuietChoices(BaseModel):
-    """What a search for a quieter drive can be asked of a scenario."""
+    """Lines and levers of a scenario that a search for a quieter drive can be asked for."""
 
     lines: list[str]
     levers: list[LeverOf]

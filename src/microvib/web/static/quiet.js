@@ -20,7 +20,7 @@ const band = h("input", { type: "text", id: "quiet-band", name: BAND, value: "0.
 const bandLabel = h("label", { hidden: true }, "band", band);
 const NUMBERS = [
   ["effort", "settings tried (effort)", "24", "Settings that are tried over the cases of the search"],
-  ["cases", "cases", "24", "Drawn cases that judge the result; 59 or more bound a 95 % quantile"],
+  ["cases", "cases", "24", "Drawn cases that judge the result; 72 or more bound a 95 % quantile"],
   ["bits", "bits of the table", "", "Bits of the driver's converter, to which a table is rounded"],
 ];
 const inputs = Object.fromEntries(
@@ -120,7 +120,7 @@ function leverRow({ name, span, meaning, example }, given) {
   });
   box.checked = given?.on ?? FIRST.includes(name);
   range.addEventListener("input", () => (box.checked = true));
-  return h("div", { class: "lever" }, h("label", { class: "check" }, box, name), range, h("span", { class: "soft note" }, meaning));
+  return h("div", { class: "lever" }, h("label", { class: "check" }, box, name), range, h("span", { class: "soft note", title: meaning }, meaning.split(";")[0]));
 }
 
 const rows = () =>
@@ -196,7 +196,7 @@ async function overlay(before, found, name) {
   document.getElementById("tab-run").click();
   try {
     await runOnce(before, name);
-    await runOnce(found, `${name}, quieter`);
+    await runOnce(found, `quieter: ${name}`);
   } catch (error) {
     announce(error.message, { error: true });
   }
