@@ -247,13 +247,16 @@ def test_an_interrupted_search_goes_on_from_its_file(
     assert again.runs <= 1
     assert np.array_equal(again.after.cases, found.after.cases)
     assert again.setting == found.setting
+    assert kept.read_text() == "".join(lines)
 
 
 def test_a_file_of_something_else_is_refused(drive: mv.Scenario, tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
-    other.write_text("a,b\n1,2\n3,4\n")
-    with pytest.raises(mv.MicrovibError, match="is no figure of a search"):
-        quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=other)
+    for text in ("a,b\n1,2\n3,4\n", "one line"):
+        other.write_text(text)
+        with pytest.raises(mv.MicrovibError, match="is no file of a search's figures"):
+            quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=other)
+        assert other.read_text() == text
 
 
 def test_verdicts_are_on_the_quantile_over_cases(found: QuietDrive) -> None:

@@ -35,6 +35,7 @@ def test_a_scenario_has_levers_with_their_usual_ranges(client):
     spans = {lever["name"]: lever["span"] for lever in found["levers"]}
     assert spans == {
         "ramp": "0:1",
+        "shape": "0.943159:17.92 ms",
         "table": "4",
         "microsteps": "16,32,64",
         "rate": "0.054:0.066 deg/s",
@@ -48,18 +49,18 @@ def test_a_scenario_has_levers_with_their_usual_ranges(client):
 @pytest.mark.parametrize(
     ("changes", "missing", "without_range"),
     [
-        ({}, {"wings"}, set()),
+        ({}, {"wings", "compensation"}, set()),
         (
             {
                 "driver.drive": "voltage",
                 "driver.proportional_gain": "0 V/A",
                 "driver.integral_gain": "0 V/(A*s)",
             },
-            {"wings", "table", "gains"},
+            {"wings", "compensation", "table", "gains"},
             set(),
         ),
-        ({"reducer.damping": "0 N*m*s/rad"}, {"wings"}, {"damping"}),
-        ({"motor.detent_torque": "0 N*m"}, {"wings"}, {"table"}),
+        ({"reducer.damping": "0 N*m*s/rad"}, {"wings", "compensation"}, {"damping"}),
+        ({"motor.detent_torque": "0 N*m"}, {"wings", "compensation"}, {"table"}),
     ],
 )
 def test_a_usual_range_is_that_of_the_name_alone(changes, missing, without_range):

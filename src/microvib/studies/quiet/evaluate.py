@@ -51,6 +51,8 @@ class Figure(NamedTuple):
     """Name, frequency [Hz] and amplitude [N m]."""
 
 
+HEAD = '["figures of microvib quiet"]\n'
+"""First line of a file that keeps figures."""
 NOTHING = Figure(math.inf)
 """Figure of a drive that there is not, or that does not come to its rate."""
 
@@ -132,8 +134,9 @@ class Evaluations:
             return
         lines = "".join(f"{json.dumps([key, *one])}\n" for key, one in found.items())
         try:
+            new = not self._file.exists() or not self._file.stat().st_size
             with self._file.open("a", encoding="utf-8") as file:
-                file.write(lines)
+                file.write(f"{HEAD if new else ''}{lines}")
         except OSError as error:
             raise OutputError(f"{self._file}: cannot be written ({error.strerror})") from None
 
@@ -142,22 +145,33 @@ def _read(file: Path | None) -> dict[str, Figure]:
     """Figures of a file by their keys; a last line that was cut off is left out."""
     if file is None or not file.exists():
         return {}
-    known: dict[str, Figure] = {}
     try:
-        lines = file.read_text(encoding="utf-8").split("\n")
+        text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise MicrovibError(f"{file}: cannot be read as figures of a search ({error})") from None
-    for k, line in enumerate(lines, 1):
+    if text and not text.startswith(HEAD):
+        raise MicrovibError(f"{file}: is no file of a search's figures; another name is expected")
+    known: dict[str, Figure] = {}
+    *whole, cut_off = text.split("\n")
+    if cut_off:  # by a power failure: what is kept next begins a line
+        _rewrite(file, text.removesuffix(cut_off))
+    for k, line in enumerate(whole[1:], 2):
         try:
-            key, value, lines = json.loads(line or "null") or ("", 0.0, [])
+            key, value, lines = json.loads(line)
             kept = tuple((str(name), float(f), float(a)) for name, f, a in lines)
             known[str(key)] = Figure(float(value), kept)
         except (ValueError, TypeError):
-            if k < len(lines) - 1:
-                raise MicrovibError(
-                    f"{file}, line {k}: is no figure of a search; another file is expected"
-                ) from None
+            raise MicrovibError(
+                f"{file}, line {k}: is no figure of a search; another file is expected"
+            ) from None
     return known
+
+
+def _rewrite(file: Path, text: str) -> None:
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be written ({error.strerror})") from None
 
 
 @contextmanager

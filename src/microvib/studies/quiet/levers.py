@@ -412,6 +412,12 @@ def _named(name: str, scenario: Scenario) -> NamedLever | None:
         if name == "gains":
             gains_lever(scenario, *_factors(name, _USUAL_FACTORS))
             return NamedLever(name, _USUAL_FACTORS, _GAINS, "0.5:2")
+        if name == "shape":
+            span = _BETWEEN_HALVES.span(*_times(name, "", scenario))
+            return NamedLever(name, span, _BETWEEN_HALVES.meaning, "LOW:HIGH ms")
+        if name == "compensation":
+            compensation_lever(scenario, COMPENSATION_RANGE)
+            return NamedLever(name, f"{COMPENSATION_RANGE:g}", _COMPENSATION, "1.5")
         if name == "microsteps":
             counts = _usual_counts(scenario)
             return NamedLever(name, counts, "microsteps per full step", "16,32")
@@ -425,6 +431,8 @@ def _named(name: str, scenario: Scenario) -> NamedLever | None:
 
 
 _GAINS = "factor on the gains of the current loop"
+_COMPENSATION = "times the gear's error that microsteps make up for, at most"
+_BETWEEN_HALVES = Quantity("s", "time between the halves of a microstep", display="ms")
 
 
 def _named_table(scenario: Scenario) -> NamedLever:
@@ -460,7 +468,7 @@ def _parsed(text: str, scenario: Scenario, limits: TableLimits) -> Lever:
         low, high = _times(text, span, scenario)
         return shape_lever(scenario, low, high)
     if name == "compensation":
-        return compensation_lever(scenario, COMPENSATION_RANGE)
+        return compensation_lever(scenario, _bound(text, span))
     if name == "microsteps":
         counts = span or _usual_counts(scenario)
         return choice_lever(name, "driver.microsteps", _whole_numbers(text, counts))
@@ -590,13 +598,23 @@ def _number(text: str, part: str, quantity: Quantity) -> float:
 def _times(text: str, span: str, scenario: Scenario) -> tuple[float, float]:
     """Times [s] between the halves of a microstep: those that are given, or most of its period."""
     if span:
-        low, high = _range(text, span, Quantity("s", "time between the halves of a microstep"))
+        low, high = _range(text, span, _BETWEEN_HALVES)
     else:
         period = 1.0 / (scenario.driving_frequency or math.nan)
         low, high = 0.05 * period, 0.95 * period
     if not low > 0.0:
         raise OptionError("lever", "times above 0 s are expected", text)
     return low, high
+
+
+def _bound(text: str, span: str) -> float:
+    """Times the gear's error up to which it is made up for."""
+    if not span:
+        return COMPENSATION_RANGE
+    bound = _number(text, span, Quantity("", _COMPENSATION))
+    if not bound > 0.0:
+        raise OptionError("lever", "a factor above 0 is expected", text)
+    return bound
 
 
 def _factors(text: str, span: str) -> tuple[float, float]:
