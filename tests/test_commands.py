@@ -79,6 +79,11 @@ DONE = {
     ],
     "schema": ["schema"],
     "budget": ["budget", "craft.yaml", *SHORT],
+    "docs": ["docs", "--path"],
+}
+"""A command line of each command, in the folder of ``worked``."""
+LONG = {
+    "validate": ["validate"],
     "quiet": [
         "quiet",
         "state-1",
@@ -93,11 +98,6 @@ DONE = {
         "--set",
         "record.duration=2.5 s",
     ],
-    "docs": ["docs", "--path"],
-}
-"""A command line of each command, in the folder of ``worked``."""
-LONG = {
-    "validate": ["validate"],
     "statements": ["statements", "draws.csv", "--draws", "1", "--seeds", "1"],
 }
 REFUSED = {
