@@ -20,6 +20,7 @@ SHORTER: dict[str, list[str]] = {
     "--angles 0:180:15": [*SHORT, "--angles", "0:180:90"],
     "--angles 0:330:30": [*SHORT, "--angles", "0,120"],
     "--orbit": [*SHORT, "--angles", "30:60:30"],
+    "--judge 2": ["--count", "2"],
     "microvib rates": ["--count", "2", "--linear", "--from", "0.1 deg/s", "--microsteps", "16,32"],
     "microvib modes": ["--count", "3"],
     "microvib run": SHORT,
@@ -56,6 +57,8 @@ NOT_RUN = {
     "--recording table.csv": "a recording of the reader's own; tests/test_budget.py takes one",
     "--campaign batch --steady": "a campaign of the reader's own; tests/test_budget.py takes one",
     "microvib sensitivity my-drive.yaml": "the drive's ranges come from a data sheet; tests/test_sensitivity.py",
+    "microvib profile my-drive.yaml": "a minute; tests/test_profiles.py runs the command",
+    "microvib quiet": "minutes; tests/test_quiet.py and test_commands.py run it",
     "my-drive.yaml --from-datasheet": "asks in a terminal, or writes what is there already; tests/test_new.py",
     "microvib identify state-1 state-1:measured": "minutes, as its page says; tests/test_studies.py identifies",
 }
@@ -76,6 +79,7 @@ GIVEN: dict[str, dict[str, str]] = {
     "docs/howto/array.md": {"my-array.yaml": ARRAY, "my-drive.yaml": DRIVE},
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
     "docs/howto/pointing.md": CRAFT | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
+    "docs/howto/quiet.md": {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/rate.md": {"my-drive.yaml": DRIVE},
     "docs/theory/spacecraft.md": {f"examples/{name}": text for name, text in CRAFT.items()},
 }

@@ -50,13 +50,13 @@ class UncertainMode:
         return grid[0].ravel(), grid[1].ravel()
 
     def nominal_residual(self, profile: RateProfile) -> float:
-        """Residual |R| of a profile at the nominal values."""
+        """Residual ``|R|`` of a profile at the nominal values."""
         return float(abs(profile.residual(np.array([self.eigenvalue()]))[0]))
 
     def worst_residual(self, profile: RateProfile, size: float = 1.0) -> float:
-        """Upper bound on the residual |R| of a profile over both ranges.
+        """Upper bound on the residual ``|R|`` of a profile over both ranges.
 
-        R(s) has no singularity, so that |R| is largest at the edge of the region of eigenvalues: at
+        R(s) has no singularity, so that ``|R|`` is largest at the edge of the region of eigenvalues: at
         its four straight sides. Between points on these it is bounded by the slope that R has at
         most. The points are as close as it takes to overstate by ``GRID_SHARE`` of what is allowed,
         times ``size``.

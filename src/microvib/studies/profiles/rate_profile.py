@@ -1,7 +1,7 @@
 """Rate profiles, and the ringing that they leave in a linear mode.
 
 A mode with the eigenvalue s = -zeta omega + i omega sqrt(1 - zeta^2) that a step of the rate by one
-leaves ringing with the amplitude g rings after a profile r(t) that ends at t_e with g |R(s)|,
+leaves ringing with the amplitude g rings after a profile r(t) that ends at t_e with g ``|R(s)|``,
 
     R(s) = integral of dr/dt exp(s (t_e - t)) dt,
 
@@ -138,10 +138,10 @@ class RateProfile:
         return np.asarray(mean @ change)
 
     def residual_slope(self, decay: float) -> float:
-        """Bound on |dR/ds| [rad] where modes decay at the rate ``decay`` [1/s] or faster.
+        """Bound on ``|dR/ds|`` [rad] where modes decay at the rate ``decay`` [1/s] or faster.
 
-        |dR/ds| <= integral of |dr/dt| (t_e - t) exp(-decay (t_e - t)) dt, whose last factors are at
-        most 1/(e decay).
+        It is at most the integral of ``|dr/dt|`` (t_e - t) exp(-decay (t_e - t)) dt, whose last
+        factors are at most 1/(e decay).
         """
         left = self.times[-1] - self.times
         longest = np.maximum(left[:-1], left[1:])
