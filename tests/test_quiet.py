@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from microvib.io.current_table import read_current_table
 from microvib.model.torque_margin import MotorisationFactors, lag_of_array, torque_margin
 from microvib.reports.outcome import study_contents, terminal_text
 from microvib.reports.quiet import quiet_outcome
+from microvib.studies.budget.files import Requirements
 from microvib.studies.quiet.cases import draw_cases
 from microvib.studies.quiet.levers import (
     Setting,
@@ -163,7 +165,7 @@ def test_objectives_see_what_they_name(drive: mv.Scenario, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("drive_one", "is no line of this drive"),
+        ("drive_one", "is not a line of this drive"),
         ("5:1 Hz", "band"),
         ("missing.csv", "missing.csv"),
     ],
@@ -254,7 +256,7 @@ def test_a_file_of_something_else_is_refused(drive: mv.Scenario, tmp_path: Path)
     other = tmp_path / "other.csv"
     for text in ("a,b\n1,2\n3,4\n", "one line"):
         other.write_text(text)
-        with pytest.raises(mv.MicrovibError, match="is no file of a search's figures"):
+        with pytest.raises(mv.MicrovibError, match="was not written by a search"):
             quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=other)
         assert other.read_text() == text
 
@@ -290,3 +292,15 @@ def test_a_table_of_somebody_else_is_checked(drive: mv.Scenario, tmp_path: Path)
 def test_a_drive_without_a_rate_is_refused(drive: mv.Scenario) -> None:
     with pytest.raises(mv.MicrovibError, match=r"tracking\.profile"):
         quiet(drive.with_({"tracking": {"profile": [{"rate": "0.06 deg/s"}]}}), "rms", ["ramp"])
+
+
+def test_what_the_record_does_not_show_is_not_passed(found: QuietDrive) -> None:
+    """A band that ends above the passband, and requirements, which a budget judges."""
+    many = replace(found.after, cases=np.full(80, 1e-3))
+    shown = replace(found, after=many)
+    assert quiet_outcome(shown, 1.0).verdict == "pass"
+    above = replace(shown, objective=replace(found.objective, band=(0.5, 2000.0)))
+    assert quiet_outcome(above, 1.0).verdict == "not judged"
+    requirements = Requirements.model_validate({"requirements": [{"limit": "1 urad"}]})
+    pointing = replace(found.objective, requirements=requirements.requirements)
+    assert quiet_outcome(replace(shown, objective=pointing), 1.0).verdict == "not judged"

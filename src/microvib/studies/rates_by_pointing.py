@@ -124,7 +124,7 @@ def plan_rates_by_pointing(  # noqa: PLR0913 - keyword options
     OptionError
         For lists that are empty, and a requirement that lacks something.
     MicrovibError
-        Where there is no line of sight.
+        If the scenario has no line of sight.
     """
     scenario = as_scenario(scenario)
     whole_number("judged", judged, 1, MAX_JUDGED)

@@ -84,7 +84,7 @@ def _larger_lines(found: DriveLines) -> Iterator[tuple[str, float, float]]:
 
 @dataclass(frozen=True)
 class Case:
-    """One drive from one start, whose figure is wanted; or why there is no such drive."""
+    """One drive and one start to evaluate, or the reason why the drive is not allowed."""
 
     scenario: Scenario | None
     start: Start
@@ -150,7 +150,7 @@ def _read(file: Path | None) -> dict[str, Figure]:
     except (OSError, UnicodeDecodeError) as error:
         raise MicrovibError(f"{file}: cannot be read as figures of a search ({error})") from None
     if text and not text.startswith(HEAD):
-        raise MicrovibError(f"{file}: is no file of a search's figures; another name is expected")
+        raise MicrovibError(f"{file}: was not written by a search (`keep`); give another name")
     known: dict[str, Figure] = {}
     *whole, cut_off = text.split("\n")
     if cut_off:  # by a power failure: what is kept next begins a line
@@ -162,7 +162,7 @@ def _read(file: Path | None) -> dict[str, Figure]:
             known[str(key)] = Figure(float(value), kept)
         except (ValueError, TypeError):
             raise MicrovibError(
-                f"{file}, line {k}: is no figure of a search; another file is expected"
+                f"{file}, line {k}: cannot be read as a figure of a search; the file is damaged"
             ) from None
     return known
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import find_lines
 from microvib.errors import MicrovibError
@@ -70,6 +71,8 @@ def measure_lines(scenario: Scenario, *, pointing: bool = False) -> DriveLines:
             return _with_line_of_sight(scenario)
         torque = torque_from_rest(scenario)
         table = find_lines(torque)
+        if why := failed_invariants_reason(table.broken, scenario):
+            return failed(why)
     except MicrovibError as error:
         return failed(" ".join(str(error).split()))
     return _lines_of(scenario, table, torque.T_d)
@@ -79,6 +82,8 @@ def _with_line_of_sight(scenario: Scenario) -> DriveLines:
     kept = ("T_d", "stuck_output", "alpha_l", "alpha_m", *LINE_OF_SIGHT_ACCELERATIONS)
     motion = simulate_from_rest(scenario, channels=kept, balanced=False)
     table = find_lines(motion)
+    if why := failed_invariants_reason(table.broken, scenario):
+        return failed(why)
     own = _lines_of(scenario, table, motion["T_d"])
     seen = hub_lines(motion, table, los_only=True)
     assert seen.los is not None

@@ -55,6 +55,13 @@ class Objective:
         """Whether it is of the line of sight."""
         return bool(self.requirements)
 
+    @property
+    def highest(self) -> float:
+        """Frequency [Hz] up to which it asks for lines by itself; 0 where it takes those of the record."""
+        if self.band is not None:
+            return self.band[1]
+        return self.curve[-1][0] if self.curve else 0.0
+
     def of(self, found: DriveLines) -> float:
         """The figure of some lines, infinite where the drive does not follow its command."""
         if found.problem:
@@ -125,7 +132,7 @@ def parse_objective(
         return _pointing(files.under("requirement").path(str(requirement)), scenario)
     text = given.strip()
     if text == RMS:
-        return Objective("RMS of all lines")
+        return Objective("RMS of all lines in the passband")
     if text.endswith(".csv") and files.folder is None:
         raise OptionError(
             "objective",
@@ -144,7 +151,7 @@ def parse_objective(
         limit = "" if files.folder is None else " a CSV file of a limit,"
         raise OptionError(
             "objective",
-            f"is no line of this drive; {near}allowed are rms, a band such as '0.5:150 Hz',{limit}"
+            f"is not a line of this drive; {near}allowed are rms, a band such as '0.5:150 Hz',{limit}"
             f" or a line: {', '.join(names)}",
             text,
         )
@@ -198,7 +205,7 @@ def _limit_curve(file: Path) -> Objective:
     if names != wanted:
         raise OptionError(
             "objective",
-            f"{file}: the first line is no {','.join(wanted)}, which a limit begins with",
+            f"{file}: does not begin with the line {','.join(wanted)}, as a limit must",
         )
     points = tuple(
         (_positive(file, k, row, 0, wanted), _positive(file, k, row, 1, wanted))

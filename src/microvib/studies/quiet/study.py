@@ -277,7 +277,7 @@ def quiet(  # noqa: PLR0913 - keyword options
     workers : int, optional
         Processes that simulate; without it threads of this one do.
     progress : callable, optional
-        Called as ``progress(done, total)``, with runs.
+        Called as ``progress(done, total)``, with settings.
     on_best : callable, optional
         Called with a sentence for each setting that is better than those before.
 
