@@ -111,7 +111,7 @@ def test_a_quieter_drive_is_that_of_the_library(client):
         ({"objective": "limit.csv"}, "objective", "the page opens no files"),
         ({"objective": "/etc/hosts.csv "}, "objective", "the page opens no files"),
         ({"objective": "drive_one"}, "objective", "is not a line of this drive"),
-        ({"objective": "5:1 Hz"}, "band", "is not a range"),
+        ({"objective": "5:1 Hz"}, "objective", "is not a band"),
         ({"requirement": "requirement.yaml"}, "requirement", "not"),
         ({"study": "study.yaml"}, "study", "not"),
         ({"check": "table.csv"}, "check", "not"),

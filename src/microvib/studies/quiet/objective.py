@@ -143,7 +143,7 @@ def parse_objective(
     if text.endswith(".csv"):
         return _limit_curve(files.under("objective").path(text))
     if ":" in text:
-        low, high = ends(text)
+        low, high = _band(text)
         return Objective(f"largest line from {low:g} to {high:g} Hz", band=(low, high))
     names = line_names(scenario)
     if text not in names:
@@ -156,6 +156,19 @@ def parse_objective(
             text,
         )
     return Objective(f"line {text}", line=text)
+
+
+def _band(text: str) -> tuple[float, float]:
+    """Ends [Hz] of a band; OptionError names the objective that it is."""
+    try:
+        return ends(text)
+    except OptionError:
+        raise OptionError(
+            "objective",
+            "is not a band; two frequencies of which the second is higher are expected, such as"
+            " '0.5:150 Hz'",
+            text,
+        ) from None
 
 
 def line_names(scenario: Scenario) -> list[str]:
