@@ -17,11 +17,11 @@ from microvib.reports.outcome import study_contents, terminal_text
 from microvib.reports.quiet import quiet_outcome
 from microvib.studies.budget.files import Requirements
 from microvib.studies.quiet.cases import draw_cases
+from microvib.studies.quiet.lever_options import parse_levers
 from microvib.studies.quiet.levers import (
     Setting,
     TableLimits,
     levels_of,
-    parse_levers,
     table_rows,
     with_levers,
 )

@@ -8,7 +8,7 @@ from support.server import SHORT, items, result, spec
 import microvib as mv
 from microvib.io.scenario_file import scenario_of
 from microvib.io.yaml_text import parse_yaml
-from microvib.studies.quiet.levers import NAMED, named_levers, parse_levers
+from microvib.studies.quiet.lever_options import NAMED, named_levers, parse_levers
 from microvib.studies.quiet.study import quiet
 
 DRIVE = {"base": "state-1", "changes": SHORT}

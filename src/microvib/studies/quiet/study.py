@@ -27,11 +27,11 @@ from microvib.solve.integration import Progress
 from microvib.studies.campaign.statistics import quantile
 from microvib.studies.quiet.cases import JUDGE_CASES, DrawnCases, draw_cases
 from microvib.studies.quiet.evaluate import Evaluations, Figure, drawn, evaluations, searched_record
+from microvib.studies.quiet.lever_options import parse_levers
 from microvib.studies.quiet.levers import (
     Lever,
     Setting,
     TableLimits,
-    parse_levers,
     with_levers,
 )
 from microvib.studies.quiet.objective import Objective, parse_objective
@@ -252,7 +252,7 @@ def quiet(  # noqa: PLR0913 - keyword options
         What is made small: ``rms`` of all lines, a line such as ``drive_1``, the largest line of a
         band such as ``"0.5:150 Hz"``, or lines over a limit of a CSV file.
     levers : sequence of str
-        What may be changed (``studies.quiet.levers.parse_levers``), such as
+        What may be changed (``studies.quiet.lever_options.parse_levers``), such as
         ``["ramp", "table", "reducer.damping=0.5:5 N*m*s/rad"]``.
     requirement : str or path, optional
         Requirements on the line of sight in place of the objective, as of ``pointing_budget``, for

@@ -19,7 +19,8 @@ from microvib.model.ranges import noted_ranges
 from microvib.model.scenario import Scenario
 from microvib.solve.motion import record_bytes
 from microvib.studies.angles import angles_in, check_sweep
-from microvib.studies.quiet.levers import TableLimits, parse_levers
+from microvib.studies.quiet.lever_options import parse_levers
+from microvib.studies.quiet.levers import TableLimits
 from microvib.studies.quiet.objective import parse_objective
 from microvib.studies.quiet.starts import require_constant_rate
 from microvib.studies.rates import rate_grid

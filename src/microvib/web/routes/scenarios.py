@@ -12,7 +12,7 @@ from microvib.io.data_sheet import read_entry
 from microvib.io.named import catalog_names, catalog_text
 from microvib.io.new_scenario import sheet_text
 from microvib.io.yaml_text import parse_yaml
-from microvib.studies.quiet.levers import named_levers
+from microvib.studies.quiet.lever_options import named_levers
 from microvib.studies.quiet.objective import line_names
 from microvib.studies.quiet.starts import require_constant_rate
 from microvib.web.routes import forms
