@@ -355,7 +355,7 @@ def test_a_slow_mode_beside_a_friction_with_memory_is_not_waited_for(state_1):
 def test_a_harmonic_gear_from_the_data_sheet_has_a_steady_state_over_a_chart_of_rates():
     scenario = mv.new_scenario(gear="size 14 ratio 100")
     assert any(error.amplitude > 0.0 for error in scenario.reducer.errors)
-    plan = plan_rates(scenario, rate_grid("0.04 deg/s", "0.1 deg/s", 4))
+    plan = plan_rates(scenario, rate_grid("0.05 deg/s", "0.08 deg/s", 2))
     assert plan.cases
     assert not [case.reason for case in plan.cases if case.reason]
 
