@@ -34,9 +34,12 @@ _RISE = 10.0
 """By how much a resonance is taken to raise motion, for which orders count."""
 _MOST_ORDERS = 49
 """Orders that are solved together, at most."""
-_MARGIN = 1.03
-"""By how much lines may be larger than the linearised drive makes them; assumed, as for another drive
-that holds: the current loop is left out."""
+_MARGIN, _MARGIN_OF_VARIATION = 1.03, 0.2
+"""By how much lines may be larger than the linearised drive makes them, and by how much more for a
+spring that varies by all of itself; assumed: the current loop is left out, and the rotor's own motion
+by what varies is that of a constant spring."""
+_LEAST_PULL = 0.01
+"""Part of the largest torque that any side line is given besides: small ones are known less well."""
 _SLOWEST = 1e-3
 """Frequency [Hz] in place of one that is zero."""
 
@@ -82,6 +85,12 @@ class VaryingDrive:
     def varies(self) -> bool:
         """Whether the spring changes by more than is left out."""
         return len(self._varying) > 1
+
+    @cached_property
+    def margin(self) -> float:
+        """Factor on lines; infinite where the spring may be without stiffness at some angle."""
+        part = math.fsum(abs(K) for m, K in self._varying.items() if m) / self.linear
+        return _MARGIN + _MARGIN_OF_VARIATION * part if part < 1.0 else math.inf
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -130,11 +139,13 @@ class VaryingDrive:
         if self.craft.springs:
             los = self.craft.extremes(size, torque)[1][:, :, 0].reshape(k, m, 2)
             moved = self.rotor_motion(size, torque)[:, 0].reshape(k, m)
-            return los * self._pull_at_most(moved)[:, :, None] * _MARGIN
+            return los * self._pull_at_most(moved)[:, :, None] * self.margin
         rows = np.vstack([self.craft.line_of_sight, self._rotor])
         by = self.craft.response(size, torque, rows)[:, :, 0].reshape(k, m, 3)
         by = np.where((at < 0.0).reshape(k, m, 1), by.conj(), by)
-        return np.abs(by[:, :, :2] * self._pull(by[:, :, 2])[:, :, None]) * _MARGIN
+        pull = np.abs(self._pull(by[:, :, 2]))
+        least = np.where(self.orders == 0, 0.0, _LEAST_PULL)[:, None] * pull.max(axis=0)
+        return np.abs(by[:, :, :2]) * (pull * self.margin + least)[:, :, None]
 
     @cached_property
     def _between(self) -> np.ndarray:
