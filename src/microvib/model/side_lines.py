@@ -38,7 +38,7 @@ _MARGIN, _MARGIN_OF_VARIATION = 1.03, 0.2
 """By how much lines may be larger than the linearised drive makes them, and by how much more for a
 spring that varies by all of itself; assumed: the current loop is left out, and the rotor's own motion
 by what varies is that of a constant spring."""
-_LEAST_PULL = 0.01
+_LEAST_PULL = 0.02
 """Part of the largest torque that any side line is given besides: small ones are known less well."""
 _SLOWEST = 1e-3
 """Frequency [Hz] in place of one that is zero."""
