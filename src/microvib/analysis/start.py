@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
@@ -93,11 +94,12 @@ def wind_up(scenario: Scenario) -> float:
     """Angle at the output [rad] that is commanded from rest until the output breaks away; infinite
     if the motor is too weak.
 
-    The twist of the gear and the lag of the rotor on its electromagnetic spring, T_max sin(z lag),
+    The twist of the gear and the lag of the rotor on its electromagnetic spring, the mean over an
+    electrical turn, T_max sin(z lag),
     at the breakaway torques of both shafts with what a harness adds, and half of the backlash;
     without detent torque and flux harmonics.
     """
-    motor, reducer = scenario.motor, scenario.reducer
+    motor, reducer = motor_of_mean_spring(scenario.driver, scenario.motor), scenario.reducer
     held, harness = scenario.friction.breakaway_torque, scenario.friction.harness
     if held == 0.0:
         return 0.0

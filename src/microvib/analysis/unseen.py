@@ -21,6 +21,7 @@ from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR
 from microvib.analysis.start import may_still_ring
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands
+from microvib.model.driver import spring_factors
 from microvib.model.expected import SIDEBANDS, angle_errors
 from microvib.model.linear import (
     coupled_modes,
@@ -223,6 +224,7 @@ def clock_line_bounds(
         at = np.array([e.order * electrical for e in errors])
         pull = (
             np.array([e.amplitude for e in errors])
+            * max(spring_factors(driver, motor).high, 1.0)
             * motor.electromagnetic_stiffness
             / motor.rotor_teeth
         )

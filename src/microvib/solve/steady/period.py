@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microvib.errors import SimulationError
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
@@ -184,9 +185,8 @@ class PeriodMap:
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
         if scenario.motor.eddy_damping is not None:
             on_rotor += scenario.motor.eddy_damping * omega
-        y[kernel.TM] = (
-            commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
-        )
+        spring = motor_of_mean_spring(scenario.driver, scenario.motor).electromagnetic_stiffness
+        y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / spring
         y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
         load = scenario.load
         y[kernel.MODES :: 2] = -(load.V_l * rate + load.V_m * omega) / load.Lambda
