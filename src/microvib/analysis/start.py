@@ -18,6 +18,7 @@ from microvib.model.scenario import Scenario
 from microvib.model.slow_variations import (
     COMPENSATION,
     CYCLES_SEEN,
+    HARNESS,
     SlowVariation,
     slow_variations,
     unseen_variations,
@@ -261,6 +262,12 @@ def record_gap(
 
 def _unseen_variation_reason(slow: SlowVariation, scenario: Scenario) -> str:
     """Reason why a record does not show a drive that something changes slowly, and what to do."""
+    if slow.key == HARNESS:
+        return (
+            f"lines at angles that the record does not reach: {HARNESS} pulls more, and the motor lags"
+            f" more, as the array turns ({HARNESS}: null and a run each with friction of the least and"
+            " the most torque of it)"
+        )
     wanted = CYCLES_SEEN * slow.cycle
     remedy = f"record.duration >= {rounded_up(wanted)} s"
     if not slow.key.startswith("friction"):
