@@ -18,7 +18,7 @@ from microvib.model.expected import ExpectedLine
 from microvib.model.line_names import electrical_line
 from microvib.model.record import PASSBAND
 from microvib.signals.line_table import DETECTION_RATIO, Uncertainty
-from microvib.signals.tones import JointFit, steady_tones
+from microvib.signals.tones import JointFit, Tones, steady_tones
 from microvib.signals.uncertainties import isolated_uncertainties
 
 _PASSES = 4
@@ -46,18 +46,32 @@ class FurtherOrders:
         rest = self.joint.spectrum.without(tones.only(mine), self.joint.amplitudes[mine])
         return JointFit.of(rest, tones.only(~mine & ~faint))
 
-    def uncertainties(self, ratio: float, ratio_spread: float) -> Uncertainty:
+    def uncertainties(self, ratio_spread: float) -> Uncertainty:
         """Uncertainties of the lines, each as if it were alone, since no neighbour is nearer than two
-        lines are told apart; that of the phase at the first sample includes that of the clock
-        ``ratio`` over half the record.
+        lines are told apart; with the error of the clock (``with_clock_error``).
         """
         place = {line.name: k for k, line in enumerate(self.joint.tones.lines)}
-        alone = isolated_uncertainties(self.joint, [place[line.name] for line in self.lines])
-        expected = np.array([line.frequency for line in self.lines], dtype=float)
-        turned = math.pi * expected * ratio_spread * self.joint.spectrum.duration
-        return replace(
-            alone, phase=np.hypot(alone.phase, turned), frequency=expected * ratio_spread
-        )
+        which = [place[line.name] for line in self.lines]
+        alone = isolated_uncertainties(self.joint, which)
+        mine = self.joint.tones.only(np.array(which, dtype=int))
+        return with_clock_error(alone, mine, ratio_spread, self.joint.spectrum.duration)
+
+
+def with_clock_error(
+    known: Uncertainty, tones: Tones, ratio_spread: float, duration: float
+) -> Uncertainty:
+    """Uncertainties of ``tones`` (m,) at a known clock, and those that a clock gives them whose ratio
+    has a deviation: it turns a phase at the first sample by the cycles of half the record, and hardly
+    anything in its middle, of which the amplitudes tell.
+    """
+    clock = tones.clock
+    own = np.array([line.frequency for line in tones.lines], dtype=float) * ratio_spread
+    turned = math.pi * duration * own
+    return replace(
+        known,
+        phase=np.where(clock, np.hypot(known.phase, turned), known.phase),
+        frequency=np.where(clock, own, known.frequency),
+    )
 
 
 def further_orders(

@@ -20,7 +20,7 @@ from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.signals import tone_kernel as hann
 from microvib.signals.clock import MAX_CLOCK_LINES, consistent_lines, estimate_clock_ratio
-from microvib.signals.further_orders import FurtherOrders, further_orders
+from microvib.signals.further_orders import FurtherOrders, further_orders, with_clock_error
 from microvib.signals.line_search import MIN_DECAY_E_FOLDINGS, search
 from microvib.signals.line_table import (
     BELOW_FLOOR,
@@ -60,8 +60,6 @@ _ROUNDS = 3
 _CLOCK_CONVERGENCE = (
     0.01  # movement [bins] of the highest line in a round below which the clock counts as found
 )
-_ORDERS_CONVERGENCE = 1e-3
-"""The same of the highest order, where amplitudes and phases of orders are to follow."""
 _CROWDING_RATIO = 2.0
 """Standard uncertainty next to a larger line, over that without it, above which that line is given
 as the reason.
@@ -91,20 +89,26 @@ def estimate_lines(
     simulation.
     """
     joint, refused, ratio = _fit_all_lines(x, sample_rate, expected)
-    searched = _is_searched(expected)
-    if searched and ratio is not None:
+    if _is_searched(expected) and ratio is not None:
         joint, ratio = _with_weighted_clock(joint, expected, ratio)
-    further = FurtherOrders(joint)
-    if every_order and ratio is not None:
-        further, joint, ratio = _with_further_orders(joint, expected, ratio)
     spread, ratio_spread = _spread(joint, expected, ratio)
+    orders, further = ClockOrders.of(expected, ratio), FurtherOrders(joint)
+    if every_order and orders is not None and ratio is not None:
+        further = further_orders(joint, orders.electrical, ratio, expected, SEPARATION)
+    if further.lines:
+        # The clock stays as it was told, with these lines in its noise: beside them lines of the
+        # clock tell it less than they would alone.
+        joint = further.expected_alone
+        spread = with_clock_error(
+            uncertainties(joint)[0], joint.tones, ratio_spread or 0.0, joint.spectrum.duration
+        )
     refused |= _inseparable_lines(joint, spread)
-    joint, others = _name_unlisted_lines(joint, spread, ClockOrders.of(expected, ratio))
+    joint, others = _name_unlisted_lines(joint, spread, orders)
     refused |= _cancelled_lines(joint)
     lines = (*_note_inseparable_modes(expected, refused), *others)
     rows = _figures(lines, joint, refused).rows(_uncertainties_by_line(spread, lines, joint.tones))
     if further.lines:
-        alone = further.uncertainties(ratio or 1.0, ratio_spread or 0.0)
+        alone = further.uncertainties(ratio_spread or 0.0)
         rows += _figures(further.lines, further.joint, {}).rows(alone)
     return LineTable(
         rows,
@@ -121,31 +125,6 @@ def _with_weighted_clock(
 ) -> tuple[JointFit, float]:
     """``with_weighted_clock`` by all lines that agree on it."""
     return with_weighted_clock(joint, ratio, _lines_fixing_clock(joint, expected, ratio))
-
-
-def _with_further_orders(
-    joint: JointFit, expected: Sequence[ExpectedLine], ratio: float
-) -> tuple[FurtherOrders, JointFit, float]:
-    """Lines at further orders of the electrical period; the fit of all else without them; and the
-    clock ratio, which is found in rounds, since either tells the other.
-    """
-    spectrum, searched = joint.spectrum, _is_searched(expected)
-    highest = PASSBAND * spectrum.samples
-    further = FurtherOrders(joint)
-    for _ in range(_ROUNDS):
-        orders, before = ClockOrders.of(expected, ratio), ratio
-        if orders is None:
-            break
-        whole = JointFit.of(spectrum, joint.tones)
-        further = further_orders(whole, orders.electrical, ratio, expected, SEPARATION)
-        if not further.lines:
-            break
-        joint = further.expected_alone
-        if searched:
-            joint, ratio = _with_weighted_clock(joint, expected, ratio)
-        if abs(ratio - before) * highest < _ORDERS_CONVERGENCE * ratio:
-            break
-    return further, joint, ratio
 
 
 def _spread(
