@@ -108,7 +108,7 @@ def _draw_runs(ax: Axes, margin: StepMargin, points: list[tuple[StepRun, int]]) 
 
 
 def _shade(ax: Axes, margin: StepMargin, a: StepRun, b: StepRun) -> None:
-    """What two neighbouring runs say of the values between them."""
+    """Shade the values between two neighbouring runs by what these say."""
     ends = _number(margin, a.value), _number(margin, b.value)
     if a.state == b.state == "lost":
         ax.axvspan(*ends, color=sheets.RED, alpha=0.15, linewidth=0)
