@@ -40,6 +40,7 @@ _HOME = {
     "coupled_modes": "model.linear",
     "dump_scenario": "io.scenario_file",
     "expected_lines": "model.expected",
+    "export_as": "export.exporting",
     "find_lines": "analysis.lines",
     "identify": "studies.identify.fit",
     "judge": "analysis.limits",
@@ -60,6 +61,7 @@ _HOME = {
     "simulate": "solve.simulate",
     "simulate_many": "solve.simulate",
     "spectrum": "analysis.spectra",
+    "state_space": "export.state_space",
     "steady_state": "solve.steady.state",
     "waterfall": "analysis.spectra",
     "write_run": "reports.run.folder",
@@ -97,6 +99,8 @@ if TYPE_CHECKING:
         SimulationError,
         SynchronismLost,
     )
+    from microvib.export.exporting import export_as
+    from microvib.export.state_space import state_space
     from microvib.io.named import catalog_names
     from microvib.io.new_scenario import new_scenario
     from microvib.io.recordings import read_recording
@@ -149,6 +153,7 @@ __all__ = [
     "coupled_modes",
     "dump_scenario",
     "expected_lines",
+    "export_as",
     "find_lines",
     "identify",
     "judge",
@@ -169,6 +174,7 @@ __all__ = [
     "simulate",
     "simulate_many",
     "spectrum",
+    "state_space",
     "steady_state",
     "waterfall",
     "write_run",
