@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError
+from microvib.export.source import own_axes
 from microvib.io.files import library
 from microvib.model.craft import Craft, LockedStructure, held_wing, locked_structure
 from microvib.model.drive_matrices import coordinates, drive_matrices
 from microvib.model.linear import held_motor, voltage_windings
 from microvib.model.load import Load
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.model.spacecraft import INTERFACE, Interface
+from microvib.model.spacecraft import INTERFACE
 from microvib.solve.channels import CHANNELS, LINE_OF_SIGHT, LOADS, SECOND_LOADS, Channel
 
 _MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
@@ -273,7 +274,7 @@ def _on_fixed_base(scenario: Scenario) -> _Assembled:
     if by_array is not None and array.mass is not None:
         loose = scenario.reducer.model_copy(update={"stiffness": 1.0})  # both shafts
         held = held_wing(
-            held_motor(scenario), loose, scenario.friction, array, _own_axes(array.drive_axis), 0.0
+            held_motor(scenario), loose, scenario.friction, array, own_axes(array.drive_axis), 0.0
         )
         inputs, F = [*inputs, *_ACCELERATIONS], np.hstack([F, -held.G.T])
         S = np.vstack([-held.G[[axis]], -held.G])
@@ -290,13 +291,6 @@ def _on_fixed_base(scenario: Scenario) -> _Assembled:
     modes = _modes("array_mode", load.H.size, "coordinate of an array mode")
     names = [*_shaft_channels(scenario.reducer.rigid), *modes]
     return _reduced(scenario, system), inputs, outputs, names
-
-
-def _own_axes(drive_axis: str) -> Interface:
-    """An interface whose axes are those of the array."""
-    k = "xyz".index(drive_axis)
-    along, across = np.eye(3)[k], np.eye(3)[(k + 1) % 3]
-    return Interface(position=(0.0, 0.0, 0.0), drive_axis=tuple(along), reference=tuple(across))
 
 
 def _reduced(scenario: Scenario, system: _SecondOrder) -> _SecondOrder:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from microvib.errors import OptionError, did_you_mean, missing_library
 from microvib.export.data import CsvOptions, DataOptions, write_csv, write_mat, write_uff
+from microvib.export.nastran import NastranOptions, write_nastran
 from microvib.export.state_space_files import write_state_space
 from microvib.export.subject import Subject
 from microvib.model.part import Part
@@ -66,6 +67,15 @@ TARGETS: dict[str, Target] = {
             "scenario",
             (".mat", ".npz"),
             write_state_space,
+        ),
+        Target(
+            "nastran",
+            "bulk data: loads at the interface by frequency, time or density, and the array as superelement",
+            "run",
+            (".bdf", ".dat", ".nas"),
+            write_nastran,
+            NastranOptions,
+            library="pyyeti",
         ),
         Target(
             "uff",
