@@ -57,6 +57,7 @@ _HOME = {
     "rate_grid": "studies.rates",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
+    "read_source_sheet": "export.source_sheet",
     "run_scenario": "analysis.run",
     "simulate": "solve.simulate",
     "simulate_many": "solve.simulate",
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
         SynchronismLost,
     )
     from microvib.export.exporting import export_as
+    from microvib.export.source_sheet import read_source_sheet
     from microvib.export.state_space import state_space
     from microvib.io.named import catalog_names
     from microvib.io.new_scenario import new_scenario
@@ -170,6 +172,7 @@ __all__ = [
     "rate_grid",
     "read_recording",
     "read_run",
+    "read_source_sheet",
     "run_scenario",
     "simulate",
     "simulate_many",

@@ -37,6 +37,12 @@ _LIST = "?"
 )
 @click.option("-o", "--output", type=PATH, help="File to write [default: the source's name].")
 @click.option("--overwrite", is_flag=True, help="Replace an existing file.")
+@click.option(
+    "--pdf", is_flag=True, help="Of a source sheet, write two pages as PDF, too (extra `report`)."
+)
+@click.option(
+    "--check", type=PATH, metavar="FILE", help="Check a source sheet, and say what it has."
+)
 def export(
     source: str | None,
     target: str | None,
@@ -45,6 +51,8 @@ def export(
     given: tuple[str, ...],
     output: Path | None,
     overwrite: bool,
+    pdf: bool,
+    check: Path | None,
 ) -> None:
     """Write SCENARIO, or the RUN in a folder, as a file of another tool.
 
@@ -54,6 +62,9 @@ def export(
     from microvib.export.subject import Subject, subject_of
     from microvib.export.targets import target_of
 
+    if check is not None:
+        _check(check)
+        return
     if listed or target == _LIST:
         echo(_listing())
         return
@@ -62,6 +73,8 @@ def export(
     if source is None:
         raise OptionError("as", "a scenario or the folder of a run is expected before it", target)
     found = target_of(target)
+    if pdf:
+        _check_pdf(found.name)
     options = options_of(found, _pairs(given))
     path = check_file_name(found, output or Path(Path(source).stem + found.endings[0]), overwrite)
     if Path(source).is_dir():
@@ -77,6 +90,34 @@ def export(
             subject = subject.as_run(progress)
         write_subject(subject, found, path, options, overwrite=overwrite)
     echo(f"Written: {path}")
+    if pdf:
+        _write_pages(path, overwrite)
+
+
+def _check(file: Path) -> None:
+    from microvib.export.source_sheet import read_source_sheet
+
+    echo(f"{file}: is whole and agrees with itself\n{read_source_sheet(file)!r}")
+
+
+def _check_pdf(target: str) -> None:
+    """OptionError where the format has no pages; a library that is missing is told before anything is
+    computed.
+    """
+    if target != "source-sheet":
+        raise OptionError("pdf", f"a {target} file has no pages; only a source-sheet has")
+    import typst  # noqa: F401
+
+
+def _write_pages(sheet: Path, overwrite: bool) -> None:
+    from microvib.export.source_sheet import read_source_sheet
+    from microvib.io.writing import write_file
+    from microvib.reports.rendering import pdf
+    from microvib.reports.source_sheet import source_sheet_document
+
+    out = sheet.with_suffix(".pdf")
+    write_file(out, pdf(source_sheet_document(read_source_sheet(sheet))), overwrite=overwrite)
+    echo(f"Written: {out}")
 
 
 def _pairs(given: tuple[str, ...]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from microvib.errors import OptionError, did_you_mean, missing_library
 from microvib.export.data import CsvOptions, DataOptions, write_csv, write_mat, write_uff
 from microvib.export.nastran import NastranOptions, write_nastran
+from microvib.export.source_sheet import SourceSheetOptions, write_source_sheet
 from microvib.export.state_space_files import write_state_space
 from microvib.export.subject import Subject
 from microvib.model.part import Part
@@ -100,6 +101,14 @@ TARGETS: dict[str, Target] = {
             (".csv",),
             write_csv,
             CsvOptions,
+        ),
+        Target(
+            "source-sheet",
+            "data sheet of the source: blocked loads at the lines with uncertainty, and apparent mass",
+            "scenario",
+            (".h5",),
+            write_source_sheet,
+            SourceSheetOptions,
         ),
     )
 }
