@@ -58,7 +58,12 @@ def export(
 
     A scenario is run first where the format needs a run.
     """
-    from microvib.export.exporting import check_file_name, options_of, write_subject
+    from microvib.export.exporting import (
+        check_file_name,
+        check_subject,
+        options_of,
+        write_subject,
+    )
     from microvib.export.subject import Subject, subject_of
     from microvib.export.targets import target_of
 
@@ -85,6 +90,7 @@ def export(
         subject = subject_of(source)
     else:
         subject = Subject(load(source, settings))
+    check_subject(found, subject)
     with progress_bar(finishing="lines (compiles on first use)") as progress:
         if found.needs == "run":
             subject = subject.as_run(progress)

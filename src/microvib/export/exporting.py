@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import OptionError, OutputError, expect_path
+from microvib.errors import MicrovibError, OptionError, OutputError, expect_path
 from microvib.export.subject import Progress, Subject, subject_of
 from microvib.export.targets import Target, target_of
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
@@ -62,6 +62,7 @@ def export_as(
     path = check_file_name(found, Path(out), overwrite)
     chosen = options_of(found, options)
     subject = subject_of(source)
+    check_subject(found, subject)
     if found.needs == "run":
         subject = subject.as_run(progress)
     write_subject(subject, found, path, chosen, overwrite=overwrite)
@@ -93,6 +94,13 @@ def check_file_name(
     if not there.parent.is_dir():
         raise OutputError(f"{path}: cannot be written: there is no folder {path.parent}")
     return path
+
+
+def check_subject(target: Target, subject: Subject) -> None:
+    """MicrovibError where a scenario cannot be exported so, before it is run."""
+    refusal = target.refuses(subject.scenario)
+    if refusal:
+        raise MicrovibError(refusal)
 
 
 def options_of(target: Target, given: Mapping[str, Any]) -> Part:

@@ -54,6 +54,24 @@ def own_axes(drive_axis: str) -> Interface:
     return Interface(position=(0.0, 0.0, 0.0), drive_axis=tuple(along), reference=tuple(across))
 
 
+def no_source(scenario: Scenario, powered: bool = True) -> str:
+    """Sentence on why drive and array of a scenario have no matrices at the interface; empty where they
+    have.
+    """
+    array = scenario.array
+    if array.mass is None or array.interface is None:
+        return (
+            "array.rigid_body: missing; the mass of drive and array at the interface needs it, with"
+            " interface_participation of every mode"
+        )
+    if powered and scenario.driver.drive != "current":
+        return (
+            f"driver.drive: {scenario.driver.drive} is not allowed; matrices of a powered drive need a"
+            " current loop (current), or locked hinges"
+        )
+    return ""
+
+
 def source_at_interface(scenario: Scenario, powered: bool = True) -> Source:
     """Drive and array of a scenario about the interface point: on a craft in hub axes and at the array's
     angle, else in the array's axes.
@@ -61,17 +79,10 @@ def source_at_interface(scenario: Scenario, powered: bool = True) -> Source:
     Not ``powered``, the hinges are locked. MicrovibError where the array has no mass properties in six
     components, or the drive no current loop.
     """
+    refusal = no_source(scenario, powered)
+    if refusal:
+        raise MicrovibError(refusal)
     array, spacecraft = scenario.array, scenario.spacecraft
-    if array.mass is None or array.interface is None:
-        raise MicrovibError(
-            "array.rigid_body: missing; the mass of drive and array at the interface needs it, with"
-            " interface_participation of every mode"
-        )
-    if powered and scenario.driver.drive != "current":
-        raise MicrovibError(
-            f"driver.drive: {scenario.driver.drive} is not allowed; matrices of a powered drive need a"
-            " current loop (current), or locked hinges"
-        )
     if spacecraft is None:
         interface, angle, axes = own_axes(array.drive_axis), 0.0, ARRAY_AXES
     else:

@@ -168,6 +168,16 @@ class _SecondOrder:
         return A, B, np.hstack([self.P, self.R]) + self.S @ by_state, self.S @ by_input + self.E
 
 
+def no_state_space(scenario: Scenario) -> str:
+    """Sentence on why a scenario has no state space; empty where it has one."""
+    if not scenario.driver.pulsed:
+        return ""
+    return (
+        "driver.drive: a pulse drive has no linearised form, since nothing holds its rotor between"
+        " pulses; current or voltage is expected"
+    )
+
+
 def state_space(scenario: GivenScenario) -> StateSpace:
     """Linearise a scenario's drive and array, and its spacecraft if it has one.
 
@@ -192,11 +202,9 @@ def state_space(scenario: GivenScenario) -> StateSpace:
         Where a name stands for no scenario.
     """
     s = as_scenario(scenario)
-    if s.driver.pulsed:
-        raise MicrovibError(
-            "driver.drive: a pulse drive has no linearised form, since nothing holds its rotor between"
-            " pulses; current or voltage is expected"
-        )
+    refusal = no_state_space(s)
+    if refusal:
+        raise MicrovibError(refusal)
     if s.craft is None:
         system, inputs, outputs, names = _on_fixed_base(s)
     else:

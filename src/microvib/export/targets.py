@@ -11,12 +11,20 @@ from typing import Any, Literal
 from microvib.errors import OptionError, did_you_mean, missing_library
 from microvib.export.data import CsvOptions, DataOptions, write_csv, write_mat, write_uff
 from microvib.export.nastran import NastranOptions, write_nastran
+from microvib.export.source import no_source
 from microvib.export.source_sheet import SourceSheetOptions, write_source_sheet
+from microvib.export.state_space import no_state_space
 from microvib.export.state_space_files import write_state_space
 from microvib.export.subject import Subject
 from microvib.model.part import Part
+from microvib.model.scenario import Scenario
 
 Needs = Literal["scenario", "run"]
+
+
+def _nothing(scenario: Scenario) -> str:
+    """Refuse no scenario."""
+    return ""
 
 
 class NoOptions(Part):
@@ -39,6 +47,8 @@ class Target:
     options: type[Part] = NoOptions
     library: str = ""
     """Module of an optional package that it needs."""
+    refuses: Callable[[Scenario], str] = _nothing
+    """Sentence on why a scenario cannot be exported so; empty where it can."""
 
     @property
     def missing(self) -> str:
@@ -68,12 +78,13 @@ TARGETS: dict[str, Target] = {
             "scenario",
             (".mat", ".npz"),
             write_state_space,
+            refuses=no_state_space,
         ),
         Target(
             "nastran",
             "bulk data: loads at the interface by frequency, time or density, and the array as superelement",
             "run",
-            (".bdf", ".dat", ".nas"),
+            (".bdf", ".dat"),
             write_nastran,
             NastranOptions,
             library="pyyeti",
@@ -82,7 +93,7 @@ TARGETS: dict[str, Target] = {
             "uff",
             "universal file, datasets 58: time histories, lines, densities, frequency responses",
             "run",
-            (".uff", ".unv"),
+            (".uff",),
             write_uff,
             DataOptions,
         ),
@@ -109,10 +120,20 @@ TARGETS: dict[str, Target] = {
             (".h5",),
             write_source_sheet,
             SourceSheetOptions,
+            refuses=no_source,
         ),
     )
 }
 """All targets by name."""
+
+
+def target_of_file(name: str) -> tuple[Target, str] | None:
+    """Target and ending of a file called by both, such as ``nastran.bdf``; None where there is none."""
+    stem, dot, last = name.partition(".")
+    ending = dot + last
+    if stem not in TARGETS or ending not in TARGETS[stem].endings:
+        return None
+    return TARGETS[stem], ending
 
 
 def target_of(name: Any) -> Target:
