@@ -144,12 +144,12 @@ class Packed:
         """Propagators of this drive as another takes them: with its modes, and with its currents,
         which decay within a step, so that deficits by them would be no cubics.
         """
-        t, modal = self.propagators, _moments(2, 2 if drive.H_m.size else 1)
+        t, modal = self.propagators, moments(2, 2 if drive.H_m.size else 1)
         if self._differs(drive, ELECTRICAL_FIELDS):
             A = _linear_part(drive, self.state._replace(y=self.held))
             others = {x: np.zeros_like(getattr(t, x)) for x in ("nodes", "pieces", "modes", "sums")}
             t = t._replace(A=A, columns=_columns_of(A), **others)
-            propagators.tabulate(t, drive, _moments(kernel.MODES, 6), modal)
+            propagators.tabulate(t, drive, moments(kernel.MODES, 6), modal)
         elif self._differs(drive, MODAL_FIELDS):
             t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
             propagators.tabulate_modes(t, drive, modal)
@@ -309,7 +309,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         fractions=nodes.CUBES[None].copy(),
         integrals=(nodes.LAGRANGE / np.arange(1, 5)).T.copy(),
     )
-    propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
+    propagators.tabulate(tables, drive, moments(n, 6), moments(2, 2 if drive.H_m.size else 1))
     return tables
 
 
@@ -333,7 +333,8 @@ def _friction_layer_rates(drive: Any) -> np.ndarray:
     return np.array([0.0, 0.0, m, output, 0.0, 0.0])
 
 
-def _moments(n: int, inputs: int) -> Any:
+def moments(n: int, inputs: int) -> Any:
+    """Scratch of ``propagators.tabulate`` for ``n`` states and so many ``inputs``."""
     square = np.zeros((n, n))
     return propagators.Moments(
         square,

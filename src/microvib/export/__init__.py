@@ -1,0 +1,1 @@
+"""Handing on: the model and its results in the formats of other tools."""
