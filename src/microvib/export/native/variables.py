@@ -1,0 +1,94 @@
+"""Variables of an FMU: what it tells, what it takes, by which names and value references."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from microvib.export.native.drive import Output, outputs_of
+from microvib.model.scenario import Scenario
+
+HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, PARAMETERS = (
+    10_000, 10_001, 10_002, 10_003, 10_004, 20_000,
+)  # fmt: skip
+"""Value references of inputs, of the parameter that says who commands, of time, and of the first
+parameter; outputs count from 0 (``fmu.h``)."""
+COMMANDS = ("profile", "array_rate", "microstep_command")
+"""Who commands, by the value of ``command``."""
+FIRST_SHOWN = ("T_d", "T_d_mean", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
+"""Outputs that a host shows first."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an FMU."""
+
+    name: str
+    reference: int
+    causality: str
+    """As FMI says it: output, input, parameter or independent."""
+    unit: str
+    meaning: str
+    kind: str = "Real"
+    """Real or Integer."""
+    start: float | None = None
+    variability: str = ""
+    """As FMI says it; empty for what is usual."""
+    lowest: float | None = None
+    highest: float | None = None
+
+
+def variables_of(scenario: Scenario) -> list[Variable]:
+    """All variables of an FMU of a drive's source."""
+    made = list(enumerate(outputs_of(scenario)))
+    first = {name: k for k, name in enumerate(FIRST_SHOWN)}
+    made.sort(key=lambda each: first.get(each[1].channel.name, len(first)))
+    return [*(_output(number, output) for number, output in made), *inputs()]
+
+
+def inputs() -> list[Variable]:
+    """What a host gives, and the time."""
+    return [
+        Variable(
+            "hub_acceleration",
+            HUB_ACCELERATION,
+            "input",
+            "rad/s^2",
+            "angular acceleration of the spacecraft about the drive axis, constant over a step",
+            start=0.0,
+        ),
+        Variable(
+            "array_rate",
+            ARRAY_RATE,
+            "input",
+            "rad/s",
+            "commanded rate of the array, which counts where command is 1",
+            start=0.0,
+        ),
+        Variable(
+            "microstep_command",
+            MICROSTEPS,
+            "input",
+            "",
+            "number of microsteps that the rotor is commanded to, which counts where command is 2",
+            kind="Integer",
+            start=0,
+        ),
+        Variable(
+            "command",
+            COMMAND,
+            "parameter",
+            "",
+            "who commands: 0 the rate profile of the scenario, 1 array_rate, 2 microstep_command",
+            kind="Integer",
+            start=0,
+            variability="fixed",
+            lowest=0,
+            highest=len(COMMANDS) - 1,
+        ),
+        Variable("time", TIME, "independent", "s", "time"),
+    ]
+
+
+def _output(number: int, output: Output) -> Variable:
+    channel = output.channel
+    return Variable(channel.name, number, "output", channel.unit, channel.meaning)
