@@ -48,7 +48,7 @@ REFERENCE_STEPS = 500
 """Communication steps of the reference results."""
 
 
-def export_fmu(  # noqa: PLR0913 - keyword options
+def export_fmu(
     scenario: GivenScenario,
     path: str | os.PathLike[str],
     *,
