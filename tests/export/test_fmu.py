@@ -80,6 +80,23 @@ def test_inputs_act(fmu):
     assert pushed["T_d"][-1] > 0.5 * 0.25 * SIX.array.inertia
 
 
+def test_parameters_are_set_before_the_start(fmu, tmp_path):
+    """An FMU with other start values, against that of the scenario with these values."""
+    changed = SIX.with_({"reducer.stiffness": "9000 N*m/rad", "driver.microsteps": 32})
+    expected = reference(export_fmu(changed, tmp_path / "changed.fmu"))
+    found = fmpy.simulate_fmu(
+        str(fmu),
+        stop_time=5.0,
+        step_size=0.01,
+        output_interval=0.01,
+        start_values={"reducer.stiffness": 9000.0, "driver.microsteps": 32.0},
+        output=["T_d"],
+    )
+    largest = np.max(np.abs(expected["T_d"]))
+    assert np.max(np.abs(found["T_d"][1:] - expected["T_d"])) <= 1e-9 * largest
+    assert np.max(np.abs(expected["T_d"] - reference(fmu)["T_d"])) > 0.01 * largest
+
+
 def test_states_come_back_from_bytes(fmu):
     """Get, serialise, go on, deserialise in another instance, go on: the same."""
     from fmpy import extract, read_model_description

@@ -8,12 +8,17 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.export.native.image import Call, image
+from microvib.export.native.parameters import (
+    packing_numbers,
+    parameters_of,
+    with_spare_levels,
+)
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.solve import kernel, propagate, propagators
 from microvib.solve.channels import CHANNELS, LOADS, MODAL, Channel
 from microvib.solve.command import Command
-from microvib.solve.pack import Packed, moments, pack
+from microvib.solve.pack import Packed, linear_part_arguments, moments, pack
 from microvib.solve.sampling import sample_buffer
 
 MOST_DUE = 1024
@@ -41,7 +46,7 @@ CHANGED = (
 """Arrays that make up the state of a run. Scratch is among them: the length of the first step of a
 call goes by accelerations that the last call left there."""
 EMPTY = (
-    "t.nodes", "t.pieces", "t.modes", "t.sums", "steps_t", "steps_ref", "scratch", "out", "hub.knots",
+    "up", "down", "q", "t.nodes", "t.pieces", "t.modes", "t.sums", "steps_t", "steps_ref", "scratch", "out", "hub.knots",
     *(f"{part}.{name}" for part in ("drive", "mode") for name in propagators.Moments._fields),
 )  # fmt: skip
 """Arrays that are made or filled where the image is opened."""
@@ -134,7 +139,8 @@ def load_weights(scenario: Scenario) -> np.ndarray:
 def drive_image(scenario: Scenario) -> bytes:
     """Image of the drive of a scenario, at rest at time 0."""
     packed = pack(scenario)
-    x, p, t = packed.state, packed.drive, packed.propagators
+    x, p = packed.state, packed.drive
+    t = with_spare_levels(packed.propagators, int(p.H.size))
     samples = sample_buffer(np.zeros((1, packed.columns)), 0.0, 1.0)
     due = np.zeros(MOST_DUE), np.zeros((MOST_DUE, 4))
     square, pair = moments(kernel.MODES, 6), moments(2, 2 if p.H_m.size else 1)
@@ -146,6 +152,11 @@ def drive_image(scenario: Scenario) -> bytes:
             kernel.snapshot, (x, p, np.zeros_like(packed.scratch), np.zeros(packed.channels))
         ),
         "tabulate": Call(propagators.tabulate, (t, p, square, pair)),
+        "linear_part": Call(
+            propagators.linear_part,
+            linear_part_arguments(p, x._replace(y=packed.held), t.A),
+        ),
+        "initial_friction": Call(kernel.initial_friction, (x, p)),
     }
     return image(calls, _beside(scenario, packed), CHANGED, EMPTY)
 
@@ -165,6 +176,7 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
         "outputs.texts": _texts([text for each in described for text in each]),
         "outputs.weights": load_weights(scenario),
         "channels.texts": _texts(names),
+        **_parameters_beside(scenario, packed),
         "command.legs": Command(scenario).legs,
         "command.references": _references(scenario),
         "command.numbers": np.array(
@@ -188,6 +200,20 @@ def _microsteps_per_angle(scenario: Scenario) -> float:
     """Microsteps per commanded angle of the array [1/rad], by the step clock."""
     angle = -scenario.reducer.h / scenario.driver.microstep(scenario.motor)
     return float(angle * scenario.tracking.clock_ratio)
+
+
+def _parameters_beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
+    """Parameters: texts, kinds, and values with the lowest that is allowed."""
+    found = parameters_of(scenario, packed)
+    texts = [text for one in found for text in (one.name, one.unit, one.meaning, one.field)]
+    return {
+        "parameters.texts": _texts(texts),
+        "parameters.places": np.array(
+            [(one.kind, one.index, one.positive) for one in found], dtype=np.int64
+        ),
+        "parameters.values": np.array([(one.value, one.lowest) for one in found]),
+        "parameters.packing": packing_numbers(scenario, packed),
+    }
 
 
 def _texts(texts: list[str]) -> np.ndarray:

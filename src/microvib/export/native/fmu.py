@@ -156,8 +156,9 @@ def _text(scenario: Scenario) -> str:
         f"Disturbance torque source: solar array drive and array of '{scenario.title}'."
         " It begins at rest. T_d contains the torque that inertias make of hub_acceleration; a host"
         " that computes this acceleration from T_d of the step before is stable only where the"
-        " inertia of its spacecraft is larger than that of the array. Fixed at export: motor,"
-        " inertias, frequencies and participation of modes, gear errors, noise."
+        " inertia of its spacecraft is larger than that of the array. What is not among the parameters"
+        " is fixed at export: windings and current loop, inertias, frequencies and participation of"
+        " modes, shapes of friction, errors of gear and driver, noise, a profile of rates."
         " Binaries only: there is no C source of the compiled equations."
     )
 

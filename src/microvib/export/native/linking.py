@@ -68,7 +68,8 @@ def link(
 
 def _shared(platform: Platform) -> tuple[str, ...]:
     if platform.name == "wasm32":
-        return ("-mexec-model=reactor", "-Wl,--strip-all")
+        exported = ("--export-dynamic", "--export=malloc", "--export=free", "--strip-all")
+        return ("-mexec-model=reactor", *(f"-Wl,{flag}" for flag in exported))
     if platform.name.startswith("darwin"):
         return ("-shared", "-fPIC")
     return ("-shared", "-fPIC", "-Wl,-s")

@@ -14,10 +14,11 @@
 typedef int32_t compiled(const void *arguments, void *result);
 
 #define HIDDEN __attribute__((visibility("hidden")))
-HIDDEN compiled microvib_advance, microvib_snapshot, microvib_tabulate;
+HIDDEN compiled microvib_advance, microvib_snapshot, microvib_tabulate, microvib_linear_part, microvib_initial_friction;
 #ifdef MICROVIB_TWO_PROCESSORS /* once more for x86-64 processors with AVX2 and fused products */
 #include <cpuid.h>
-HIDDEN compiled microvib_advance_v3, microvib_snapshot_v3, microvib_tabulate_v3;
+HIDDEN compiled microvib_advance_v3, microvib_snapshot_v3, microvib_tabulate_v3, microvib_linear_part_v3,
+    microvib_initial_friction_v3;
 #endif
 #ifdef MICROVIB_BUILT_IN
 HIDDEN extern const uint64_t microvib_image[];
@@ -80,17 +81,21 @@ struct microvib {
     void *allocated;
     const struct entry *entries;
     size_t entry_count, words;
-    compiled *advance, *snapshot;
+    compiled *advance, *snapshot, *tabulate, *linear_part, *initial_friction;
     void *advance_words, *snapshot_words;
     double *stop, *first, *width;
     double *y, *clock, *energy, *partial, *state, *hub, *means, *channels;
     int64_t *cursor;
     struct array rows, due, references, noise[2], knots, legs, turn, weights, by_hub;
-    const double *command, *hub_numbers, *H, *D, *Lam, *inv_h;
+    double *command;
+    const double *hub_numbers, *H, *D, *Lam, *inv_h;
     double *noise_rate[2]; /* of the steps, and of what is shown */
     const int64_t *places;
-    const char *texts, *channel_texts;
-    size_t outputs, modes, channel_count, columns;
+    const char *texts, *channel_texts, *parameter_texts;
+    const int64_t *parameter_places;
+    double *parameter_values;
+    const double *packing;
+    size_t parameters, outputs, modes, channel_count, columns;
     double own_noise_rate;
     struct array own_noise;
     int instant_is_known;
@@ -156,18 +161,20 @@ static int has_wide_vectors(void)
 }
 #endif
 
-static compiled *choose_functions(microvib *m)
+#define CHOOSE(m, ending)                                        \
+    ((m)->advance = microvib_advance##ending,                    \
+     (m)->snapshot = microvib_snapshot##ending,                  \
+     (m)->tabulate = microvib_tabulate##ending,                  \
+     (m)->linear_part = microvib_linear_part##ending,            \
+     (m)->initial_friction = microvib_initial_friction##ending)
+
+static void choose_functions(microvib *m)
 {
-    m->advance = microvib_advance;
-    m->snapshot = microvib_snapshot;
+    CHOOSE(m, );
 #ifdef MICROVIB_TWO_PROCESSORS
-    if (has_wide_vectors()) {
-        m->advance = microvib_advance_v3;
-        m->snapshot = microvib_snapshot_v3;
-        return microvib_tabulate_v3;
-    }
+    if (has_wide_vectors())
+        CHOOSE(m, _v3);
 #endif
-    return microvib_tabulate;
 }
 
 static const int64_t *built_in(size_t *bytes)
@@ -245,6 +252,11 @@ static void find_all(microvib *m)
     m->outputs = find(m, "outputs.places")->size / 2;
     m->texts = of(m, "outputs.texts");
     m->channel_texts = of(m, "channels.texts");
+    m->parameters = find(m, "parameters.values")->size / 2;
+    m->parameter_texts = of(m, "parameters.texts");
+    m->parameter_places = of(m, "parameters.places");
+    m->parameter_values = of(m, "parameters.values");
+    m->packing = of(m, "parameters.packing");
 }
 
 microvib *microvib_open(const void *image, size_t bytes, void *memory, char *why, size_t room)
@@ -265,9 +277,9 @@ microvib *microvib_open(const void *image, size_t bytes, void *memory, char *why
         base[h[h[H_LIST] + k]] += address(base);
     m->entries = (const struct entry *)(base + h[H_DIRECTORY]);
     m->entry_count = (size_t)h[H_ENTRIES];
-    compiled *tabulate = choose_functions(m);
+    choose_functions(m);
     find_all(m);
-    tabulate(of(m, "tabulate"), NULL);
+    m->tabulate(of(m, "tabulate"), NULL);
     return m;
 }
 
@@ -882,28 +894,204 @@ int microvib_set_state(microvib *m, const void *state)
     return 0;
 }
 
-/* ---- Parameters ---- */
+/* ---- Parameters ----
+
+   What hangs on them is made anew, as solve/pack.py makes it: numbers of the drive wherever a call has
+   them, the linear part and its tables, and the friction's modes at rest. */
+
+enum { FIELD, DAMPING, MICROSTEPS_PER_STEP, ARRAY_RATE };
+enum { CURRENT_SIZE, INTEGRAL_SIZE, FULL_STEP, RATIO, ROTOR_RATE, OUTPUT_LEFT, MOST_LEVELS, SHORTEST, MICROSTEPS };
+enum { STATES = 8, PATTERNS = 4, INPUTS = 6, IA = 0, IB, XA, XB, TM, WM, TL, WL };
 
 size_t microvib_parameters(const microvib *m)
 {
-    (void)m;
-    return 0;
+    return m->parameters;
 }
 
 const char *microvib_parameter_name(const microvib *m, size_t which)
 {
-    (void)m, (void)which;
-    return NULL;
+    return which < m->parameters ? text(m->parameter_texts, 4 * which) : NULL;
 }
 
 double microvib_parameter(const microvib *m, size_t which)
 {
-    (void)m, (void)which;
-    return NAN;
+    return which < m->parameters ? m->parameter_values[2 * which] : NAN;
+}
+
+/* Set a number of the drive in the arguments of a call, if it is there. */
+static void set_in(microvib *m, const char *call, const char *field, double value)
+{
+    char name[NAME_BYTES];
+    snprintf(name, sizeof name, "%s.%s", call, field);
+    double *word = of(m, name);
+    if (word)
+        *word = value;
+}
+
+static void set_field(microvib *m, const char *field, double value)
+{
+    static const char *const linear[] = {"K_g", "C_g", "m_viscous", "l_viscous"};
+    static const char *const calls[] = {"advance.p", "snapshot.p", "tabulate.p", "linear_part.modes", "initial_friction.p"};
+    for (size_t k = 0; k < sizeof calls / sizeof *calls; k++)
+        set_in(m, calls[k], field, value);
+    for (size_t k = 0; k < sizeof linear / sizeof *linear; k++)
+        if (strcmp(field, linear[k]) == 0)
+            set_in(m, "linear_part.p", field, value);
+}
+
+static double field(const microvib *m, const char *name)
+{
+    char whole[NAME_BYTES];
+    snprintf(whole, sizeof whole, "advance.p.%s", name);
+    return *(double *)of(m, whole);
+}
+
+/* What a microstep moves, as its inverse: of all states, 0 for what no gain moves. */
+static void inverse_sizes(const microvib *m, double microsteps, double per_size[STATES])
+{
+    const double *k = m->packing;
+    double step = k[FULL_STEP] / microsteps, angle = step / k[RATIO], slower = k[ROTOR_RATE];
+    double K_g = field(m, "K_g");
+    if (K_g > 0.0) /* not rigid */
+        slower = fmin(slower, sqrt(K_g / k[OUTPUT_LEFT]));
+    per_size[IA] = per_size[IB] = 1.0 / k[CURRENT_SIZE];
+    per_size[XA] = per_size[XB] = 1.0 / k[INTEGRAL_SIZE];
+    per_size[TM] = 1.0 / step;
+    per_size[WM] = 1.0 / (step * k[ROTOR_RATE]);
+    per_size[TL] = 1.0 / angle;
+    per_size[WL] = 1.0 / (angle * slower);
+}
+
+/* The fastest rate of the linear part, and of friction that falls. */
+static double fastest(const microvib *m, const double *A, const double per_size[STATES])
+{
+    double most = 0.0, inertia = field(m, "J_L"), J_m = field(m, "J_m");
+    int rigid = field(m, "K_g") == 0.0;
+    for (int row = 0; row < PATTERNS * STATES; row++) {
+        double total = 0.0;
+        for (int j = 0; j < STATES; j++)
+            if (per_size[j] > 0.0)
+                total += fabs(A[row * STATES + j]) * per_size[row % STATES] / per_size[j];
+        most = fmax(most, total);
+    }
+    if (rigid)
+        inertia = fmax(inertia, J_m);
+    if (J_m > 0.0)
+        most = fmax(most, field(m, "m_stribeck") * field(m, "m_inv_rate") / J_m);
+    if (inertia > 0.0)
+        most = fmax(most, field(m, "l_stribeck") * field(m, "l_inv_rate") / inertia);
+    return most;
+}
+
+/* Rates within which friction falls: the largest errors that are let pass near a stop. */
+static void set_layers(microvib *m, const double per_size[STATES])
+{
+    static const int inputs[INPUTS] = {IA, IB, WM, WL, XA, XB};
+    double *sizes = array_of(m, "advance.t.per_size").data, *layers = array_of(m, "advance.t.per_layer").data;
+    double rotor = field(m, "m_stribeck") > 0.0 ? field(m, "m_inv_rate") : 0.0;
+    double output = field(m, "l_stribeck") > 0.0 ? field(m, "l_inv_rate") : 0.0;
+    if (field(m, "K_g") == 0.0)
+        rotor = fmax(rotor, output * fabs(*m->inv_h));
+    for (int k = 0; k < INPUTS; k++)
+        layers[k] = sizes[k] = per_size[inputs[k]];
+    layers[2] = fmax(layers[2], rotor);
+    layers[3] = fmax(layers[3], output);
+}
+
+static double microsteps_of(const microvib *m)
+{
+    double found = m->packing[MICROSTEPS];
+    for (size_t k = 0; k < m->parameters; k++)
+        if (m->parameter_places[3 * k] == MICROSTEPS_PER_STEP)
+            found = m->parameter_values[2 * k];
+    return found;
+}
+
+static int renew_tables(microvib *m)
+{
+    double *A = array_of(m, "advance.t.A").data, *columns = array_of(m, "advance.t.columns").data;
+    double per_size[STATES], longest = *(double *)of(m, "advance.t.longest");
+    struct array sums = array_of(m, "advance.t.sums");
+    m->linear_part(of(m, "linear_part"), NULL);
+    for (int k = 0; k < PATTERNS; k++)
+        for (int i = 0; i < STATES; i++)
+            for (int j = 0; j < STATES; j++)
+                columns[(k * STATES + j) * STATES + i] = A[(k * STATES + i) * STATES + j];
+    inverse_sizes(m, microsteps_of(m), per_size);
+    set_layers(m, per_size);
+    double levels = fmax(1.0 + ceil(log2(longest * fastest(m, A, per_size) / m->packing[SHORTEST])), 8.0);
+    if (levels > 40.0)
+        levels = 40.0;
+    if (levels > m->packing[MOST_LEVELS])
+        return fails(m, "the parameter asks for shorter steps than this export has room for: export the drive with values nearer to it");
+    *(int64_t *)of(m, "advance.t.levels") = *(int64_t *)of(m, "tabulate.t.levels") = (int64_t)levels;
+    memset(sums.data, 0, sums.size * sizeof *sums.data);
+    m->tabulate(of(m, "tabulate"), NULL);
+    m->initial_friction(of(m, "initial_friction"), NULL);
+    return 0;
+}
+
+/* The factor of the loads at the interface that hangs on the damping of a mode. */
+static void set_damping(microvib *m, size_t mode, double ratio)
+{
+    double damping = 2.0 * ratio * sqrt(m->Lam[mode]);
+    ((double *)m->D)[mode] = damping;
+    for (size_t row = 0; row < 6 && m->weights.size > 0; row++) {
+        double *weights = m->weights.data + row * m->channel_count;
+        if (weights[CHANNEL_T_D] != 1.0) /* not the drive axis */
+            weights[m->channel_count - m->modes + mode] = -m->by_hub.data[row * (m->modes + 1) + mode] * damping;
+    }
+}
+
+/* Microsteps per full step: the same profile in other steps. */
+static void set_microsteps_per_step(microvib *m, double before, double after)
+{
+    size_t n = m->legs.size / 3;
+    m->command[TURN] *= after / before;
+    m->command[PER_RATE] *= after / before;
+    for (size_t k = n; k < 3 * n; k++)
+        m->legs.data[k] *= after / before;
 }
 
 int microvib_set_parameter(microvib *m, size_t which, double value)
 {
-    (void)which, (void)value;
-    return fails(m, "there is no such parameter");
+    char said[200];
+    m->why[0] = 0;
+    if (which >= m->parameters)
+        return fails(m, "there is no such parameter");
+    const int64_t *place = m->parameter_places + 3 * which;
+    double *now = m->parameter_values + 2 * which, lowest = now[1], before = now[0];
+    const char *name = microvib_parameter_name(m, which);
+    if (m->state[STARTED] != 0.0) {
+        snprintf(said, sizeof said, "%s can be set before the first step alone", name);
+        return fails(m, said);
+    }
+    if (!isfinite(value) || value < lowest || (place[2] && value == 0.0) ||
+        (place[0] == MICROSTEPS_PER_STEP && (value != floor(value) || value > 65536.0))) {
+        snprintf(said, sizeof said, "%s %g is not allowed; %s is expected", name, value,
+                 place[0] == MICROSTEPS_PER_STEP ? "a whole number from 1 to 65536"
+                 : place[0] == ARRAY_RATE        ? "a finite number"
+                 : place[2]                      ? "a positive number"
+                                                 : "0 or a positive number");
+        return fails(m, said);
+    }
+    if (value == before)
+        return 0;
+    now[0] = value;
+    m->instant_is_known = 0;
+    switch (place[0]) {
+    case FIELD:
+        set_field(m, text(m->parameter_texts, 4 * which + 3), value);
+        break;
+    case DAMPING:
+        set_damping(m, (size_t)place[1], value);
+        break;
+    case MICROSTEPS_PER_STEP:
+        set_microsteps_per_step(m, before, value);
+        break;
+    default: /* the last leg's, behind a delay */
+        m->legs.data[2 * (m->legs.size / 3) - 1] = value * m->command[PER_RATE];
+        return 0;
+    }
+    return renew_tables(m);
 }

@@ -41,7 +41,7 @@ MICROVIB_API microvib *microvib_open(const void *image, size_t bytes, void *memo
 /* What went wrong last; empty where nothing did. */
 MICROVIB_API const char *microvib_error(const microvib *drive);
 
-/* ---- Parameters: only before the first step ---- */
+/* ---- Parameters: only before the first step. What is not among them is fixed at export. ---- */
 
 MICROVIB_API size_t microvib_parameters(const microvib *drive);
 MICROVIB_API const char *microvib_parameter_name(const microvib *drive, size_t which);

@@ -16,8 +16,8 @@ from microvib.solve import kernel, propagate, propagators
 
 PREFIX = "microvib_"
 FUNCTIONS = {
-    kernel.code: ("snapshot",),
-    propagators.code: ("tabulate",),
+    kernel.code: ("snapshot", "initial_friction"),
+    propagators.code: ("tabulate", "linear_part"),
     propagate.code: ("advance",),
 }
 """Entries of each unit that are handed on."""
@@ -38,6 +38,8 @@ class Platform:
     processors: tuple[tuple[str, str], ...] = (("generic", ""),)
     """Processors that code is made for, and what the names of its functions end in; with two the
     wrapper chooses."""
+    features: str = ""
+    """What processors of the platform can do besides."""
 
 
 _X86 = (("x86-64", ""), ("x86-64-v3", "_v3"))
@@ -49,7 +51,9 @@ PLATFORMS = {
         Platform("win64", "x86_64-pc-windows-gnu", "x86_64-windows-gnu", "{}.dll", _X86),
         Platform("darwin64", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", "{}.dylib", _X86),
         Platform("darwin-arm64", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "{}.dylib"),
-        Platform("wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "{}.wasm"),
+        Platform(
+            "wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "{}.wasm", features="+simd128"
+        ),
     )
 }
 
@@ -74,7 +78,7 @@ def code_objects(platform: Platform) -> dict[str, bytes]:
 
 def _code_object(platform: Platform, processor: str, ending: str) -> bytes:
     kept_code = [_kept_code(unit) for unit in FUNCTIONS]
-    of = (llvmlite.__version__, platform.triple, processor, ending, repr([*FUNCTIONS.values()]))
+    of = (llvmlite.__version__, platform.triple, platform.features, processor, ending, repr([*FUNCTIONS.values()]))
     name = (
         f"export-{platform.name}{ending}-{machine.digest(*kept_code, *(x.encode() for x in of))}.o"
     )
@@ -147,7 +151,7 @@ def _object(module: llvm.ModuleRef, platform: Platform, processor: str) -> bytes
     llvm.initialize_all_asmprinters()
     target = llvm.Target.from_triple(platform.triple)
     made_for = target.create_target_machine(
-        cpu=processor, features="", opt=3, reloc="pic", codemodel="default"
+        cpu=processor, features=platform.features, opt=3, reloc="pic", codemodel="default"
     )
     module.triple, module.data_layout = platform.triple, str(made_for.target_data)
     module.verify()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from microvib.export.native.drive import Output, outputs_of
+from microvib.export.native.parameters import parameters_of
 from microvib.model.scenario import Scenario
+from microvib.solve.pack import pack
 
 HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, PARAMETERS = (
     10_000, 10_001, 10_002, 10_003, 10_004, 20_000,
@@ -42,7 +45,25 @@ def variables_of(scenario: Scenario) -> list[Variable]:
     made = list(enumerate(outputs_of(scenario)))
     first = {name: k for k, name in enumerate(FIRST_SHOWN)}
     made.sort(key=lambda each: first.get(each[1].channel.name, len(first)))
-    return [*(_output(number, output) for number, output in made), *inputs()]
+    outputs = [_output(number, output) for number, output in made]
+    return [*outputs, *inputs(), *_parameters(scenario)]
+
+
+def _parameters(scenario: Scenario) -> list[Variable]:
+    """Parameters that a host may set before the start."""
+    return [
+        Variable(
+            one.name,
+            PARAMETERS + number,
+            "parameter",
+            one.unit,
+            one.meaning,
+            start=one.value,
+            variability="fixed",
+            lowest=None if math.isinf(one.lowest) else one.lowest,
+        )
+        for number, one in enumerate(parameters_of(scenario, pack(scenario)))
+    ]
 
 
 def inputs() -> list[Variable]:
