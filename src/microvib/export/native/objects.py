@@ -51,9 +51,7 @@ PLATFORMS = {
         Platform("win64", "x86_64-pc-windows-gnu", "x86_64-windows-gnu", "{}.dll", _X86),
         Platform("darwin64", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", "{}.dylib", _X86),
         Platform("darwin-arm64", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "{}.dylib"),
-        Platform(
-            "wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "{}.wasm", features="+simd128"
-        ),
+        Platform("wasm32", "wasm32-unknown-wasi", "wasm32-wasi", "{}.wasm", features="+simd128"),
     )
 }
 
@@ -78,7 +76,14 @@ def code_objects(platform: Platform) -> dict[str, bytes]:
 
 def _code_object(platform: Platform, processor: str, ending: str) -> bytes:
     kept_code = [_kept_code(unit) for unit in FUNCTIONS]
-    of = (llvmlite.__version__, platform.triple, platform.features, processor, ending, repr([*FUNCTIONS.values()]))
+    of = (
+        llvmlite.__version__,
+        platform.triple,
+        platform.features,
+        processor,
+        ending,
+        repr([*FUNCTIONS.values()]),
+    )
     name = (
         f"export-{platform.name}{ending}-{machine.digest(*kept_code, *(x.encode() for x in of))}.o"
     )
