@@ -13,8 +13,8 @@ import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.export.native.drive import drive_image, exportable
 from microvib.export.native.library import export_c_library
-from microvib.export.native.linking import compiler, host
-from microvib.export.native.objects import platform_of
+from microvib.export.native.linking import SOURCES, compiler, host
+from microvib.export.native.objects import code_objects, image_object, platform_of
 from microvib.solve import kernel
 from microvib.solve.command import Command
 from microvib.solve.integration import CHUNK_TIME, channels_of, chunk_rows
@@ -117,27 +117,23 @@ def test_loads_are_those_of_a_motion(native):
     drive.free()
 
 
-@pytest.mark.parametrize("step", [1e-4, 1e-3, 1e-2, 0.1])
-def test_communication_steps_change_little(native, step):
-    """What is felt over each tenth of a second, against one step a tenth; a stop shortens a step,
-    whose error is below its accuracy."""
+def test_lines_do_not_hang_on_communication_steps(native):
+    """Lines to 500 Hz of a record that is asked for in pieces, each of which ends a step."""
+    width, settle, seconds = 1e-4, 6.0, 16
 
-    def impulses(each):
-        drive, found = Drive(native(STATE)), []
-        for tenth in range(1, 21):
-            total, parts = 0.0, round(0.1 / each)
-            for part in range(1, parts + 1):
-                drive.step(0.1 * (tenth - 1) + 0.1 * part / parts)
-                total += drive["T_d_mean"] / parts
-            found.append(total)
+    def lines(rows_each):
+        drive = Drive(native(STATE))
+        drive.ask("begin_record", settle, width)
+        count = round(seconds / width) // rows_each
+        torque = [drive.record(rows_each)[:, kernel.T_D] for _ in range(count)]
         drive.free()
-        return np.array(found)
+        windowed = np.concatenate(torque) * np.hanning(round(seconds / width))
+        return np.fft.rfft(windowed)[: 500 * seconds]
 
-    drive = Drive(native(STATE))
-    drive.ask("begin_record", 0.0, 0.1)
-    expected = drive.record(20)[:, kernel.T_D]
-    drive.free()
-    assert off(impulses(step), expected) < 1e-5
+    whole = lines(round(seconds / width))
+    largest = np.max(np.abs(whole))
+    for rows_each in (1, 10, 100, 1000, 10_000):  # 1e-4 s to 1 s
+        assert np.max(np.abs(lines(rows_each) - whole)) < 1e-5 * largest, rows_each
 
 
 def test_state_goes_back_to_the_middle_of_a_stick(native):
@@ -241,6 +237,31 @@ def test_valgrind_finds_nothing(c_library, cc, tmp_path):
         capture_output=True,
         text=True,
     )
+    assert done.returncode == 0, done.stderr
+
+
+def test_sanitizers_find_nothing(c_library, cc, tmp_path):
+    """Wrapper and example under AddressSanitizer and the sanitizer of undefined behaviour, where the
+    compiler has them; the compiled equations are looked at by valgrind."""
+    folder, platform = c_library(STATE), platform_of(host())
+    objects = code_objects(platform) | {"image": image_object(platform, drive_image(STATE))}
+    for name, content in objects.items():
+        (tmp_path / f"{name}.o").write_bytes(content)
+    program = tmp_path / "example"
+    two = ["-DMICROVIB_TWO_PROCESSORS"] if len(platform.processors) > 1 else []
+    built = subprocess.run(
+        [
+            cc, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
+            "-DMICROVIB_BUILT_IN", *two, str(folder / "example.c"), str(SOURCES / "microvib.c"),
+            *(str(tmp_path / f"{name}.o") for name in objects), "-lm", "-o", str(program),
+        ],
+        capture_output=True,
+        text=True,
+    )  # fmt: skip
+    if "asan" in built.stderr or "ubsan" in built.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert built.returncode == 0, built.stderr
+    done = subprocess.run([str(program)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

@@ -363,7 +363,7 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
 
 
 def linear_part_arguments(drive: Any, state: Any, A: np.ndarray) -> tuple[Any, ...]:
-    """What ``propagators.linear_part`` takes to fill ``A`` for a drive at rest in ``state``."""
+    """Arguments of ``propagators.linear_part`` to fill ``A`` for a drive at rest in ``state``."""
     none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,

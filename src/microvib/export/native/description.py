@@ -40,12 +40,12 @@ FLAGS = {
         "canSerializeFMUState": "true",
     },
 }
-"""What an FMU can do, by the version of FMI."""
+"""Capabilities of an FMU, by the version of FMI."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """What a modelDescription.xml says."""
+    """Content of a modelDescription.xml."""
 
     model: str
     """Name of the model, and of the binaries."""

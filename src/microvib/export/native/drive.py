@@ -87,7 +87,7 @@ def exportable(scenario: GivenScenario) -> Scenario:
 
 
 def outputs_of(scenario: Scenario) -> list[Output]:
-    """What an exported drive tells, in its order."""
+    """Outputs of an exported drive, in its order."""
     named = list(CHANNELS.values())
     found = [Output(channel, INSTANT, k) for k, channel in enumerate(named[: kernel.POWERS])]
     found += [Output(channel, ENERGY, k) for k, channel in enumerate(named[kernel.POWERS :])]

@@ -1,4 +1,4 @@
-"""The same library from Python, by ctypes alone: python example.py ./drive-linux64.so"""
+"""The library from Python, by ctypes alone: python example.py ./drive-linux64.so"""
 
 import ctypes
 import sys

@@ -146,7 +146,7 @@ def model_name(target: Path) -> str:
 
 
 def _guid(image: bytes, version: int) -> str:
-    """The same for the same drive, so that a binary fits the description that it came with."""
+    """Token of a drive, which never changes, so that a binary fits the description that it came with."""
     digest = hashlib.sha256(image + bytes([version])).digest()
     return "{" + str(uuid.UUID(bytes=digest[:16])) + "}"
 

@@ -39,7 +39,7 @@ class Platform:
     """Processors that code is made for, and what the names of its functions end in; with two the
     wrapper chooses."""
     features: str = ""
-    """What processors of the platform can do besides."""
+    """Further features of its processors, as LLVM says them."""
 
 
 _X86 = (("x86-64", ""), ("x86-64-v3", "_v3"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def _of_friction(key: str, body: str, p: object, letter: str) -> list[Parameter]
     ]  # fmt: skip
 
 
-def with_spare_levels(t: propagators.Propagators, modes: int) -> propagators.Propagators:
+def with_spare_levels(t: Any, modes: int) -> Any:
     """Tables with room for shorter steps."""
     levels = min(t.levels + SPARE_LEVELS, propagators.MOST_LEVELS)
     sizes = {
@@ -101,7 +102,7 @@ def with_spare_levels(t: propagators.Propagators, modes: int) -> propagators.Pro
 
 
 def packing_numbers(scenario: Scenario, packed: Packed) -> np.ndarray:
-    """What the wrapper packs parameters with, as ``solve.pack`` does: sizes of currents and of their
+    """Numbers that the wrapper packs parameters with, as ``solve.pack`` does: sizes of currents and of their
     integrals over a microstep, full step, ratio, rate of the rotor, inertia of the output, most
     levels, shortest step over the fastest motion, and microsteps as exported."""
     t, sizes, driver = packed.propagators, packed.sizes, scenario.driver

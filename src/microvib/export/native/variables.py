@@ -67,7 +67,7 @@ def _parameters(scenario: Scenario) -> list[Variable]:
 
 
 def inputs() -> list[Variable]:
-    """What a host gives, and the time."""
+    """Variables that a host gives, and the time."""
     return [
         Variable(
             "hub_acceleration",

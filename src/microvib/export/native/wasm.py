@@ -42,7 +42,7 @@ def export_wasm(
     folder = Path(path)
     check_folder(folder, overwrite)
     given = exportable(scenario)
-    files = {
+    files: dict[str, str | bytes] = {
         "drive.wasm": shared_library("wasm32", drive_image(given)),
         "drive.mjs": (SOURCES / "drive.mjs").read_text(encoding="utf-8"),
         "scenario.yaml": dump_scenario(given),
