@@ -97,6 +97,37 @@ def test_parameters_are_set_before_the_start(fmu, tmp_path):
     assert np.max(np.abs(expected["T_d"] - reference(fmu)["T_d"])) > 0.01 * largest
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_tones_are_the_lines_of_the_steady_state(version, tmp_path):
+    """An FMU of lines, against cosines, and its means against theirs."""
+    from fmpy.validation import validate_fmu
+
+    steady = SIX.with_({"record.start": "steady"})
+    fmu = export_fmu(steady, tmp_path / "lines.fmu", version=version, kind="tones")
+    assert validate_fmu(str(fmu)) == []
+    asked = ["T_d", "T_d_mean", "Fx"]
+    found = fmpy.simulate_fmu(
+        str(fmu), stop_time=2.0, step_size=0.001, output_interval=0.001, output=asked
+    )
+    for name in ("T_d", "Fx"):
+        lines = [x for x in mv.find_lines(steady, name) if x.seen and not x.decay > 0.0]
+        assert len(lines) > 10
+        expected = sum(
+            x.amplitude * np.cos(2.0 * np.pi * x.frequency * found["time"] + x.phase) for x in lines
+        )
+        assert np.max(np.abs(found[name] - expected)) < 1e-9 * np.max(np.abs(expected)), name
+    exact = sum(
+        x.amplitude
+        * np.diff(np.sin(2.0 * np.pi * x.frequency * found["time"] + x.phase))
+        / (2.0 * np.pi * x.frequency * 0.001)
+        for x in mv.find_lines(steady, "T_d")
+        if x.seen and not x.decay > 0.0
+    )
+    assert np.max(np.abs(found["T_d_mean"][1:] - exact)) < 1e-8 * np.max(np.abs(exact))
+    names = {v.name for v in fmpy.read_model_description(str(fmu)).modelVariables}
+    assert not names & {"hub_acceleration", "array_rate"}
+
+
 def test_states_come_back_from_bytes(fmu):
     """Get, serialise, go on, deserialise in another instance, go on: the same."""
     from fmpy import extract, read_model_description

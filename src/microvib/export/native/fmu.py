@@ -9,6 +9,7 @@ import re
 import uuid
 import zipfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,17 @@ from microvib.errors import OptionError
 from microvib.export.native.description import Description, model_description
 from microvib.export.native.drive import drive_image, exportable, load_weights
 from microvib.export.native.icon import icon
-from microvib.export.native.library import platforms_or_host, shared_library
-from microvib.export.native.objects import platform_of
-from microvib.export.native.variables import variables_of
+from microvib.export.native.library import platforms_or_host
+from microvib.export.native.linking import link
+from microvib.export.native.objects import code_objects, image_object, platform_of
+from microvib.export.native.tones import (
+    lines_of,
+    tone_results,
+    tone_table,
+    tone_variables,
+    with_lines,
+)
+from microvib.export.native.variables import Variable, variables_of
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.writing import write_file
 from microvib.model.rigid import COMPONENTS
@@ -29,8 +38,9 @@ from microvib.solve.command import Command
 from microvib.solve.pack import pack
 from microvib.solve.sampling import sample_buffer
 
+DRIVE_WRAPPER = "microvib.c"
 VERSIONS = (2, 3)
-KINDS = ("source",)
+KINDS = ("source", "tones")
 FOLDERS = {
     2: {"linux64": "linux64", "win64": "win64", "darwin64": "darwin64"},
     3: {
@@ -69,6 +79,7 @@ def export_fmu(
         Version of FMI, 2 or 3.
     kind : str
         ``source``: the spacecraft's acceleration comes in, the disturbance torque goes out.
+        ``tones``: lines that last alone, as sums of cosines, whatever the spacecraft does.
     platforms : sequence of str, optional
         Platforms that it shall run on, names of ``FOLDERS``; without any this machine's.
     overwrite : bool
@@ -87,23 +98,22 @@ def export_fmu(
     """
     target = Path(path)
     _check(target, version, kind)
-    given = exportable(scenario)
+    given = exportable(scenario) if kind == "source" else with_lines(scenario)
     names = _checked_platforms(platforms, version)
-    image = drive_image(given)
-    variables = variables_of(given)
-    guid = _guid(image, version)
+    content = _source(given) if kind == "source" else _tones(given)
+    guid = _guid(content.image, version)
     description = Description(
         model=model_name(target),
         guid=guid,
-        text=_text(given),
+        text=content.text,
         author="microvib",
-        variables=variables,
+        variables=content.variables,
         stop=REFERENCE_STEPS * STEP,
         step=STEP,
     )
     files: dict[str, bytes] = {
         "modelDescription.xml": model_description(description, version),
-        "documentation/reference.csv": reference_results(given).encode(),
+        "documentation/reference.csv": content.reference.encode(),
         "documentation/scenario.yaml": dump_scenario(given).encode(),
         "documentation/index.html": _page(description).encode(),
     }
@@ -111,11 +121,58 @@ def export_fmu(
     for name in names:
         platform = platform_of(name)
         binary = platform.library.format(description.model)
-        files[f"binaries/{FOLDERS[version][name]}/{binary}"] = shared_library(
-            name, image, (f"fmi{version}.c", "microvib.c"), (f'MICROVIB_GUID="{guid}"',)
+        files[f"binaries/{FOLDERS[version][name]}/{binary}"] = content.binary(
+            name, f"fmi{version}.c", f'MICROVIB_GUID="{guid}"'
         )
     write_file(target, _zipped(files), overwrite)
     return target
+
+
+@dataclass(frozen=True)
+class Content:
+    """Content of an FMU that depends on its kind."""
+
+    image: bytes
+    wrapper: str
+    """Its source in C."""
+    variables: list[Variable]
+    text: str
+    reference: str
+
+    def binary(self, platform: str, source: str, define: str) -> bytes:
+        """The shared library for a platform, of FMI's functions in a ``source``."""
+        own = platform_of(platform)
+        objects = {"image": image_object(own, self.image)}
+        if self.wrapper == DRIVE_WRAPPER:
+            objects |= code_objects(own)
+        return link(own, (source, self.wrapper), objects, ("MICROVIB_BUILT_IN", define))
+
+
+def _source(scenario: Scenario) -> Content:
+    return Content(
+        drive_image(scenario),
+        DRIVE_WRAPPER,
+        variables_of(scenario),
+        _text(scenario),
+        reference_results(scenario),
+    )
+
+
+def _tones(scenario: Scenario) -> Content:
+    lines = lines_of(scenario)
+    times = [STEP * k for k in range(1, REFERENCE_STEPS + 1)]
+    text = (
+        f"Disturbance lines of the solar array drive and array of '{scenario.title}': sums of"
+        " cosines, of its lines that last; phases count from the first sample of its record."
+        " Nothing acts back: no transients, no motion of the spacecraft."
+    )
+    return Content(
+        tone_table(lines),
+        "tones.c",
+        tone_variables(list(lines)),
+        text,
+        tone_results(lines, times),
+    )
 
 
 def _check(target: Path, version: int, kind: str) -> None:
