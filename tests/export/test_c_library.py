@@ -104,8 +104,12 @@ def test_samples_are_those_of_a_run(native):
 
 def test_loads_are_those_of_a_motion(native):
     scenario = SIX
-    drive, packed = Drive(native(scenario)), pack(scenario)
+    drive = Drive(native(scenario))
+    before = rows_in_python(scenario, 0.25, 1.0, 0)[1].momentum
     expected, packed = rows_in_python(scenario, 0.25, 0.25, 1)
+    row = expected[0, kernel.T_D]
+    expected[0, kernel.T_D] = (before - packed.momentum) / 0.25
+    assert row == pytest.approx(expected[0, kernel.T_D], rel=1e-3)
     drive.step(0.25)
     drive.step(0.5)
     means = channels_of(expected[:, : packed.channels], scenario.load.H.size)
@@ -134,6 +138,56 @@ def test_lines_do_not_hang_on_communication_steps(native):
     largest = np.max(np.abs(whole))
     for rows_each in (1, 10, 100, 1000, 10_000):  # 1e-4 s to 1 s
         assert np.max(np.abs(lines(rows_each) - whole)) < 1e-5 * largest, rows_each
+
+
+@pytest.mark.parametrize("step", [1e-3, 7e-3, 0.05, 0.5])
+def test_independent_steps_do_not_hang_on_communication_steps(native, step):
+    """Impulses over half seconds and the state at their ends, without an input, against one step each."""
+
+    def motion(each):
+        drive, found = Drive(native(STATE)), []
+        drive.ask("set_independent", 1)
+        for half in range(8):
+            stops = [*np.arange(0.5 * half, 0.5 * (half + 1) - 1e-9, each)[1:], 0.5 * (half + 1)]
+            impulse, now = 0.0, 0.5 * half
+            for stop in stops:
+                drive.step(stop)
+                impulse, now = impulse + drive["T_d_mean"] * (stop - now), stop
+            found.append((impulse, *(drive[name] for name in ("T_d", "theta_l", "omega_l", "i_A"))))
+        drive.free()
+        return np.array(found)
+
+    expected = motion(0.5)
+    found = motion(step)
+    assert np.all(
+        np.max(np.abs(found - expected), axis=0) < NEAR * np.max(np.abs(expected), axis=0)
+    )
+
+
+def test_independent_steps_end_where_an_input_changes(native):
+    """States are saved and restored with what is kept; a change of the rate acts at its time."""
+    drive, other = Drive(native(STATE)), Drive(native(STATE))
+    for one in (drive, other):
+        one.ask("set_independent", 1)
+        for time in (0.1, 0.2234):
+            one.step(time)
+    kept = drive.state
+    drive.step(0.5)
+    drive.state = kept
+    for one in (drive, other):
+        one.ask("set_rate", 2e-3)
+        one.step(0.7)
+    assert drive["T_d"] == other["T_d"]
+    plain = Drive(native(STATE))
+    plain.step(0.2234)
+    plain.ask("set_rate", 2e-3)
+    plain.step(0.7)
+    assert other["theta_l"] == pytest.approx(plain["theta_l"], rel=1e-5)
+    assert other["microsteps"] == plain["microsteps"]
+    with pytest.raises(RuntimeError, match="before the first step alone"):
+        drive.ask("set_independent", 0)
+    for one in (drive, other, plain):
+        one.free()
 
 
 def test_state_goes_back_to_the_middle_of_a_stick(native):

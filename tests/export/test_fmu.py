@@ -80,6 +80,23 @@ def test_inputs_act(fmu):
     assert pushed["T_d"][-1] > 0.5 * 0.25 * SIX.array.inertia
 
 
+def test_independent_steps_do_not_hang_on_communication(fmu):
+    found = [
+        fmpy.simulate_fmu(
+            str(fmu),
+            stop_time=2.0,
+            step_size=step,
+            output_interval=0.1,
+            start_values={"independent_steps": 1},
+            output=["T_d", "Fx"],
+        )
+        for step in (0.002, 0.1)
+    ]
+    for name in ("T_d", "Fx"):
+        largest = np.max(np.abs(found[1][name]))
+        assert np.max(np.abs(found[0][name] - found[1][name])) < 1e-9 * largest
+
+
 def test_parameters_are_set_before_the_start(fmu, tmp_path):
     """An FMU with other start values, against that of the scenario with these values."""
     changed = SIX.with_({"reducer.stiffness": "9000 N*m/rad", "driver.microsteps": 32})

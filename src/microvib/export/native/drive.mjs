@@ -79,6 +79,11 @@ class Drive {
     this.#ask(this.code.microvib_set_parameter(this.at, which, value));
   }
 
+  // Before the first step: internal steps that do not end where communication steps do.
+  setIndependent(on) {
+    this.#ask(this.code.microvib_set_independent(this.at, on ? 1 : 0));
+  }
+
   setRate(rate) {
     this.#ask(this.code.microvib_set_rate(this.at, rate));
   }

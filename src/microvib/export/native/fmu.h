@@ -10,7 +10,7 @@
 
 /* Value references (microvib.export.native.variables has the same): outputs by their number from 0 on,
    inputs, and parameters by their number from PARAMETERS on. */
-enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, PARAMETERS = 20000 };
+enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, PARAMETERS = 20000 };
 
 /* Who commands: the profile of the scenario, the input array_rate, or the input microstep_command. */
 enum { BY_PROFILE, BY_RATE, BY_NUMBER };
@@ -18,7 +18,7 @@ enum { BY_PROFILE, BY_RATE, BY_NUMBER };
 /* What a host sets, beside parameters, and what is saved with the state. */
 struct inputs {
     double hub_acceleration, array_rate, start; /* start: the host's time at which the drive's is 0 */
-    int64_t microsteps, command;
+    int64_t microsteps, command, independent;
 };
 
 struct fmu {
@@ -80,6 +80,8 @@ static inline int fmu_get_integer(const struct fmu *f, unsigned which, int64_t *
         *value = f->inputs.microsteps;
     else if (which == COMMAND)
         *value = f->inputs.command;
+    else if (which == INDEPENDENT)
+        *value = f->inputs.independent;
     else
         return 1;
     return 0;
@@ -91,7 +93,10 @@ static inline int fmu_set_integer(struct fmu *f, unsigned which, int64_t value)
         f->inputs.microsteps = value;
     else if (which == COMMAND && !f->initialized && value >= BY_PROFILE && value <= BY_NUMBER)
         f->inputs.command = value;
-    else
+    else if (which == INDEPENDENT && !f->initialized && (value == 0 || value == 1)) {
+        f->inputs.independent = value;
+        return microvib_set_independent(f->drive, (int)value);
+    } else
         return 1;
     return 0;
 }

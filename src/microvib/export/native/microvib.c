@@ -43,6 +43,7 @@ struct entry {
    microvib.solve.kernel have them. */
 enum { INSTANT, MEAN, LOAD, LOAD_MEAN, ENERGY, COMMANDED };
 enum { NOW = 0, WEIGHT = 8 };
+enum { RATE_M = 5, RATE_L = 7, MODES = 8 }; /* in the state y */
 enum { CHANNEL_T_D = 17 };
 enum { OK, LOST_SYNCHRONISM, STEP_TOO_SMALL, NOT_FINITE };
 
@@ -63,6 +64,7 @@ enum {
     WIDTH,         /* interval [s], 0: none, */
     DONE,          /* and rows so far */
     HAS_MEAN,      /* the means are those of a step */
+    KEPT,          /* the state at the last microstep is kept: the next step goes on from there */
     STATE_WORDS
 };
 enum { BY_PROFILE, BY_RATE, BY_NUMBER };
@@ -80,7 +82,7 @@ struct microvib {
     char why[256];
     void *allocated;
     const struct entry *entries;
-    size_t entry_count, words;
+    size_t entry_count;
     compiled *advance, *snapshot, *tabulate, *linear_part, *initial_friction;
     void *advance_words, *snapshot_words;
     double *stop, *first, *width;
@@ -98,7 +100,8 @@ struct microvib {
     size_t parameters, outputs, modes, channel_count, columns;
     double own_noise_rate;
     struct array own_noise;
-    int instant_is_known;
+    int instant_is_known, independent;
+    int64_t *kept; /* memory for a state */
 };
 
 static int fails(microvib *m, const char *text)
@@ -207,7 +210,7 @@ static size_t head_bytes(void)
 size_t microvib_memory(const void *image, size_t bytes)
 {
     const int64_t *h = checked(image, &bytes);
-    return h ? head_bytes() + 8 * (size_t)h[H_WORDS] + 63 : 0;
+    return h ? head_bytes() + 8 * (size_t)(h[H_WORDS] + h[H_CHANGED_END] - h[H_CHANGED]) + 63 : 0;
 }
 
 static void find_all(microvib *m)
@@ -270,7 +273,7 @@ microvib *microvib_open(const void *image, size_t bytes, void *memory, char *why
     microvib *m = (microvib *)(((uintptr_t)memory + 63) / 64 * 64);
     memset(m, 0, sizeof *m);
     int64_t *base = m->image = (int64_t *)((char *)m + head_bytes());
-    m->words = (size_t)h[H_WORDS];
+    m->kept = base + h[H_WORDS];
     memcpy(base, h, 8 * (size_t)h[H_STORED]);
     memset(base + h[H_STORED], 0, 8 * (size_t)(h[H_WORDS] - h[H_STORED]));
     for (int64_t k = 0; k < h[H_ADDRESSES]; k++)
@@ -568,25 +571,57 @@ static int said(microvib *m, int64_t status)
     return fails(m, text);
 }
 
-/* Advance to `stop`, and fill what rows there are. */
+/* What time changes. */
+static int64_t *changed(const microvib *m, size_t *bytes)
+{
+    *bytes = 8 * (size_t)(m->image[H_CHANGED_END] - m->image[H_CHANGED]);
+    return m->image + m->image[H_CHANGED];
+}
+
+/* Advance to `until` with the microsteps that were found, from the number `first` on. */
+static int run(microvib *m, double until, size_t first, size_t due)
+{
+    int64_t status = 0;
+    point_to(m->due, m->due.data + first, due - first);
+    point_to(m->references, m->references.data + 4 * first, due - first);
+    *m->stop = until;
+    m->advance(m->advance_words, &status);
+    return status == OK ? 0 : said(m, status);
+}
+
+/* Whether steps shall be those that the motion alone makes: no input may change between communications. */
+static int goes_alone(const microvib *m)
+{
+    return m->independent && m->state[HUB_ACTS] == 0.0 && m->state[COMMAND] != BY_NUMBER;
+}
+
+/* Advance to `stop`, and fill what rows there are; where the motion `goes_alone`, by way of the last
+   microstep before it, where a step ends anyway, and keep the state there. */
 static int advance(microvib *m, double stop)
 {
+    size_t bytes;
+    const int64_t *state = changed(m, &bytes);
+    int alone = goes_alone(m) && m->state[WIDTH] == 0.0;
     m->instant_is_known = 0;
     m->state[STARTED] = 1.0;
     while (m->clock[NOW] < stop) {
-        int64_t status = 0;
         double until = stop;
         if (m->state[HUB_ACTS] != 0.0)
             fill_knots(m, &until);
-        size_t due = microsteps_due(m, &until);
-        point_to(m->due, m->due.data, due);
-        point_to(m->references, m->references.data, due);
-        *m->stop = until;
+        size_t due = microsteps_due(m, &until), first = 0;
         if (m->state[HUB_ACTS] != 0.0)
             move_hub(m, until);
-        m->advance(m->advance_words, &status);
-        if (status != OK)
-            return said(m, status);
+        if (alone && until == stop) {
+            if (due > 0 && m->due.data[due - 1] > m->clock[NOW]) {
+                first = due - 1;
+                if (run(m, m->due.data[first], 0, due))
+                    return 1;
+            }
+            memcpy(m->kept, state, bytes);
+            m->state[KEPT] = 1.0;
+        }
+        if (run(m, until, first, due))
+            return 1;
     }
     return 0;
 }
@@ -613,9 +648,18 @@ static void begin_hub_means(microvib *m)
     memset(m->hub + 2 * m->modes, 0, m->modes * sizeof *m->hub);
 }
 
+/* Angular momentum of all that moves about the drive axis. */
+static double momentum(const microvib *m)
+{
+    double total = m->hub_numbers[ROTOR_INERTIA] * m->y[RATE_M] + m->hub_numbers[OUTPUT_INERTIA] * m->y[RATE_L];
+    for (size_t k = 0; k < m->modes; k++)
+        total += m->H[k] * m->y[MODES + 2 * k + 1];
+    return total;
+}
+
 int microvib_do_step(microvib *m, double stop)
 {
-    double now = m->clock[NOW];
+    double now = m->clock[NOW], before = momentum(m);
     m->why[0] = 0;
     if (!isfinite(stop) || stop < now)
         return refuse_past(m, stop);
@@ -623,6 +667,11 @@ int microvib_do_step(microvib *m, double stop)
         return 0;
     if (m->state[WIDTH] > 0.0)
         return fails(m, "a record has begun: call microvib_record, or end it by microvib_begin_record with a width of 0");
+    if (m->state[KEPT] != 0.0) {
+        size_t bytes;
+        int64_t *to = changed(m, &bytes);
+        memcpy(to, m->kept, bytes);
+    }
     *m->first = now;
     *m->width = stop - now;
     m->clock[WEIGHT] = 0.0;
@@ -631,8 +680,10 @@ int microvib_do_step(microvib *m, double stop)
     point_to(m->rows, m->means, 1);
     begin_hub_means(m);
     int failed = advance(m, stop);
-    if (!failed)
+    if (!failed) {
         end_hub_means(m, stop - now);
+        m->means[CHANNEL_T_D] = -(momentum(m) - before) / (stop - now); /* exact, where the row has a quadrature */
+    }
     m->state[HAS_MEAN] = failed || m->cursor[0] != 1 ? 0.0 : 1.0;
     return failed;
 }
@@ -643,7 +694,7 @@ int microvib_begin_record(microvib *m, double first, double width)
     m->why[0] = 0;
     if (!isfinite(first) || !isfinite(width) || first < now)
         return refuse_past(m, first);
-    m->state[HAS_MEAN] = m->state[DONE] = 0.0;
+    m->state[HAS_MEAN] = m->state[DONE] = m->state[KEPT] = 0.0;
     m->state[FIRST] = *m->first = first;
     m->state[WIDTH] = width > 0.0 ? width : 0.0;
     *m->width = width > 0.0 ? width : 1.0;
@@ -657,6 +708,7 @@ int microvib_begin_record(microvib *m, double first, double width)
 int microvib_record(microvib *m, size_t count, double *rows)
 {
     m->why[0] = 0;
+    m->state[KEPT] = 0.0;
     if (!(m->state[WIDTH] > 0.0))
         return fails(m, "no record has begun: call microvib_begin_record first");
     *m->first = m->state[FIRST];
@@ -685,6 +737,15 @@ static void take_noise(microvib *m)
     }
 }
 
+int microvib_set_independent(microvib *m, int on)
+{
+    m->why[0] = 0;
+    if (m->state[STARTED] != 0.0)
+        return fails(m, "independent steps can be asked for before the first step alone");
+    m->independent = on != 0;
+    return 0;
+}
+
 double microvib_time(const microvib *m)
 {
     return m->clock[NOW];
@@ -705,6 +766,7 @@ int microvib_set_rate(microvib *m, double rate)
         return fails(m, "the rate is not a finite number");
     if (m->state[COMMAND] == BY_RATE && per_second == m->state[RATE])
         return 0;
+    m->state[KEPT] = 0.0;
     m->state[COUNT] = m->state[COMMAND] == BY_NUMBER ? m->state[COUNT] : count_at(leg_at(m, now), now);
     m->state[SINCE] = now;
     m->state[RATE] = per_second;
@@ -717,6 +779,7 @@ int microvib_set_microsteps(microvib *m, int64_t count)
     if (m->state[COMMAND] != BY_NUMBER)
         m->state[TAKEN] = (double)microvib_microsteps(m);
     m->state[COMMAND] = BY_NUMBER;
+    m->state[KEPT] = 0.0;
     m->state[COUNT] = (double)count;
     m->state[SINCE] = m->clock[NOW];
     return 0;
@@ -726,8 +789,11 @@ int microvib_set_hub_acceleration(microvib *m, double acceleration)
 {
     if (!isfinite(acceleration))
         return fails(m, "the spacecraft's acceleration is not a finite number");
+    if (acceleration == m->state[HUB])
+        return 0;
     m->instant_is_known = 0;
     m->state[HUB] = acceleration;
+    m->state[KEPT] = 0.0;
     if (acceleration != 0.0 && m->state[HUB_ACTS] == 0.0)
         m->state[HUB_ACTS] = 1.0;
     take_noise(m);
@@ -861,17 +927,11 @@ double microvib_output(microvib *m, size_t which)
 
 /* ---- State ---- */
 
-static int64_t *changed(const microvib *m, size_t *bytes)
-{
-    *bytes = 8 * (size_t)(m->image[H_CHANGED_END] - m->image[H_CHANGED]);
-    return m->image + m->image[H_CHANGED];
-}
-
 size_t microvib_state_bytes(const microvib *m)
 {
     size_t bytes;
     changed(m, &bytes);
-    return bytes;
+    return m->independent ? 2 * bytes : bytes;
 }
 
 void microvib_get_state(const microvib *m, void *state)
@@ -879,6 +939,8 @@ void microvib_get_state(const microvib *m, void *state)
     size_t bytes;
     const int64_t *from = changed(m, &bytes);
     memcpy(state, from, bytes);
+    if (m->independent)
+        memcpy((char *)state + bytes, m->kept, bytes);
 }
 
 int microvib_set_state(microvib *m, const void *state)
@@ -887,6 +949,8 @@ int microvib_set_state(microvib *m, const void *state)
     int64_t *to = changed(m, &bytes);
     m->why[0] = 0;
     memcpy(to, state, bytes);
+    if (m->independent)
+        memcpy(m->kept, (const char *)state + bytes, bytes);
     m->instant_is_known = 0;
     *m->first = m->state[FIRST];
     *m->width = m->state[WIDTH] > 0.0 ? m->state[WIDTH] : 1.0;

@@ -56,6 +56,12 @@ MICROVIB_API double microvib_time(const microvib *drive); /* [s] */
    are then those from the last such call's end on. */
 MICROVIB_API int microvib_do_step(microvib *drive, double stop);
 
+/* Before the first step: internal steps that do not end where communication steps do, so that the motion
+   does not hang on them as long as no input changes. What is between the last microstep and the time of
+   the call is then computed again in the next step: asked for more often than microsteps come, this takes
+   several times as long. */
+MICROVIB_API int microvib_set_independent(microvib *drive, int on);
+
 /* Outputs by number, in the order of their names; NULL and NaN for a number that is none. */
 MICROVIB_API size_t microvib_outputs(const microvib *drive);
 MICROVIB_API const char *microvib_output_name(const microvib *drive, size_t which);

@@ -129,6 +129,12 @@ int microvib_set_hub_acceleration(microvib *m, double acceleration)
     return fails(m, "lines take no input");
 }
 
+int microvib_set_independent(microvib *m, int on)
+{
+    (void)on;
+    return fails(m, "lines have no steps");
+}
+
 int microvib_set_rate(microvib *m, double rate)
 {
     (void)rate;

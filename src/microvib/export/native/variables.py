@@ -10,11 +10,11 @@ from microvib.export.native.parameters import parameters_of
 from microvib.model.scenario import Scenario
 from microvib.solve.pack import pack
 
-HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, PARAMETERS = (
-    10_000, 10_001, 10_002, 10_003, 10_004, 20_000,
+HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, PARAMETERS = (
+    10_000, 10_001, 10_002, 10_003, 10_004, 10_005, 20_000,
 )  # fmt: skip
-"""Value references of inputs, of the parameter that says who commands, of time, and of the first
-parameter; outputs count from 0 (``fmu.h``)."""
+"""Value references of inputs, of the parameter that says who commands, of time, of the parameter that
+says how steps are made, and of the first parameter of the drive; outputs count from 0 (``fmu.h``)."""
 COMMANDS = ("profile", "array_rate", "microstep_command")
 """Who commands, by the value of ``command``."""
 FIRST_SHOWN = ("T_d", "T_d_mean", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -105,6 +105,18 @@ def inputs() -> list[Variable]:
             variability="fixed",
             lowest=0,
             highest=len(COMMANDS) - 1,
+        ),
+        Variable(
+            "independent_steps",
+            INDEPENDENT,
+            "parameter",
+            "",
+            "1: internal steps do not end where communication steps do, as long as no input changes",
+            kind="Integer",
+            start=0,
+            variability="fixed",
+            lowest=0,
+            highest=1,
         ),
         Variable("time", TIME, "independent", "s", "time"),
     ]
