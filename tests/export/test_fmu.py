@@ -145,6 +145,35 @@ def test_tones_are_the_lines_of_the_steady_state(version, tmp_path):
     assert not names & {"hub_acceleration", "array_rate"}
 
 
+def test_a_drive_without_its_array_takes_a_torque(tmp_path):
+    """Validated; a torque on the shaft turns up at the spacecraft, less what accelerates the shaft."""
+    from fmpy.validation import validate_fmu
+
+    fmu = export_fmu(STATE, tmp_path / "drive.fmu", kind="drive")
+    assert validate_fmu(str(fmu)) == []
+    names = {v.name for v in fmpy.read_model_description(str(fmu)).modelVariables}
+    assert {"shaft_torque", "theta_l", "omega_l", "alpha_l"} <= names
+    assert "eta[1]" not in names
+    given = np.array([(0.0, 0.05), (4.0, 0.05)], dtype=[("time", "f8"), ("shaft_torque", "f8")])
+    found = fmpy.simulate_fmu(
+        str(fmu),
+        stop_time=4.0,
+        step_size=0.01,
+        output_interval=0.01,
+        start_values={"command": 1},
+        input=given,
+        output=["T_d", "omega_l", "T_d_mean"],
+    )
+    assert abs(found["omega_l"][-1]) < 1e-6
+    assert found["T_d"][-1] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_a_drive_needs_something_on_its_shaft(tmp_path):
+    bare = STATE.with_({"array.rigid_inertia": "0 kg*m^2", "reducer.output_inertia": "0.1 kg*m^2"})
+    with pytest.raises(MicrovibError, match=r"^kind drive: all of the array's inertia"):
+        export_fmu(bare, tmp_path / "drive.fmu", kind="drive")
+
+
 def test_states_come_back_from_bytes(fmu):
     """Get, serialise, go on, deserialise in another instance, go on: the same."""
     from fmpy import extract, read_model_description

@@ -96,6 +96,10 @@ class Drive {
     this.#ask(this.code.microvib_set_hub_acceleration(this.at, acceleration));
   }
 
+  setShaftTorque(torque) {
+    this.#ask(this.code.microvib_set_shaft_torque(this.at, torque));
+  }
+
   beginRecord(first, width) {
     this.#ask(this.code.microvib_begin_record(this.at, first, width));
   }

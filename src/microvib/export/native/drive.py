@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -84,6 +85,26 @@ def exportable(scenario: GivenScenario) -> Scenario:
         if present:
             raise MicrovibError(f"{key}: {reason}")
     return found
+
+
+def without_modes(scenario: Scenario) -> Scenario:
+    """The scenario with no more of its array than what is rigid on the shaft, for hosts that have
+    the rest; MicrovibError where nothing is.
+    """
+    rigid = scenario.array.J_h
+    if not rigid > 0.0:
+        raise MicrovibError(
+            "kind drive: all of the array's inertia is in its modes; export the source, which has"
+            " these, or give array.rigid_inertia"
+        )
+    changes: dict[str, Any] = {
+        "array.modes": [],
+        "array.inertia": f"{rigid!r} kg*m^2",
+        "array.rigid_inertia": None,
+        "array.rigid_body": None,
+        "array.interface_inertia": None,
+    }
+    return scenario.with_(changes)
 
 
 def outputs_of(scenario: Scenario) -> list[Output]:

@@ -10,14 +10,14 @@
 
 /* Value references (microvib.export.native.variables has the same): outputs by their number from 0 on,
    inputs, and parameters by their number from PARAMETERS on. */
-enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, PARAMETERS = 20000 };
+enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, SHAFT_TORQUE, PARAMETERS = 20000 };
 
 /* Who commands: the profile of the scenario, the input array_rate, or the input microstep_command. */
 enum { BY_PROFILE, BY_RATE, BY_NUMBER };
 
 /* What a host sets, beside parameters, and what is saved with the state. */
 struct inputs {
-    double hub_acceleration, array_rate, start; /* start: the host's time at which the drive's is 0 */
+    double hub_acceleration, shaft_torque, array_rate, start; /* start: the host's time at which the drive's is 0 */
     int64_t microsteps, command, independent;
 };
 
@@ -47,6 +47,8 @@ static inline int fmu_get_real(struct fmu *f, unsigned which, double *value)
         *value = microvib_output(f->drive, which);
     else if (which == HUB_ACCELERATION)
         *value = f->inputs.hub_acceleration;
+    else if (which == SHAFT_TORQUE)
+        *value = f->inputs.shaft_torque;
     else if (which == ARRAY_RATE)
         *value = f->inputs.array_rate;
     else if (which == TIME)
@@ -58,12 +60,16 @@ static inline int fmu_get_real(struct fmu *f, unsigned which, double *value)
     return 0;
 }
 
-/* Inputs act from the next step on, but for the acceleration, which T_d has at once. */
+/* Commands act from the next step on; acceleration and torque are in T_d at once. */
 static inline int fmu_set_real(struct fmu *f, unsigned which, double value)
 {
     if (which == HUB_ACCELERATION) {
         f->inputs.hub_acceleration = value;
         return microvib_set_hub_acceleration(f->drive, value);
+    }
+    if (which == SHAFT_TORQUE) {
+        f->inputs.shaft_torque = value;
+        return microvib_set_shaft_torque(f->drive, value);
     }
     if (which == ARRAY_RATE) {
         f->inputs.array_rate = value;

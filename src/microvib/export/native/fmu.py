@@ -16,7 +16,12 @@ import numpy as np
 
 from microvib.errors import OptionError
 from microvib.export.native.description import Description, model_description
-from microvib.export.native.drive import drive_image, exportable, load_weights
+from microvib.export.native.drive import (
+    drive_image,
+    exportable,
+    load_weights,
+    without_modes,
+)
 from microvib.export.native.icon import icon
 from microvib.export.native.library import platforms_or_host
 from microvib.export.native.linking import link
@@ -40,7 +45,7 @@ from microvib.solve.sampling import sample_buffer
 
 DRIVE_WRAPPER = "microvib.c"
 VERSIONS = (2, 3)
-KINDS = ("source", "tones")
+KINDS = ("source", "drive", "tones")
 FOLDERS = {
     2: {"linux64": "linux64", "win64": "win64", "darwin64": "darwin64"},
     3: {
@@ -79,6 +84,8 @@ def export_fmu(
         Version of FMI, 2 or 3.
     kind : str
         ``source``: the spacecraft's acceleration comes in, the disturbance torque goes out.
+        ``drive``: the source without the modes of the array, which the host has: their torque comes
+        in at the shaft, the shaft's motion goes out.
         ``tones``: lines that last alone, as sums of cosines, whatever the spacecraft does.
     platforms : sequence of str, optional
         Platforms that it shall run on, names of ``FOLDERS``; without any this machine's.
@@ -98,9 +105,9 @@ def export_fmu(
     """
     target = Path(path)
     _check(target, version, kind)
-    given = exportable(scenario) if kind == "source" else with_lines(scenario)
+    given = _given(scenario, kind)
     names = _checked_platforms(platforms, version)
-    content = _source(given) if kind == "source" else _tones(given)
+    content = _tones(given) if kind == "tones" else _source(given)
     guid = _guid(content.image, version)
     description = Description(
         model=model_name(target),
@@ -182,6 +189,15 @@ def _check(target: Path, version: int, kind: str) -> None:
         raise OptionError("kind", f"of FMU is not written; expected is {', '.join(KINDS)}", kind)
     if target.suffix != ".fmu":
         raise OptionError("path", "must end in .fmu, which importers ask for", str(target))
+
+
+def _given(scenario: GivenScenario, kind: str) -> Scenario:
+    """The scenario of an FMU of a kind."""
+    if kind == "tones":
+        return with_lines(scenario)
+    if kind == "drive":
+        return without_modes(exportable(scenario))
+    return exportable(scenario)
 
 
 def _checked_platforms(platforms: Sequence[str], version: int) -> list[str]:

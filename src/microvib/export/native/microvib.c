@@ -56,7 +56,8 @@ enum {
     RATE,          /* and microsteps per second */
     TAKEN,         /* microsteps taken, of those that come by number */
     HUB,           /* the spacecraft's acceleration [rad/s^2] */
-    HUB_ACTS,      /* it has been other than 0 */
+    HUB_ACTS,      /* it has been other than 0, or so has */
+    SHAFT,         /* the torque of others on the output shaft [N m] */
     HUB_MEAN,      /* mean of it, of the torque on the output that it makes, and of both with the modes */
     HUB_TORQUE,
     HUB_TORQUE_MEAN,
@@ -432,7 +433,8 @@ static size_t microsteps_due(microvib *m, double *stop)
    The modes are linear: what they do by a alone, with the output held, adds to what they do by the
    output. It is known in closed form, since a is constant within a step; its torque on the output, and
    that of the rigid inertias, is handed to the equations in place of torque noise, which is just such a
-   given torque. The rotor's own inertia acts at the output, through the ratio. */
+   given torque, together with what others put on the output shaft. The rotor's own inertia acts at the
+   output, through the ratio. */
 
 struct oscillator {
     double eta, rate;
@@ -470,11 +472,11 @@ static double hub_force(const microvib *m, size_t k)
     return -m->H[k] * m->state[HUB];
 }
 
-/* Torque of rigid inertias against the output, by the acceleration. */
+/* Torque of rigid inertias against the output, by the acceleration, less that of others on the shaft. */
 static double rigid_torque(const microvib *m)
 {
     double G = -*m->inv_h, a = m->state[HUB];
-    return m->hub_numbers[OUTPUT_INERTIA] * a + m->hub_numbers[ROTOR_INERTIA] * a / G;
+    return m->hub_numbers[OUTPUT_INERTIA] * a + m->hub_numbers[ROTOR_INERTIA] * a / G - m->state[SHAFT];
 }
 
 /* That torque and that of the modes, now. */
@@ -785,19 +787,29 @@ int microvib_set_microsteps(microvib *m, int64_t count)
     return 0;
 }
 
-int microvib_set_hub_acceleration(microvib *m, double acceleration)
+static int give(microvib *m, int which, double value)
 {
-    if (!isfinite(acceleration))
-        return fails(m, "the spacecraft's acceleration is not a finite number");
-    if (acceleration == m->state[HUB])
+    m->why[0] = 0;
+    if (!isfinite(value))
+        return fails(m, which == HUB ? "the spacecraft's acceleration is not a finite number" : "the torque on the shaft is not a finite number");
+    if (value == m->state[which])
         return 0;
     m->instant_is_known = 0;
-    m->state[HUB] = acceleration;
+    m->state[which] = value;
     m->state[KEPT] = 0.0;
-    if (acceleration != 0.0 && m->state[HUB_ACTS] == 0.0)
-        m->state[HUB_ACTS] = 1.0;
+    m->state[HUB_ACTS] = 1.0; /* for good: scratch of the equations remembers it */
     take_noise(m);
     return 0;
+}
+
+int microvib_set_hub_acceleration(microvib *m, double acceleration)
+{
+    return give(m, HUB, acceleration);
+}
+
+int microvib_set_shaft_torque(microvib *m, double torque)
+{
+    return give(m, SHAFT, torque);
 }
 
 /* ---- Outputs ---- */

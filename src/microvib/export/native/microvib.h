@@ -86,6 +86,9 @@ MICROVIB_API int64_t microvib_microsteps(const microvib *drive);
 /* Angular acceleration [rad/s^2] of the spacecraft about the drive axis, from now on. */
 MICROVIB_API int microvib_set_hub_acceleration(microvib *drive, double acceleration);
 
+/* Torque [N m] that something outside of this drive and its array puts on the output shaft, from now on. */
+MICROVIB_API int microvib_set_shaft_torque(microvib *drive, double torque);
+
 /* ---- Records ----
    Channels as means over intervals of `width` [s] from `first` [s] on: what `microvib run` filters
    to its samples. A row has microvib_columns numbers, channels in the order of

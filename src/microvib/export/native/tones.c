@@ -129,6 +129,12 @@ int microvib_set_hub_acceleration(microvib *m, double acceleration)
     return fails(m, "lines take no input");
 }
 
+int microvib_set_shaft_torque(microvib *m, double torque)
+{
+    (void)torque;
+    return fails(m, "lines take no input");
+}
+
 int microvib_set_independent(microvib *m, int on)
 {
     (void)on;

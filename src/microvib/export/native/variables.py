@@ -10,11 +10,11 @@ from microvib.export.native.parameters import parameters_of
 from microvib.model.scenario import Scenario
 from microvib.solve.pack import pack
 
-HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, PARAMETERS = (
-    10_000, 10_001, 10_002, 10_003, 10_004, 10_005, 20_000,
+HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, SHAFT_TORQUE, PARAMETERS = (
+    10_000, 10_001, 10_002, 10_003, 10_004, 10_005, 10_006, 20_000,
 )  # fmt: skip
 """Value references of inputs, of the parameter that says who commands, of time, of the parameter that
-says how steps are made, and of the first parameter of the drive; outputs count from 0 (``fmu.h``)."""
+says how steps are made, of the torque on the shaft, and of the first parameter of the drive; outputs count from 0 (``fmu.h``)."""
 COMMANDS = ("profile", "array_rate", "microstep_command")
 """Who commands, by the value of ``command``."""
 FIRST_SHOWN = ("T_d", "T_d_mean", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -75,6 +75,14 @@ def inputs() -> list[Variable]:
             "input",
             "rad/s^2",
             "angular acceleration of the spacecraft about the drive axis, constant over a step",
+            start=0.0,
+        ),
+        Variable(
+            "shaft_torque",
+            SHAFT_TORQUE,
+            "input",
+            "N*m",
+            "torque on the output shaft by what the host has on it, constant over a step",
             start=0.0,
         ),
         Variable(
