@@ -1,5 +1,6 @@
 """The exported drive as a C library: the same motion as in Python, by the same compiled code."""
 
+import ctypes
 import shutil
 import subprocess
 import sys
@@ -339,8 +340,31 @@ def test_bad_calls_are_sentences(native):
 def test_an_image_is_looked_at_before_it_is_opened(native):
     library, image = native(STATE), drive_image(STATE)
     assert library.microvib_memory(image, len(image)) > len(image)
-    for broken in (b"", image[:-8], b"X" + image[1:], image[:8] + b"\x63" + image[9:]):
-        assert library.microvib_memory(broken, len(broken)) == 0 or not broken
+    words = np.frombuffer(image, dtype=np.int64)
+    for word, value in (
+        (0, 1),
+        (1, 99),
+        (2, 1 << 40),
+        (3, 1 << 40),
+        (4, -1),
+        (5, -8),
+        (6, 1 << 30),
+        (9, -1),
+    ):
+        broken = words.copy()
+        broken[word] = value
+        assert library.microvib_memory(broken.tobytes(), len(image)) == 0, word
+    wild = words.copy()
+    wild[words[7]] = 1 << 50  # an address outside
+    assert library.microvib_memory(wild.tobytes(), len(image)) == 0
+    assert library.microvib_memory(image[:-8], len(image) - 8) == 0
+    room, why = (
+        ctypes.create_string_buffer(library.microvib_memory(image, len(image))),
+        ctypes.create_string_buffer(256),
+    )
+    assert library.microvib_open(image, len(image), room, why, 256)
+    assert not library.microvib_open(image[:-8], len(image) - 8, room, why, 256)
+    assert b"none of microvib's, cut off, or of another version than 1" in why.value
 
 
 @pytest.mark.parametrize(

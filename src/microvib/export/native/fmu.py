@@ -10,6 +10,7 @@ import uuid
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version as package_version
 from pathlib import Path
 
 import numpy as np
@@ -220,7 +221,8 @@ def model_name(target: Path) -> str:
 
 def _guid(image: bytes, version: int) -> str:
     """Token of a drive, which never changes, so that a binary fits the description that it came with."""
-    digest = hashlib.sha256(image + bytes([version])).digest()
+    code = f"{version} {package_version('microvib')}".encode()
+    digest = hashlib.sha256(image + code).digest()
     return "{" + str(uuid.UUID(bytes=digest[:16])) + "}"
 
 

@@ -192,14 +192,28 @@ static const int64_t *built_in(size_t *bytes)
 #endif
 }
 
+/* Whether words from `first` on lie before `end`. */
+static int within(int64_t first, int64_t count, int64_t end)
+{
+    return first >= 0 && count >= 0 && first <= end && count <= end - first;
+}
+
 /* The header of an image that is one, whole and of this version; else NULL. */
 static const int64_t *checked(const void *image, size_t *bytes)
 {
     const int64_t *h = image ? image : built_in(bytes);
     if (!h || *bytes < 8 * HEADER || h[H_MAGIC] != MAGIC || h[H_VERSION] != VERSION)
         return NULL;
-    if (h[H_STORED] < HEADER || h[H_STORED] > h[H_WORDS] || (uint64_t)h[H_STORED] * 8 > *bytes)
+    int64_t stored = h[H_STORED], entry = (int64_t)(sizeof(struct entry) / 8);
+    if (stored < HEADER || stored > h[H_WORDS] || h[H_WORDS] > INT64_C(1) << 28 || (uint64_t)stored * 8 > *bytes)
         return NULL;
+    if (!within(h[H_DIRECTORY], 0, stored) || h[H_ENTRIES] < 0 || h[H_ENTRIES] > (stored - h[H_DIRECTORY]) / entry)
+        return NULL;
+    if (!within(h[H_LIST], h[H_ADDRESSES], stored) || !within(h[H_CHANGED], h[H_CHANGED_END] - h[H_CHANGED], stored))
+        return NULL;
+    for (int64_t k = 0; k < h[H_ADDRESSES]; k++)
+        if (!within(h[h[H_LIST] + k], 1, stored))
+            return NULL;
     return h;
 }
 
