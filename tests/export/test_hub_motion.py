@@ -39,6 +39,14 @@ CRAFT = mv.load_scenario(
         "record.start": "rest",
     },
 )
+WHOLE = mv.load_scenario(
+    Path(__file__).parents[2] / "examples" / "spacecraft.yaml",
+    {
+        "spacecraft.attitude_control": None,
+        "spacecraft.line_of_sight": None,
+        "record.start": "rest",
+    },
+)
 FIXED = CRAFT.with_({"spacecraft": None})
 ALONE = without_modes(FIXED)
 STANDS = FIXED.with_(
@@ -87,6 +95,68 @@ def test_a_hub_that_turns_makes_the_torque_of_a_free_craft(native):
     library = native(FIXED)
     assert rms(coupled(library, step, count, 6) - expected) < 2e-4 * rms(expected)
     assert rms(coupled(library, step, count, 1) - expected) < 1e-2 * rms(expected)
+
+
+def test_a_hub_that_moves_in_six_makes_the_torque_of_a_free_craft(native):
+    """The whole example: four modes in six components, an array at an angle. The rigid hub is in the
+    host, whose step is solved with the array's residual mass: it is heavier than the hub."""
+    fixed = WHOLE.with_({"spacecraft": None})
+    P = fixed.array.interface
+    residual = fixed.array.mass - P @ P.T
+    solve = np.linalg.inv(hub_mass(WHOLE) + residual)
+    drive, found, step, count = Drive(native(fixed)), [], 1e-3, 2000
+    acceleration, names = np.zeros(6), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+    for k in range(count):
+        begun = drive.state
+        for _ in range(4):
+            drive.state = begun
+            for component in range(6):
+                drive.ask("set_interface_acceleration", component, acceleration[component])
+            drive.step(step * (k + 1))
+            loads = np.array([drive[f"{name}_mean"] for name in names])
+            acceleration = solve @ (loads + residual @ acceleration)
+        found.append(loads[5])
+    drive.free()
+    expected = torque(WHOLE, step, count)
+    assert rms(torque(fixed, step, count) - expected) > 0.1 * rms(expected)
+    assert rms(np.array(found) - expected) < 1e-3 * rms(expected)
+
+
+def hub_mass(craft):
+    """Mass matrix of the hub about the interface, in axes of the array, (6, 6)."""
+    hub, (r, axes) = craft.spacecraft.hub, interface_of(craft)
+    xx, yy, zz, xy, xz, yz = hub.inertia
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    x, y, z = -r  # the centre of mass from the interface
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    M = np.block(
+        [
+            [hub.mass * np.eye(3), -hub.mass * cross],
+            [hub.mass * cross, inertia - hub.mass * cross @ cross],
+        ]
+    )
+    turn = np.kron(np.eye(2), axes)
+    return turn.T @ M @ turn
+
+
+def interface_of(craft):
+    """Place of the interface [m], and the array's axes as columns, in axes of the hub."""
+    at = craft.spacecraft.interface
+    z = np.array(at.drive_axis, dtype=float)
+    x = np.array(at.reference, dtype=float)
+    y, angle = np.cross(z, x), craft.spacecraft.array_angle
+    turned = np.cos(angle) * x + np.sin(angle) * y
+    return np.array(at.position), np.column_stack([turned, np.cross(z, turned), z])
+
+
+def test_other_components_need_an_array_that_is_known_in_them(native):
+    drive = Drive(native(mv.load_scenario("state-1")))
+    with pytest.raises(RuntimeError, match="known about its drive axis alone"):
+        drive.ask("set_interface_acceleration", 0, 0.1)
+    with pytest.raises(RuntimeError, match="components 0 to 5"):
+        drive.ask("set_interface_acceleration", 6, 0.1)
+    drive.ask("set_interface_acceleration", 5, 0.1)
+    drive.free()
 
 
 def test_a_clamped_shaft_passes_on_the_inertias(native):

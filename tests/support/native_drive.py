@@ -27,6 +27,7 @@ _ONE = {
     "microvib_microsteps": (ctypes.c_int64,),
     "microvib_set_hub_acceleration": (ctypes.c_int, ctypes.c_double),
     "microvib_set_independent": (ctypes.c_int, ctypes.c_int),
+    "microvib_set_interface_acceleration": (ctypes.c_int, ctypes.c_int, ctypes.c_double),
     "microvib_set_shaft_torque": (ctypes.c_int, ctypes.c_double),
     "microvib_time": (ctypes.c_double,),
     "microvib_parameters": (ctypes.c_size_t,),

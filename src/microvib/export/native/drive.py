@@ -184,14 +184,11 @@ def drive_image(scenario: Scenario) -> bytes:
 
 def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
     """Arrays that the wrapper takes, beside those of the compiled functions."""
-    outputs, array = outputs_of(scenario), scenario.array
-    p, count = packed.drive, int(packed.drive.H.size)
+    outputs = outputs_of(scenario)
+    count = int(packed.drive.H.size)
     names = [*CHANNELS, *(f"{name}[{k + 1}]" for name in MODAL for k in range(count))]
     names += [""] * (packed.columns - len(names))
     described = [(o.channel.name, o.channel.unit, o.channel.meaning) for o in outputs]
-    drives_axis = np.zeros((0, 0))
-    if array.interface is not None:
-        drives_axis = _loads_by_hub(scenario)
     return {
         "outputs.places": np.array([(o.kind, o.index) for o in outputs], dtype=np.int64),
         "outputs.texts": _texts([text for each in described for text in each]),
@@ -209,11 +206,10 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
                 _microsteps_per_angle(scenario),
             ]
         ),
-        "hub.numbers": np.array([_hub_knot_rate(scenario, packed), p.J_L, p.J_m]),
-        "hub.loads": drives_axis,
+        **_hub_beside(scenario, packed),
         "hub.knots": np.zeros((MOST_KNOTS, 2)),
         "wrapper.state": np.zeros(STATE_WORDS),
-        "wrapper.hub": np.zeros((3, max(count, 1))),
+        "wrapper.hub": np.zeros(3 * count + 2 * len(COMPONENTS)),
     }
 
 
@@ -264,10 +260,34 @@ def _hub_knot_rate(scenario: Scenario, packed: Packed) -> float:
     return own * max(np.ceil(wanted / own), 1.0)
 
 
-def _loads_by_hub(scenario: Scenario) -> np.ndarray:
-    """Loads at the interface by what the spacecraft's motion does to the modes: of each its second
-    derivative and nothing else; and by the acceleration itself, (6, modes + 1)."""
-    array = scenario.array
-    assert array.interface is not None
-    by_itself = np.zeros(6) if array.coupling is None else -array.coupling
-    return np.column_stack([-array.interface, by_itself])
+def accelerated_in_six(scenario: Scenario) -> bool:
+    """Whether what the interface's acceleration makes is known in all its components."""
+    return scenario.array.interface is not None and scenario.array.mass is not None
+
+
+def _hub_beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
+    """Arrays for the spacecraft's motion: participation of the modes, (6, s); residual mass in the
+    drive axis, (6,); loads by the modes' second derivatives and by the accelerations, (6, s + 6).
+    """
+    array, p = scenario.array, packed.drive
+    axis, count = 3 + "xyz".index(array.drive_axis), int(array.H.size)
+    participation, mass, loads = np.zeros((6, count)), np.zeros((6, 6)), np.zeros((0, 0))
+    participation[axis] = array.H
+    if array.interface is not None:
+        participation = np.ascontiguousarray(array.interface)
+        if array.mass is not None:
+            mass = np.array(array.mass)
+        elif array.coupling is not None:
+            mass[:, axis] = array.coupling
+        loads = np.column_stack([-participation, -mass])
+    residual = np.zeros(6)
+    if accelerated_in_six(scenario):
+        residual = mass[axis] - participation[axis] @ participation.T
+    residual[axis] = p.J_L
+    six = float(accelerated_in_six(scenario))
+    return {
+        "hub.numbers": np.array([_hub_knot_rate(scenario, packed), p.J_L, p.J_m, axis, six]),
+        "hub.participation": participation,
+        "hub.residual": residual,
+        "hub.loads": loads,
+    }

@@ -9,15 +9,16 @@
 #include "microvib.h"
 
 /* Value references (microvib.export.native.variables has the same): outputs by their number from 0 on,
-   inputs, and parameters by their number from PARAMETERS on. */
-enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, SHAFT_TORQUE, PARAMETERS = 20000 };
+   inputs, the interface's accelerations by their component from ACCELERATIONS on, and parameters by their
+   number from PARAMETERS on. */
+enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, SHAFT_TORQUE, ACCELERATIONS = 10010, PARAMETERS = 20000 };
 
 /* Who commands: the profile of the scenario, the input array_rate, or the input microstep_command. */
 enum { BY_PROFILE, BY_RATE, BY_NUMBER };
 
 /* What a host sets, beside parameters, and what is saved with the state. */
 struct inputs {
-    double hub_acceleration, shaft_torque, array_rate, start; /* start: the host's time at which the drive's is 0 */
+    double hub_acceleration, accelerations[6], shaft_torque, array_rate, start; /* start: the host's time at which the drive's is 0 */
     int64_t microsteps, command, independent;
 };
 
@@ -49,6 +50,8 @@ static inline int fmu_get_real(struct fmu *f, unsigned which, double *value)
         *value = f->inputs.hub_acceleration;
     else if (which == SHAFT_TORQUE)
         *value = f->inputs.shaft_torque;
+    else if (which >= ACCELERATIONS && which < ACCELERATIONS + 6)
+        *value = f->inputs.accelerations[which - ACCELERATIONS];
     else if (which == ARRAY_RATE)
         *value = f->inputs.array_rate;
     else if (which == TIME)
@@ -70,6 +73,10 @@ static inline int fmu_set_real(struct fmu *f, unsigned which, double value)
     if (which == SHAFT_TORQUE) {
         f->inputs.shaft_torque = value;
         return microvib_set_shaft_torque(f->drive, value);
+    }
+    if (which >= ACCELERATIONS && which < ACCELERATIONS + 6) {
+        f->inputs.accelerations[which - ACCELERATIONS] = value;
+        return microvib_set_interface_acceleration(f->drive, (int)(which - ACCELERATIONS), value);
     }
     if (which == ARRAY_RATE) {
         f->inputs.array_rate = value;

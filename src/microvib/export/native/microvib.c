@@ -55,12 +55,9 @@ enum {
     COUNT,         /* microsteps commanded there, */
     RATE,          /* and microsteps per second */
     TAKEN,         /* microsteps taken, of those that come by number */
-    HUB,           /* the spacecraft's acceleration [rad/s^2] */
-    HUB_ACTS,      /* it has been other than 0, or so has */
-    SHAFT,         /* the torque of others on the output shaft [N m] */
-    HUB_MEAN,      /* mean of it, of the torque on the output that it makes, and of both with the modes */
-    HUB_TORQUE,
-    HUB_TORQUE_MEAN,
+    GIVEN,         /* a torque is given: the spacecraft was accelerated, or somebody pulls at the shaft, */
+    SHAFT,         /* by this torque [N m] */
+    GIVEN_MEAN,    /* mean of the torque against the output that is given */
     FIRST,         /* of a record: its beginning [s], */
     WIDTH,         /* interval [s], 0: none, */
     DONE,          /* and rows so far */
@@ -70,7 +67,7 @@ enum {
 };
 enum { BY_PROFILE, BY_RATE, BY_NUMBER };
 enum { TURN, CURRENT, RAMP, ON_TIME, PER_RATE };
-enum { KNOT_RATE, OUTPUT_INERTIA, ROTOR_INERTIA };
+enum { KNOT_RATE, OUTPUT_INERTIA, ROTOR_INERTIA, AXIS, SIX_KNOWN, COMPONENTS = 6 };
 
 struct array {
     int64_t *record; /* data, dimensions, place of these, nothing, lengths; NULL of none */
@@ -87,11 +84,12 @@ struct microvib {
     compiled *advance, *snapshot, *tabulate, *linear_part, *initial_friction;
     void *advance_words, *snapshot_words;
     double *stop, *first, *width;
-    double *y, *clock, *energy, *partial, *state, *hub, *means, *channels;
+    double *y, *clock, *energy, *partial, *state, *means, *channels;
+    double *hub, *integrals, *acceleration, *last; /* modes by the spacecraft's motion; its acceleration, and that in the last step */
     int64_t *cursor;
     struct array rows, due, references, noise[2], knots, legs, turn, weights, by_hub;
     double *command;
-    const double *hub_numbers, *H, *D, *Lam, *inv_h;
+    const double *hub_numbers, *participation, *residual, *H, *D, *Lam, *inv_h;
     double *noise_rate[2]; /* of the steps, and of what is shown */
     const int64_t *places;
     const char *texts, *channel_texts, *parameter_texts;
@@ -259,6 +257,11 @@ static void find_all(microvib *m)
     m->columns = m->rows.size;
     m->state = of(m, "wrapper.state");
     m->hub = of(m, "wrapper.hub");
+    m->integrals = m->hub + 2 * m->modes;
+    m->acceleration = m->integrals + m->modes;
+    m->last = m->acceleration + COMPONENTS;
+    m->participation = of(m, "hub.participation");
+    m->residual = of(m, "hub.residual");
     m->knots = array_of(m, "hub.knots");
     m->hub_numbers = of(m, "hub.numbers");
     m->by_hub = array_of(m, "hub.loads");
@@ -443,8 +446,8 @@ static size_t microsteps_due(microvib *m, double *stop)
 
 /* ---- The spacecraft's motion ----
 
-   Where the spacecraft turns with the acceleration a about the drive axis, everything on it feels -J a.
-   The modes are linear: what they do by a alone, with the output held, adds to what they do by the
+   Where the interface is accelerated by a (six components, axes of the array), everything on it feels
+   -M a. The modes are linear: what they do by a alone, with the output held, adds to what they do by the
    output. It is known in closed form, since a is constant within a step; its torque on the output, and
    that of the rigid inertias, is handed to the equations in place of torque noise, which is just such a
    given torque, together with what others put on the output shaft. The rotor's own inertia acts at the
@@ -454,7 +457,7 @@ struct oscillator {
     double eta, rate;
 };
 
-/* A mode a time `dt` later (or earlier), free or under the constant force -H a. */
+/* A mode a time `dt` later (or earlier), free or under a constant force. */
 static struct oscillator later(struct oscillator x, double dt, double damping, double square, double force)
 {
     double rest = square > 0.0 ? force / square : 0.0, half = 0.5 * damping;
@@ -483,14 +486,24 @@ static struct oscillator hub_mode(const microvib *m, size_t k)
 
 static double hub_force(const microvib *m, size_t k)
 {
-    return -m->H[k] * m->state[HUB];
+    double total = 0.0;
+    for (size_t j = 0; j < COMPONENTS; j++)
+        total -= m->participation[j * m->modes + k] * m->acceleration[j];
+    return total;
+}
+
+static double about_axis(const microvib *m, const double acceleration[COMPONENTS])
+{
+    return acceleration[(int)m->hub_numbers[AXIS]];
 }
 
 /* Torque of rigid inertias against the output, by the acceleration, less that of others on the shaft. */
 static double rigid_torque(const microvib *m)
 {
-    double G = -*m->inv_h, a = m->state[HUB];
-    return m->hub_numbers[OUTPUT_INERTIA] * a + m->hub_numbers[ROTOR_INERTIA] * a / G - m->state[SHAFT];
+    double G = -*m->inv_h, total = m->hub_numbers[ROTOR_INERTIA] * about_axis(m, m->acceleration) / G;
+    for (int j = 0; j < COMPONENTS; j++)
+        total += m->residual[j] * m->acceleration[j];
+    return total - m->state[SHAFT];
 }
 
 /* That torque and that of the modes, now. */
@@ -554,16 +567,15 @@ static void fill_knots(microvib *m, double *stop)
 static void move_hub(microvib *m, double stop)
 {
     double dt = stop - m->clock[NOW];
-    m->state[HUB_TORQUE_MEAN] += dt * rigid_torque(m);
-    m->state[HUB_MEAN] += dt * m->state[HUB];
+    m->state[GIVEN_MEAN] += dt * rigid_torque(m);
     for (size_t k = 0; k < m->modes; k++) {
         struct oscillator before = hub_mode(m, k), after;
         after = later(before, dt, m->D[k], m->Lam[k], hub_force(m, k));
-        double change = after.rate - before.rate; /* = -(integral of what pulls) - H a dt */
-        m->state[HUB_TORQUE_MEAN] += m->H[k] * (change + m->H[k] * m->state[HUB] * dt);
+        double change = after.rate - before.rate; /* = -(integral of what pulls) + that of the force */
+        m->state[GIVEN_MEAN] += m->H[k] * (change - hub_force(m, k) * dt);
         m->hub[2 * k] = after.eta;
         m->hub[2 * k + 1] = after.rate;
-        m->hub[2 * m->modes + k] += change;
+        m->integrals[k] += change;
     }
 }
 
@@ -608,7 +620,7 @@ static int run(microvib *m, double until, size_t first, size_t due)
 /* Whether steps shall be those that the motion alone makes: no input may change between communications. */
 static int goes_alone(const microvib *m)
 {
-    return m->independent && m->state[HUB_ACTS] == 0.0 && m->state[COMMAND] != BY_NUMBER;
+    return m->independent && m->state[GIVEN] == 0.0 && m->state[COMMAND] != BY_NUMBER;
 }
 
 /* Advance to `stop`, and fill what rows there are; where the motion `goes_alone`, by way of the last
@@ -622,10 +634,10 @@ static int advance(microvib *m, double stop)
     m->state[STARTED] = 1.0;
     while (m->clock[NOW] < stop) {
         double until = stop;
-        if (m->state[HUB_ACTS] != 0.0)
+        if (m->state[GIVEN] != 0.0)
             fill_knots(m, &until);
         size_t due = microsteps_due(m, &until), first = 0;
-        if (m->state[HUB_ACTS] != 0.0)
+        if (m->state[GIVEN] != 0.0)
             move_hub(m, until);
         if (alone && until == stop) {
             if (due > 0 && m->due.data[due - 1] > m->clock[NOW]) {
@@ -652,16 +664,16 @@ static int refuse_past(microvib *m, double stop)
 /* The integrals of what the spacecraft's motion made, over `span`, as means. */
 static void end_hub_means(microvib *m, double span)
 {
-    m->state[HUB_MEAN] /= span;
-    m->state[HUB_TORQUE_MEAN] /= span;
+    m->state[GIVEN_MEAN] /= span;
     for (size_t k = 0; k < m->modes; k++)
-        m->hub[2 * m->modes + k] /= span;
+        m->integrals[k] /= span;
 }
 
 static void begin_hub_means(microvib *m)
 {
-    m->state[HUB_MEAN] = m->state[HUB_TORQUE_MEAN] = 0.0;
-    memset(m->hub + 2 * m->modes, 0, m->modes * sizeof *m->hub);
+    m->state[GIVEN_MEAN] = 0.0;
+    memset(m->integrals, 0, m->modes * sizeof *m->integrals);
+    memcpy(m->last, m->acceleration, COMPONENTS * sizeof *m->last);
 }
 
 /* Angular momentum of all that moves about the drive axis. */
@@ -744,7 +756,7 @@ int microvib_record(microvib *m, size_t count, double *rows)
 /* Give the equations their torque noise, or the knots that have it and the spacecraft's motion. */
 static void take_noise(microvib *m)
 {
-    int acts = m->state[HUB_ACTS] != 0.0;
+    int acts = m->state[GIVEN] != 0.0;
     struct array from = acts ? m->knots : m->own_noise;
     double rate = acts ? m->hub_numbers[KNOT_RATE] : m->own_noise_rate;
     for (int k = 0; k < 2; k++) {
@@ -801,29 +813,40 @@ int microvib_set_microsteps(microvib *m, int64_t count)
     return 0;
 }
 
-static int give(microvib *m, int which, double value)
+/* Set something that acts from outside: the torque on the shaft, or a component of the acceleration. */
+static int give(microvib *m, double *what, double value)
 {
     m->why[0] = 0;
     if (!isfinite(value))
-        return fails(m, which == HUB ? "the spacecraft's acceleration is not a finite number" : "the torque on the shaft is not a finite number");
-    if (value == m->state[which])
+        return fails(m, what == m->state + SHAFT ? "the torque on the shaft is not a finite number"
+                                                 : "the spacecraft's acceleration is not a finite number");
+    if (value == *what)
         return 0;
     m->instant_is_known = 0;
-    m->state[which] = value;
+    *what = value;
     m->state[KEPT] = 0.0;
-    m->state[HUB_ACTS] = 1.0; /* for good: scratch of the equations remembers it */
+    m->state[GIVEN] = 1.0; /* for good: scratch of the equations remembers it */
     take_noise(m);
     return 0;
 }
 
 int microvib_set_hub_acceleration(microvib *m, double acceleration)
 {
-    return give(m, HUB, acceleration);
+    return give(m, m->acceleration + (int)m->hub_numbers[AXIS], acceleration);
+}
+
+int microvib_set_interface_acceleration(microvib *m, int component, double acceleration)
+{
+    if (component < 0 || component >= COMPONENTS)
+        return fails(m, "the interface has components 0 to 5: along x, y, z, and about x, y, z");
+    if (component != (int)m->hub_numbers[AXIS] && m->hub_numbers[SIX_KNOWN] == 0.0)
+        return fails(m, "this array is known about its drive axis alone: export it with array.rigid_body and six components of its modes");
+    return give(m, m->acceleration + component, acceleration);
 }
 
 int microvib_set_shaft_torque(microvib *m, double torque)
 {
-    return give(m, SHAFT, torque);
+    return give(m, m->state + SHAFT, torque);
 }
 
 /* ---- Outputs ---- */
@@ -875,10 +898,11 @@ const char *microvib_channel_name(const microvib *m, size_t column)
 
 /* T_d of the equations is that of motions relative to the spacecraft; what is missing of the momentum's
    rate of change is what its acceleration makes of inertias and modes. */
-static double torque_by_hub(const microvib *m, double acceleration, double torque)
+static double torque_by_hub(const microvib *m, int mean)
 {
-    double G = -*m->inv_h, J = m->hub_numbers[ROTOR_INERTIA];
-    return -(torque - J * acceleration / G) - J * acceleration;
+    double G = -*m->inv_h, a = about_axis(m, mean ? m->last : m->acceleration);
+    double torque = mean ? m->state[GIVEN_MEAN] : hub_torque(m), J = m->hub_numbers[ROTOR_INERTIA];
+    return -(torque - J * a / G) - J * a;
 }
 
 static double sum(const double *weights, const double *values, size_t count)
@@ -894,28 +918,27 @@ static double sum(const double *weights, const double *values, size_t count)
 static double load(const microvib *m, size_t row, const double *values, int mean)
 {
     const double *weights = m->weights.data + row * m->channel_count;
-    const double *by_hub = m->by_hub.data + row * (m->modes + 1);
+    const double *by_hub = m->by_hub.data + row * (m->modes + COMPONENTS);
     double total = sum(weights, values, m->channel_count);
-    double a = mean ? m->state[HUB_MEAN] : m->state[HUB];
-    if (m->state[HUB_ACTS] == 0.0)
+    if (m->state[GIVEN] == 0.0)
         return total;
     if (weights[CHANNEL_T_D] == 1.0) /* the drive axis */
-        return total + torque_by_hub(m, a, mean ? m->state[HUB_TORQUE_MEAN] : hub_torque(m));
+        return total + torque_by_hub(m, mean);
     for (size_t k = 0; k < m->modes; k++) {
-        double second = m->hub[2 * m->modes + k];
+        double second = m->integrals[k];
         if (!mean)
             second = hub_force(m, k) - m->D[k] * m->hub[2 * k + 1] - m->Lam[k] * m->hub[2 * k];
         total += by_hub[k] * second;
     }
-    return total + by_hub[m->modes] * a;
+    return total + sum(by_hub + m->modes, mean ? m->last : m->acceleration, COMPONENTS);
 }
 
 static double hub_part(const microvib *m, size_t channel, int mean)
 {
-    if (m->state[HUB_ACTS] == 0.0)
+    if (m->state[GIVEN] == 0.0)
         return 0.0;
     if (channel == CHANNEL_T_D || channel == CHANNEL_T_D + 1)
-        return torque_by_hub(m, mean ? m->state[HUB_MEAN] : m->state[HUB], mean ? m->state[HUB_TORQUE_MEAN] : hub_torque(m));
+        return torque_by_hub(m, mean);
     return 0.0;
 }
 
@@ -928,7 +951,7 @@ double microvib_output(microvib *m, size_t which)
     if ((kind == MEAN || kind == LOAD_MEAN) && m->state[HAS_MEAN] == 0.0)
         kind = kind == MEAN ? INSTANT : LOAD; /* no step yet */
     if ((kind == INSTANT || kind == LOAD) && !m->instant_is_known) {
-        if (m->state[HUB_ACTS] != 0.0) {
+        if (m->state[GIVEN] != 0.0) {
             double until = m->clock[NOW];
             fill_knots(m, &until);
         }
@@ -1129,7 +1152,7 @@ static void set_damping(microvib *m, size_t mode, double ratio)
     for (size_t row = 0; row < 6 && m->weights.size > 0; row++) {
         double *weights = m->weights.data + row * m->channel_count;
         if (weights[CHANNEL_T_D] != 1.0) /* not the drive axis */
-            weights[m->channel_count - m->modes + mode] = -m->by_hub.data[row * (m->modes + 1) + mode] * damping;
+            weights[m->channel_count - m->modes + mode] = -m->by_hub.data[row * (m->modes + COMPONENTS) + mode] * damping;
     }
 }
 

@@ -86,6 +86,11 @@ MICROVIB_API int64_t microvib_microsteps(const microvib *drive);
 /* Angular acceleration [rad/s^2] of the spacecraft about the drive axis, from now on. */
 MICROVIB_API int microvib_set_hub_acceleration(microvib *drive, double acceleration);
 
+/* The same of the interface in all its components, in the axes of the array: 0 to 2 along x, y, z [m/s^2],
+   3 to 5 about them [rad/s^2]. Components beside the drive axis need an array whose mass properties and
+   modes are known in all six. */
+MICROVIB_API int microvib_set_interface_acceleration(microvib *drive, int component, double acceleration);
+
 /* Torque [N m] that something outside of this drive and its array puts on the output shaft, from now on. */
 MICROVIB_API int microvib_set_shaft_torque(microvib *drive, double torque);
 

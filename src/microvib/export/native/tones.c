@@ -129,6 +129,12 @@ int microvib_set_hub_acceleration(microvib *m, double acceleration)
     return fails(m, "lines take no input");
 }
 
+int microvib_set_interface_acceleration(microvib *m, int component, double acceleration)
+{
+    (void)component, (void)acceleration;
+    return fails(m, "lines take no input");
+}
+
 int microvib_set_shaft_torque(microvib *m, double torque)
 {
     (void)torque;

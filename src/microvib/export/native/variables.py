@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from microvib.export.native.drive import Output, outputs_of
+from microvib.export.native.drive import Output, accelerated_in_six, outputs_of
 from microvib.export.native.parameters import parameters_of
 from microvib.model.scenario import Scenario
 from microvib.solve.pack import pack
 
-HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, SHAFT_TORQUE, PARAMETERS = (
-    10_000, 10_001, 10_002, 10_003, 10_004, 10_005, 10_006, 20_000,
+(
+    HUB_ACCELERATION, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPENDENT, SHAFT_TORQUE,
+    ACCELERATIONS, PARAMETERS,
+) = (
+    10_000, 10_001, 10_002, 10_003, 10_004, 10_005, 10_006, 10_010, 20_000,
 )  # fmt: skip
-"""Value references of inputs, of the parameter that says who commands, of time, of the parameter that
-says how steps are made, of the torque on the shaft, and of the first parameter of the drive; outputs count from 0 (``fmu.h``)."""
+"""Value references (``fmu.h``): inputs, the parameter that says who commands, time, the parameter that
+says how steps are made, the torque on the shaft, the interface's acceleration along x, the first parameter
+of the drive. Outputs count from 0."""
 COMMANDS = ("profile", "array_rate", "microstep_command")
 """Who commands, by the value of ``command``."""
 FIRST_SHOWN = ("T_d", "T_d_mean", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -46,7 +50,25 @@ def variables_of(scenario: Scenario) -> list[Variable]:
     first = {name: k for k, name in enumerate(FIRST_SHOWN)}
     made.sort(key=lambda each: first.get(each[1].channel.name, len(first)))
     outputs = [_output(number, output) for number, output in made]
-    return [*outputs, *inputs(), *_parameters(scenario)]
+    return [*outputs, *inputs(), *_accelerations(scenario), *_parameters(scenario)]
+
+
+def _accelerations(scenario: Scenario) -> list[Variable]:
+    """Accelerations of the interface beside that about the drive axis, where they are known to act."""
+    if not accelerated_in_six(scenario):
+        return []
+    found = []
+    for component in range(6):
+        axis = "xyz"[component % 3]
+        if component < 3:
+            name, unit, way = f"interface_acceleration_{axis}", "m/s^2", "along"
+        else:
+            name, unit, way = f"interface_angular_acceleration_{axis}", "rad/s^2", "about"
+        if component == 3 + "xyz".index(scenario.array.drive_axis):
+            continue  # hub_acceleration
+        meaning = f"acceleration of the interface {way} {axis} of the array, constant over a step"
+        found.append(Variable(name, ACCELERATIONS + component, "input", unit, meaning, start=0.0))
+    return found
 
 
 def _parameters(scenario: Scenario) -> list[Variable]:
