@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.native_drive import Drive
+from support.native_drive import Drive, load
 
 import microvib as mv
 from microvib.errors import MicrovibError
@@ -117,8 +117,8 @@ def test_loads_are_those_of_a_motion(native):
     at = channels_of(packed.snapshot()[None], scenario.load.H.size)
     for values, ending in ((at, ""), (means, "_mean")):
         loads = interface_loads(values, scenario)[0]
-        for name, load in zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), loads, strict=True):
-            assert drive[name + ending] == pytest.approx(load, rel=1e-9, abs=1e-12), name
+        for name, value in zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), loads, strict=True):
+            assert drive[name + ending] == pytest.approx(value, rel=1e-9, abs=1e-12), name
     drive.free()
 
 
@@ -228,6 +228,16 @@ def test_a_thousand_instances_share_nothing(native):
     assert [drive["T_d"] for drive in drives] == [alone[k % 7] for k in range(1000)]
     for drive in drives:
         drive.free()
+
+
+def test_two_libraries_in_one_process_keep_apart(c_library):
+    """However they are loaded: each has its own drive."""
+    found = []
+    for scenario in (STATE, SIX):
+        (path,) = c_library(scenario).glob("drive-*")
+        found.append(load(path, ctypes.RTLD_GLOBAL))
+    outputs = [Drive(library).call("outputs") for library in found]
+    assert outputs[1] == outputs[0] + 12  # six loads and their means
 
 
 def test_rate_from_outside_is_the_profile(native):

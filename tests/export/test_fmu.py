@@ -292,4 +292,5 @@ def test_binaries_of_other_platforms_are_built(version, tmp_path):
         content = archive.read(name)
         assert content.startswith(begins["." + name.rpartition(".")[2]]), name
         assert f"fmi{version}DoStep".encode() in content, name
+        assert b"/tmp/" not in content, name
     assert set(names) <= set(PLATFORMS)

@@ -39,8 +39,8 @@ _ONE = {
 """Functions of one drive: the type of the result, those of the further arguments."""
 
 
-def load(path: Path) -> ctypes.CDLL:
-    library = ctypes.CDLL(str(path))
+def load(path: Path, mode: int = ctypes.DEFAULT_MODE) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(path), mode)
     for name, (result, *arguments) in _ONE.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, [ctypes.c_void_p, *arguments]

@@ -66,13 +66,13 @@ def export_c_library(
     return folder
 
 
-def shared_library(
-    name: str, image: bytes, sources: Sequence[str] = ("microvib.c",), defines: Sequence[str] = ()
-) -> bytes:
-    """The library of an image and C sources for the platform of a ``name``."""
+def shared_library(name: str, image: bytes) -> bytes:
+    """The library of an image for the platform of a ``name``."""
     platform = platform_of(name)
     objects = code_objects(platform) | {"image": image_object(platform, image)}
-    return link(platform, sources, objects, ("MICROVIB_BUILT_IN", *defines))
+    return link(
+        platform, ("microvib.c",), objects, ("MICROVIB_BUILDS_LIBRARY", "MICROVIB_BUILT_IN")
+    )
 
 
 def platforms_or_host(platforms: Sequence[str]) -> list[str]:

@@ -52,7 +52,7 @@ def link(
     Raises MicrovibError with what the compiler said where it fails.
     """
     command = [*compiler(platform), *FLAGS, *_shared(platform)]
-    command += [f"-D{name}" for name in ("MICROVIB_BUILDS_LIBRARY", *defines)]
+    command += [f"-D{name}" for name in defines]
     if len(platform.processors) > 1:
         command.append("-DMICROVIB_TWO_PROCESSORS")
     with tempfile.TemporaryDirectory(prefix="microvib-") as folder:
@@ -71,8 +71,11 @@ def _shared(platform: Platform) -> tuple[str, ...]:
         exported = ("--export-dynamic", "--export=malloc", "--export=free", "--strip-all")
         return ("-mexec-model=reactor", *(f"-Wl,{flag}" for flag in exported))
     if platform.name.startswith("darwin"):
-        return ("-shared", "-fPIC")
-    return ("-shared", "-fPIC", "-Wl,-s")
+        return ("-shared", "-fPIC", "-s", "-Wl,-install_name,@rpath/microvib-drive.dylib")
+    if platform.name.startswith("win"):
+        return ("-shared", "-fPIC", "-Wl,-s")
+    # Of two libraries in one process each calls itself, however they are loaded.
+    return ("-shared", "-fPIC", "-Wl,-s", "-Wl,-Bsymbolic")
 
 
 def _libraries(platform: Platform) -> tuple[str, ...]:
