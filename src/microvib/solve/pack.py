@@ -144,12 +144,12 @@ class Packed:
         """Propagators of this drive as another takes them: with its modes, and with its currents,
         which decay within a step, so that deficits by them would be no cubics.
         """
-        t, modal = self.propagators, _moments(2, 2 if drive.H_m.size else 1)
+        t, modal = self.propagators, moments(2, 2 if drive.H_m.size else 1)
         if self._differs(drive, ELECTRICAL_FIELDS):
             A = _linear_part(drive, self.state._replace(y=self.held))
             others = {x: np.zeros_like(getattr(t, x)) for x in ("nodes", "pieces", "modes", "sums")}
             t = t._replace(A=A, columns=_columns_of(A), **others)
-            propagators.tabulate(t, drive, _moments(kernel.MODES, 6), modal)
+            propagators.tabulate(t, drive, moments(kernel.MODES, 6), modal)
         elif self._differs(drive, MODAL_FIELDS):
             t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
             propagators.tabulate_modes(t, drive, modal)
@@ -278,11 +278,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     ):
         fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
     accuracy = solver.accuracy / refinement**4
-    shortest = MIN_STEP_RATIO
-    if math.isfinite(
-        drive.U_max
-    ):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
-        shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
+    shortest = shortest_ratio(drive, accuracy)
     levels = min(
         max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS
     )
@@ -309,8 +305,17 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         fractions=nodes.CUBES[None].copy(),
         integrals=(nodes.LAGRANGE / np.arange(1, 5)).T.copy(),
     )
-    propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
+    propagators.tabulate(tables, drive, moments(n, 6), moments(2, 2 if drive.H_m.size else 1))
     return tables
+
+
+def shortest_ratio(drive: Any, accuracy: float) -> float:
+    """Shortest step in units of the fastest part of the linear motion."""
+    if math.isfinite(
+        drive.U_max
+    ):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
+        return MIN_STEP_RATIO * min(1.0, math.sqrt(accuracy / 1e-3))
+    return MIN_STEP_RATIO
 
 
 def _columns_of(A: np.ndarray) -> np.ndarray:
@@ -333,7 +338,8 @@ def _friction_layer_rates(drive: Any) -> np.ndarray:
     return np.array([0.0, 0.0, m, output, 0.0, 0.0])
 
 
-def _moments(n: int, inputs: int) -> Any:
+def moments(n: int, inputs: int) -> Any:
+    """Scratch of ``propagators.tabulate`` for ``n`` states and so many ``inputs``."""
     square = np.zeros((n, n))
     return propagators.Moments(
         square,
@@ -349,6 +355,15 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     """Derivative of the equations of motion by the state, without modes, detent, flux harmonics, dry
     friction and supply limit, at rest.
     """
+    A = np.zeros((propagators.PATTERNS, kernel.MODES, kernel.MODES))
+    propagators.linear_part(*linear_part_arguments(drive, state, A))
+    if drive.windings:
+        _leave_windings_apart(A, drive)
+    return A
+
+
+def linear_part_arguments(drive: Any, state: Any, A: np.ndarray) -> tuple[Any, ...]:
+    """Arguments of ``propagators.linear_part`` to fill ``A`` for a drive at rest in ``state``."""
     none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,
@@ -369,14 +384,8 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     )
     steps = 1e-4 * np.maximum(np.abs(state.y[:n]), 1.0)
     steps[kernel.TM] /= drive.z
-    A, rest = (
-        np.zeros((propagators.PATTERNS, n, n)),
-        state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick)),
-    )
-    propagators.linear_part(rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
-    if drive.windings:
-        _leave_windings_apart(A, drive)
-    return A
+    rest = state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick))
+    return rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7)
 
 
 def _leave_windings_apart(A: np.ndarray, drive: Any) -> None:
@@ -596,15 +605,21 @@ def _transmission_error(scenario: Scenario) -> np.ndarray:
     return np.array(rows, dtype=float).ravel()
 
 
+def rotor_rate_of(scenario: Scenario) -> float:
+    """Natural rate [rad/s] of the rotor on its electromagnetic spring."""
+    motor, driver = scenario.motor, scenario.driver
+    stiffness = motor.rotor_teeth * motor.axis_torque_constant * driver.amplitude(motor)
+    turned = scenario.rotor_inertia
+    if scenario.reducer.rigid:
+        turned += scenario.output_inertia / scenario.reducer.ratio**2
+    return math.sqrt(stiffness / turned)
+
+
 def _state_sizes(scenario: Scenario) -> np.ndarray:
     """Motion of each state per microstep; inf for a state that no gain moves."""
     motor, driver, array = scenario.motor, scenario.driver, scenario.array
     step, current = driver.microstep(motor), driver.amplitude(motor)
-    stiffness = motor.rotor_teeth * motor.axis_torque_constant * current
-    turned = scenario.rotor_inertia
-    if scenario.reducer.rigid:
-        turned += scenario.output_inertia / scenario.reducer.ratio**2
-    rotor_rate = math.sqrt(stiffness / turned)
+    rotor_rate = rotor_rate_of(scenario)
     output_rate = rotor_rate
     if not scenario.reducer.rigid:
         output_rate = min(
