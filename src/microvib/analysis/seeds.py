@@ -78,9 +78,7 @@ def with_seeds(
         if progress:
             progress(k + 1)
     over = tuple(_seed_statistics(rows) for rows in found.values() if len(rows) > 0.9 * number)
-    return replace(
-        table, seeds=over, seed_peaks=SeedPeaks.of(peaks), broken=tuple(broken)
-    )
+    return replace(table, seeds=over, seed_peaks=SeedPeaks.of(peaks), broken=tuple(broken))
 
 
 def _seed_statistics(rows: list[Line]) -> SeedLine:
