@@ -252,6 +252,17 @@ def test_an_interrupted_search_goes_on_from_its_file(
     assert kept.read_text() == "".join(lines)
 
 
+def test_a_kept_figure_that_was_edited_is_a_sentence(
+    found: QuietDrive, drive: mv.Scenario, kept: Path, tmp_path: Path
+) -> None:
+    head, first, *rest = kept.read_text().splitlines()
+    key, value, *others = json.loads(first)
+    other = tmp_path / "edited.jsonl"
+    other.write_text("\n".join([head, json.dumps([key, 0.1 * value, *others]), *rest, ""]))
+    with pytest.raises(mv.MicrovibError, match="line 2: was changed since the search wrote it"):
+        quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=other)
+
+
 def test_a_file_of_something_else_is_refused(drive: mv.Scenario, tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     for text in ("a,b\n1,2\n3,4\n", "one line"):
