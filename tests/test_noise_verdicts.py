@@ -3,6 +3,7 @@ them, against draws; and verdicts that count it.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,6 +114,14 @@ def test_quantiles_of_one_bin_and_of_many_are_those_of_a_rayleigh_distribution()
     assert NoiseAmplitudes(np.empty(0), np.empty(0)).quantile() == 0.0
 
 
+def test_without_noise_in_a_band_there_is_no_amplitude(sliding):
+    narrow, _ = BANDS["narrow, off modes"]
+    loud = sliding.with_si({"friction.torque_noise": narrow})
+    assert noise_amplitudes(sliding, DURATION).quantile() == 0.0
+    assert noise_amplitudes(loud, DURATION, 7.0).quantile() == 0.0
+    assert noise_amplitudes(loud, DURATION, 700.0, 900.0).quantile() == 0.0
+
+
 @pytest.fixture(scope="module")
 def noisy(sliding):
     noise, _ = BANDS["narrow, off modes"]
@@ -129,14 +138,14 @@ def in_band(amplitude):
 
 
 def test_one_draw_passes_no_limit_that_others_exceed_off_a_mode(noisy, drawn):
-    one = mv.LineTable(
-        drawn.lines, drawn.clock_ratio, None, drawn.samples, drawn.sample_rate, rest=drawn.rest
-    )
+    one = replace(drawn, seeds=(), seed_peaks=None)
+    unseen = replace(one, lines=tuple(line for line in one if line.kind != "other"))
     p95 = noise_amplitudes(noisy, DURATION, 4.8, 5.3).quantile()
     for part in (0.3, 0.6, 1.2):
-        judged = judge(one, in_band(part * p95), noisy)
-        assert judged.verdict == "not judged"
-        assert "friction.torque_noise" in str(judged)
+        for table in (one, unseen):  # a draw that shows a line there, and one that does not
+            judged = judge(table, in_band(part * p95), noisy)
+            assert judged.verdict == "not judged"
+            assert "friction.torque_noise" in str(judged)
     assert judge(one, in_band(5.0 * p95), noisy).verdict == "pass"
 
 

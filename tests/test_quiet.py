@@ -310,6 +310,11 @@ def test_what_the_record_does_not_show_is_not_passed(found: QuietDrive) -> None:
     many = replace(found.after, cases=np.full(80, 1e-3))
     shown = replace(found, after=many)
     assert quiet_outcome(shown, 1.0).verdict == "pass"
+    noisy = {"friction.torque_noise": {"density": 1e-3, "lowest": 5.0, "highest": 6.0}}
+    for scale, verdict in ((1e-12, "pass"), (1.0, "not judged")):  # one draw in each case
+        noisy["friction.torque_noise"]["density"] = 1e-3 * scale
+        loud = replace(shown, scenario=found.scenario.with_si(noisy))
+        assert quiet_outcome(loud, 1e-2).verdict == verdict
     above = replace(shown, objective=replace(found.objective, band=(0.5, 2000.0)))
     assert quiet_outcome(above, 1.0).verdict == "not judged"
     requirements = Requirements.model_validate({"requirements": [{"limit": "1 urad"}]})

@@ -78,15 +78,20 @@ def noise_amplitudes(
     """Amplitudes of noise alone in the bins between two frequencies [Hz] of a record of ``duration``
     [s], as if the shaft always slid; none where nothing is noisy.
     """
+    nothing = NoiseAmplitudes(np.empty(0), np.empty(0))
     bands = list(noise_bands(scenario).values())
+    if not bands:
+        return nothing
     beside = _REACH / duration
     ends = (
-        max(low, min((band[0] for band in bands), default=math.inf) - beside),
-        min(high, max((band[1] for band in bands), default=0.0) + beside),
+        max(low, min(band[0] for band in bands) - beside),
+        min(high, max(band[1] for band in bands) + beside),
     )
+    if ends[0] > ends[1]:
+        return nothing
     first, last = max(math.ceil(ends[0] * duration - 0.5), 1), ends[1] * duration + 0.5
-    if not bands or last < first:
-        return NoiseAmplitudes(np.empty(0), np.empty(0))
+    if last < first:
+        return nothing
     count = math.floor(last) - first + 1
     number = max(math.ceil(count / _MOST_BINS), 1)
     at = (first + np.arange(0, count, number)) / duration
