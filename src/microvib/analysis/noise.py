@@ -1,4 +1,4 @@
-"""What noise of the friction leaves open of a limit: amplitudes that other draws have, at every
+"""Noise of the friction and limits: amplitudes that other draws have, at every
 frequency of the band, on modes and off them.
 
 Many draws say so themselves (``LineTable.seed_peaks``). Without them the linearised drive does, of
@@ -285,7 +285,7 @@ def _direct(scenario: Scenario, duration: float, frequency: np.ndarray) -> np.nd
 
 
 def _noise_line(frequency: float, amplitude: float) -> Line:
-    """What noise makes beside the lines, as a line."""
+    """Amplitude that noise makes beside the lines, as a line."""
     return Line(
         name=NOISE,
         kind="other",

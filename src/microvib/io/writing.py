@@ -199,7 +199,7 @@ LISTING = ".microvib-files"
 _LISTED = re.compile(r"(?:(?P<digest>[0-9a-f]{64})  )?(?P<name>.+)")
 
 EDITED_COPY = "put it back; figures of your own go into a file of another folder"
-"""What to do with a changed file of a result."""
+"""Remedy for a changed file of a result."""
 
 _REPORTS = ("report.html", "report.pdf")
 """Files that a later command may add to a result folder, or make again."""

@@ -123,7 +123,7 @@ def mean_square_amplitudes(
     Returns
     -------
     ndarray
-        What a Hann window reads there, squared, over draws [N^2 m^2], (n,).
+        Mean over draws of what a Hann window reads there, squared [N^2 m^2], (n,).
     """
     if not frequency.size or not noise_bands(scenario):
         return np.zeros(frequency.size)
@@ -146,7 +146,7 @@ def mean_square_amplitudes(
 
 
 def _window_response(bins: np.ndarray) -> np.ndarray:
-    """What a Hann window reads of a tone that is so many bins (n,) beside its own."""
+    """Response of a Hann window to a tone that is so many bins (n,) beside its own."""
     with np.errstate(divide="ignore", invalid="ignore"):
         response = np.sinc(bins) / (1.0 - bins**2)
     return np.where(np.isclose(np.abs(bins), 1.0), 0.5, response)
