@@ -252,6 +252,17 @@ def test_an_interrupted_search_goes_on_from_its_file(
     assert kept.read_text() == "".join(lines)
 
 
+def test_a_kept_figure_that_was_edited_is_a_sentence(
+    found: QuietDrive, drive: mv.Scenario, kept: Path, tmp_path: Path
+) -> None:
+    head, first, *rest = kept.read_text().splitlines()
+    key, value, *others = json.loads(first)
+    other = tmp_path / "edited.jsonl"
+    other.write_text("\n".join([head, json.dumps([key, 0.1 * value, *others]), *rest, ""]))
+    with pytest.raises(mv.MicrovibError, match="line 2: was changed since the search wrote it"):
+        quiet(drive, "rms", ["ramp"], cases=8, effort=4, keep=other)
+
+
 def test_a_file_of_something_else_is_refused(drive: mv.Scenario, tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     for text in ("a,b\n1,2\n3,4\n", "one line"):
@@ -299,6 +310,11 @@ def test_what_the_record_does_not_show_is_not_passed(found: QuietDrive) -> None:
     many = replace(found.after, cases=np.full(80, 1e-3))
     shown = replace(found, after=many)
     assert quiet_outcome(shown, 1.0).verdict == "pass"
+    noisy = {"friction.torque_noise": {"density": 1e-3, "lowest": 5.0, "highest": 6.0}}
+    for scale, verdict in ((1e-12, "pass"), (1.0, "not judged")):  # one draw in each case
+        noisy["friction.torque_noise"]["density"] = 1e-3 * scale
+        loud = replace(shown, scenario=found.scenario.with_si(noisy))
+        assert quiet_outcome(loud, 1e-2).verdict == verdict
     above = replace(shown, objective=replace(found.objective, band=(0.5, 2000.0)))
     assert quiet_outcome(above, 1.0).verdict == "not judged"
     requirements = Requirements.model_validate({"requirements": [{"limit": "1 urad"}]})

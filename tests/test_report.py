@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 import sys
 from dataclasses import replace
 
@@ -20,7 +21,8 @@ from microvib import results
 from microvib.analysis.budget import housing_factors
 from microvib.analysis.limits import judge
 from microvib.cli.main import main
-from microvib.io.runs import read_run
+from microvib.io.runs import read_run, write_motion
+from microvib.io.writing import LISTING
 from microvib.reports.blocks import study_report
 from microvib.reports.document import (
     AnimatedMarkup,
@@ -562,10 +564,66 @@ def test_a_damaged_folder_is_one_sentence(name, complaint, folder, tmp_path):
     for path in folder.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / name).write_text("line,kind\na,b\n")
-    done = CliRunner().invoke(main, ["report", str(tmp_path), "-o", str(tmp_path / "x.html")])
+    for told in ("was changed since it was written", complaint):
+        done = CliRunner().invoke(main, ["report", str(tmp_path), "-o", str(tmp_path / "x.html")])
+        assert done.exit_code == 1
+        assert f"{tmp_path / name}: {told}" in done.output
+        assert not (tmp_path / "x.html").exists()
+        (tmp_path / LISTING).unlink(missing_ok=True)
+
+
+@pytest.fixture
+def edited(folder, tmp_path):
+    """A run's folder whose largest line was made smaller by hand."""
+    out = tmp_path / "edited"
+    shutil.copytree(folder, out)
+    head, *rows = (out / "lines.csv").read_text().splitlines()
+    k = head.split(",").index("amplitude_n_m")
+    cells = [row.split(",") for row in rows]
+    changed = [[*row[:k], "0.001", *row[k + 1 :]] if row[0] == "drive_1" else row for row in cells]
+    assert changed != cells
+    (out / "lines.csv").write_text("\n".join([head, *(",".join(row) for row in changed), ""]))
+    return out
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["report", "FOLDER", "--limit", "30 mN*m"],
+        ["compare", "FOLDER", "state-1:measured"],
+        ["compare", "FOLDER/lines.csv", "state-1:measured"],
+    ],
+)
+def test_a_run_that_was_edited_is_not_the_runs(edited, command):
+    before = (edited / "report.html").read_bytes()
+    done = CliRunner().invoke(main, [text.replace("FOLDER", str(edited)) for text in command])
     assert done.exit_code == 1
-    assert complaint in done.output
-    assert not (tmp_path / "x.html").exists()
+    assert f"{edited / 'lines.csv'}: was changed since it was written; put it back" in done.output
+    assert "pass" not in done.output
+    assert (edited / "report.html").read_bytes() == before
+
+
+def test_a_motion_of_another_run_is_refused(folder, tmp_path):
+    out = tmp_path / "mixed"
+    shutil.copytree(folder, out)
+    other = mv.simulate(baseline().with_si({"record.settle": 0.1, "record.duration": 0.2}))
+    write_motion(other, out / "other.nc")
+    (out / "other.nc").replace(out / "motion.nc")
+    with pytest.raises(mv.MicrovibError, match=r"motion\.nc: was changed since it was written"):
+        mv.read_run(out)
+
+
+def test_a_folder_without_digests_is_read_and_said_so(folder, tmp_path):
+    out = tmp_path / "old"
+    shutil.copytree(folder, out)
+    names = [line.split("  ")[1] for line in (out / LISTING).read_text().splitlines()]
+    assert {"lines.csv", "motion.nc", "scenario.yaml", "summary.json"} <= set(names)
+    for write in (lambda: (out / LISTING).write_text("\n".join(names)), (out / LISTING).unlink):
+        write()
+        done = CliRunner().invoke(main, ["report", str(out)])
+        assert done.exit_code == 0
+        assert "does not tell whether its files are still those of the run" in done.output
+    assert mv.read_run(folder).unchecked == ""
 
 
 def test_a_missing_library_is_told_before_anything_is_computed(monkeypatch, tmp_path):

@@ -7,6 +7,7 @@ import resource
 import shutil
 import signal
 
+import h5py
 import numpy as np
 import pytest
 from support.campaigns import Fragile, bytes_of, made, spread
@@ -16,7 +17,7 @@ from microvib.reports.campaign.text import state_text
 from microvib.studies.campaign import cases as computing
 from microvib.studies.campaign import folder
 from microvib.studies.campaign.folder import open_campaign
-from microvib.studies.campaign.results import merge
+from microvib.studies.campaign.results import merge, open_results
 from microvib.studies.campaign.run import compute_missing
 
 
@@ -59,6 +60,35 @@ def test_a_damaged_chunk_is_a_sentence_and_is_computed_again(tmp_path):
     campaign.file(1).unlink()
     compute_missing(campaign, Fragile())
     assert campaign.file(1).read_bytes() == good
+
+
+def test_a_chunk_whose_figures_were_edited_is_a_sentence(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile())
+    with np.load(campaign.file(1)) as file:
+        named = dict(file)
+    named["figure_amplitude"] = 0.1 * named["figure_amplitude"]
+    with campaign.file(1).open("wb") as stream:
+        np.savez(stream, **named)
+    with pytest.raises(MicrovibError, match="its figures were changed since it was computed"):
+        merge(campaign)
+    del named["sha256"]  # as an older version wrote it
+    with campaign.file(1).open("wb") as stream:
+        np.savez(stream, **named)
+    assert merge(campaign).done == 12
+
+
+def test_merged_results_that_were_edited_are_refused(tmp_path):
+    campaign = made(tmp_path, spread(), chunk=3)
+    compute_missing(campaign, Fragile())
+    path = merge(campaign).path
+    assert open_results(campaign).path == path
+    with h5py.File(path, "r+") as file:
+        file["amplitude"][...] = 0.0
+    with pytest.raises(MicrovibError, match=r"results.nc: was changed since it was merged; merge"):
+        open_results(campaign)
+    merge(campaign)
+    assert open_results(campaign).path == path
 
 
 def test_a_campaign_that_was_changed_is_refused(tmp_path):

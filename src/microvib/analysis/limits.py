@@ -30,6 +30,7 @@ from microvib.analysis.margins import (
     shared_amplitude_bound,
     unseen_ringing_modes,
 )
+from microvib.analysis.noise import noise_margins, with_other_draws
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -303,7 +304,10 @@ def judge(
     ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     known = [x for x in within if math.isfinite(x.amplitude)]
     each = (_margin(x, limit, table, ringing, scenario) for x in known)
-    margins = sorted((_certainly_within(one, limit) for one in each), key=lambda m: m.factor)
+    of_noise = noise_margins(table, limit.torque, (limit.low, limit.high), scenario)
+    margins = sorted(
+        [*(_certainly_within(one, limit) for one in each), *of_noise], key=lambda m: m.factor
+    )
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     record = record_gap_of_table(table, scenario)
     gaps = [
@@ -332,8 +336,11 @@ def _margin(
     ringing: Sequence[Line],
     scenario: Scenario | None,
 ) -> Margin:
-    """The margin of a line, undecided where the force table does not show it as it is."""
+    """The margin of a line, undecided where other draws of the noise may change it, or the force
+    table does not show it as it is.
+    """
     found = margin(line, limit.torque, table, ringing, scenario)
+    found = with_other_draws(found, limit.torque, table, scenario)
     why = undecided_reason(line)
     if why:
         return _undecided(found, why)

@@ -15,6 +15,7 @@ from microvib.errors import OptionError
 from microvib.model.scenario import Scenario
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import Line, LineTable, SeedLine
+from microvib.signals.seed_peaks import MOST_DRAWS, SeedPeaks, peaks_of_draw
 from microvib.solve.batch import Torque, simulate_torques
 
 QUANTILE, CONFIDENCE = 0.95, 0.95
@@ -53,8 +54,8 @@ def with_seeds(
     """The table with its lines over a ``number`` of draws, those of its seeds and of the following
     ones, each from rest.
 
-    Unlisted lines are others in every draw and are left out. What
-    ``check_seeds`` allows is drawn; raises what ``simulate`` raises.
+    Unlisted lines are others in every draw and are left out; ``seed_peaks`` has what is beside the
+    clock's lines. What ``check_seeds`` allows is drawn; raises what ``simulate`` raises.
     """
     rest = scenario.with_({"record.start": "rest"})
     names = [line.name for line in table if line.kind != "other"]
@@ -62,18 +63,22 @@ def with_seeds(
     broken, record = dict.fromkeys(table.broken), scenario.record
     expected = expected_in(scenario, record.sample_rate, table.harmonics)
     wanted = named_or_modes(expected, names)
+    peaks = []
     for k in range(number):
         (torque,) = simulate_torques([rest.with_(seeds_of(scenario, k))])
         if not isinstance(torque, Torque):
             raise torque
         broken |= dict.fromkeys(torque.broken)
-        for line in lines_at_known_clock(torque.T_d, torque.sample_rate, wanted):
+        drawn = lines_at_known_clock(torque.T_d, torque.sample_rate, wanted)
+        if k < MOST_DRAWS:
+            peaks.append(peaks_of_draw(torque.T_d, torque.sample_rate, drawn))
+        for line in drawn:
             if line.name in found and math.isfinite(line.amplitude):
                 found[line.name].append(line)
         if progress:
             progress(k + 1)
     over = tuple(_seed_statistics(rows) for rows in found.values() if len(rows) > 0.9 * number)
-    return replace(table, seeds=over, broken=tuple(broken))
+    return replace(table, seeds=over, seed_peaks=SeedPeaks.of(peaks), broken=tuple(broken))
 
 
 def _seed_statistics(rows: list[Line]) -> SeedLine:

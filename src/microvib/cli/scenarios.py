@@ -209,6 +209,8 @@ def report(
     again = output is None or overwrite
     _check(targets, form, again)
     run = read_run(folder)
+    if run.unchecked:
+        click.echo(run.unchecked, err=True)
     allowed = _limit(run.limit, limit, band)
     outcome = run_outcome(RunResult.of_motion(run.motion, run.table), allowed, run.versions)
     document = report_of(outcome).in_form(form)

@@ -20,17 +20,23 @@ from microvib.io.csv_cells import unescape_formula
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario, load_scenario
 from microvib.io.tables import package_versions, rows_csv
+from microvib.io.writing import LISTING, require_unchanged
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.results import Column, Table, columns_of
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks, SeedLine
+from microvib.signals.seed_peaks import SeedPeaks
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
 from microvib.solve.motion import Invariants, Motion
 
 SECOND_MOTION = "motion_wing_2.nc"
 """Motion of a second wing's drive that is driven."""
+SEED_PEAKS = "seed_peaks.csv"
+"""Largest amplitudes beside the clock's lines in each draw of the noise."""
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
+_READ_BACK = (*_NEEDED, SECOND_MOTION, "seeds.csv", SEED_PEAKS)
+"""Files from which a run is read."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,8 @@ class Run:
     versions: dict[str, str]
     limit: tuple[float, float, float] | None = None
     """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
+    unchecked: str = ""
+    """Sentence on a folder that does not tell whether its files are those of the run; else empty."""
 
     def __repr__(self) -> str:
         return f"Run kept by microvib {self.versions['microvib']}\n{self.motion!r}\n{self.table!r}"
@@ -92,6 +100,29 @@ def seeds_csv(table: LineTable) -> str:
     """CSV text of the lines over many draws of the noise."""
     seeds = Table.of("seeds", SeedLine, table.seeds)
     return rows_csv([column.key for column in seeds.columns], seeds.file_rows())
+
+
+def seed_peaks_csv(peaks: SeedPeaks) -> str:
+    """CSV text of the largest amplitudes beside the clock's lines, a row for each draw and part of
+    the spectrum.
+    """
+    rows = (
+        (draw, f, amplitude)
+        for draw, (at, sizes) in enumerate(zip(peaks.frequency, peaks.amplitude, strict=True))
+        for f, amplitude in zip(at.tolist(), sizes.tolist(), strict=True)
+    )
+    return rows_csv(("draw", "frequency_hz", "amplitude_n_m"), rows)
+
+
+def _seed_peaks(path: Path) -> SeedPeaks | None:
+    if not path.is_file():
+        return None
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    keys = ("draw", "frequency_hz", "amplitude_n_m")
+    draw, frequency, amplitude = np.array([[float(row[k]) for k in keys] for row in rows]).T
+    draws = int(draw.max()) + 1
+    return SeedPeaks(frequency.reshape(draws, -1), amplitude.reshape(draws, -1))
 
 
 def scenario_hash(scenario: Scenario) -> str:
@@ -174,6 +205,7 @@ def read_run(folder: Path | str) -> Run:
         raise MicrovibError(
             f"{folder}: holds no {missing[0]}; the folder of a run with its motion is expected"
         )
+    unchecked = check_run_folder(folder)
     with _expected(folder / "summary.json", "a summary of a run of this version") as path:
         said = json.loads(path.read_text(encoding="utf-8"))
         first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
@@ -199,7 +231,38 @@ def read_run(folder: Path | str) -> Run:
             harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
         )  # fmt: skip
-    return Run(motion, table, versions, limit)
+    with _expected(folder / SEED_PEAKS, "a table of peaks over draws") as path:
+        table = replace(table, seed_peaks=_seed_peaks(path))
+    return Run(motion, table, versions, limit, unchecked)
+
+
+def check_run_folder(folder: Path) -> str:
+    """Refuse a run's folder of which a file that is read back was changed since the run.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    str
+        A sentence where the folder does not tell; else empty.
+
+    Raises
+    ------
+    MicrovibError
+        Names the file that was changed.
+    """
+    again = f"run it again: microvib run {shlex.quote(str(folder / 'scenario.yaml'))}"
+    there = [folder / name for name in _READ_BACK if (folder / name).is_file()]
+    known = [require_unchanged(path, f"put it back, or {again}") for path in there]
+    if all(known):
+        return ""
+    return (
+        f"{folder}: does not tell whether its files are still those of the run, which an older"
+        f" microvib wrote, or which were copied without {LISTING}."
+    )
 
 
 def _known_error(table: LineTable) -> float | None:

@@ -11,6 +11,7 @@ from microvib.errors import MicrovibError, expect
 from microvib.io.formats import READERS
 from microvib.io.named import catalog_names
 from microvib.io.recordings import Prepared, read_prepared, read_recording
+from microvib.io.runs import check_run_folder
 from microvib.io.scenario_file import load_scenario
 from microvib.io.tables import is_line_table, read_lines, reference_table
 from microvib.model.scenario import Scenario
@@ -122,6 +123,7 @@ def _folder(path: Path) -> RunFolder:
         raise MicrovibError(
             f"{path}: is not the folder of a run; it has neither lines.csv nor motion.nc"
         )
+    check_run_folder(path)
     return RunFolder(
         path,
         load_scenario(scenario) if scenario.is_file() else None,

@@ -22,6 +22,7 @@ from typing import Any
 from microvib.errors import MicrovibError, did_you_mean, quoted_value
 from microvib.io.csv_cells import csv_text, unescape_formula
 from microvib.io.files import as_read_errors, check_file
+from microvib.io.writing import EDITED_COPY, require_unchanged
 from microvib.model.reference import Reference
 from microvib.results import columns_of
 from microvib.signals.line_table import Line, LineTable
@@ -267,6 +268,7 @@ def read_lines(path: Path) -> LineTable:
     MicrovibError names a column that is not known, and the row where one is not a number, or not
     finite.
     """
+    require_unchanged(path, EDITED_COPY)
     rows = dict_rows(path, [column.key for column in columns_of(Line).values()], what="lines")
     return _table(
         [

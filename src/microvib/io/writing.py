@@ -10,16 +10,19 @@ set aside in it come back.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
+import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import OutputError
+from microvib.errors import MicrovibError, OutputError
 
 fcntl: Any = None
 with contextlib.suppress(ImportError):  # Windows
@@ -191,7 +194,12 @@ def _locked(path: Path) -> int | None:
 
 
 LISTING = ".microvib-files"
-"""A result folder's list of the files that were written with it, a name a line."""
+"""A result folder's list of the files that were written with it: SHA-256 and name, a line each, as
+``sha256sum --check`` reads it; names alone before there were digests."""
+_LISTED = re.compile(r"(?:(?P<digest>[0-9a-f]{64})  )?(?P<name>.+)")
+
+EDITED_COPY = "put it back; figures of your own go into a file of another folder"
+"""Remedy for a changed file of a result."""
 
 _REPORTS = ("report.html", "report.pdf")
 """Files that a later command may add to a result folder, or make again."""
@@ -259,7 +267,53 @@ def _own_files(out: Path) -> set[str]:
     listing = out / LISTING
     if not listing.is_file():
         return {*RUN_FILES, *STUDY_FILES}
-    return {LISTING, *_REPORTS, *listing.read_text(encoding="utf-8", errors="replace").splitlines()}
+    return {LISTING, *_REPORTS, *_listed(listing)}
+
+
+def _listed(listing: Path) -> dict[str, str]:
+    """Digests of a folder's files by their names; empty where the listing has none."""
+    lines = listing.read_text(encoding="utf-8", errors="replace").splitlines()
+    found = filter(None, map(_LISTED.fullmatch, lines))
+    return {line["name"]: line["digest"] or "" for line in found}
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def require_unchanged(path: Path, remedy: str) -> bool:
+    """Refuse a file of a result folder that was changed since it was written.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    remedy : str
+        What to do, as the sentence ends.
+
+    Returns
+    -------
+    bool
+        Whether its folder knows what was written; where it does not, nothing is checked.
+
+    Raises
+    ------
+    MicrovibError
+        Where the file is not as it was written.
+    """
+    listing = path.parent / LISTING
+    try:
+        wanted = _listed(listing).get(path.name, "") if listing.is_file() else ""
+        if not wanted:
+            return False
+        changed = digest_of(path) != wanted
+    except OSError as error:
+        raise MicrovibError(f"{path}: cannot be read ({error.strerror})") from None
+    if changed:
+        raise MicrovibError(f"{path}: was changed since it was written; {remedy}")
+    return True
 
 
 def free_folder(stem: str) -> Path:
@@ -297,4 +351,13 @@ def write_folder(
     it.
     """
     check_folder(out, overwrite)
-    write_files(out, {**files, LISTING: "".join(f"{name}\n" for name in sorted(files))})
+    write_files(out, {**files, LISTING: partial(_write_listing, sorted(files))})
+
+
+def _write_listing(names: Sequence[str], listing: Path) -> None:
+    """Write the listing of the files beside it; of folders among them the names alone."""
+    found = ((name, listing.parent / name) for name in names)
+    lines = (
+        f"{digest_of(path)}  {name}\n" if path.is_file() else f"{name}\n" for name, path in found
+    )
+    listing.write_text("".join(lines), encoding="utf-8")

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from microvib.signals.seed_peaks import SeedPeaks
     from microvib.signals.unaccounted import Excess
 
 DETECTION_RATIO = 6.0  # a line is seen when it stands this many times above the floor about it
@@ -239,7 +240,7 @@ class ResidualPeaks:
         frequency: np.ndarray, amplitude: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Frequency and amplitude of the highest in each twelfth of an octave, and the sum of all."""
-        band = _twelfth_octave(frequency)
+        band = twelfth_octave(frequency)
         order = np.argsort(band, kind="stable")
         parts = np.split(order, 1 + np.flatnonzero(np.diff(band[order])))
         parts = [part for part in parts if part.size]
@@ -275,8 +276,8 @@ class ResidualPeaks:
         """Sums of those of some amplitudes (n,) at each ``frequency`` (n,) that are above the
         ``least`` (m,) of their part, (m,).
         """
-        ours = _twelfth_octave(self.frequency)
-        place = np.clip(np.searchsorted(ours, _twelfth_octave(frequency)), 0, ours.size - 1)
+        ours = twelfth_octave(self.frequency)
+        place = np.clip(np.searchsorted(ours, twelfth_octave(frequency)), 0, ours.size - 1)
         counted = np.where(amplitude > least[place], amplitude, 0.0)
         return np.bincount(place, counted, minlength=ours.size)
 
@@ -285,15 +286,15 @@ class ResidualPeaks:
         is left.
         """
         known = dict(
-            zip(_twelfth_octave(self.frequency).tolist(), self.in_sum.tolist(), strict=True)
+            zip(twelfth_octave(self.frequency).tolist(), self.in_sum.tolist(), strict=True)
         )
-        return np.array([known.get(part, 0.0) for part in _twelfth_octave(frequency).tolist()])
+        return np.array([known.get(part, 0.0) for part in twelfth_octave(frequency).tolist()])
 
     def places(self, count: int = 4) -> np.ndarray:
         """Frequencies [Hz] at which what is left may stand, (m, count + 1): that of the peak, and
         others spread over its part of the spectrum.
         """
-        low = 2.0 ** (_twelfth_octave(self.frequency) / 12.0)
+        low = 2.0 ** (twelfth_octave(self.frequency) / 12.0)
         spread = low[:, None] * np.geomspace(1.0, 1.0 + TWELFTH_OCTAVE, count)
         return np.hstack([self.frequency[:, None], spread])
 
@@ -312,9 +313,9 @@ class ResidualPeaks:
         """
         if high < low:
             return low, 0.0
-        part = _twelfth_octave(self.frequency)
+        part = twelfth_octave(self.frequency)
         ends = [max(low - self.resolution, 0.0), high + self.resolution]
-        first, last = _twelfth_octave(np.array(ends))
+        first, last = twelfth_octave(np.array(ends))
         overlapping = np.flatnonzero((part >= first) & (part <= last))
         if overlapping.size == 0:
             return low, 0.0
@@ -322,7 +323,7 @@ class ResidualPeaks:
         return float(self.frequency[k]), float(self.amplitude[k])
 
 
-def _twelfth_octave(frequency: np.ndarray) -> np.ndarray:
+def twelfth_octave(frequency: np.ndarray) -> np.ndarray:
     """Number of the twelfth of an octave in which each frequency [Hz] lies, as a float: infinite at
     0 and at infinity.
     """
@@ -395,6 +396,8 @@ class LineTable:
     """The lines over many draws of the noise, of which this table is the first; empty where none
     were run.
     """
+    seed_peaks: SeedPeaks | None = field(default=None, compare=False, repr=False)
+    """The largest amplitudes beside the clock's lines over these draws; None where none were run."""
     ranged: tuple[str, ...] = field(default=(), compare=False)
     """Keys of the values whose ranges make the lines' ``spread``."""
     no_spread: str = field(default="", compare=False)

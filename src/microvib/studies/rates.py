@@ -20,6 +20,7 @@ from microvib.analysis.margins import (
     amplitude_bound,
     frequency_error_bound,
 )
+from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
 from microvib.analysis.start import RecordGap, mode_has_decayed, record_gap, rounded_up
 from microvib.analysis.unseen import (
     OutOfBandLines,
@@ -632,7 +633,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         microsteps,
         _without_rounding(seen, changed.driving_frequency or math.nan),
         result.fallback,
-        tuple(_hidden(changed, result, seen)),
+        (*_hidden(changed, result, seen), *_noise_bounds(changed, result.lines)),
         confirmed and not result.fallback,
         shown,
         tuple(out_of_band_lines(changed, result.lines, shown, math.inf)),
@@ -680,6 +681,22 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
                 float(f),
                 ABOVE_PASSBAND_FACTOR * rest.slow,
             )
+
+
+def _noise_bounds(scenario: Scenario, table: LineTable | None) -> Iterator[RateLine]:
+    """Upper bounds of what noise of the friction makes, in other draws than that of the ``table``,
+    too; none in a steady state.
+    """
+    if table is not None and noise_of_record(scenario, table) is None:
+        return
+    duration = scenario.record.duration if table is None else table.duration
+    direct = noise_bounds(scenario, duration)
+    found = list(zip(direct.frequency.tolist(), direct.amplitude.tolist(), strict=True))
+    if table is not None:
+        found += changed_line_bounds(table, scenario)
+    f_d = scenario.driving_frequency or math.nan
+    for f, most in found:
+        yield RateLine(NOISE, "other", f / f_d, f, most, TWELFTH_OCTAVE * f)
 
 
 def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Iterator[RateLine]:
@@ -736,7 +753,8 @@ def _linear_case(changed: Scenario, rate: Si, microsteps: int) -> RateCase:
         *clock_line_bounds(changed, 0.0, math.inf, known=HARMONICS),
         *nonlinear_torque_bounds(changed, 0.0, math.inf),
     )
-    return RateCase(rate, microsteps, lines, shown=0.0, unseen=others)
+    hidden = tuple(_noise_bounds(changed, None))
+    return RateCase(rate, microsteps, lines, hidden=hidden, shown=0.0, unseen=others)
 
 
 def _combine_drives(first: RateCase, second: RateCase) -> RateCase:

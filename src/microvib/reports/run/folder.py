@@ -13,7 +13,16 @@ from typing import Any
 from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
-from microvib.io.runs import SECOND_MOTION, lines_csv, numerics, seeds_csv, summary, write_motion
+from microvib.io.runs import (
+    SECOND_MOTION,
+    SEED_PEAKS,
+    lines_csv,
+    numerics,
+    seed_peaks_csv,
+    seeds_csv,
+    summary,
+    write_motion,
+)
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
@@ -135,6 +144,8 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
     files, of_hub = {"lines.csv": lines_csv(result.table)}, result.hub
     if result.table.seeds:
         files["seeds.csv"] = seeds_csv(result.table)
+    if result.table.seed_peaks is not None:
+        files[SEED_PEAKS] = seed_peaks_csv(result.table.seed_peaks)
     if of_hub is not None:
         if result.second is not None:
             files["lines_wing_2.csv"] = lines_csv(result.second.table)

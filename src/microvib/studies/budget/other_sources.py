@@ -13,6 +13,7 @@ from microvib.analysis.margins import frequency_error_bound
 from microvib.errors import MicrovibError, error_context, quoted_value
 from microvib.io.file_access import FileAccess
 from microvib.io.tables import dict_rows, parse_finite
+from microvib.io.writing import EDITED_COPY, require_unchanged
 from microvib.model.coupling import (
     line_of_sight_transfer,
     receiver_of,
@@ -138,6 +139,7 @@ def _table(
     """Rows of a CSV file, and which of the ``choices`` of columns it has; ``also`` are columns that
     may be there beside.
     """
+    require_unchanged(path, EDITED_COPY)
     rows = dict_rows(
         path,
         ("frequency_hz", *(name for c in choices for name in c), *also),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -124,7 +125,9 @@ class Chunk:
         kept = {key: getattr(self, key) for key in ("status", "verdict", "record")}
         stream = io.BytesIO()
         text = np.frombuffer(json.dumps(texts).encode(), dtype=np.uint8)
-        np.savez(stream, texts=text, **kept, **arrays)  # type: ignore[arg-type]
+        content = {"texts": text, **kept, **arrays}
+        digest = np.array(_digest(content))
+        np.savez(stream, sha256=digest, **content)
         return stream.getvalue()
 
     @classmethod
@@ -132,6 +135,9 @@ class Chunk:
         """Raises whatever the reader of the archive does where the data are not whole."""
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             named = dict(file)
+        stated = named.pop("sha256", None)  # none of a chunk that an older version wrote
+        if stated is not None and str(stated) != _digest(named):
+            raise ValueError("its figures were changed since it was computed")
         texts = {
             key: tuple(values) for key, values in json.loads(named.pop("texts").tobytes()).items()
         }
@@ -151,6 +157,16 @@ class Chunk:
             },
             **texts,
         )
+
+
+def _digest(arrays: Mapping[str, np.ndarray]) -> str:
+    """SHA-256 of arrays by their names."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        values = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        found.update(values.tobytes())
+    return found.hexdigest()
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,10 @@ import numpy as np
 
 from microvib.errors import MicrovibError
 from microvib.io.hdf5 import open_hdf5
+from microvib.io.named import read_text
 from microvib.io.netcdf import new_netcdf
 from microvib.io.tables import package_versions
-from microvib.io.writing import write_file
+from microvib.io.writing import digest_of, write_file
 from microvib.studies.campaign.cases import (
     FIGURES,
     LINE_OF_SIGHT,
@@ -29,7 +30,7 @@ from microvib.studies.campaign.cases import (
 from microvib.studies.campaign.folder import Campaign
 from microvib.studies.campaign.variation import keys_of
 
-RESULTS = "results.nc"
+RESULTS, DIGEST = "results.nc", "results.sha256"
 MISSING, DONE, FAILED = 0, 1, 2
 """States of a case."""
 _VARIABLES = {
@@ -79,6 +80,7 @@ def merge(campaign: Campaign) -> Merged:
     path = campaign.folder / RESULTS
     state = np.full(campaign.design.cases, MISSING, dtype=np.int8)
     write_file(path, lambda new: _write(campaign, new, lines, statuses, state), overwrite=True)
+    write_file(campaign.folder / DIGEST, f"{digest_of(path)}  {RESULTS}\n", overwrite=True)
     return Merged(
         campaign.design.cases, int(np.sum(state == DONE)), int(np.sum(state == FAILED)), lines, path
     )
@@ -284,8 +286,8 @@ class Results:
 
 
 def open_results(campaign: Campaign) -> Results:
-    """Merged results of a campaign; MicrovibError where they are not merged, or of another
-    campaign.
+    """Merged results of a campaign; MicrovibError where they are not merged, were changed since, or
+    are of another campaign.
     """
     path = campaign.folder / RESULTS
     if not path.is_file():
@@ -293,8 +295,11 @@ def open_results(campaign: Campaign) -> Results:
             f"{path}: is not there yet; merge them with: microvib campaign merge"
             f" {shlex.quote(str(campaign.folder))}"
         )
+    again = f"microvib campaign merge {shlex.quote(str(campaign.folder))}"
+    digest = campaign.folder / DIGEST
+    if digest.is_file() and read_text(digest, "digest", ()).split()[:1] != [digest_of(path)]:
+        raise MicrovibError(f"{path}: was changed since it was merged; merge again: {again}")
     with open_hdf5(path) as root:
         if root.attribute("campaign_sha256") != campaign.identity:
-            again = f"microvib campaign merge {shlex.quote(str(campaign.folder))}"
             raise MicrovibError(f"{path}: is of another campaign; merge again: {again}")
     return Results(campaign, path)

@@ -132,7 +132,8 @@ class Evaluations:
         self._known |= found
         if self._file is None or not found:
             return
-        lines = "".join(f"{json.dumps([key, *one])}\n" for key, one in found.items())
+        rows = ([key, *one] for key, one in found.items())
+        lines = "".join(f"{json.dumps([*row, _check_of(row)])}\n" for row in rows)
         try:
             new = not self._file.exists() or not self._file.stat().st_size
             with self._file.open("a", encoding="utf-8") as file:
@@ -157,14 +158,24 @@ def _read(file: Path | None) -> dict[str, Figure]:
         _rewrite(file, text.removesuffix(cut_off))
     for k, line in enumerate(whole[1:], 2):
         try:
-            key, value, lines = json.loads(line)
+            key, value, lines, *check = json.loads(line)
             kept = tuple((str(name), float(f), float(a)) for name, f, a in lines)
             known[str(key)] = Figure(float(value), kept)
+            if check and check != [_check_of([key, value, lines])]:
+                raise MicrovibError(
+                    f"{file}, line {k}: was changed since the search wrote it; put it back, or delete"
+                    " the line, and its figure is computed again"
+                )
         except (ValueError, TypeError):
             raise MicrovibError(
                 f"{file}, line {k}: cannot be read as a figure of a search; the file is damaged"
             ) from None
     return known
+
+
+def _check_of(row: Sequence[Any]) -> str:
+    """Digest of a line of a file of figures; older lines have none."""
+    return hashlib.sha256(json.dumps(row).encode()).hexdigest()[:16]
 
 
 def _rewrite(file: Path, text: str) -> None:

@@ -37,6 +37,7 @@ FILES = {
     "scenario.yaml": "text/yaml",
     "lines.csv": "text/csv",
     "seeds.csv": "text/csv",
+    "seed_peaks.csv": "text/csv",
     "loads.csv": "text/csv",
     "pointing.csv": "text/csv",
     "densities.csv": "text/csv",

@@ -1,0 +1,301 @@
+"""Noise of the friction and limits: amplitudes that other draws have, at every
+frequency of the band, on modes and off them.
+
+Many draws say so themselves (``LineTable.seed_peaks``). Without them the linearised drive does, of
+what noise makes directly (``model.noise_amplitudes``). What it makes by changing other lines, such as
+side lines of the clock's, one draw bounds by its own amplitude only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from microvib.analysis.margins import MIN_RELATIVE_ERROR, ONE_DRAW, SEEDS_NEEDED, Margin
+from microvib.analysis.seeds import QUANTILE, quantile_bounds
+from microvib.model.driven import RAYLEIGH_P95, noise_bands
+from microvib.model.noise_amplitudes import (
+    NoiseAmplitudes,
+    mean_square_amplitudes,
+    noise_amplitudes,
+    torque_of_noise,
+)
+from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
+from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable, ResidualPeaks
+from microvib.signals.seed_peaks import SeedPeaks
+
+NOISE = "noise"
+"""Name of what noise makes beside the lines, as a line of a judgement."""
+ONE_DRAW_FACTOR = RAYLEIGH_P95 / math.sqrt(-math.log(QUANTILE))
+"""Times the amplitude of one draw that 95 % of the draws stay below, with 95 % confidence, where
+noise makes all of it: both are drawn from a Rayleigh distribution."""
+CERTAIN_FACTOR = 2.0 * RAYLEIGH_P95
+"""Times the root mean square of noise in a bin that one draw in 10^5 exceeds."""
+LINEAR_FACTOR = 1.25
+"""Factor on what the linearised drive says of noise, for what a shaft that sticks at times adds;
+draws of noisy drives stay within 1.2 of it (tests/test_noise_verdicts.py)."""
+_IN_OTHER_DRAWS = math.sqrt(2.0) * RAYLEIGH_P95
+"""Root mean squares of noise at a line by which 95 % of other draws differ from one at most: each
+has noise of its own."""
+_REMEDY = f"--seeds {SEEDS_NEEDED + 1} judges by draws"
+_NEGLIGIBLE_TORQUE = 0.01
+"""Part of the friction up to which noise changes no line of the clock by much."""
+_NEGLIGIBLE_AMPLITUDE = 0.01
+"""Part of a limit up to which noise does not matter to it."""
+
+
+def noise_of_record(scenario: Scenario | None, table: LineTable) -> Scenario | None:
+    """The ``scenario``, where its noise is in the record of a table; None in a steady state, which
+    has none.
+    """
+    if scenario is None or not noise_bands(scenario):
+        return None
+    if any(line.status == TRANSIENT for line in table):
+        return None
+    return scenario
+
+
+def noise_margins(
+    table: LineTable, most: float, band: tuple[float, float], scenario: Scenario | None
+) -> Iterator[Margin]:
+    """Margins of what noise makes beside the lines within a ``band`` [Hz] to a limit [N m]."""
+    noisy = noise_of_record(scenario, table)
+    if noisy is None:
+        return
+    amplitudes, peaks = noise_amplitudes(noisy, table.duration, *band), table.seed_peaks
+    if peaks is not None and _bounds_by_draws(table):
+        top = PASSBAND * table.sample_rate
+        if band[0] < top:
+            yield _by_draws(peaks, amplitudes, most, (band[0], min(band[1], top)), table)
+        if band[1] <= top:
+            return
+        amplitudes = noise_amplitudes(noisy, table.duration, max(top, band[0]), band[1])
+    else:
+        yield from _unexplained_by_noise(table, most, band, noisy)
+    if amplitudes.frequency.size:
+        yield _by_closed_form(amplitudes, most, table, noisy)
+
+
+def _by_closed_form(
+    amplitudes: NoiseAmplitudes, most: float, table: LineTable, scenario: Scenario
+) -> Margin:
+    """The margin of what the linearised drive says."""
+    quantile, at = amplitudes.quantile(), amplitudes.loudest
+    line = _noise_line(at, quantile)
+    if LINEAR_FACTOR * quantile <= most:
+        return Margin(line, quantile, _factor(most, quantile), "pass")
+    keys = " and ".join(noise_bands(scenario))
+    if quantile > most:
+        slides = "if the shaft always slides"
+    else:
+        slides = f"and where the shaft sticks at times it may be {LINEAR_FACTOR:g} times that"
+    why = (
+        f"{NOISE} ({keys}: in one draw of twenty the largest amplitude in a record of"
+        f" {table.duration:g} s is above {1e3 * quantile:.4g} mN m, most likely at {at:.4g} Hz,"
+        f" {slides}; {_REMEDY})"
+    )
+    return Margin(line, quantile, _factor(most, quantile), "not judged", why)
+
+
+def _by_draws(
+    peaks: SeedPeaks,
+    amplitudes: NoiseAmplitudes,
+    most: float,
+    band: tuple[float, float],
+    table: LineTable,
+) -> Margin:
+    """The margin of the largest amplitude in the band over many draws."""
+    highest, certain = peaks.largest(*band)
+    error = max(MIN_RELATIVE_ERROR, table.own_error)
+    p95 = float(np.quantile(highest, QUANTILE))
+    upper = quantile_bounds(np.sort(highest))[1]
+    lower = quantile_bounds(np.sort(certain))[0]
+    line = _noise_line(peaks.typical_frequency(*band), p95)
+    factor = _factor(most, p95)
+    if upper * (1.0 + error) <= most:
+        return Margin(line, p95, factor, "pass")
+    told = (
+        f"{NOISE} (95 % quantile of the largest amplitude beside the clock's lines, between"
+        f" {1e3 * lower:.4g} and {1e3 * upper:.4g} mN m"
+    )
+    if lower * (1.0 - error) <= most:
+        why = f"{told}; more seeds than {peaks.draws})"
+        return Margin(line, p95, factor, "not judged", why)
+    if amplitudes.quantile() <= most:
+        why = f"{told}, larger than the noise accounts for; increase record.settle)"
+        return Margin(line, p95, factor, "not judged", why)
+    return Margin(line, p95, factor, "fail")
+
+
+def _unexplained_by_noise(
+    table: LineTable, most: float, band: tuple[float, float], scenario: Scenario
+) -> Iterator[Margin]:
+    """The largest peak of one draw that noise may have made by changing lines, where it may be above
+    the limit in others.
+    """
+    if table.rest is None or is_negligible(scenario, table.duration, most):
+        return
+    at, size = _beyond_direct(table.rest, scenario, table.duration, band)
+    k = int(np.argmax(size)) if size.size else 0
+    if size.size and ONE_DRAW_FACTOR * size[k] > most:
+        why = (
+            f"{NOISE} (one draw of many has a peak without a line of {1e3 * size[k]:.4g} mN m at"
+            f" {at[k]:.4g} Hz; {_REMEDY})"
+        )
+        line = _noise_line(float(at[k]), float(size[k]))
+        yield Margin(line, line.amplitude, _factor(most, line.amplitude), "not judged", why)
+
+
+def with_other_draws(
+    found: Margin, most: float, table: LineTable, scenario: Scenario | None
+) -> Margin:
+    """The margin of a line to a limit [N m] with what other draws of the noise may make of it: the
+    margin that was ``found``, but for unlisted lines, in whose place others stand in other draws, and
+    for lines of the clock that noise adds to.
+    """
+    noisy, line = noise_of_record(scenario, table), found.line
+    if noisy is None or not math.isfinite(line.amplitude):
+        return found
+    if line.is_mode and line.status == NOISE_DRIVEN and table.over_seeds(line.name) is None:
+        return _mode_of_one_draw(found, most, table, noisy)
+    if line.kind == "other" and line.status in ("ok", NOISE_DRIVEN):
+        if _bounds_by_draws(table):
+            return _unlisted_by_draws(found, most, table)
+        return _unlisted_of_one_draw(found, most, table, noisy)
+    if line.of_clock and found.verdict != "not judged" and not _bounds_by_draws(table):
+        added = _IN_OTHER_DRAWS * _direct(noisy, table.duration, np.array([line.place]))[0]
+        if abs(line.amplitude - most) <= added and found.amplitude > 0.0:
+            return _not_judged(found, f"noise changes it from draw to draw; {_REMEDY}")
+    return found
+
+
+def _unlisted_by_draws(found: Margin, most: float, table: LineTable) -> Margin:
+    """The margin of an unlisted line by the largest amplitudes near it in many draws."""
+    assert table.seed_peaks is not None
+    highest = table.seed_peaks.largest(found.line.place, found.line.place)[0]
+    lower, upper = quantile_bounds(np.sort(highest))
+    error = max(MIN_RELATIVE_ERROR, table.own_error)
+    decided = found.verdict != "not judged" or found.line.status == NOISE_DRIVEN
+    if upper * (1.0 + error) <= most:
+        return replace(found, verdict="pass", why="") if decided else found
+    if found.verdict == "fail" and lower * (1.0 - error) > most:
+        return found
+    told = f"about it the 95 % quantile lies between {1e3 * lower:.4g} and {1e3 * upper:.4g} mN m"
+    return _not_judged(found, f"{ONE_DRAW}; {told}")
+
+
+def _mode_of_one_draw(found: Margin, most: float, table: LineTable, scenario: Scenario) -> Margin:
+    """The margin of a mode that noise drives, of which one draw is known: it passes only where what
+    noise makes by the linearised drive, and what this draw shows, are far enough below the limit.
+    """
+    line = found.line
+    shown = max(line.amplitude, line.amplitude_at_start(table.duration))
+    direct = float(_direct(scenario, table.duration, np.array([line.place]))[0])
+    if LINEAR_FACTOR * (shown + _IN_OTHER_DRAWS * direct) <= most:
+        return replace(found, verdict="pass", why="")
+    return found
+
+
+def _unlisted_of_one_draw(
+    found: Margin, most: float, table: LineTable, scenario: Scenario
+) -> Margin:
+    """The margin of an unlisted line of which one draw is known."""
+    line = found.line
+    if line.status == NOISE_DRIVEN:
+        direct = float(_direct(scenario, table.duration, np.array([line.place]))[0])
+        largest = line.amplitude + _IN_OTHER_DRAWS * direct
+        if line.amplitude <= CERTAIN_FACTOR * direct:
+            largest = RAYLEIGH_P95 * direct
+        if largest <= most:
+            return replace(found, verdict="pass", why="")
+        return _not_judged(found, f"{ONE_DRAW}; {_REMEDY}")
+    if found.verdict != "pass" or ONE_DRAW_FACTOR * line.amplitude <= most:
+        return found
+    if is_negligible(scenario, table.duration, most):
+        return found
+    return _not_judged(found, f"one draw of many, as noise may have made it; {_REMEDY}")
+
+
+def noise_bounds(scenario: Scenario, duration: float) -> ResidualPeaks:
+    """Upper bounds of what noise makes directly in a record of ``duration`` [s], for each twelfth of
+    an octave: one draw in 10^5 has more there.
+    """
+    direct = noise_amplitudes(scenario, duration)
+    size = CERTAIN_FACTOR * LINEAR_FACTOR * np.sqrt(direct.mean_square)
+    return ResidualPeaks.of(direct.frequency, size)
+
+
+def changed_line_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[float, float]]:
+    """Frequencies [Hz] and upper bounds [N m] of what noise makes by changing lines, as far as one
+    draw bounds it: of unlisted lines, and of peaks without one.
+    """
+    noisy = noise_of_record(scenario, table)
+    if noisy is None or _changes_little(noisy):
+        return
+    for line in table:
+        if line.kind == "other" and line.status == "ok":
+            yield line.place, ONE_DRAW_FACTOR * line.amplitude
+    if table.rest is not None:
+        at, size = _beyond_direct(table.rest, noisy, table.duration, (0.0, math.inf))
+        yield from zip(at.tolist(), (ONE_DRAW_FACTOR * size).tolist(), strict=True)
+
+
+def _beyond_direct(
+    rest: ResidualPeaks, scenario: Scenario, duration: float, band: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and amplitudes [N m] of peaks within a ``band`` [Hz] that are larger than noise
+    makes directly, (n,) each.
+    """
+    low, high = band[0] - rest.resolution, band[1] + rest.resolution
+    inside = (rest.frequency >= low) & (rest.frequency <= high)
+    at, size = rest.frequency[inside], rest.amplitude[inside]
+    beyond = size > CERTAIN_FACTOR * _direct(scenario, duration, at)
+    return at[beyond], size[beyond]
+
+
+def _changes_little(scenario: Scenario) -> bool:
+    """Whether noise is so small beside the friction that it changes no line by much."""
+    return torque_of_noise(scenario) <= _NEGLIGIBLE_TORQUE * scenario.friction.largest_torque
+
+
+def _not_judged(found: Margin, why: str) -> Margin:
+    return replace(found, verdict="not judged", why=f"{found.line.name} ({why})")
+
+
+def _bounds_by_draws(table: LineTable) -> bool:
+    """Whether so many draws were run that their largest bounds their 95 % quantile."""
+    return table.seed_peaks is not None and table.seed_peaks.draws >= SEEDS_NEEDED
+
+
+def is_negligible(scenario: Scenario, duration: float, most: float) -> bool:
+    """Whether noise neither matters to a limit [N m] directly nor changes lines by much."""
+    if not _changes_little(scenario):
+        return False
+    return noise_amplitudes(scenario, duration).quantile() <= _NEGLIGIBLE_AMPLITUDE * most
+
+
+def _direct(scenario: Scenario, duration: float, frequency: np.ndarray) -> np.ndarray:
+    """Root mean square amplitudes [N m] that noise makes directly at frequencies (n,) [Hz]."""
+    return np.sqrt(mean_square_amplitudes(scenario, frequency, duration))
+
+
+def _noise_line(frequency: float, amplitude: float) -> Line:
+    """Amplitude that noise makes beside the lines, as a line."""
+    return Line(
+        name=NOISE,
+        kind="other",
+        origin="noise of the friction, 95 % of the draws below",
+        expected=frequency,
+        frequency=frequency,
+        amplitude=amplitude,
+        status=NOISE_DRIVEN,
+    )
+
+
+def _factor(most: float, amplitude: float) -> float:
+    return most / amplitude if amplitude > 0.0 else math.inf
