@@ -9,8 +9,8 @@ from support.scenarios import random_scenario
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.solve import kernel
-from microvib.solve.steady.derivatives import NotDifferentiable, _offset, _Recorded
 from microvib.solve.steady.period import PeriodMap
+from microvib.solve.steady.recorded import NotDifferentiable, RecordedPeriod, output_offset
 from microvib.solve.steady.state import SteadyState, steady_state
 
 KEYS = (
@@ -106,11 +106,11 @@ def test_they_are_those_of_motions_that_are_closed(of: str) -> None:
 
 def test_a_replay_ends_where_the_recorded_period_does(state: SteadyState) -> None:
     period = PeriodMap(state.scenario, state.microsteps)
-    recorded = _Recorded(PeriodMap(state.scenario, state.microsteps), np.arange(1, 17), False)
-    start = state.state - _offset(period)
-    end = recorded.record(start).state + _offset(period)
+    recorded = RecordedPeriod(PeriodMap(state.scenario, state.microsteps), np.arange(1, 17))
+    start = state.state - output_offset(period)
+    end = recorded.record(start).state + output_offset(period)
     assert np.abs((end - period.advance(state.state)) / period.sizes).max() < 1e-5
-    again = recorded.beside(start).state + _offset(period)
+    again = recorded.beside(start).state + output_offset(period)
     assert np.abs((end - again) / period.sizes).max() < 1e-9
 
 
