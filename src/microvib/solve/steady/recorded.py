@@ -29,7 +29,7 @@ EXPANSION, LONG_EXPANSION = (10, 8), (18, 2)
 """Terms of the expansion of a phase about the middle of an interval, and intervals per period of the
 highest harmonic: their error is (pi / 8)^10 / 10!, 2e-11, which counts because it jumps where an event
 crosses an edge; fewer intervals, and more terms, where there are more than LONG."""
-LONG = 1 << 14
+LONG = 1 << 11
 """Intervals of a period from which it is long."""
 
 
