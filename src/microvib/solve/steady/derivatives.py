@@ -23,7 +23,7 @@ the two lines must go where the derivatives lead. Where they do not, the derivat
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -40,15 +40,8 @@ from microvib.solve.steady.recorded import (
 )
 from microvib.solve.steady.search import STICKING_STATES
 
-FINER = (2, 3, 4)
-"""Times by which steps are finer than those of the solution: at first; then, where a line that counts is
-off by more than GOOD; and then, where the check still refuses one."""
-GOOD = 2e-4
-"""Disagreement with finer steps, as TOLERANCE has it, up to which the first steps suffice."""
-LONG = 128
-"""Microsteps of a period from which there is only one attempt: it takes as long as a steady state."""
-COUNTS = 1e-2
-"""Amplitude over the largest line from which a line counts there."""
+FINER, CHECKED_FINER = 3, 4
+"""Times by which steps are finer than those of the solution: for the derivatives, and for their check."""
 STATE_STEP, PARAMETER_STEP = 5e-6, 2e-6
 """Steps of the differences: of states over what a microstep moves, of parameters over themselves."""
 CHECKED, TOLERANCE = 1e-5, 5e-4
@@ -97,21 +90,6 @@ class LineDerivatives:
         result: np.ndarray = self.derivatives * self.values[:, None] / self.amplitudes
         return result
 
-    def agree_within(self, most: float) -> bool:
-        """Whether all lines that count agree with finer steps within so much, by all parameters."""
-        size = np.abs(self.amplitudes)
-        counts = size > COUNTS * np.max(size, initial=0.0)
-        return bool(np.all(self.disagreement[:, counts] <= most))
-
-    def improved_by(self, other: LineDerivatives) -> LineDerivatives:
-        """Of these and of another computation of the same, those that agree better with finer steps."""
-        better = other.disagreement < self.disagreement
-        return replace(
-            self,
-            derivatives=np.where(better, other.derivatives, self.derivatives),
-            disagreement=np.where(better, other.disagreement, self.disagreement),
-        )
-
 
 def line_derivatives(
     scenario: Scenario,
@@ -134,25 +112,11 @@ def line_derivatives(
         period = RecordedPeriod.with_finer_steps(scenario, microsteps, orders, 1)
         about = _about_closed(period, state, COARSE_SAME_STEPS)
         return _checked(about, period, parameters)
-    found, why = None, NotDifferentiable(NOT_CLOSED)
-    enough = GOOD
-    for finer in FINER[: 1 if microsteps > LONG else None]:
-        period, other = (
-            RecordedPeriod.with_finer_steps(scenario, microsteps, orders, x)
-            for x in (finer, finer + 1)
-        )
-        try:
-            here = _checked(_about_closed(period, state), other, parameters)
-        except NotDifferentiable as refused:
-            why = refused
-            continue
-        found = here if found is None else found.improved_by(here)
-        if found.agree_within(enough):
-            break
-        enough = TOLERANCE
-    if found is None:
-        raise why
-    return found
+    period, other = (
+        RecordedPeriod.with_finer_steps(scenario, microsteps, orders, finer)
+        for finer in (FINER, CHECKED_FINER)
+    )
+    return _checked(_about_closed(period, state), other, parameters)
 
 
 def _checked(about: _Differences, other: RecordedPeriod, parameters: Parameters) -> LineDerivatives:

@@ -19,7 +19,7 @@ from microvib.solve.replay import FREQUENCY, GAINED, MOMENTUM, N_SPAN, START
 from microvib.solve.sampling import step_buffer
 from microvib.solve.steady.period import PeriodMap, search_error
 
-SETTLED, FINE = 1e-12, 1e-9
+SETTLED, FINE = 1e-12, 1e-10
 """Accuracies of replays: of what others are beside, and of those others. Iterations end at a tenth of
 it, over what a microstep moves."""
 KINK = "a friction just sticks there, or just does not"
