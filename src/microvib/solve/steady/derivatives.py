@@ -49,13 +49,13 @@ CHECKED, TOLERANCE = 1e-5, 5e-4
 other steps, and by how much they may not, over it and the largest relative derivative of the line (at
 least 1)."""
 COARSE_TOLERANCE = 1e-2
-"""The same of what is checked by its own steps."""
+"""Disagreement of what is checked by its own steps, up to which it is given."""
 CLOSED, MAX_CLOSING_STEPS = 1e-10, 8
 """Gap of a period that counts as closed, over what a microstep moves, and corrections until then."""
 SAME_STEPS = 2e-5
 """Way of the start, over what a microstep moves, within which steps and derivatives stay as good."""
 COARSE_SAME_STEPS = 1e-3
-"""The same where they need be good to a hundredth."""
+"""Way of the start for derivatives that need be good to a hundredth."""
 NOT_CLOSED = "with finer steps the period does not close about the motion that was found"
 
 

@@ -79,10 +79,10 @@ class Directions:
     periods: tuple[PeriodMap, ...]
     """The period of each drive changed so, (d,)."""
     parts: np.ndarray
-    """What each parameter's change has of them, (d, p)."""
+    """Parts of them in each parameter's change, (d, p)."""
 
     def combined(self, changes: np.ndarray) -> np.ndarray:
-        """What the parameters change (n, p), from what the directions do (n, d); nan where that is not
+        """Changes by the parameters (n, p), from those by the directions (n, d); nan where that is not
         known.
         """
         known = np.all(np.isfinite(changes), axis=0)
@@ -134,7 +134,7 @@ def _numbers(period: PeriodMap) -> list[np.ndarray]:
 
 
 def _scales(numbers: list[np.ndarray]) -> np.ndarray:
-    """What changes of numbers count over: themselves, or the largest of their kind, beside which they are
+    """Sizes that changes of numbers count over: themselves, or the largest of their kind, beside which they are
     as good as 0.
     """
     found = [np.where(numbers[0] == 0.0, 1.0, np.abs(numbers[0]))]

@@ -74,7 +74,7 @@ class RecordedPeriod:
         return cls(PeriodMap(changed, microsteps), orders)
 
     def shaped(self, state: np.ndarray) -> RecordedPeriod:
-        """The same recording, from a state, of the drive as one whose Stribeck curves may have shapes
+        """Recording with the same steps, from a state, of the drive as one whose Stribeck curves may have shapes
         other than 1, which take longer to evaluate.
         """
         packed = self.map.packed
