@@ -23,7 +23,7 @@ _HOME = {
     "LineTable": "signals.line_table",
     "MicrovibError": "errors",
     "Motion": "solve.motion",
-    "NotDifferentiable": "solve.steady.derivatives",
+    "NotDifferentiable": "solve.steady.recorded",
     "NotPeriodic": "solve.steady.period",
     "ObjectError": "errors",
     "OptionError": "errors",
@@ -117,8 +117,8 @@ if TYPE_CHECKING:
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate, simulate_many
-    from microvib.solve.steady.derivatives import NotDifferentiable
     from microvib.solve.steady.period import NotPeriodic
+    from microvib.solve.steady.recorded import NotDifferentiable
     from microvib.solve.steady.state import steady_state
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare

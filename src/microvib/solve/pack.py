@@ -27,6 +27,16 @@ MIN_STEP_RATIO = 0.01
 
 
 ELECTRICAL_FIELDS = ("R", "L", "K_P", "K_I", "K_D", "K_V")
+STEP_FIELDS = ("max_step", "layer", "shaped", "elements")
+"""Fields of which the lengths of steps follow, or how equations are written; and friction's memory, which
+``replay`` has none of."""
+STRIBECK_FIELDS = {
+    "m_stribeck": ("m_inv_rate", "m_shape"),
+    "l_stribeck": ("l_inv_rate", "l_shape"),
+}
+"""Fields that do nothing where the Stribeck excess before them is 0."""
+HARMONIC_FIELDS = ("detent_harmonics", "friction_harmonics", "te")
+"""Fields with an order and two amplitudes for each harmonic."""
 MODAL_FIELDS = ("H", "H_m", "V", "V_m", "D", "Lam")
 
 
@@ -157,7 +167,32 @@ class Packed:
 
     def _differs(self, drive: Any, fields: tuple[str, ...]) -> bool:
         """Whether another drive differs from this one in some of its fields."""
-        return not all(np.array_equal(getattr(drive, x), getattr(self.drive, x)) for x in fields)
+        for name in fields:
+            own, other = getattr(self.drive, name), getattr(drive, name)
+            if own is not other and not np.array_equal(own, other):
+                return True
+        return False
+
+    @property
+    def numbers(self) -> list[np.ndarray]:
+        """All numbers of the drive that a motion with given steps follows from: one of each field, (n,),
+        and then arrays of numbers of a kind.
+        """
+        drive, left_out = self.drive, {*STEP_FIELDS}
+        for excess, curve in STRIBECK_FIELDS.items():
+            if getattr(drive, excess) == 0.0:
+                left_out.update(curve)
+        single, found = [], []
+        for name, value in zip(drive._fields, drive, strict=True):
+            if name in left_out:
+                continue
+            if not isinstance(value, np.ndarray):
+                single.append(float(value))
+            elif name in HARMONIC_FIELDS:
+                found += [value[::3], value[1::3], value[2::3]]
+            elif value.size:
+                found.append(value)
+        return [np.array(single), *found]
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""

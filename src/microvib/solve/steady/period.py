@@ -30,6 +30,10 @@ decayed longest; a smaller one where the last part of a microstep comes late.
 """
 
 
+OF_COMMAND = ("motor", "driver", "reducer", "tracking", "record")
+"""Parts of a scenario that microsteps follow from."""
+
+
 class NotPeriodic(SimulationError):
     """No steady state that repeats with the command was found; the message says why."""
 
@@ -151,6 +155,10 @@ class PeriodMap:
         """Map of another drive over the same microsteps, from the same start; its rate may differ a
         little, and ``packed`` has its parameters and the state of this one.
         """
+        if all(getattr(scenario, x) is getattr(self.scenario, x) for x in OF_COMMAND):
+            other = copy(self)
+            other.scenario, other.packed = scenario, packed
+            return other
         f_d = scenario.driving_frequency
         assert f_d
         if self.parts > 1 or self.command.compensated.acts:
