@@ -124,8 +124,7 @@ def test_side_lines_are_those_of_the_nonlinear_drive_in_time(ideal, name):
     counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 70.0))
     found = amplitudes(t, y, np.r_[f, at[counts]])[1:]
     tolerance = 0.15 if name == "half steps" else 0.06
-    largest = int(np.argmax(most[counts].max(axis=1)))
-    axis = int(np.argmax(most[counts[largest]]))
+    largest, axis = np.unravel_index(np.argmax(found), found.shape)
     assert found[largest, axis] == pytest.approx(
         most[counts[largest], axis] / (drive.margin + 0.02), rel=tolerance
     )
