@@ -70,6 +70,8 @@ class VaryingDrive:
     spring: SpringOverTurn
     linear: float
     """Stiffness of the linearised drive [N m/rad]."""
+    with_margins: bool = True
+    """Whether lines are as large as they may be, or as harmonic balance has them."""
 
     @cached_property
     def _varying(self) -> dict[int, complex]:
@@ -144,6 +146,8 @@ class VaryingDrive:
         by = self.craft.response(size, torque, rows)[:, :, 0].reshape(k, m, 3)
         by = np.where((at < 0.0).reshape(k, m, 1), by.conj(), by)
         pull = np.abs(self._pull(by[:, :, 2]))
+        if not self.with_margins:
+            return np.abs(by[:, :, :2]) * pull[:, :, None]
         least = np.where(self.orders == 0, 0.0, _LEAST_PULL)[:, None] * pull.max(axis=0)
         return np.abs(by[:, :, :2]) * (pull * self.margin + least)[:, :, None]
 
