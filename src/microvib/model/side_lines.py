@@ -30,8 +30,10 @@ from microvib.model.turning import SpringOverTurn, spring_over_turn
 
 _LEAST_PART = 1e-5
 """Part of the mean spring below which what varies is left out."""
-_RISE = 10.0
+_RISE = 3.0
 """By how much a resonance is taken to raise motion, for which orders count."""
+_LEAST_WEIGHT = 1e-4
+"""Part of the rotor's linear motion below which an order is left out."""
 _MOST_ORDERS = 49
 """Orders that are solved together, at most."""
 _MARGIN, _MARGIN_OF_VARIATION = 1.03, 0.2
@@ -40,6 +42,7 @@ spring that varies by all of itself; assumed: the current loop is left out, and 
 by what varies is that of a constant spring."""
 _LEAST_PULL = 0.02
 """Part of the largest torque that any side line is given besides: small ones are known less well."""
+_ROUNDING = 1e-12
 _SLOWEST = 1e-3
 """Frequency [Hz] in place of one that is zero."""
 
@@ -70,6 +73,8 @@ class VaryingDrive:
     spring: SpringOverTurn
     linear: float
     """Stiffness of the linearised drive [N m/rad]."""
+    with_margins: bool = True
+    """Whether lines are as large as they may be, or as harmonic balance has them."""
 
     @cached_property
     def _varying(self) -> dict[int, complex]:
@@ -105,7 +110,7 @@ class VaryingDrive:
             new = {
                 k: weight
                 for k, weight in reached.items()
-                if weight > _RISE * _LEAST_PART and weight > weights.get(k, 0.0)
+                if weight > _LEAST_WEIGHT and weight > weights.get(k, 0.0)
             }
             weights.update(new)
             largest = sorted(weights, key=lambda k: -weights[k])[:_MOST_ORDERS]
@@ -144,6 +149,8 @@ class VaryingDrive:
         by = self.craft.response(size, torque, rows)[:, :, 0].reshape(k, m, 3)
         by = np.where((at < 0.0).reshape(k, m, 1), by.conj(), by)
         pull = np.abs(self._pull(by[:, :, 2]))
+        if not self.with_margins:
+            return np.abs(by[:, :, :2]) * pull[:, :, None]
         least = np.where(self.orders == 0, 0.0, _LEAST_PULL)[:, None] * pull.max(axis=0)
         return np.abs(by[:, :, :2]) * (pull * self.margin + least)[:, :, None]
 
@@ -163,17 +170,18 @@ class VaryingDrive:
         return np.asarray(self._between @ u.T)
 
     def _pull_at_most(self, Y: np.ndarray) -> np.ndarray:
-        """Bound on these where Y (k, m) is known at most; infinite where the series of repeated
-        mixing does not converge.
+        """Bound on these where Y (k, m) is known at most: repeated mixing, each time with the worst
+        phases; infinite where the series does not converge.
         """
         K = np.abs(self._between)
-        gain = Y.max(axis=0) * K.sum(axis=1).max()
-        with np.errstate(divide="ignore"):
-            more = np.where(gain < 1.0, 1.0 / (1.0 - np.minimum(gain, 1.0)), math.inf)
-        first = K[:, self.orders == 0]
-        with np.errstate(invalid="ignore"):
-            rest = K.sum(axis=1).max() * np.where(gain > 0.0, gain * more, 0.0)
-        return np.asarray(first + rest)
+        unit = (self.orders == 0).astype(float)
+        known = np.where(np.isfinite(Y), Y, 0.0)
+        left = np.eye(unit.size) - known.T[:, :, None] * K
+        u = np.linalg.solve(left, np.tile(unit[:, None], (Y.shape[1], 1, 1)))[:, :, 0].T
+        # of matrices without negative elements the series converges where no sum of it is negative
+        bounded = np.all(u >= -_ROUNDING, axis=0) & np.all(np.isfinite(Y), axis=0)
+        pull = K @ np.where(bounded, np.maximum(u, 0.0), 0.0)
+        return np.where(bounded, pull, math.inf)
 
 
 def varying_drives(

@@ -14,7 +14,7 @@ from microvib.analysis.margins import CLOCK_UNCERTAINTY
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, craft_of_drives
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.model.side_lines import VaryingDrive, unknown_drives, varying_drives
+from microvib.model.side_lines import SideResponse, VaryingDrive, unknown_drives, varying_drives
 from microvib.signals.pointing import Metric, mean_square_of_lines, windowed_amplitudes
 from microvib.studies.budget.files import Requirement
 from microvib.units import within_band
@@ -163,6 +163,7 @@ class TurningDrives:
         self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
         self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
         self.unknown = tuple(unknown_drives(scenario)) if drives is None else ()
+        self._last: dict[int, tuple[np.ndarray, SideResponse]] = {}
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
         """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,
@@ -201,9 +202,17 @@ class TurningDrives:
         """What comes at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
         found = np.zeros((len(motions[0]), grid.size, 2))
         for one, u in zip(self.drives, motions, strict=True):
-            response = one.response(grid)
+            response = self._response(one, grid)
             found += response.los[response.orders == 0][0] * u[:, :, None]
         return found
+
+    def _response(self, one: VaryingDrive, frequency: np.ndarray) -> SideResponse:
+        """Response of a drive, kept until another grid is asked for."""
+        last = self._last.get(one.wing)
+        if last is None or not np.array_equal(last[0], frequency):
+            last = frequency, one.response(frequency)
+            self._last[one.wing] = last
+        return last[1]
 
     def _of(
         self, at: np.ndarray, motions: Sequence[np.ndarray], *, own: bool = True
@@ -211,13 +220,14 @@ class TurningDrives:
         k, m = at.shape
         none = SideLines(np.zeros((0, m)), np.zeros((0, m)), np.zeros((0, m, 2)))
         found = replace(none, unknown=self.unknown)
+        each, back = np.unique(at.ravel(), return_inverse=True)
         for one, u in zip(self.drives, motions, strict=True):
-            response = one.response(at.ravel())
+            response = self._response(one, each)
             kept = np.ones(response.orders.size, dtype=bool) if own else response.orders != 0
             count = int(kept.sum())
             with np.errstate(invalid="ignore"):
-                los = response.los[kept].reshape(count, k, m, 2) * u[None, :, :, None]
-            moved = response.frequency[kept].reshape(count, k, m)
+                los = response.los[kept][:, back].reshape(count, k, m, 2) * u[None, :, :, None]
+            moved = response.frequency[kept][:, back].reshape(count, k, m)
             source = np.broadcast_to(at, moved.shape)
             shape = (count * k, m)
             lines = SideLines(
