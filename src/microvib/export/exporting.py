@@ -33,7 +33,7 @@ def export_as(
         What is exported; as name a scenario of the catalog, a scenario file, or the folder of a run.
     target : str
         Name of the format, as ``microvib export --list`` has them: ``"state-space"``, ``"nastran"``,
-        ``"uff"``, ``"mat"``, ``"csv"``, ``"source-sheet"``.
+        ``"uff"``, ``"mat"``, ``"csv"``, ``"source-sheet"``, ``"fmu2"``, ``"fmu3"``, ``"c"``, ``"wasm"``.
     out : str or path
         The file, with an ending of the format.
     overwrite : bool

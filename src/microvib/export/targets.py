@@ -11,6 +11,15 @@ from typing import Any, Literal
 from microvib.errors import OptionError, did_you_mean, missing_library
 from microvib.export.data import CsvOptions, DataOptions, write_csv, write_mat, write_uff
 from microvib.export.nastran import NastranOptions, write_nastran
+from microvib.export.native.files import (
+    FmuOptions,
+    LibraryOptions,
+    not_exportable,
+    write_c_library,
+    write_fmu2,
+    write_fmu3,
+    write_wasm,
+)
 from microvib.export.source import no_source
 from microvib.export.source_sheet import SourceSheetOptions, write_source_sheet
 from microvib.export.state_space import no_state_space
@@ -121,6 +130,40 @@ TARGETS: dict[str, Target] = {
             write_source_sheet,
             SourceSheetOptions,
             refuses=no_source,
+        ),
+        Target(
+            "fmu2",
+            "FMU for co-simulation, FMI 2.0, without Python where it runs",
+            "scenario",
+            (".fmu",),
+            write_fmu2,
+            FmuOptions,
+        ),
+        Target(
+            "fmu3",
+            "FMU for co-simulation, FMI 3.0, without Python where it runs",
+            "scenario",
+            (".fmu",),
+            write_fmu3,
+            FmuOptions,
+        ),
+        Target(
+            "c",
+            "library that C calls, with its header and examples, as an archive",
+            "scenario",
+            (".zip",),
+            write_c_library,
+            LibraryOptions,
+            refuses=not_exportable,
+        ),
+        Target(
+            "wasm",
+            "WebAssembly module without imports and its loader in JavaScript, as an archive",
+            "scenario",
+            (".zip",),
+            write_wasm,
+            library="ziglang",
+            refuses=not_exportable,
         ),
     )
 }
