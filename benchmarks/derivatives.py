@@ -1,14 +1,15 @@
 """Derivatives of steady lines: what they cost, beside the steady state itself, and how good they are,
 beside steady states that are closed for parameters a little larger and smaller.
 
-``python benchmarks/derivatives.py [--sets 100] [--seed 0] [--keys 6] [--cost]``
+``python benchmarks/derivatives.py [--sets 100] [--seed 0] [--keys 6] [--cost] [--spread]``
 
 Drives are drawn (``tests/support/scenarios.py``, ``random_scenario``), and of each some keys. The
 reference is the difference of two motions that repeat, each closed to 1e-10 of what a microstep moves
 with finer steps, at two distances of the parameter; lines at which the two distances
 disagree by more than a third of what is asked are of an unknown derivative and counted apart. Errors
 are over the largest relative derivative of the line by any key, at least 1, as the module judges.
-``--cost`` gives times for all keys at once.
+``--cost`` gives times for all keys at once, ``--spread`` those of cases of a rate plan with and without
+ranges of twelve values: over a period of some full steps, and over one of half a turn of the rotor.
 
 Nothing is asserted. Machines differ: only ratios and errors mean something elsewhere.
 """
@@ -16,6 +17,7 @@ Nothing is asserted. Machines differ: only ratios and errors mean something else
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -35,6 +37,8 @@ from microvib.errors import SimulationError
 from microvib.solve import kernel
 from microvib.solve.steady.period import PeriodMap
 from microvib.solve.steady.state import SteadyState, steady_state
+from microvib.studies.rates import full_case
+from microvib.units import Si
 
 LEAST, LINES = 3e-3, 24
 """Part of the largest line below which a line is left out, and how many are looked at."""
@@ -43,6 +47,22 @@ FINER = 4
 NEAR, FAR = 3e-5, 1e-4
 """Distances of the parameter, over itself."""
 ROUNDS = 5
+RATES = (0.02, 0.05, 0.06, 0.1, 0.2)
+"""Rates of the cases whose lines have spreads [deg/s]."""
+RANGED = (
+    "motor.torque_constant",
+    "motor.detent_torque",
+    "motor.rotor_inertia",
+    "motor.friction.viscous",
+    "driver.proportional_gain",
+    "driver.integral_gain",
+    "reducer.wave_generator_inertia",
+    "reducer.stiffness",
+    "reducer.damping",
+    "friction.slip_ring.friction_factor",
+    "array.rigid_inertia",
+    "array.modes.0.damping",
+)
 
 
 def main() -> None:
@@ -52,7 +72,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keys", type=int, default=6)
     parser.add_argument("--cost", action="store_true")
+    parser.add_argument("--spread", action="store_true")
     given = parser.parse_args()
+    if given.spread:
+        cost_of_spread()
+        return
     if given.cost:
         cost()
         return
@@ -156,6 +180,41 @@ def cost() -> None:
             f"{name}: solve {1e3 * solve:.1f} ms, {len(keys)} keys {1e3 * own:.1f} ms,"
             f" ratio {own / solve:.2f}, of thirty keys {30 * own / len(keys) / solve:.2f}"
         )
+
+
+def cost_of_spread() -> None:
+    """Times of cases of a rate plan, with and without ranges."""
+    short = mv.load_scenario("state-1")
+    error = {"order": 2, "amplitude": 1e-4, "phase": 0.0}
+    long = short.with_si({"reducer.transmission_error": [error]})
+    for name, scenario in (("some full steps", short), ("half a turn of the rotor", long)):
+        ranged = with_ranges(scenario)
+        totals = np.zeros(2)
+        for rate in RATES:
+            cases = [
+                lambda x=x, rate=rate: full_case(x, Si(math.radians(rate)), 16)
+                for x in (scenario, ranged)
+            ]
+            times = np.array([least_time(case) for case in cases])
+            totals += times
+            lines = cases[1]().lines
+            print(
+                f"{name}, {rate} deg/s: {1e3 * times[0]:.1f} ms, with spreads {1e3 * times[1]:.1f} ms,"
+                f" ratio {times[1] / times[0]:.2f}; {len(lines)} lines,"
+                f" {sum(math.isfinite(x.spread) for x in lines)} with a spread",
+                flush=True,
+            )
+        print(f"{name}: ratio {totals[1] / totals[0]:.2f}")
+
+
+def with_ranges(scenario: mv.Scenario) -> mv.Scenario:
+    """The scenario with ranges of a fifth either way of the values that data sheets lack."""
+    units = {key: quantity.unit if quantity else "" for key, _, quantity in scenario.entries()}
+    notes = {
+        key: f"assumed; range {0.8 * scenario[key]!r} {units[key]} to {1.2 * scenario[key]!r} {units[key]}"
+        for key in RANGED
+    }
+    return scenario.with_sources(notes)
 
 
 def least_time(call) -> float:

@@ -180,6 +180,18 @@ def near(truth: float, estimate: float, key: str) -> float:
     return truth
 
 
+def counted(row: dict[str, Any]) -> dict[str, Any]:
+    """A drive's results with the phase's truth in its interval, where one of those that are whole
+    turns apart is there: the interval of a phase that is not told is wider than a turn about any.
+    """
+    told = row["keys"][PHASE]
+    low, high = told["interval"]
+    turned = told["truth"] + math.tau * math.ceil((low - told["truth"]) / math.tau)
+    if low <= told["truth"] <= high or not math.isfinite(turned) or turned > high:
+        return row
+    return row | {"keys": row["keys"] | {PHASE: told | {"truth": turned}}}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make, identify, count."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -210,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 with options.results.open("a") as file:
                     file.write(json.dumps(known[k]) + "\n")
         print(f"drive {k}, {known[k]['seconds']:.0f} s", file=sys.stderr)
-    for what, (n, of) in counts([known[k] for k in draws]).items():
+    for what, (n, of) in counts([counted(known[k]) for k in draws]).items():
         low, high = binomtest(n, of).proportion_ci(0.95) if of else (math.nan, math.nan)
         print(f"{n:4d} of {of:4d}  {what} ({100.0 * low:.0f} to {100.0 * high:.0f} %)")
 

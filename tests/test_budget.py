@@ -1570,14 +1570,14 @@ _ASKED: list[dict[str, object]] = [
 ]
 
 
+@pytest.mark.parametrize("detent", [0.0, 0.0018])
 @pytest.mark.parametrize("k", range(len(_ASKED)))
-def test_no_speed_of_a_range_is_above_what_was_found(k: int) -> None:
+def test_no_speed_of_a_range_is_above_what_was_found(k: int, detent: float) -> None:
     """Against 8000 speeds, those at which orders pass ends of bands and points of curves among them: ends of bands, notches,
-    weights and narrow resonances, of several orders at once."""
+    weights and narrow resonances, of several orders at once. Side lines that detent torque makes may add to it."""
     rng = np.random.default_rng(k)
-    craft = scenario_of(
-        whole.FullCraft(bandwidth=0.2, damping=rng.choice([0.0005, 0.003, 0.02], 4))
-    )
+    damping = rng.choice([0.0005, 0.003, 0.02], 4)
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=damping, detent=detent))
     kinds = ("radial_force", "radial_torque", "axial_force", "axial_torque")
     orders = np.unique(np.r_[10.0, rng.uniform(0.5, 12.0, rng.integers(1, 4)).round(2)])
     harmonics = [
@@ -1614,7 +1614,7 @@ def test_no_speed_of_a_range_is_above_what_was_found(k: int) -> None:
         )  # fmt: skip
     assert found.most >= largest
     assert found.value >= 0.99 * largest
-    assert found.most <= 1.05 * max(found.value, largest)
+    assert found.most <= (1.15 if detent else 1.05) * max(found.value, largest)
 
 
 def test_a_band_that_an_order_passes_within_one_speed_is_judged() -> None:

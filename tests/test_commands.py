@@ -80,6 +80,8 @@ DONE = {
     "schema": ["schema"],
     "budget": ["budget", "craft.yaml", *SHORT],
     "docs": ["docs", "--path"],
+    "export": ["export", "old", "--as", "mat", "-o", "exported.mat"],
+    "export --list": ["export", "--list"],
 }
 """A command line of each command, in the folder of ``worked``."""
 LONG = {
@@ -136,6 +138,7 @@ REFUSED = {
     "sensitivity": (["sensitivity", "state-1"], "no value of this scenario has a range"),
     "budget": (["budget", "state-1"], "spacecraft: missing"),
     "quiet": (["quiet", "state-1", "--lever", "spring"], "lever spring: is none"),
+    "export": (["export", "state-1", "--as", "matlab", "-o", "a.mat"], "--as matlab: is not known"),
 }
 """A command line that is refused, and words of the sentence that says why."""
 MISUSED = {

@@ -224,7 +224,7 @@ codegen.object_file = lambda code, *host: made.append(code) or make(code, *host)
 settings = "--set record.duration=4s --set record.settle=1s --lines-only".split()
 main(["run", "state-1", *settings], standalone_mode=False)
 from microvib.solve import propagate
-print("numba" in sys.modules, "llvmlite" in sys.modules, len(made), propagate.code._kept() in made)
+print("numba" in sys.modules, "llvmlite" in sys.modules, len(made), propagate.code.kept() in made)
 """
     said = said_by(script, tmp_path, timeout=300)
     assert said.splitlines()[-1].split() == ["False", "True", "5", "False"]

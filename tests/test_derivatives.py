@@ -9,8 +9,10 @@ from support.scenarios import random_scenario
 import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.solve import kernel
-from microvib.solve.steady.derivatives import NotDifferentiable, _offset, _Recorded
+from microvib.solve.steady import recorded
+from microvib.solve.steady.directions import Parameters, directions
 from microvib.solve.steady.period import PeriodMap
+from microvib.solve.steady.recorded import NotDifferentiable, RecordedPeriod, output_offset
 from microvib.solve.steady.state import SteadyState, steady_state
 
 KEYS = (
@@ -106,11 +108,11 @@ def test_they_are_those_of_motions_that_are_closed(of: str) -> None:
 
 def test_a_replay_ends_where_the_recorded_period_does(state: SteadyState) -> None:
     period = PeriodMap(state.scenario, state.microsteps)
-    recorded = _Recorded(PeriodMap(state.scenario, state.microsteps), np.arange(1, 17), False)
-    start = state.state - _offset(period)
-    end = recorded.record(start).state + _offset(period)
+    recorded = RecordedPeriod(PeriodMap(state.scenario, state.microsteps), np.arange(1, 17))
+    start = state.state - output_offset(period)
+    end = recorded.record(start).state + output_offset(period)
     assert np.abs((end - period.advance(state.state)) / period.sizes).max() < 1e-5
-    again = recorded.beside(start).state + _offset(period)
+    again = recorded.beside(start).state + output_offset(period)
     assert np.abs((end - again) / period.sizes).max() < 1e-9
 
 
@@ -156,3 +158,57 @@ def test_what_has_none_is_refused(state: SteadyState) -> None:
     memory = state.scenario.with_({"friction.presliding": {"stiffness": "2000 N*m/rad"}})
     with pytest.raises(NotDifferentiable, match="memory"):
         steady_state(memory).derivatives(["reducer.damping"])
+
+
+ALIKE = {
+    "friction.slip_ring.contact_force": "friction.slip_ring.friction_factor",
+    "motor.rotor_inertia": "reducer.wave_generator_inertia",
+}
+"""Parameters that change the drive as others do."""
+
+
+def test_parameters_that_change_a_drive_alike_have_one_direction(state: SteadyState) -> None:
+    keys = (*ALIKE, *ALIKE.values(), "motor.friction.stribeck_rate", "reducer.damping")
+    parameters = Parameters.of(state.scenario, keys, {})
+    orders = np.arange(1, 9)
+    period = RecordedPeriod.with_finer_steps(state.scenario, state.microsteps, orders, 2)
+    found = directions(period, parameters, 2e-6)
+    assert [keys[i] for i in found.chosen] == [*ALIKE, "reducer.damping"]
+    assert found.parts[:, 2] == pytest.approx([1.0, 0.0, 0.0], abs=1e-5)
+    inertias = [
+        state.scenario[key] for key in ("reducer.wave_generator_inertia", "motor.rotor_inertia")
+    ]
+    assert found.parts[:, 3] == pytest.approx([0.0, inertias[0] / inertias[1], 0.0], rel=1e-5)
+    assert not np.any(found.parts[:, 4])  # without an excess at rest, its rate does nothing
+
+
+def test_currents_that_are_nearly_zero_make_no_parameters_alike(state: SteadyState) -> None:
+    """Over a turn of the rotor the references pass zero, where they are rounding."""
+    parameters = Parameters.of(state.scenario, KEYS[:4], {})
+    period = RecordedPeriod.with_finer_steps(state.scenario, 1600, np.arange(1, 9), 1)
+    assert np.array_equal(directions(period, parameters, 2e-6).parts, np.eye(4))
+
+
+def test_derivatives_do_not_depend_on_what_else_is_asked_for(state: SteadyState) -> None:
+    keys = [*ALIKE, *ALIKE.values()]
+    together = state.derivatives(keys, LINES).relative
+    alone = np.array([state.derivatives([key], LINES).relative[0] for key in keys])
+    assert np.abs(together - alone).max() < 1e-4
+
+
+def test_coarse_derivatives_are_good_to_a_hundredth(state: SteadyState) -> None:
+    fine = state.derivatives(KEYS, LINES).relative
+    coarse = state.derivatives(KEYS, LINES, coarse=True).relative
+    largest = np.maximum(np.abs(fine).max(axis=0), 1.0)
+    assert (np.abs(coarse - fine) / largest).max() < 0.01
+
+
+def test_few_intervals_with_more_terms_give_the_same_coefficients(
+    state: SteadyState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    orders = list(range(1, 301))
+    many, few = (
+        (monkeypatch.setattr(recorded, "LONG", most), state.derivatives([], orders).amplitudes)[1]
+        for most in (1 << 20, 1)
+    )
+    assert np.abs(many - few).max() < 1e-9 * np.abs(many).max()

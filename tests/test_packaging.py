@@ -9,7 +9,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from support.commands import SHORT
 
 from microvib.errors import missing_library
 
@@ -102,7 +101,7 @@ def test_a_source_distribution_holds_what_is_needed_to_test_it():
     ("module", "extra"),
     [
         ("starlette.responses", "[serve]"), ("fastapi", "[serve]"), ("uvicorn", "[serve]"), ("plotly", "[serve]"),
-        ("nptdms", "[test-data]"), ("pyuff", "[test-data]"), ("pyfe3d", "[fem]"), ("pyyeti.nastran", "[fem]"),
+        ("nptdms", "[test-data]"), ("pyfe3d", "[fem]"), ("pyyeti.nastran", "[fem]"),
         ("typst", "[report]"), ("distributed", "[dask]"), ("sphinx.cmd", "[docs]"), ("sphinx_click", "[docs]"),
         ("myst_nb", "[docs]"), ("scipy", ""), ("h11", ""),
     ],
@@ -134,7 +133,6 @@ def test_a_module_that_no_installation_brings_is_a_bug(module):
             "fem",
             ["modes", "model.op4", "--units", "SI", "--interface", "0,0,0", "--drive-axis", "z"],
         ),
-        ("pyuff", "test-data", ["measure", "state-1", "-o", "new.uff", *SHORT]),
         ("nptdms", "test-data", ["analyse", "recording.tdms"]),
         ("distributed", "dask", ["campaign", "run", "cases", "--on", "dask"]),
     ],

@@ -12,9 +12,11 @@ from support.stopped import rows_at
 
 import microvib as mv
 from microvib.errors import MicrovibError, OptionError, ScenarioError
+from microvib.reports.outcome import Picture
+from microvib.reports.step_margin import draw_step_margin, step_margin_outcome
 from microvib.solve import kernel
 from microvib.solve.motion import StepCount
-from microvib.studies.step_margin import step_margin
+from microvib.studies.step_margin import StepMargin, StepRun, step_margin
 
 SEEDS, STEPS = (3, 8, 11), 6
 """Of the first dozen draws three that make all steps."""
@@ -215,6 +217,25 @@ def test_a_margin_finds_where_steps_are_lost():
         )
         oracle = integrate(replace(WEAK, rotor=friction), 3, first=0.5 * WEAK.step_time)
         assert (run.lost, run.gained, run.first) == (oracle.lost, oracle.gained, oracle.first)
+
+
+def test_a_margin_is_drawn_as_it_was_found():
+    """One point a run, shaded where both neighbours lose steps, hatched where one does."""
+
+    def run(value: float, lost: int, first: int, problem: str = "") -> StepRun:
+        return StepRun(value, 0 if problem else 9, lost, 0, first, problem)
+
+    runs = run(60.0, 0, 0), run(61.0, 2, 7), run(62.0, 4, 3), run(63.0, 0, 0), run(64.0, 0, 0, "no")
+    margin = StepMargin(scenario_of(HELD, 2), "driver.supply_voltage", 60.0, 64.0, runs)
+    count, first = draw_step_margin(margin).axes
+    drawn = [line.get_xydata().tolist() for line in count.lines]
+    assert drawn == [[[60.0, 0.0], [63.0, 0.0]], [[61.0, 2.0], [62.0, 4.0]], [[64.0, 0.0]]]
+    assert [line.get_xydata().tolist() for line in first.lines] == [[[61.0, 7.0], [62.0, 3.0]]]
+    ends = [(x.get_x(), x.get_x() + x.get_width(), bool(x.get_hatch())) for x in count.patches]
+    assert ends == [(60.0, 61.0, True), (61.0, 62.0, False), (62.0, 63.0, True)]
+    assert first.get_xlabel() == "driver.supply_voltage [V]"
+    pictures = [x for part in step_margin_outcome(margin).parts for x in part.items]
+    assert "step_margin" in [x.name for x in pictures if isinstance(x, Picture)]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.scenarios import limit_of
+from support.scenarios import baseline, limit_of
 from support.slow_drives import ERROR_OF_GEAR, ERROR_OF_TWO_CYCLES, FRICTION_OVER_ANGLE, drawn
 
 import microvib as mv
@@ -193,14 +193,14 @@ def test_friction_over_the_angle_repeats_with_the_output(state_1):
     assert slow_variations(state_1.with_({**uneven, **frictionless})) == []
 
 
-def test_of_a_roughness_the_slow_part_that_counts_decides(state_1):
+def test_roughness_repeats_after_a_turn_whatever_its_cycles_are(state_1):
     turn = 2.0 * math.pi / state_1.rate
-    fine = {"density": 1e-9, "lowest": 1.0, "highest": 1000.0}
-    (found,) = slow_variations(state_1.with_({"friction.position.roughness": fine}))
-    # three standard deviations of the first 111 cycles per turn are 3 sqrt(111e-9) < 1e-3
-    assert found.cycle == pytest.approx(turn / 112)
-    weak = {**fine, "density": 1e-12}
-    assert slow_variations(state_1.with_({"friction.position.roughness": weak})) == []
+    for lowest, highest in ((1.0, 1000.0), (15000.0, 15040.0)):
+        rough = {"density": 1e-6, "lowest": lowest, "highest": highest}
+        (found,) = slow_variations(state_1.with_({"friction.position.roughness": rough}))
+        assert found.cycle == pytest.approx(turn)
+        weak = {**rough, "density": 1e-12}
+        assert slow_variations(state_1.with_({"friction.position.roughness": weak})) == []
 
 
 def test_what_is_negligible_together_is_left_out(state_1):
@@ -310,3 +310,50 @@ def test_a_line_that_another_drive_has_at_all_times_is_taken_out():
     without = intermittent_peaks(swells, fs, (steady,), 32.0, 1.0)[1]
     assert with_line == pytest.approx(1.5, abs=0.05)
     assert np.max(without, initial=0.0) < 0.6
+
+
+def slowest_of(drive: mv.Scenario) -> tuple[str, float]:
+    """What changes the drive slowest, and its cycle [s]."""
+    first = slow_variations(drive)[0]
+    return first.what, first.cycle
+
+
+def friction_of_orders(*orders: int) -> dict[str, object]:
+    return {
+        "friction.coulomb": 1.0,
+        "friction.breakaway": 1.0,
+        "friction.position": {"harmonics": [{"order": n, "amplitude": 0.1} for n in orders]},
+    }
+
+
+def test_two_variations_that_hardly_differ_repeat_after_their_beat():
+    """At 0.06 deg/s a turn takes 6000 s; two lines a turn apart, 2.5 Hz, make one that swells over it."""
+    drive = baseline().with_si(friction_of_orders(15010, 15011))
+    turn = 2.0 * math.pi / abs(drive.rate)
+    what, cycle = slowest_of(drive)
+    assert what == "friction.position (order 15010) beside friction.position (order 15011)"
+    assert cycle == pytest.approx(turn, rel=1e-9)
+    assert slowest_of(baseline().with_si(friction_of_orders(15010)))[1] < 0.11 * turn
+
+
+@pytest.mark.parametrize(
+    "torque",
+    [
+        {"motor.detent_torque": 0.01},
+        {"motor.detent_torque": 0.0, "motor.detent": [{"order": 4, "amplitude": 0.01}]},
+        {"motor.detent_torque": 0.0, "motor.flux_harmonics": [{"order": 3, "amplitude": 0.05}]},
+    ],
+    ids=["detent torque", "detent harmonics", "flux harmonics"],
+)
+def test_friction_beside_a_torque_of_the_motor_repeats_after_their_beat(torque):
+    """20000 cycles per turn of the output are a full step; ten more meet it anew ten times a turn."""
+    drive = baseline().with_si({**torque, **friction_of_orders(20010)})
+    assert slowest_of(drive)[1] == pytest.approx(2.0 * math.pi / abs(drive.rate) / 10.0, rel=1e-9)
+
+
+def test_a_harness_pulls_more_as_the_array_turns():
+    drive = baseline().with_si({"friction.harness": {"stiffness": 4.0}})
+    gap = record_gap(drive, 300.0)
+    assert gap is not None
+    assert "friction.harness pulls more" in gap.why
+    assert record_gap(baseline().with_si({"friction.harness": {"stiffness": 1e-4}}), 300.0) is None

@@ -23,7 +23,7 @@ def lines(folder: Path) -> np.ndarray:
     """Lines of a case's recording that are no array modes, (n, 6)."""
     scenario = mv.load_scenario(str(folder / "scenario.yaml"))
     recording = mv.read_recording(recording_of(folder))
-    table = mv.find_lines(recording, "Mz", HARMONICS, scenario=scenario)
+    table = mv.find_lines(recording, "Mz", HARMONICS, scenario=scenario, every_order=True)
     rows = [
         (x.frequency, x.amplitude, x.phase, x.frequency_uncertainty, x.amplitude_uncertainty, x.phase_uncertainty)
         for x in table

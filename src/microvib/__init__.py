@@ -23,7 +23,7 @@ _HOME = {
     "LineTable": "signals.line_table",
     "MicrovibError": "errors",
     "Motion": "solve.motion",
-    "NotDifferentiable": "solve.steady.derivatives",
+    "NotDifferentiable": "solve.steady.recorded",
     "NotPeriodic": "solve.steady.period",
     "ObjectError": "errors",
     "OptionError": "errors",
@@ -40,6 +40,7 @@ _HOME = {
     "coupled_modes": "model.linear",
     "dump_scenario": "io.scenario_file",
     "expected_lines": "model.expected",
+    "export_as": "export.exporting",
     "find_lines": "analysis.lines",
     "identify": "studies.identify.fit",
     "judge": "analysis.limits",
@@ -56,10 +57,12 @@ _HOME = {
     "rate_grid": "studies.rates",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
+    "read_source_sheet": "export.source_sheet",
     "run_scenario": "analysis.run",
     "simulate": "solve.simulate",
     "simulate_many": "solve.simulate",
     "spectrum": "analysis.spectra",
+    "state_space": "export.state_space",
     "steady_state": "solve.steady.state",
     "waterfall": "analysis.spectra",
     "write_run": "reports.run.folder",
@@ -97,6 +100,9 @@ if TYPE_CHECKING:
         SimulationError,
         SynchronismLost,
     )
+    from microvib.export.exporting import export_as
+    from microvib.export.source_sheet import read_source_sheet
+    from microvib.export.state_space import state_space
     from microvib.io.named import catalog_names
     from microvib.io.new_scenario import new_scenario
     from microvib.io.recordings import read_recording
@@ -111,8 +117,8 @@ if TYPE_CHECKING:
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate, simulate_many
-    from microvib.solve.steady.derivatives import NotDifferentiable
     from microvib.solve.steady.period import NotPeriodic
+    from microvib.solve.steady.recorded import NotDifferentiable
     from microvib.solve.steady.state import steady_state
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
@@ -149,6 +155,7 @@ __all__ = [
     "coupled_modes",
     "dump_scenario",
     "expected_lines",
+    "export_as",
     "find_lines",
     "identify",
     "judge",
@@ -165,10 +172,12 @@ __all__ = [
     "rate_grid",
     "read_recording",
     "read_run",
+    "read_source_sheet",
     "run_scenario",
     "simulate",
     "simulate_many",
     "spectrum",
+    "state_space",
     "steady_state",
     "waterfall",
     "write_run",

@@ -145,3 +145,18 @@ def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any
     api.expect(limit(page, "20 N*m")).to_contain_text("Limit 2e+04 mN m")
     page.reload()
     api.expect(page.locator("output.verdict")).to_contain_text("Limit 2e+04 mN m")
+
+
+def test_a_run_is_exported_to_other_tools(visit: Callable[..., Any], tmp_path: Path) -> None:
+    page = visit(QUICK)
+    page.click("#go")
+    drawn(page, 1)
+    page.get_by_text("Export", exact=True).click()
+    menu = page.locator(".exports")
+    api.expect(menu).to_contain_text("array.rigid_body: missing")  # of the source sheet
+    api.expect(menu.get_by_role("link", name="source-sheet")).to_have_count(0)
+    with page.expect_download() as coming:
+        menu.get_by_role("link", name="state-space (.mat)").click()
+    assert coming.value.suggested_filename == "state-space.mat"
+    coming.value.save_as(tmp_path / "a.mat")
+    assert (tmp_path / "a.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")

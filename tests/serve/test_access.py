@@ -110,6 +110,7 @@ def test_strangers_get_the_empty_page_and_nothing_else(stranger, finished):
     assert stranger.get("/static/app.js").status_code == 200
     owned = [
         f"/api/runs/{finished}/files/lines.csv",
+        f"/api/runs/{finished}/exports/state-space.npz",
         "/api/openapi.json",
         "/api/schema",
         "/nothing",
@@ -123,11 +124,12 @@ def test_strangers_get_the_empty_page_and_nothing_else(stranger, finished):
     cookie = {"cookie": "microvib-1=c00kie"}
     assert [stranger.get(path, headers=cookie).status_code for path in owned] == [
         200,
+        200,
         401,
         401,
         401,
         401,
-    ]  # a link
+    ]  # links
 
 
 def test_the_token_is_exchanged(stranger):

@@ -204,3 +204,30 @@ def test_the_page_offers_every_file_of_a_run():
         if name != "motion_wing_2.nc":  # the page keeps the first drive's channels
             assert name in results.FILES
             assert f'["{name}"' in offered
+
+
+def test_a_run_in_the_formats_of_other_tools(client, finished, tmp_path):
+    found = result(client, finished)
+    offered = {one["target"]: one for one in found["exports"]}
+    assert offered["source-sheet"]["missing"].startswith("array.rigid_body: missing")
+    for target, one in offered.items():
+        for name in one["files"]:
+            answer = client.get(f"/api/runs/{finished}/exports/{name}")
+            if one["missing"]:
+                assert (answer.status_code, target) == (422, "source-sheet")
+                assert "array.rigid_body: missing" in answer.text
+                continue
+            assert answer.status_code == 200, name
+            assert name in answer.headers["content-disposition"]
+            (tmp_path / name).write_bytes(answer.content)
+    recording = mv.read_recording(tmp_path / "mat.mat")
+    kept = mv.simulate(mv.load_scenario("state-1", SHORT))
+    assert recording.channels["T_d"].size == kept["T_d"].size
+    assert b"RLOAD1" in (tmp_path / "nastran.bdf").read_bytes()
+
+
+def test_no_other_file_is_exported(client, finished):
+    for name in ("mat", "mat.exe", ".mat", "nastran.bdf.mat", "..%2Frun.pickle", "csv.csv%00"):
+        answer = client.get(f"/api/runs/{finished}/exports/{name}")
+        assert answer.status_code == 404, name
+    assert client.get(f"/api/runs/{'0' * 16}/exports/mat.mat").status_code == 404

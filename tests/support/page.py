@@ -94,9 +94,9 @@ def downloads(page: Any, tmp_path: Path) -> dict[str, bytes]:
     """Files of the chosen run, as a person gets them."""
     found = {}
     for name in ("scenario.yaml", "lines.csv", "motion.nc", "report.html"):
-        page.locator("details.menu summary").click()
+        page.locator("details.files summary").click()
         with page.expect_download() as coming:
-            page.locator(f"details.menu a[download='{name}']").click()
+            page.locator(f"details.files a[download='{name}']").click()
         coming.value.save_as(tmp_path / name)
         found[name] = (tmp_path / name).read_bytes()
     return found

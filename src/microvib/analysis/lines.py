@@ -164,6 +164,7 @@ def find_lines(
     *,
     start: Start | None = None,
     scenario: GivenScenario | None = None,
+    every_order: bool = False,
 ) -> LineTable:
     """Find every line that the physics predicts in the disturbance torque, and all others above
     the noise floor: named, with frequency, amplitude and phase.
@@ -190,6 +191,9 @@ def find_lines(
     scenario : Scenario, str or path, optional
         Of a recording: the drive that was measured. Its clock is then searched within
         CLOCK_TOLERANCE. Without it, lines above the noise floor are found and not named.
+    every_order : bool
+        Of a recording of a ``scenario``: add a row for each further order of the electrical period
+        at which a line stands above the floor, as errors make them that the scenario does not have.
 
     Returns
     -------
@@ -215,6 +219,8 @@ def find_lines(
     """
     expect_channel(channel)
     whole_number("harmonics", harmonics, *HARMONICS_RANGE)
+    if every_order and not (isinstance(source, Recording) and scenario is not None):
+        raise OptionError("every_order", "applies to a recording of a scenario")
     if stands_for_scenario(source):
         source, why = _solve(with_start(as_scenario(source), start), channel)
         table = find_lines(source, channel, harmonics)
@@ -231,7 +237,7 @@ def find_lines(
         return lines_of_steady_state(source, channel or "T_d", harmonics)
     if isinstance(source, Recording):
         guide = None if scenario is None else as_scenario(scenario)
-        return _of_recording(source.in_si(), channel, harmonics, guide)
+        return _of_recording(source.in_si(), channel, harmonics, guide, every_order)
     return lines_of_motion(source, channel or "T_d", harmonics)
 
 
@@ -274,13 +280,17 @@ def _solve(scenario: Scenario, channel: str) -> tuple[Motion | SteadyState, str]
 
 
 def _of_recording(
-    recording: Recording, channel: str, harmonics: int, scenario: Scenario | None
+    recording: Recording,
+    channel: str,
+    harmonics: int,
+    scenario: Scenario | None,
+    every_order: bool,
 ) -> LineTable:
     """Lines of a recording in SI units."""
     name = channel or f"M{scenario.array.drive_axis if scenario else 'z'}"
     require_usable_channel(recording, name, shortest_record(recording, scenario, harmonics))
-    table = lines_of_samples(
-        recording[name], recording.sample_rate, scenario, harmonics, measured=True
+    table = _measured_lines(
+        recording[name], recording.sample_rate, scenario, harmonics, every_order=every_order
     )
     table = replace(table, unit=recording.units[name], source=f"{name} of {recording.name}")
     return with_force_table(table, recording, name)
@@ -297,16 +307,29 @@ def lines_of_samples(
     CLOCK_TOLERANCE, its array modes within MODE_TOLERANCE. Without a scenario, those above the floor
     are found and not named. What noise alone gives a line is known of the ``disturbance`` torque.
     """
-    expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, measured)
-    if scenario is not None and not measured:
-        table = simulated_lines(x, sample_rate, scenario, expected, disturbance)
-        return replace(table, harmonics=harmonics)
-    table = estimate_lines(x, sample_rate, expected)
     if measured:
-        table = with_excess(
-            with_transient_uncertainty(_refit_clock(table, x, sample_rate, expected)), x
-        )
-    table = replace(table, harmonics=harmonics)
+        return _measured_lines(x, sample_rate, scenario, harmonics, disturbance=disturbance)
+    if scenario is None:
+        return replace(estimate_lines(x, sample_rate, ()), harmonics=harmonics)
+    expected = expected_in(scenario, sample_rate, harmonics)
+    table = simulated_lines(x, sample_rate, scenario, expected, disturbance)
+    return replace(table, harmonics=harmonics)
+
+
+def _measured_lines(
+    x: np.ndarray,
+    sample_rate: float,
+    scenario: Scenario | None,
+    harmonics: int,
+    *,
+    disturbance: bool = True,
+    every_order: bool = False,
+) -> LineTable:
+    """``lines_of_samples`` of a measured torque; ``every_order`` as in ``find_lines``."""
+    expected = () if scenario is None else expected_in(scenario, sample_rate, harmonics, True)
+    table = estimate_lines(x, sample_rate, expected, every_order)
+    table = _refit_clock(table, x, sample_rate, expected, every_order)
+    table = replace(with_excess(with_transient_uncertainty(table), x), harmonics=harmonics)
     if scenario is None:
         return table
     return _with_noise_statistics(table, scenario, expected, disturbance)
@@ -377,7 +400,11 @@ def intermittency_cause(scenario: Scenario | None, table: LineTable) -> str:
 
 
 def _refit_clock(
-    table: LineTable, x: np.ndarray, sample_rate: float, expected: tuple[ExpectedLine, ...]
+    table: LineTable,
+    x: np.ndarray,
+    sample_rate: float,
+    expected: tuple[ExpectedLine, ...],
+    every_order: bool,
 ) -> LineTable:
     """The lines at a clock far from the expected one, where the record shows that; else those of
     the ``table``.
@@ -389,7 +416,8 @@ def _refit_clock(
     if ratio is None or abs(ratio - 1.0) <= CLOCK_TOLERANCE:
         return table
     moved = [_at_clock_ratio(line, ratio) for line in expected]
-    there = estimate_lines(x, sample_rate, [line for line in moved if line.frequency <= highest])
+    within = [line for line in moved if line.frequency <= highest]
+    there = estimate_lines(x, sample_rate, within, every_order)
     if there.clock_ratio is None or there.clock_ratio_uncertainty is None:
         return table
     return replace(
@@ -426,7 +454,7 @@ def _at_clock_ratio(line: ExpectedLine, ratio: float) -> ExpectedLine:
     )
 
 
-TRANSIENT_PHASE_DRIFT = 4e-3
+TRANSIENT_PHASE_DRIFT = 1e-3
 """Cycles of the clock's largest line over a record by which a mode as large as it moves it while it
 rings: a standard deviation, from simulations of states 1, 2 and 4 of the catalog with reducers,
 frictions and drivers drawn at random."""

@@ -50,7 +50,7 @@ def spread_of(state: SteadyState, orders: list[int]) -> Spread:
     ways = {key: _way(state.scenario, key, ends) for key, ends in ranges.items()}
     nothing = {key: way for key, way in ways.items() if state.scenario[key] == 0.0}
     try:
-        found = state.derivatives(keys, orders, scales=nothing)
+        found = state.derivatives(keys, orders, scales=nothing, coarse=True)
     except MicrovibError as why:
         return Spread({}, keys, str(why))
     with np.errstate(divide="ignore", invalid="ignore"):

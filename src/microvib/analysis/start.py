@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
 from microvib.model.slow_variations import (
     COMPENSATION,
     CYCLES_SEEN,
+    HARNESS,
     SlowVariation,
     slow_variations,
     unseen_variations,
@@ -93,11 +95,12 @@ def wind_up(scenario: Scenario) -> float:
     """Angle at the output [rad] that is commanded from rest until the output breaks away; infinite
     if the motor is too weak.
 
-    The twist of the gear and the lag of the rotor on its electromagnetic spring, T_max sin(z lag),
+    The twist of the gear and the lag of the rotor on its electromagnetic spring, the mean over an
+    electrical turn, T_max sin(z lag),
     at the breakaway torques of both shafts with what a harness adds, and half of the backlash;
     without detent torque and flux harmonics.
     """
-    motor, reducer = scenario.motor, scenario.reducer
+    motor, reducer = motor_of_mean_spring(scenario.driver, scenario.motor), scenario.reducer
     held, harness = scenario.friction.breakaway_torque, scenario.friction.harness
     if held == 0.0:
         return 0.0
@@ -259,6 +262,12 @@ def record_gap(
 
 def _unseen_variation_reason(slow: SlowVariation, scenario: Scenario) -> str:
     """Reason why a record does not show a drive that something changes slowly, and what to do."""
+    if slow.key == HARNESS:
+        return (
+            f"lines at angles that the record does not reach: {HARNESS} pulls more, and the motor lags"
+            f" more, as the array turns ({HARNESS}: null and a run each with friction of the least and"
+            " the most torque of it)"
+        )
     wanted = CYCLES_SEEN * slow.cycle
     remedy = f"record.duration >= {rounded_up(wanted)} s"
     if not slow.key.startswith("friction"):

@@ -19,9 +19,10 @@ import numpy as np
 
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR
 from microvib.analysis.start import may_still_ring
+from microvib.model.commanded_torque import commanded_torque, spring_orders
 from microvib.model.drive_matrices import coordinates
-from microvib.model.driven import noise_bands
-from microvib.model.expected import SIDEBANDS, angle_errors
+from microvib.model.driven import noise_bands, noise_density
+from microvib.model.expected import SIDEBANDS
 from microvib.model.linear import (
     coupled_modes,
     disturbance_torque_response,
@@ -51,6 +52,10 @@ others spread evenly.
 """
 _MANY_MODES = 60
 """Modes from which a tenth of that is enough of a wait."""
+_NOISE_POINTS = 4001
+"""Frequencies at which a density is added up over a band."""
+_NOISE_SIGMAS = 3.0
+"""Times its root mean square that noise reads as a line, at most."""
 _LOWEST_FREQUENCY_RATIO = 0.01
 """Part of the lowest mode's frequency below which the drive's response is not looked at."""
 
@@ -108,7 +113,7 @@ def out_of_band_lines(
     modes = [m for m in coupled_modes(scenario) if start < m.frequency <= high]
     yield from clock_line_bounds(scenario, start, high)
     yield from _extrapolated_bounds(scenario, table, start, high)
-    yield from _noise_driven_modes(scenario, start, high)
+    yield from _noise_bounds(scenario, start, high)
     shown = PASSBAND * table.sample_rate
     if shown < _SWITCHING_SEEN_RATIO * _switching_frequency(scenario):
         yield from nonlinear_torque_bounds(scenario, start, high)
@@ -218,23 +223,63 @@ def clock_line_bounds(
             start,
             high,
         )
-    errors = angle_errors(driver, motor.phases)
-    if errors:
-        at = np.array([e.order * electrical for e in errors])
-        pull = (
-            np.array([e.amplitude for e in errors])
-            * motor.electromagnetic_stiffness
-            / motor.rotor_teeth
-        )
-        yield _line_family_bounds(
-            scenario, "an electrical line", at, ABOVE_PASSBAND_FACTOR * pull, start, high
-        )
+    if driver.distorted or driver.compensates:
+        yield from _lines_of_references(scenario, start, high, end)
     turn = driver.beats * driver.microsteps * motor.rotor_teeth
     for e in scenario.rotor_harmonics:
         f = float(e.order) * f_d / turn
         if e.amplitude > 0.0 and start < f <= high:
             yield _unbounded(e.line, f)
     yield from _side_lines_of_gear_errors(scenario, start, high, count)
+    yield from _lines_of_friction_over_angle(scenario, start, high)
+
+
+def _lines_of_references(
+    scenario: Scenario, start: float, high: float, end: float
+) -> Iterator[OutOfBandLines]:
+    """Upper bounds on lines between two frequencies [Hz] of references that are not those of an ideal
+    driver, up to ``end`` [Hz], and on side lines that the motor's torques and the varying spring
+    make of them.
+    """
+    torque = commanded_torque(scenario, end)
+    pull = ABOVE_PASSBAND_FACTOR * torque.amplitude
+    at = torque.frequency * np.arange(1, pull.size + 1)
+    electrical, turn = pull.copy(), 1  # periods of the lines
+    if scenario.driver.compensates:
+        turn = scenario.motor.rotor_teeth
+    else:
+        microsteps = scenario.driver.beats * scenario.driver.microsteps
+        electrical[microsteps - 1 :: microsteps] = 0.0  # driving lines
+    yield _line_family_bounds(scenario, "an electrical line", at, electrical, start, high)
+    side = np.zeros_like(pull)
+    varies = spring_orders(scenario.driver, scenario.motor)
+    for order in dict.fromkeys([*scenario.motor.torque_orders, *varies]):
+        for distance in (j * order * turn for j in range(1, SIDEBANDS + 1)):
+            side[distance:] = np.maximum(side[distance:], pull[:-distance])
+            side[:-distance] = np.maximum(side[:-distance], pull[distance:])
+    if np.any(side):
+        yield _line_family_bounds(
+            scenario, "a side line of an electrical line", at, side, start, high
+        )
+
+
+def _lines_of_friction_over_angle(
+    scenario: Scenario, start: float, high: float
+) -> Iterator[OutOfBandLines]:
+    """Upper bounds on lines between two frequencies [Hz] of the output's friction over its angle: its
+    harmonics and their multiples.
+    """
+    position, rate = scenario.friction.position, abs(scenario.rate or 0.0) / (2.0 * math.pi)
+    if position is None:
+        return
+    torque = ABOVE_PASSBAND_FACTOR * scenario.friction.largest_torque
+    multiples = np.arange(1, SIDEBANDS + 2)
+    for harmonic in position.harmonics:
+        at = float(harmonic.order) * rate * multiples
+        pull = torque * harmonic.amplitude / multiples
+        there = (at > start) & (at <= high)
+        what = "a line of friction over the angle"
+        yield _bounds_by_torque(scenario, what, at[there], pull[there], on_output=True)
 
 
 def _side_lines_of_gear_errors(
@@ -258,6 +303,11 @@ def _side_lines_of_gear_errors(
     n = np.concatenate([np.ones(orders.size), list(torques)])
     g = np.concatenate([f_d * orders, f_d / turn * np.array(list(torques))])
     size = np.concatenate([np.abs(staircase_torque(scenario, orders)), list(torques.values())])
+    if driver.distorted:
+        own = commanded_torque(scenario, f_d * orders[-1])
+        n = np.concatenate([n, np.ones(own.amplitude.size)])
+        g = np.concatenate([g, own.frequency * np.arange(1, own.amplitude.size + 1)])
+        size = np.concatenate([size, own.amplitude])
     compliance = np.abs(np.linalg.inv(dynamic_stiffness(scenario, g))[:, 0, 0])
     for e in errors:
         f = float(e.order) * f_d / (turn * motor.rotor_teeth)
@@ -314,7 +364,9 @@ def _line_family_bounds(
     number = np.diff(
         np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2, [there.size]])[: kept.size + 1]
     )
-    found = _bounds_by_torque(scenario, what, frequency[there[kept]], pull[there[kept]])
+    first = np.cumsum(number) - number
+    largest = np.maximum.reduceat(pull[there], first) if kept.size else pull[there]
+    found = _bounds_by_torque(scenario, what, frequency[there[kept]], largest)
     return replace(found, number=number, between=kept.size < there.size)
 
 
@@ -396,9 +448,17 @@ def _extrapolated_bounds(
         yield replace(found, between=True, falling=True)
 
 
-def _noise_driven_modes(scenario: Scenario, start: float, high: float) -> Iterator[OutOfBandLines]:
-    """Modes that noise of the output's friction drives."""
-    for mode in coupled_modes(scenario):
-        for key, (low, top) in noise_bands(scenario).items():
-            if max(start, low) < mode.frequency <= min(high, top):
-                yield _unbounded(f"{mode.name}, which {key} drives,", mode.frequency)
+def _noise_bounds(scenario: Scenario, start: float, high: float) -> Iterator[OutOfBandLines]:
+    """Bounds on what reads as a line between two frequencies [Hz] where friction is noisy: any is taken to
+    have all of its noise there.
+    """
+    for key, (low, top) in noise_bands(scenario).items():
+        first, last = max(start, low), min(high, top)
+        if not first < last:
+            continue
+        frequency = np.linspace(first, last, _NOISE_POINTS)
+        power = float(np.trapezoid(noise_density(scenario, frequency), frequency))
+        at = np.union1d(_frequency_grid(scenario, first, last), [first, last])
+        pull = np.full(at.size, _NOISE_SIGMAS * math.sqrt(2.0 * power))
+        found = _bounds_by_torque(scenario, f"noise of {key}", at, pull, on_output=True)
+        yield replace(found, between=True)

@@ -20,6 +20,7 @@ try:
         budget,
         campaign,
         docs,
+        export,
         margin,
         new,
         profile,
@@ -103,7 +104,7 @@ for _command in (
     validation.validate, validation.statements, rates.rates, profile.profile, margin.margin, campaign.campaign,
     structures.modes, structures.sas,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
-    quiet.quiet,
+    quiet.quiet, export.export,
 ):  # fmt: skip
     main.add_command(_command)
 

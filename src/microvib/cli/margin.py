@@ -23,7 +23,7 @@ from microvib.cli.progress import progress_bar
     help="Values over the range; edges are narrowed down to a sixteenth of their distance.",
 )
 @set_option
-@target_options("Folder for tables and report [default: print only].")
+@target_options("Folder for table, picture and report [default: print only].")
 @with_precompilation
 def margin(scenario: str, over: str, count: int, settings: tuple[str, ...], target: Target) -> None:
     """Find where SCENARIO, a drive by voltage pulses, loses steps: over its voltage, a friction, an

@@ -142,13 +142,13 @@ class Unit:
         with _LOCK:
             if "addresses" in self.__dict__:  # by another thread, meanwhile
                 return self.__dict__["addresses"]  # type: ignore[no-any-return]
-            for code in (self._kept, self._made):
+            for code in (self.kept, self._made):
                 try:
                     from microvib.compiled import machine
 
                     return machine.load(self.module, code(), [*self.entries, "deliver"])
                 except Exception as error:
-                    if code == self._kept:
+                    if code == self.kept:
                         _say_refused(self.file, error)
             return {}
 
@@ -160,12 +160,14 @@ class Unit:
 
             machine.begin(
                 self.module,
-                self._kept(),
+                self.kept(),
                 [partial(getattr, unit, "addresses") for unit in meanwhile],
             )
 
-    def _kept(self) -> bytes:
-        """The code beside the module, compressed; in a checkout, if it is of these sources."""
+    def kept(self) -> bytes:
+        """The code beside the module, compressed; in a checkout, if it is of these sources, and
+        otherwise EditedSourcesError.
+        """
         stamps, _, content = self.file.read_bytes().partition(b"\n")
         if digests.editable() and not self.fits(*stamps.decode().split()):
             raise EditedSourcesError

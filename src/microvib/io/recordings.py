@@ -13,20 +13,19 @@ import numpy as np
 from microvib.errors import OutputError, ScenarioError, expect
 from microvib.io.csv_cells import csv_text
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
-from microvib.io.files import as_read_errors, check_file, library
+from microvib.io.files import as_read_errors, check_file
 from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.named import read_text
 from microvib.io.scenario_file import load_bench
 from microvib.io.tables import dict_rows
+from microvib.io.uff_writing import FUNCTIONS, Dataset58, Even, Place, write_datasets
 from microvib.io.writing import write_file
 from microvib.io.yaml_text import parse_yaml
-from microvib.model.rigid import COMPONENTS
 from microvib.model.sentences import validate_part
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Stage
-from microvib.testdata.time_axis import snapped_rate
 from microvib.units import GivenQuantity, quantity
 
 LARGEST = 2_000_000_000  # bytes of the largest recording that is read
@@ -186,32 +185,14 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 
 
 def _write_uff(recording: Recording, path: Path) -> None:
-    pyuff = library("pyuff")
-    t = np.arange(recording.samples) / recording.sample_rate
-    # The step is written with six digits; where these do not give the rate back, each sample has
-    # its time.
-    even = (
-        snapped_rate(1.0 / float(f"{1.0 / recording.sample_rate:.5e}"))[0] == recording.sample_rate
-    )
-    for name, x in recording.channels.items():
-        data = {
-            "type": 58, "binary": 1, "func_type": 1, "rsp_node": 1, "rsp_dir": 0, "ref_node": 0, "ref_dir": 0,
-            "id1": name, "id2": recording.title[-70:] or "microvib", "id3": "NONE", "id4": "NONE", "id5": "NONE",
-            "ver_num": 0, "load_case_id": 0, "rsp_ent_name": "TABLE", "ref_ent_name": "NONE",
-            "data": np.asarray(x, dtype=float), "x": t, "num_pts": x.size, "ord_data_type": 4,
-            "abscissa_spacing": int(even), "abscissa_min": 0.0, "abscissa_inc": 1.0 / recording.sample_rate, "z_axis_value": 0.0,
-            "abscissa_spec_data_type": 17, "abscissa_axis_lab": "Time", "abscissa_axis_units_lab": "s",
-            "ordinate_spec_data_type": 13 if name in COMPONENTS[:3] else 12, "ordinate_axis_lab": name,
-            "ordinate_axis_units_lab": recording.units.get(name, "") or "NONE",
-            "func_id": 0, "orddenom_spec_data_type": 0, "orddenom_axis_lab": "NONE", "orddenom_axis_units_lab": "NONE",
-            "z_axis_spec_data_type": 0, "z_axis_axis_lab": "NONE", "z_axis_axis_units_lab": "NONE",
-        }  # fmt: skip
-        for axis in ("abscissa", "ordinate", "orddenom", "z_axis"):
-            data |= {f"{axis}_{kind}_unit_exp": 0 for kind in ("len", "force", "temp")}
-        try:
-            pyuff.UFF(str(path)).write_sets([data], mode="add")
-        except Exception as error:  # the library says no more than that it failed
-            raise error.__context__ if isinstance(error.__context__, OSError) else error from None
+    at = Even(0.0, 1.0 / recording.sample_rate)
+    sets = [
+        Dataset58(
+            name, FUNCTIONS["time"], np.asarray(x, dtype=float), at, recording.units.get(name, ""), recording.title, Place(1)
+        )
+        for name, x in recording.channels.items()
+    ]  # fmt: skip
+    write_datasets(path, sets)
 
 
 def _write_mat(recording: Recording, path: Path) -> None:

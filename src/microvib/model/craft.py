@@ -272,9 +272,35 @@ def craft_of(
     return _assemble_craft(array, spacecraft, output_inertia, rotor_inertia)
 
 
-def _assemble_craft(
+@dataclass(frozen=True)
+class LockedStructure:
+    """Hub, second wing and array with both hinges locked: coordinates q, those of the second wing, eta."""
+
+    M: np.ndarray
+    """Mass, (n, n)."""
+    K: np.ndarray
+    """Stiffness, (n, n)."""
+    C: np.ndarray
+    """Damping, (n, n)."""
+    free: int
+    """How many of the first coordinates have neither stiffness nor damping."""
+    in_output: np.ndarray
+    """Inertia force on them by a unit acceleration of the output, (n,)."""
+    in_rotor: np.ndarray
+    """By one of the rotor, (n,)."""
+    output: float
+    """Inertia of the output about the drive axis with all of them held [kg m^2]."""
+    array_mass: np.ndarray
+    """As in ``Craft``, (6, 6)."""
+    participation: np.ndarray
+    """As in ``Craft``, (6, s)."""
+    second: HeldWing | None
+
+
+def locked_structure(
     array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float
-) -> Craft:
+) -> LockedStructure:
+    """The structure of an array on a spacecraft; inertias J_flex and J_m [kg m^2] as in a ``Scenario``."""
     a = _unit_rotation(spacecraft.interface.axis)
     M, P = array_on_hub(array, spacecraft.interface, spacecraft.array_angle)
     M = M + output_inertia * np.outer(a, a)
@@ -302,23 +328,34 @@ def _assemble_craft(
     C = np.concatenate([np.zeros(n), array.D])
     K_S, C_S = np.diag(K), np.diag(C)
     K_S[:n, :n], C_S[:n, :n] = hub_stiffness, hub_damping
-    # Inertia forces on these coordinates by unit accelerations of output and rotor.
     in_output = np.concatenate([root.T @ (M @ a), P.T @ a])
     in_rotor = np.concatenate([rotor_inertia * (root.T @ a), np.zeros(s)])
-    shapes, squares = _modes(M_S, K_S, free)
-    damping, in_shafts = shapes.T @ C_S @ shapes, shapes.T @ np.column_stack([in_output, in_rotor])
+    return LockedStructure(M_S, K_S, C_S, free, in_output, in_rotor, float(a @ M @ a), M, P, second)
+
+
+def _assemble_craft(
+    array: Array, spacecraft: Spacecraft, output_inertia: float, rotor_inertia: float
+) -> Craft:
+    locked = locked_structure(array, spacecraft, output_inertia, rotor_inertia)
+    M_S, free, M, P = locked.M, locked.free, locked.array_mass, locked.participation
+    in_output, in_rotor, n = locked.in_output, locked.in_rotor, locked.M.shape[0]
+    shapes, squares = _modes(M_S, locked.K, free)
+    damping, in_shafts = (
+        shapes.T @ locked.C @ shapes,
+        shapes.T @ np.column_stack([in_output, in_rotor]),
+    )
     # Modes that damping couples, as uncoupled ones that also feel the shafts' rates; what that adds
     # is inertia of the shafts.
     y = decouple_modes(damping, squares, in_shafts)
     viscous, (H, R, V_l, V_m) = (y.g.T / y.k) @ y.g, np.vstack([y.a.T, y.g.T]).copy()
     # Free motions keep their momentum, M_ff x_f + (in_output theta_l + in_rotor theta_m)_f = 0.
-    by_output, by_rotor = np.zeros(n + s), np.zeros(n + s)
+    by_output, by_rotor = np.zeros(n), np.zeros(n)
     by_output[:free] = -np.linalg.solve(M_S[:free, :free], in_output[:free])
     by_rotor[:free] = -np.linalg.solve(M_S[:free, :free], in_rotor[:free])
     # What is left of the output's inertia once all modes are taken out: what turns with it at the
     # highest frequencies.
     whole = np.linalg.solve(M_S, np.column_stack([in_output, in_rotor]))
-    J = float(a @ M @ a)
+    J = locked.output
     left = J - float(in_output @ whole[:, 0])
     load = Load(
         H=H,
@@ -347,7 +384,7 @@ def _assemble_craft(
         M,
         P,
         rotor_inertia,
-        second,
+        locked.second,
     )
 
 

@@ -171,19 +171,57 @@ class DriveStates:
         found[receiver_of(self.scenario).root.shape[1]] = 1.0
         return found
 
-    def extremes(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    def on_rotor_of(self, wing: int) -> np.ndarray:
+        """Forces on the coordinates by a torque on the rotor of the first drive, 0, or of the
+        second wing's, 1, (n, 1).
+        """
+        found = np.zeros((self._system[0].shape[0], 1))
+        before = source_of(self.scenario).M.shape[0] if wing else 0
+        found[receiver_of(self.scenario).root.shape[1] + before] = 1.0
+        return found
+
+    @property
+    def on_output(self) -> np.ndarray:
+        """Forces on the coordinates by a torque on the own output, (n, 1)."""
+        found = np.zeros((self._system[0].shape[0], 1))
+        way = coordinates(self.scenario.reducer, len(self.scenario.array.modes))[1]
+        first = receiver_of(self.scenario).root.shape[1]
+        found[first : first + way.size, 0] = way
+        return found
+
+    @property
+    def line_of_sight(self) -> np.ndarray:
+        """Line of sight by the coordinates, (2, n)."""
+        return self._los
+
+    def response(self, frequency: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """What is seen by ``rows`` (r, n) of the coordinates without the springs that are not known,
+        by ``forces`` (n, c), at frequencies (m,) [Hz], complex, (m, r, c).
+        """
+        M, C, K = self._system
+        found = [np.zeros((0, rows.shape[0], forces.shape[-1]), dtype=complex)]
+        for part in frequency_blocks(frequency.size, M.shape[0]):
+            omega = 2.0 * np.pi * frequency[part, None, None]
+            found.append(rows @ np.linalg.solve(K - omega**2 * M + 1j * omega * C, forces + 0j))
+        return np.concatenate(found)
+
+    def extremes(
+        self, frequency: np.ndarray, forces: np.ndarray, rows: np.ndarray | None = None
+    ) -> np.ndarray:
         """Smallest and largest line of sight [rad] over all states by ``forces`` on the coordinates
         (n, c), or at each frequency (m, n, c), at frequencies (m,) [Hz], (2, m, 2, c).
+
+        ``rows`` (r, n) of the coordinates take the place of the line of sight, (2, m, r, c).
         """
         each = np.broadcast_to(forces, (frequency.size, *forces.shape[-2:]))
-        n = self._system[0].shape[0]
+        n, seen = self._system[0].shape[0], self._los if rows is None else rows
         found = [
-            self._extremes(frequency[part], each[part])
+            self._extremes(frequency[part], each[part], seen)
             for part in frequency_blocks(frequency.size, n)
         ]
-        return np.concatenate([np.zeros((2, 0, 2, forces.shape[-1])), *found], axis=1)
+        return np.concatenate([np.zeros((2, 0, seen.shape[0], forces.shape[-1])), *found], axis=1)
 
-    def _extremes(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    def _extremes(self, frequency: np.ndarray, forces: np.ndarray, seen: np.ndarray) -> np.ndarray:
         M, C, K = self._system
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[:, None, None]
         G = np.array([spring.on for spring in self.springs]).reshape(-1, K.shape[0]).T
@@ -194,8 +232,8 @@ class DriveStates:
             [s.stiffness + 1j * omega[:, 0, 0] * s.damping for s in self.springs],
         )
         start = _Reduced(
-            self._los @ moved[:, :, :c],
-            self._los @ moved[:, :, c:],
+            seen @ moved[:, :, :c],
+            seen @ moved[:, :, c:],
             G.T @ moved[:, :, c:],
             G.T @ moved[:, :, :c],
         )
@@ -255,6 +293,7 @@ def drive_states(
     own: bool = True,
     steps: bool = False,
     sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
+    turning: bool = True,
 ) -> DriveStates | None:
     """States in which the drives of a craft may be; None where all is known.
 
@@ -269,15 +308,19 @@ def drive_states(
     sticking : pair of Sticking
         Shafts of the first drive and of the second that may stick. Those of a drive that does not
         step may in any case.
+    turning : bool
+        With the springs of motors that turn, anything that these are over the electrical turn.
     """
     n = receiver_of(scenario).root.shape[1]
-    mine = _springs_of_own(scenario, sticking[0]) if own else []
+    mine = _springs_of_own(scenario, sticking[0], turning) if own else []
     other, beside = scenario.other_wing, list[UncertainSpring]()
     if other is not None:
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
         beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
-        beside += springs_of_motor(other, stands=not steps)
+        steps = steps or (not turning and not held and bool(other.rate))
+        beside += springs_of_motor(other, stands=True) if not steps else []
+        beside += springs_of_motor(other, stands=False) if steps and turning else []
     if not mine and not beside:
         return None
     n_own = source_of(scenario).M.shape[0]
@@ -289,11 +332,22 @@ def drive_states(
     return DriveStates(scenario, tuple(springs))
 
 
-def _springs_of_own(scenario: Scenario, sticking: Sticking) -> list[UncertainSpring]:
+def craft_of_drives(
+    scenario: Scenario, sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK)
+) -> DriveStates:
+    """The craft with its springs that are not known, but for those of motors that turn, which are
+    known over the electrical turn (``model.side_lines``); arguments as for ``drive_states``.
+    """
+    found = drive_states(scenario, sticking=sticking, turning=False)
+    return DriveStates(scenario, ()) if found is None else found
+
+
+def _springs_of_own(scenario: Scenario, sticking: Sticking, turning: bool) -> list[UncertainSpring]:
     """Springs of the first drive; one that is parked holds its array as a second wing's does."""
     if scenario.rate == 0.0:
         return [*springs_of_drive(scenario, MAY_STICK), *springs_of_motor(scenario, stands=True)]
-    return [*springs_of_drive(scenario, sticking), *springs_of_motor(scenario, stands=False)]
+    found = springs_of_drive(scenario, sticking)
+    return [*found, *springs_of_motor(scenario, stands=False)] if turning else found
 
 
 def _placed(spring: UncertainSpring, before: int, behind: int) -> UncertainSpring:

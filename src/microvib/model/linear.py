@@ -233,19 +233,59 @@ def _voltage_drive_stiffness(scenario: Scenario, s: complex) -> tuple[complex, c
     |i| = I cos a, and of small changes (R + s L + j omega_e L) i = j R I exp(-j a) z command - j
     K_m (s + j omega_e) angle.
     """
+    circuit = voltage_windings(scenario)
+    by_command = circuit.by_command
+    by_angle = circuit.by_angle + s * circuit.by_rate
+    q = np.linalg.solve(
+        circuit.resistance + s * circuit.inductance * np.eye(2),
+        np.column_stack([by_command, by_angle]),
+    )[1]
+    K_m = circuit.torque_constant
+    return complex(K_m * q[0]), complex(circuit.spring - K_m * q[1])
+
+
+@dataclass(frozen=True)
+class VoltageWindings:
+    """Windings of a drive by voltages about a rotor that turns evenly without load, in the frame of the
+    rotor: L i' = -R i + by_command u + by_angle theta_m + by_rate theta_m', and the torque on the
+    rotor is K_m i_q - spring theta_m.
+
+    u is the angle of the commanded voltage over z, as an angle of the rotor [rad].
+    """
+
+    resistance: np.ndarray
+    """Resistance with the turning's reactance [ohm], (2, 2)."""
+    inductance: float
+    """[H]."""
+    by_command: np.ndarray
+    """Voltage by the command [V/rad], (2,)."""
+    by_angle: np.ndarray
+    """Voltage by the rotor's angle [V/rad], (2,)."""
+    by_rate: np.ndarray
+    """Voltage by its rate [V s/rad], (2,)."""
+    torque_constant: float
+    """[N m/A]."""
+    spring: float
+    """[N m/rad]."""
+
+
+def voltage_windings(scenario: Scenario) -> VoltageWindings:
+    """The windings of a scenario whose driver gives voltages, at its rate."""
     motor, omega = held_motor(scenario), -scenario.reducer.h * (scenario.rate or 0.0)
     z, K_m, current = motor.rotor_teeth, motor.axis_torque_constant, motor.axis_current
     R, X = motor.winding_resistance, z * omega * motor.winding_inductance
     a = math.asin(max(-1.0, min(1.0, -K_m * omega / (current * math.hypot(R, X))))) - math.atan2(
         X, R
     )
-    windings = np.array(
-        [[R + s * motor.winding_inductance, -X], [X, R + s * motor.winding_inductance]]
+    return VoltageWindings(
+        resistance=np.array([[R, -X], [X, R]]),
+        inductance=motor.winding_inductance,
+        by_command=R * current * z * np.array([math.sin(a), math.cos(a)]),
+        by_angle=K_m * np.array([z * omega, 0.0]),
+        by_rate=np.array([0.0, -K_m]),
+        torque_constant=K_m,
+        spring=z * K_m * current * math.cos(a),
     )
-    by_command = R * current * z * np.array([math.sin(a), math.cos(a)])
-    by_angle = K_m * np.array([z * omega, -s])
-    q = np.linalg.solve(windings, np.column_stack([by_command, by_angle]))[1]
-    return complex(K_m * q[0]), complex(K_m * (z * current * math.cos(a) - q[1]))
 
 
 def momentum_row(scenario: Scenario, frequency: float | np.ndarray) -> np.ndarray:

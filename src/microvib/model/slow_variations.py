@@ -4,10 +4,12 @@ the angle or unequal phases: after which time each repeats, and which a record d
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,8 @@ weighs all parts of a cycle alike, sin^2 + cos^2.
 """
 COMPENSATION = "driver.compensation"
 """Key of what changes the time from microstep to microstep."""
+HARNESS = "friction.harness"
+"""Key of what pulls at the output the more it has turned."""
 _WHOLE_CYCLES = 0.99
 """Part of these cycles that counts as all of them: a record is a whole number of samples."""
 NEGLIGIBLE_SHARE = 1e-3
@@ -54,19 +58,24 @@ def slow_variations(scenario: Scenario) -> list[SlowVariation]:
     amount to nothing; none where the rate is not constant, or zero.
 
     An error of the gear changes the rate of the output by its slope, its compensation that of the
-    rotor, friction over the angle the
-    friction by its amplitude. Of each the longest cycle counts: that of its order, or the beat of
-    one of its first multiples with the steps, over which it meets them at other angles.
+    rotor, friction over the angle the friction by its amplitude. Of each the longest cycle counts:
+    that of its order, or the beat of one of its first multiples with what else the drive has over its
+    angle, which it meets at other angles from cycle to cycle.
     """
     if not scenario.driving_frequency:
         return []
     electrical = scenario.driver.beats * scenario.driver.microsteps / scenario.driving_frequency
     full_step = electrical / scenario.motor.full_steps
-    found = [
+    harmonics = [
         *_significant(_errors_of_gear(scenario)),
         *_significant(_compensation(scenario)),
         *_significant(_friction_over_angle(scenario)),
+    ]
+    found = [
+        *(_variation(scenario, one) for one in harmonics),
+        *_beats_of_two(scenario, harmonics),
         *_roughness(scenario),
+        *_harness(scenario),
         *_unequal_phases(scenario),
     ]
     return sorted((x for x in found if x.cycle > full_step), key=lambda one: -one.cycle)
@@ -80,58 +89,103 @@ def unseen_variations(scenario: Scenario, duration: float) -> list[SlowVariation
     return [one for one in slow_variations(scenario) if one.cycle > seen]
 
 
-def _significant(found: Iterable[SlowVariation]) -> list[SlowVariation]:
-    """Changes of one kind, the longest first, but for the longest that together are negligible."""
-    kept = sorted(found, key=lambda one: -one.cycle)
+class _Harmonic(NamedTuple):
+    """Something that the drive has over its angle."""
+
+    key: str
+    what: str
+    order: Fraction
+    """Cycles per turn of the rotor."""
+    share: float
+    """Part of the rate, or of the friction, by which it changes."""
+
+
+def _significant(found: Iterable[_Harmonic]) -> list[_Harmonic]:
+    """Harmonics of one kind, but for those of the slowest that together are negligible."""
+    kept = sorted(found, key=lambda one: one.order)
     shares = np.cumsum([one.share for one in kept])
     return kept[int(np.searchsorted(shares, NEGLIGIBLE_SHARE, side="right")) :]
 
 
-def _errors_of_gear(scenario: Scenario) -> Iterator[SlowVariation]:
+def _errors_of_gear(scenario: Scenario) -> Iterator[_Harmonic]:
     """Harmonics of the transmission error."""
     for error in scenario.reducer.errors:
         share = float(error.order) * error.amplitude * scenario.reducer.ratio
         key = "reducer.transmission_error"
         if not error.line.startswith("wave_generator"):
             key = "reducer.train"
-        cycle = _turn_of_rotor(scenario) / _slowest_order(scenario, error.order)
-        yield SlowVariation(key, f"{key} ({error.origin})", cycle, share)
+        yield _Harmonic(key, f"{key} ({error.origin})", Fraction(error.order), share)
 
 
-def _compensation(scenario: Scenario) -> Iterator[SlowVariation]:
+def _compensation(scenario: Scenario) -> Iterator[_Harmonic]:
     """Harmonics of the driver's compensation, which change the rate of the rotor and the time from
     microstep to microstep.
     """
     for one in scenario.driver.compensation:
         share = one.order * one.amplitude * scenario.reducer.ratio
-        cycle = _turn_of_rotor(scenario) / _slowest_order(scenario, Fraction(one.order))
-        yield SlowVariation(COMPENSATION, f"{COMPENSATION} (order {one.order})", cycle, share)
+        what = f"{COMPENSATION} (order {one.order})"
+        yield _Harmonic(COMPENSATION, what, Fraction(one.order), share)
 
 
-def _friction_over_angle(scenario: Scenario) -> Iterator[SlowVariation]:
+def _friction_over_angle(scenario: Scenario) -> Iterator[_Harmonic]:
     """Harmonics of the output's friction over its angle."""
     friction = scenario.friction
     if friction.position is None or not friction.torque(abs(scenario.rate or 0.0)):
         return
     key, ratio = "friction.position", Fraction(scenario.reducer.ratio)
     for harmonic in friction.position.harmonics:
-        cycle = _turn_of_rotor(scenario) / _slowest_order(scenario, harmonic.order / ratio)
-        yield SlowVariation(key, f"{key} (order {harmonic.order})", cycle, harmonic.amplitude)
+        what = f"{key} (order {harmonic.order})"
+        yield _Harmonic(key, what, harmonic.order / ratio, harmonic.amplitude)
+
+
+def _variation(scenario: Scenario, one: _Harmonic) -> SlowVariation:
+    """A harmonic by itself, or as it meets the steps and the motor's torques."""
+    multiples = [k * one.order for k in range(1, _BEATS + 1)]
+    slowest = _slowest_order([one.order], multiples, _combs(scenario))
+    return SlowVariation(one.key, one.what, _turn_of_rotor(scenario) / slowest, one.share)
+
+
+def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterator[SlowVariation]:
+    """Harmonics as they meet each other, and their sums and differences as these meet the steps and the
+    motor's torques.
+    """
+    combs = _combs(scenario)
+    for one, other in itertools.combinations(harmonics, 2):
+        share = min(one.share, other.share)
+        if share < NEGLIGIBLE_SHARE:
+            continue
+        times = range(1, _BEATS + 1)
+        beats = [abs(i * one.order - j * other.order) for i in times for j in times]
+        own = [one.order, other.order]
+        same = _SAME_ORDER * max(own)
+        together = [one.order + other.order, abs(one.order - other.order)]
+        slowest = _slowest_order([*own, *(x for x in beats if x > same)], together, combs)
+        if slowest < _slowest_order(own, [], combs):
+            what = f"{one.what} beside {other.what}"
+            yield SlowVariation(one.key, what, _turn_of_rotor(scenario) / slowest, share)
 
 
 def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
-    """Roughness of the output's friction: of its cycles per turn the fewest that count."""
+    """Roughness of the output's friction, which is alike after a turn of the output only."""
     position = scenario.friction.position
     if position is None or position.roughness is None:
         return
     orders = np.arange(1.0, math.floor(min(position.roughness.band[1], _LARGEST_ORDER)) + 1.0)
-    shares = _ROUGHNESS_SIGMAS * np.sqrt(np.cumsum(position.roughness.at(orders)))
-    first = int(np.searchsorted(shares, NEGLIGIBLE_SHARE, side="right"))
-    if first == orders.size:
+    share = _ROUGHNESS_SIGMAS * math.sqrt(float(np.sum(position.roughness.at(orders))))
+    if share >= NEGLIGIBLE_SHARE:
+        key = "friction.position.roughness"
+        yield SlowVariation(key, key, _turn_of_output(scenario), share)
+
+
+def _harness(scenario: Scenario) -> Iterator[SlowVariation]:
+    """Torque of a harness, against which the rotor lags by other angles as the array turns."""
+    harness = scenario.friction.harness
+    if harness is None:
         return
-    key, turn = "friction.position.roughness", scenario.reducer.ratio * _turn_of_rotor(scenario)
-    what = f"{key} ({orders[first]:g} cycles per turn)"
-    yield SlowVariation(key, what, turn / float(orders[first]), float(shares[-1]))
+    full = scenario.motor.axis_torque_constant * scenario.motor.axis_current
+    share = harness.stiffness * 2.0 * math.pi / (scenario.reducer.ratio * full)
+    if share >= NEGLIGIBLE_SHARE:
+        yield SlowVariation(HARNESS, HARNESS, _turn_of_output(scenario), share)
 
 
 def _unequal_phases(scenario: Scenario) -> Iterator[SlowVariation]:
@@ -154,16 +208,26 @@ def _microsteps_of_turn(driver: Driver, teeth: int) -> int:
     return driver.beats * driver.microsteps * teeth
 
 
-def _slowest_order(scenario: Scenario, order: Fraction) -> float:
-    """Least of the orders, in cycles per turn of the rotor, that one of ``order`` has by itself or as a
-    beat of its first multiples with the steps.
+def _turn_of_output(scenario: Scenario) -> float:
+    """Seconds that a turn of the output takes."""
+    return scenario.reducer.ratio * _turn_of_rotor(scenario)
+
+
+def _combs(scenario: Scenario) -> list[int]:
+    """Orders, in cycles per turn of the rotor, all multiples of which the drive has by its steps, its
+    motor's torques and its driver's errors.
     """
     driver, motor = scenario.driver, scenario.motor
-    combs = [_microsteps_of_turn(driver, motor.rotor_teeth)]
-    if motor.detent_torque > 0.0:
-        combs.append(motor.detent_periods * motor.rotor_teeth)
+    combs = [order * motor.rotor_teeth for order in motor.torque_orders]
     if driver.distorted:
         combs.append(motor.rotor_teeth)
-    multiples = [k * order for k in range(1, _BEATS + 1)]
-    beats = [abs(one - round(one / comb) * comb) for one in multiples for comb in combs]
-    return float(min([order, *(beat for beat in beats if beat > _SAME_ORDER * order)]))
+    return [_microsteps_of_turn(driver, motor.rotor_teeth), *combs]
+
+
+def _slowest_order(
+    own: Sequence[Fraction], beside: Sequence[Fraction], combs: Sequence[int]
+) -> float:
+    """Least of the orders ``own`` and of the beats of those ``beside`` with multiples of ``combs``."""
+    beats = [abs(one - round(one / comb) * comb) for one in beside for comb in combs]
+    same = _SAME_ORDER * max(own)
+    return float(min([*own, *(beat for beat in beats if beat > same)]))

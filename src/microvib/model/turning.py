@@ -36,6 +36,8 @@ _STEPS_PER_CYCLE = 96
 """Steps of the monodromy matrix in a cycle of the highest harmonic."""
 _STEPS_PER_MICROSTEP = 24
 """Steps in a microstep, where the references' steps are large enough to count."""
+_SAMPLES_PER_CYCLE = 32
+"""Samples of a cycle of the highest harmonic in the spring over an electrical turn."""
 _MOST_STEPS = 4096
 _MOST_WORK = 1e9
 """Steps times the third power of the states, at most."""
@@ -88,6 +90,55 @@ def turning_drive(scenario: Scenario) -> TurningDrive:
     if not scenario.rate or scenario.driver.pulsed:
         return SLIDING
     return _turning_drive(_Turning(scenario))
+
+
+class SpringOverTurn(NamedTuple):
+    """Stiffness of a motor's spring over an electrical turn of a drive that turns evenly."""
+
+    frequency: float
+    """Electrical turns per second [Hz]."""
+    mean: float
+    """[N m/rad]."""
+    orders: np.ndarray
+    """Cycles per electrical turn, from 1 on, (k,)."""
+    amplitude: np.ndarray
+    """Complex amplitudes K_k [N m/rad], (k,), of K = mean + sum of K_k exp(2j pi k f_e t) and its
+    conjugate."""
+
+
+def spring_over_turn(scenario: Scenario) -> SpringOverTurn | None:
+    """Find how the motor's spring changes as the drive turns at the rate of the record.
+
+    It is that of the currents that the driver makes, of flux harmonics and of detent torque together,
+    at the rotor's own angle: behind the command by the load, and moved by what varies.
+    None where the rate changes or is zero, of a pulse drive, and where the motor cannot carry its
+    friction.
+    """
+    if not scenario.rate or scenario.driver.pulsed:
+        return None
+    return _spring_over_turn(_Turning(scenario))
+
+
+@lru_cache(maxsize=32)
+def _spring_over_turn(turning: _Turning) -> SpringOverTurn | None:
+    scenario = turning.scenario
+    windings = _Windings.of(scenario)
+    if windings is None:
+        return None
+    count = scenario.driver.beats * scenario.driver.microsteps
+    highest = max(scenario.motor.stiffness_orders, default=0)
+    each = max(_STEPS_PER_MICROSTEP, math.ceil(_SAMPLES_PER_CYCLE * highest / count))
+    samples = each * count
+    angle = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
+    frequency = abs(windings.omega_e) / (2.0 * math.pi)
+    at = windings.moved(
+        *_mechanics(scenario, False),
+        math.copysign(1.0, windings.omega_e) * angle,
+        1.0 / (frequency * samples),
+    )
+    series = np.fft.rfft(windings.coupling(at, True)[0]) / samples
+    orders = np.arange(1, samples // 2)
+    return SpringOverTurn(frequency, float(series[0].real), orders, series[1 : samples // 2])
 
 
 def decay_in_motion(mode: CoupledMode, scenario: Scenario) -> float:
@@ -402,21 +453,29 @@ class _Windings:
         if not angle.size:
             mean = self.carried * self.scenario.motor.axis_current + self.driven
             smooth = _Angle(np.zeros(1), np.full(1, self.behind), np.array([mean]))
-            return self._assembled(M, C, K, self._coupling(smooth, False))[0], np.zeros((0, 0, 0))
+            return self._assembled(M, C, K, self.coupling(smooth, False))[0], np.zeros((0, 0, 0))
+        at = self.moved(M, C, K, angle, step)
+        each = self._assembled(M, C, K, self.coupling(at, True))
+        mean = each.mean(axis=0)
+        return mean, each - mean
+
+    def moved(
+        self, M: np.ndarray, C: np.ndarray, K: np.ndarray, angle: np.ndarray, step: float
+    ) -> _Angle:
+        """Where the rotor is at each ``angle`` (steps,) of the command, one every ``step`` [s]."""
         current = self.currents(angle)
         rotor = np.full(angle.size, self.behind)
         for _ in range(_MOTION_ITERATIONS):
             at = _Angle(angle, angle + rotor, current)
-            mean = self._assembled(M, C, K, self._coupling(at, True)).mean(axis=0)
+            stiffness, F, slope = (x.mean(keepdims=True) for x in self.coupling(at, True))
+            mean = self._assembled(M, C, K, (stiffness, F, slope))[0]
             moved = _forced_motion(mean, M, self._missing_torque(at), step)
             rotor = self.behind + np.clip(
                 self.scenario.motor.rotor_teeth * moved, -_LARGEST_MOTION, _LARGEST_MOTION
             )
-        each = self._assembled(M, C, K, self._coupling(_Angle(angle, angle + rotor, current), True))
-        mean = each.mean(axis=0)
-        return mean, each - mean
+        return _Angle(angle, angle + rotor, current)
 
-    def _coupling(self, at: _Angle, harmonics: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def coupling(self, at: _Angle, harmonics: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness [N m/rad], flux shapes and their slope over the electrical angle, (steps,)."""
         motor = self.scenario.motor
         z, p = motor.rotor_teeth, at.rotor
@@ -452,7 +511,7 @@ class _Windings:
         torque = motor.axis_torque_constant * (at.current * F.conj()).real
         for order, size, phase in self._detent():
             torque -= size * np.sin(order * at.rotor + phase)
-        stiffness = float(np.mean(self._coupling(at, True)[0]))
+        stiffness = float(np.mean(self.coupling(at, True)[0]))
         moved = (at.rotor - at.command - self.behind) / motor.rotor_teeth
         return np.asarray(torque - self.load + stiffness * moved)
 

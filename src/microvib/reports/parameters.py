@@ -12,6 +12,7 @@ import numpy as np
 
 from microvib.analysis.start import wind_up
 from microvib.model.compensation import largest_slope
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.expected import angle_errors
 from microvib.model.line_names import electrical_line, full_step_line
 from microvib.model.linear import coupled_modes
@@ -177,8 +178,9 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
     driver, array, f_d = scenario.driver, scenario.array, scenario.driving_frequency
     step, spring = (
         math.degrees(driver.full_step(scenario.motor)),
-        scenario.motor.electromagnetic_stiffness,
+        motor_of_mean_spring(driver, scenario.motor).electromagnetic_stiffness,
     )
+    of_currents = ", mean of the driver's currents" if driver.distorted else ""
     if scenario.motor.phases == 2:
         half = ""
     else:
@@ -192,11 +194,15 @@ def derived_values(scenario: Scenario) -> list[tuple[str, str, str]]:
         ("full step at the rotor", f"{step:.6g} deg", "Eq. 25"),
         ("microstep at the rotor", f"{step / driver.microsteps:.6g} deg", "Eq. 25"),
         ("driving frequency f_d", *rate),
-        ("electromagnetic spring at the rotor", f"{spring:.6g} N m/rad", f"{half}z K_m I"),
+        (
+            "electromagnetic spring at the rotor",
+            f"{spring:.6g} N m/rad",
+            f"{half}z K_m I{of_currents}",
+        ),
         (
             "electromagnetic spring at the output",
             f"{spring * scenario.reducer.ratio**2:.6g} N m/rad",
-            f"h² {half}z K_m I",
+            f"h² {half}z K_m I{of_currents}",
         ),
         (
             "breakaway torque of the output",

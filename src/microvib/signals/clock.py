@@ -172,9 +172,14 @@ def _scores(
 
 
 def consistent_lines(
-    clock: Sequence[ExpectedLine], start: float, spectrum: HannSpectrum
+    clock: Sequence[ExpectedLine],
+    start: float,
+    spectrum: HannSpectrum,
+    most: int | None = MAX_CLOCK_LINES,
 ) -> tuple[list[ExpectedLine], float]:
-    """The strongest lines that are detected and agree on the ratio, and the ratio from their peaks."""
+    """The strongest lines that are detected and agree on the ratio, ``most`` of them or all, and the
+    ratio from their peaks.
+    """
     lines, offset, unsure, height = [], [], [], []
     for line in clock:
         at, size = spectrum.peak(line.frequency * start, line.frequency * start)
@@ -193,5 +198,5 @@ def consistent_lines(
     weight = np.cumsum(f[order])
     shift = float((d / f)[order][np.searchsorted(weight, 0.5 * weight[-1])])
     agree = np.abs(d - shift * f) * spectrum.duration < _AGREEMENT_DISTANCE + np.array(unsure)
-    strongest = sorted(np.flatnonzero(agree).tolist(), key=lambda i: -height[i])[:MAX_CLOCK_LINES]
+    strongest = sorted(np.flatnonzero(agree).tolist(), key=lambda i: -height[i])[:most]
     return [lines[i] for i in strongest], start + shift

@@ -19,7 +19,8 @@ import numpy as np
 from microvib.model.expected import ExpectedLine
 from microvib.model.record import PASSBAND
 from microvib.signals import tone_kernel as hann
-from microvib.signals.clock import consistent_lines, estimate_clock_ratio
+from microvib.signals.clock import MAX_CLOCK_LINES, consistent_lines, estimate_clock_ratio
+from microvib.signals.further_orders import FurtherOrders, further_orders, with_clock_error
 from microvib.signals.line_search import MIN_DECAY_E_FOLDINGS, search
 from microvib.signals.line_table import (
     BELOW_FLOOR,
@@ -47,6 +48,7 @@ from microvib.signals.uncertainties import (
     isolated_uncertainties,
     poorly_fitted_tones,
     uncertainties,
+    with_weighted_clock,
 )
 
 NOT_SEPARABLE = "not separable from"
@@ -73,27 +75,41 @@ MAX_RELATIVE_UNCERTAINTY = 0.2  # standard uncertainty over amplitude above whic
 
 
 def estimate_lines(
-    x: np.ndarray, sample_rate: float, expected: Sequence[ExpectedLine]
+    x: np.ndarray,
+    sample_rate: float,
+    expected: Sequence[ExpectedLine],
+    every_order: bool = False,
 ) -> LineTable:
     """Estimate the ``expected`` lines in the samples ``x`` (n,) [N m] taken at ``sample_rate``
-    [Hz], and find further ones.
+    [Hz], and find further ones; with ``every_order`` all orders of the electrical period above the
+    floor, where the clock is found.
 
     If none are expected, all lines above the noise floor are found, without names. If the bands of the clock's
     lines have a width, the clock is searched within them; otherwise it is known, as in a
     simulation.
     """
     joint, refused, ratio = _fit_all_lines(x, sample_rate, expected)
-    searched = _is_searched(expected)
-    spread, ratio_spread = uncertainties(joint, ratio if searched else None)
-    if searched or ratio is None:
-        ratio_spread = ratio_spread
-    else:
-        ratio_spread = 0.0
+    if _is_searched(expected) and ratio is not None:
+        joint, ratio = _with_weighted_clock(joint, expected, ratio)
+    spread, ratio_spread = _spread(joint, expected, ratio)
+    orders, further = ClockOrders.of(expected, ratio), FurtherOrders(joint)
+    if every_order and orders is not None and ratio is not None:
+        further = further_orders(joint, orders.electrical, ratio, expected, SEPARATION)
+    if further.lines:
+        # The clock stays as it was told, with these lines in its noise: beside them lines of the
+        # clock tell it less than they would alone.
+        joint = further.expected_alone
+        spread = with_clock_error(
+            uncertainties(joint)[0], joint.tones, ratio_spread or 0.0, joint.spectrum.duration
+        )
     refused |= _inseparable_lines(joint, spread)
-    joint, others = _name_unlisted_lines(joint, spread, ClockOrders.of(expected, ratio))
+    joint, others = _name_unlisted_lines(joint, spread, orders)
     refused |= _cancelled_lines(joint)
     lines = (*_note_inseparable_modes(expected, refused), *others)
     rows = _figures(lines, joint, refused).rows(_uncertainties_by_line(spread, lines, joint.tones))
+    if further.lines:
+        alone = further.uncertainties(ratio_spread or 0.0)
+        rows += _figures(further.lines, further.joint, {}).rows(alone)
     return LineTable(
         rows,
         ratio,
@@ -102,6 +118,24 @@ def estimate_lines(
         sample_rate,
         rest=_residual_peaks(joint.rest),
     )
+
+
+def _with_weighted_clock(
+    joint: JointFit, expected: Sequence[ExpectedLine], ratio: float
+) -> tuple[JointFit, float]:
+    """``with_weighted_clock`` by all lines that agree on it."""
+    return with_weighted_clock(joint, ratio, _lines_fixing_clock(joint, expected, ratio))
+
+
+def _spread(
+    joint: JointFit, expected: Sequence[ExpectedLine], ratio: float | None
+) -> tuple[Uncertainty, float | None]:
+    """Uncertainties, and that of the clock ratio: 0 of a clock that is known, None without one."""
+    if ratio is None:
+        return uncertainties(joint)
+    if not _is_searched(expected):
+        return uncertainties(joint)[0], 0.0
+    return uncertainties(joint, ratio, _lines_fixing_clock(joint, expected, ratio))
 
 
 _HANN_BINS = 2.0
@@ -247,7 +281,7 @@ def _fit_all_lines(
             break
         before = ratio
         tones, ratio = refine_clock_and_tones(
-            tones, spectrum, before, _lines_fixing_clock(joint, clock, before)
+            tones, spectrum, before, _lines_fixing_clock(joint, clock, before, MAX_CLOCK_LINES)
         )
         if (
             abs((ratio or 0.0) - before) * max(line.frequency for line in clock) * spectrum.duration
@@ -361,12 +395,16 @@ def _note_inseparable_modes(
         yield line
 
 
-def _lines_fixing_clock(joint: JointFit, clock: Sequence[ExpectedLine], ratio: float) -> np.ndarray:
-    """Which tones tell the clock ratio once what is not of the clock is taken out, (m,)."""
+def _lines_fixing_clock(
+    joint: JointFit, expected: Sequence[ExpectedLine], ratio: float, most: int | None = None
+) -> np.ndarray:
+    """Which tones tell the clock ratio once what is not of the clock is taken out, (m,): the
+    strongest, where there are more than ``most``.
+    """
     free = joint.tones.free
-    lines, _ = consistent_lines(
-        clock, ratio, joint.spectrum.without(joint.tones.only(free), joint.amplitudes[free])
-    )
+    rest = joint.spectrum.without(joint.tones.only(free), joint.amplitudes[free])
+    clock = [line for line in expected if not line.is_mode]
+    lines, _ = consistent_lines(clock, ratio, rest, most)
     names = {line.name for line in lines}
     return np.array([line.name in names for line in joint.tones.lines], dtype=bool)
 

@@ -51,6 +51,13 @@ class ClockOrders:
             steps,
         )
 
+    @property
+    def electrical(self) -> float:
+        """Electrical periods per second [Hz]; microsteps, where full steps are not known."""
+        if self.full_step:
+            return self.full_step / self.steps
+        return self.drive
+
     def whole(self, frequency: float, within: float) -> float | None:
         """The frequency [Hz] of the whole order of microsteps or full steps that is ``within`` so
         many Hz of this one.
@@ -80,10 +87,7 @@ class ClockOrders:
         """The order of the clock and the mode whose sum or difference a frequency is; None if there
         is none, or where one lay as near any frequency by chance. ``modes``: by name their
         frequencies [Hz], and within what a sum must agree."""
-        if self.full_step:
-            base = self.full_step / self.steps
-        else:
-            base = self.drive
+        base = self.electrical
         for mode, (own, within) in modes.items():
             for word, shifted in (("plus", frequency - own), ("less", frequency + own)):
                 order = round(shifted / base) * base

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,11 @@ from microvib.signals.line_table import Uncertainty
 from microvib.signals.tone_kernel import REACH
 from microvib.signals.tones import JointFit, mean_of_decay
 
+_CLOCK_STEPS = 3
+_LONGEST_CLOCK_STEP, _CLOCK_FOUND = 0.1, 1e-5
+"""Movements [bins] of the clock's highest line: the longest in a step, and that at which the clock
+is found.
+"""
 _NUDGE = 1e-4  # step of difference quotients, in cycles or e-foldings over the record
 # distance [bins] from a tone within which its fit takes away much of the noise, a third of it and
 # more
@@ -27,26 +33,30 @@ _MAX_INVERSE_ENTRY = 1e4  # largest entry of an inverse that is taken as it is
 _HIDDEN_LINE_FACTOR = 5.0
 
 
-def uncertainties(joint: JointFit, ratio: float | None = None) -> tuple[Uncertainty, float | None]:
+def uncertainties(
+    joint: JointFit, ratio: float | None = None, telling: np.ndarray | None = None
+) -> tuple[Uncertainty, float | None]:
     """Standard uncertainties of everything fitted, jointly: amplitudes, phases, frequencies and
     decays, and the clock ratio.
 
     With the columns X of the linearised least-squares fit, noise of covariance N gives the
-    parameters the covariance E N E^T with E = (X X^T)^-1 X (``_estimators``). The noise is taken as
-    Gaussian; its size is the local floor of the residual spectrum, and neighbouring bins are
-    correlated by the Hann window. Amplitudes of decaying tones are averages over the record. The
-    uncertainty of the clock ratio is None without a ``ratio``.
+    parameters the covariance E N E^T with E = (X X^T)^-1 X (``_estimators``). The clock ratio is
+    that of ``with_weighted_clock``, from the lines ``telling`` (m,), and its error moves all else.
+    The noise is taken as Gaussian; its size is the local floor of the residual spectrum, and
+    neighbouring bins are correlated by the Hann window. Amplitudes of decaying tones are averages
+    over the record. The uncertainty of the clock ratio is None without a ``ratio``.
     """
     tones, spectrum = joint.tones, joint.spectrum
     m, duration, near = len(tones), spectrum.duration, spectrum.near(tones.frequency)
     if m == 0:
         return Uncertainty(*np.zeros((4, 0))), None
     free, falls = np.flatnonzero(tones.free), np.flatnonzero(tones.falls)
-    cycles, fold = tones.frequency * duration, tones.decay * duration
-    columns = hann.linearised(cycles, fold, joint.amplitudes, free, falls, near, spectrum.table)
-    if ratio is not None:
-        columns = np.vstack([columns, _ratio_slope(joint, near, ratio)])
-    noise, by = _noise(joint, near), _estimators(columns)
+    columns, noise = _columns(joint, near), _noise(joint, near)
+    fold, by = tones.decay * duration, _estimators(columns)
+    if ratio is not None and telling is not None:
+        of_ratio = _ratio_estimator(joint, columns, near, noise, ratio, telling)
+        moved = by @ _ratio_slope(joint, near, ratio, tones.clock)
+        by = np.vstack([by - np.outer(moved, of_ratio), of_ratio])
 
     def spread(rows: np.ndarray) -> np.ndarray:
         return np.sqrt(np.maximum(np.sum(rows * hann.correlated(rows, near, noise), axis=1), 0.0))
@@ -135,11 +145,68 @@ def _stack(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values.real, values.imag])
 
 
-def _ratio_slope(joint: JointFit, near: np.ndarray, ratio: float) -> np.ndarray:
-    """Change of the model with the clock ratio, which moves all lines of the clock together."""
+def with_weighted_clock(
+    joint: JointFit, ratio: float, telling: np.ndarray
+) -> tuple[JointFit, float]:
+    """The fit and its clock ratio after Gauss-Newton steps of the ratio in which each bin has the
+    weight that its noise gives it, from the tones of the clock that are ``telling`` (m,).
+
+    Equal weights would let what is left beside large lines of low order, such as a mode that rings
+    there, pull lines of high order, which tell the clock sharply.
+    """
+    highest = float(np.max(joint.tones.frequency[telling], initial=0.0)) * joint.spectrum.duration
+    if highest == 0.0:
+        return joint, ratio
+    for _ in range(_CLOCK_STEPS):
+        near = joint.spectrum.near(joint.tones.frequency)
+        columns, noise = _columns(joint, near), _noise(joint, near)
+        estimator = _ratio_estimator(joint, columns, near, noise, ratio, telling)
+        step = float(estimator @ _stack(joint.rest.values[near]))
+        limit = _LONGEST_CLOCK_STEP * ratio / highest
+        step = min(max(step, -limit), limit)
+        tones = joint.tones
+        frequency = np.where(tones.clock, tones.frequency * (1.0 + step / ratio), tones.frequency)
+        joint = JointFit.of(joint.spectrum, replace(tones, frequency=frequency))
+        ratio += step
+        if abs(step) * highest < _CLOCK_FOUND * ratio:
+            break
+    return joint, ratio
+
+
+def _columns(joint: JointFit, near: np.ndarray) -> np.ndarray:
+    """Columns of the linearised fit at the bins ``near`` and a known clock."""
+    tones, duration = joint.tones, joint.spectrum.duration
+    cycles, fold = tones.frequency * duration, tones.decay * duration
+    free, falls = np.flatnonzero(tones.free), np.flatnonzero(tones.falls)
+    return hann.linearised(cycles, fold, joint.amplitudes, free, falls, near, joint.spectrum.table)
+
+
+def _ratio_estimator(
+    joint: JointFit,
+    columns: np.ndarray,
+    near: np.ndarray,
+    noise: np.ndarray,
+    ratio: float,
+    telling: np.ndarray,
+) -> np.ndarray:
+    """Estimator (2 n,) of the clock ratio from what a fit leaves, each bin with the weight of its
+    ``noise`` (n,): what the ratio changes in the lines ``telling``, less what all else in the fit,
+    its ``columns``, can make of that.
+    """
+    weight = 1.0 / np.maximum(np.tile(noise, 2), 1e-300)
+    others, slope = columns * weight, _ratio_slope(joint, near, ratio, telling) * weight
+    alone = slope - (_estimators(others) @ slope) @ others
+    size = float(alone @ alone)
+    if size == 0.0:
+        return np.zeros_like(alone)
+    return alone / size * weight
+
+
+def _ratio_slope(joint: JointFit, near: np.ndarray, ratio: float, moving: np.ndarray) -> np.ndarray:
+    """Change of the model with the clock ratio, which moves the tones ``moving`` (m,) together."""
     tones, spectrum = joint.tones, joint.spectrum
-    each = zip(tones.lines, joint.amplitudes, tones.clock, strict=True)
-    clock = [(line.frequency * spectrum.duration, a) for line, a, own in each if own]
+    cycles = tones.frequency[moving] * spectrum.duration / ratio
+    clock = list(zip(cycles.tolist(), joint.amplitudes[moving].tolist(), strict=True))
     nudge = _NUDGE / max((cycles for cycles, _ in clock), default=1.0)
     total = np.zeros(near.size, dtype=complex)
     for cycles, a in clock:

@@ -64,6 +64,13 @@ class Command:
         lasting._since = -math.inf
         return lasting
 
+    @property
+    def legs(self) -> np.ndarray:
+        """Times [s] at which legs of the command begin, and microsteps per second and commanded angle
+        in microsteps there, (3, m). Between two the rate is linear; the last lasts for ever.
+        """
+        return np.array([self._times, self._rates, self._counts])
+
     def count(self, t: np.ndarray) -> np.ndarray:
         """Commanded angle in microsteps, not rounded and without compensation, at the times ``t`` [s]."""
         leg = np.searchsorted(self._times, t, side="right") - 1

@@ -27,6 +27,16 @@ MIN_STEP_RATIO = 0.01
 
 
 ELECTRICAL_FIELDS = ("R", "L", "K_P", "K_I", "K_D", "K_V")
+STEP_FIELDS = ("max_step", "layer", "shaped", "elements")
+"""Fields of which the lengths of steps follow, or how equations are written; and friction's memory, which
+``replay`` has none of."""
+STRIBECK_FIELDS = {
+    "m_stribeck": ("m_inv_rate", "m_shape"),
+    "l_stribeck": ("l_inv_rate", "l_shape"),
+}
+"""Fields that do nothing where the Stribeck excess before them is 0."""
+HARMONIC_FIELDS = ("detent_harmonics", "friction_harmonics", "te")
+"""Fields with an order and two amplitudes for each harmonic."""
 MODAL_FIELDS = ("H", "H_m", "V", "V_m", "D", "Lam")
 
 
@@ -144,12 +154,12 @@ class Packed:
         """Propagators of this drive as another takes them: with its modes, and with its currents,
         which decay within a step, so that deficits by them would be no cubics.
         """
-        t, modal = self.propagators, _moments(2, 2 if drive.H_m.size else 1)
+        t, modal = self.propagators, moments(2, 2 if drive.H_m.size else 1)
         if self._differs(drive, ELECTRICAL_FIELDS):
             A = _linear_part(drive, self.state._replace(y=self.held))
             others = {x: np.zeros_like(getattr(t, x)) for x in ("nodes", "pieces", "modes", "sums")}
             t = t._replace(A=A, columns=_columns_of(A), **others)
-            propagators.tabulate(t, drive, _moments(kernel.MODES, 6), modal)
+            propagators.tabulate(t, drive, moments(kernel.MODES, 6), modal)
         elif self._differs(drive, MODAL_FIELDS):
             t = t._replace(**{x: np.zeros_like(getattr(t, x)) for x in ("modes", "sums")})
             propagators.tabulate_modes(t, drive, modal)
@@ -157,7 +167,32 @@ class Packed:
 
     def _differs(self, drive: Any, fields: tuple[str, ...]) -> bool:
         """Whether another drive differs from this one in some of its fields."""
-        return not all(np.array_equal(getattr(drive, x), getattr(self.drive, x)) for x in fields)
+        for name in fields:
+            own, other = getattr(self.drive, name), getattr(drive, name)
+            if own is not other and not np.array_equal(own, other):
+                return True
+        return False
+
+    @property
+    def numbers(self) -> list[np.ndarray]:
+        """All numbers of the drive that a motion with given steps follows from: one of each field, (n,),
+        and then arrays of numbers of a kind.
+        """
+        drive, left_out = self.drive, {*STEP_FIELDS}
+        for excess, curve in STRIBECK_FIELDS.items():
+            if getattr(drive, excess) == 0.0:
+                left_out.update(curve)
+        single, found = [], []
+        for name, value in zip(drive._fields, drive, strict=True):
+            if name in left_out:
+                continue
+            if not isinstance(value, np.ndarray):
+                single.append(float(value))
+            elif name in HARMONIC_FIELDS:
+                found += [value[::3], value[1::3], value[2::3]]
+            elif value.size:
+                found.append(value)
+        return [np.array(single), *found]
 
     def snapshot(self) -> np.ndarray:
         """All channels of the present state, (channels,)."""
@@ -278,11 +313,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     ):
         fastest = max(fastest, stribeck * inv_rate / inertia if inertia > 0.0 else 0.0)
     accuracy = solver.accuracy / refinement**4
-    shortest = MIN_STEP_RATIO
-    if math.isfinite(
-        drive.U_max
-    ):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
-        shortest *= min(1.0, math.sqrt(accuracy / 1e-3))
+    shortest = shortest_ratio(drive, accuracy)
     levels = min(
         max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS
     )
@@ -309,8 +340,17 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         fractions=nodes.CUBES[None].copy(),
         integrals=(nodes.LAGRANGE / np.arange(1, 5)).T.copy(),
     )
-    propagators.tabulate(tables, drive, _moments(n, 6), _moments(2, 2 if drive.H_m.size else 1))
+    propagators.tabulate(tables, drive, moments(n, 6), moments(2, 2 if drive.H_m.size else 1))
     return tables
+
+
+def shortest_ratio(drive: Any, accuracy: float) -> float:
+    """Shortest step in units of the fastest part of the linear motion."""
+    if math.isfinite(
+        drive.U_max
+    ):  # what the supply limits jumps, inside a step that is as short as the accuracy asks
+        return MIN_STEP_RATIO * min(1.0, math.sqrt(accuracy / 1e-3))
+    return MIN_STEP_RATIO
 
 
 def _columns_of(A: np.ndarray) -> np.ndarray:
@@ -333,7 +373,8 @@ def _friction_layer_rates(drive: Any) -> np.ndarray:
     return np.array([0.0, 0.0, m, output, 0.0, 0.0])
 
 
-def _moments(n: int, inputs: int) -> Any:
+def moments(n: int, inputs: int) -> Any:
+    """Scratch of ``propagators.tabulate`` for ``n`` states and so many ``inputs``."""
     square = np.zeros((n, n))
     return propagators.Moments(
         square,
@@ -349,6 +390,15 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     """Derivative of the equations of motion by the state, without modes, detent, flux harmonics, dry
     friction and supply limit, at rest.
     """
+    A = np.zeros((propagators.PATTERNS, kernel.MODES, kernel.MODES))
+    propagators.linear_part(*linear_part_arguments(drive, state, A))
+    if drive.windings:
+        _leave_windings_apart(A, drive)
+    return A
+
+
+def linear_part_arguments(drive: Any, state: Any, A: np.ndarray) -> tuple[Any, ...]:
+    """Arguments of ``propagators.linear_part`` to fill ``A`` for a drive at rest in ``state``."""
     none, n = np.zeros(0), kernel.MODES
     bare = drive._replace(
         K_d=0.0,
@@ -369,14 +419,8 @@ def _linear_part(drive: Any, state: Any) -> np.ndarray:
     )
     steps = 1e-4 * np.maximum(np.abs(state.y[:n]), 1.0)
     steps[kernel.TM] /= drive.z
-    A, rest = (
-        np.zeros((propagators.PATTERNS, n, n)),
-        state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick)),
-    )
-    propagators.linear_part(rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7))
-    if drive.windings:
-        _leave_windings_apart(A, drive)
-    return A
+    rest = state._replace(y=state.y.copy(), stick=np.zeros_like(state.stick))
+    return rest, bare, drive, steps, A, np.zeros(n), np.zeros(n), np.zeros(7)
 
 
 def _leave_windings_apart(A: np.ndarray, drive: Any) -> None:
@@ -596,15 +640,21 @@ def _transmission_error(scenario: Scenario) -> np.ndarray:
     return np.array(rows, dtype=float).ravel()
 
 
+def rotor_rate_of(scenario: Scenario) -> float:
+    """Natural rate [rad/s] of the rotor on its electromagnetic spring."""
+    motor, driver = scenario.motor, scenario.driver
+    stiffness = motor.rotor_teeth * motor.axis_torque_constant * driver.amplitude(motor)
+    turned = scenario.rotor_inertia
+    if scenario.reducer.rigid:
+        turned += scenario.output_inertia / scenario.reducer.ratio**2
+    return math.sqrt(stiffness / turned)
+
+
 def _state_sizes(scenario: Scenario) -> np.ndarray:
     """Motion of each state per microstep; inf for a state that no gain moves."""
     motor, driver, array = scenario.motor, scenario.driver, scenario.array
     step, current = driver.microstep(motor), driver.amplitude(motor)
-    stiffness = motor.rotor_teeth * motor.axis_torque_constant * current
-    turned = scenario.rotor_inertia
-    if scenario.reducer.rigid:
-        turned += scenario.output_inertia / scenario.reducer.ratio**2
-    rotor_rate = math.sqrt(stiffness / turned)
+    rotor_rate = rotor_rate_of(scenario)
     output_rate = rotor_rate
     if not scenario.reducer.rigid:
         output_rate = min(

@@ -35,6 +35,7 @@ from microvib.errors import (
     expect_list,
     whole_number,
 )
+from microvib.model.commanded_torque import commanded_torque
 from microvib.model.line_names import (
     SECOND_DRIVE,
     driving_line,
@@ -66,6 +67,8 @@ PARAMETRIC_SHIFTS = np.linspace(0.97, 1.03, 13)
 """Rates, over that at which the motor's stiffness varies at twice the frequency of a mode, at which a
 plan looks for parametric resonance.
 """
+MOST_ELECTRICAL_ORDERS = 16
+"""Largest lines of a driver's errors that a plan takes to modes, up to as many driving lines."""
 MAX_RESONANCE_DAMPING = 0.2
 """Damping ratio above which a resonance of the drive can be ignored."""
 FULL_STEPS = 4
@@ -898,12 +901,33 @@ def _orders_of_lines(scenario: Scenario) -> list[tuple[str, float]]:
     torques = motor.torque_orders
     if any(order % motor.full_steps == 0 for order in torques):
         orders += [(full_step_line(k), k * detent) for k in members if (k * detent) % 1.0 != 0.0]
-    electrical = 1.0 / (driver.beats * driver.microsteps)
-    orders += [(electrical_line(n), n * electrical) for n in torques if n % motor.full_steps]
-    turn = driver.beats * driver.microsteps * motor.rotor_teeth
-    return orders + [
-        (e.line, float(e.order) / turn) for e in scenario.rotor_harmonics if e.amplitude > 0.0
+    turn = driver.beats * driver.microsteps
+    electrical = [n for n in torques if n % motor.full_steps] + _electrical_orders(scenario)
+    orders += [(electrical_line(n), n / turn) for n in dict.fromkeys(electrical)]
+    of_rotor = turn * motor.rotor_teeth
+    orders += [
+        (e.line, float(e.order) / of_rotor) for e in scenario.rotor_harmonics if e.amplitude > 0.0
     ]
+    position = scenario.friction.position
+    of_output = of_rotor * scenario.reducer.ratio
+    return orders + [
+        (f"friction_{each.order}", float(each.order) / of_output)
+        for each in (position.harmonics if position else ())
+        if each.amplitude > 0.0
+    ]
+
+
+def _electrical_orders(scenario: Scenario) -> list[int]:
+    """Cycles per electrical turn of the largest lines that errors of a driver make."""
+    driver = scenario.driver
+    if not driver.distorted or driver.compensates:
+        return []
+    highest = MOST_ELECTRICAL_ORDERS * float(scenario.driving_frequency or 0.0)
+    size = commanded_torque(scenario, highest).amplitude.copy()
+    turn = driver.beats * driver.microsteps
+    size[turn - 1 :: turn] = 0.0  # driving lines
+    largest = np.argsort(-size)[:MOST_ELECTRICAL_ORDERS]
+    return [int(k) + 1 for k in largest if size[k] > MIN_RESONANCE_RATIO * np.max(size)]
 
 
 def _rates_to_examine(rate: float, mode: CoupledMode) -> list[float]:

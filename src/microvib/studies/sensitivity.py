@@ -22,7 +22,7 @@ from microvib.results import FREQUENCY, TORQUE, Column
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.batch import simulate_torques
 from microvib.solve.integration import Progress
-from microvib.solve.steady.derivatives import NotDifferentiable
+from microvib.solve.steady.recorded import NotDifferentiable
 from microvib.solve.steady.state import SteadyState, find_steady
 from microvib.studies.workers import parallel_calls
 

@@ -33,6 +33,10 @@ _OTHERS = (
     "Hz",
     "Pa",
     "K",
+    "rad/s",
+    "rad/s^2",
+    "kg^0.5*m",
+    "kg^0.5*m/s",
 )  # units of what else recordings hold
 _TIME_UNITS = {
     **dict.fromkeys(

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microvib.errors import SimulationError
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
@@ -27,6 +28,10 @@ SECTION_PHASE = 0.1
 """The map starts this part of a microstep period before a microstep, when the last transient has
 decayed longest; a smaller one where the last part of a microstep comes late.
 """
+
+
+OF_COMMAND = ("motor", "driver", "reducer", "tracking", "record")
+"""Parts of a scenario that microsteps follow from."""
 
 
 class NotPeriodic(SimulationError):
@@ -150,6 +155,10 @@ class PeriodMap:
         """Map of another drive over the same microsteps, from the same start; its rate may differ a
         little, and ``packed`` has its parameters and the state of this one.
         """
+        if all(getattr(scenario, x) is getattr(self.scenario, x) for x in OF_COMMAND):
+            other = copy(self)
+            other.scenario, other.packed = scenario, packed
+            return other
         f_d = scenario.driving_frequency
         assert f_d
         if self.parts > 1 or self.command.compensated.acts:
@@ -184,9 +193,8 @@ class PeriodMap:
         on_rotor, on_output = scenario.motor.friction.torque(omega), scenario.friction.torque(rate)
         if scenario.motor.eddy_damping is not None:
             on_rotor += scenario.motor.eddy_damping * omega
-        y[kernel.TM] = (
-            commanded - (on_rotor - p.inv_h * on_output) / scenario.motor.electromagnetic_stiffness
-        )
+        spring = motor_of_mean_spring(scenario.driver, scenario.motor).electromagnetic_stiffness
+        y[kernel.TM] = commanded - (on_rotor - p.inv_h * on_output) / spring
         y[kernel.TL] = -p.inv_h * y[kernel.TM] - (0.0 if p.rigid else on_output / p.K_g)
         load = scenario.load
         y[kernel.MODES :: 2] = -(load.V_l * rate + load.V_m * omega) / load.Lambda

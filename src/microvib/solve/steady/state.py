@@ -36,6 +36,7 @@ from microvib.solve.motion import Invariants, Motion, channel_of
 from microvib.solve.sampling import sample_buffer
 from microvib.solve.steady.arrival import NotReached
 from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
+from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.search import HARMONICS, NotReproducedByRun, Search, sample_rows
@@ -186,6 +187,7 @@ class SteadyState:
         orders: Sequence[int] | None = None,
         *,
         scales: Mapping[str, float] | None = None,
+        coarse: bool = False,
     ) -> LineDerivatives:
         """Derivatives of the torque's complex amplitudes by continuous parameters, in SI units.
 
@@ -197,6 +199,9 @@ class SteadyState:
             Harmonics of ``frequency``; as a rule those of the motion up to the eighth driving line.
         scales : mapping, optional
             What steps are relative to [SI], of parameters that are 0: such as their ranges.
+        coarse : bool
+            With the steps of the solution, in a third of the time and good to about 1 %; as a rule with
+            finer ones, good to 1e-4.
 
         Returns
         -------
@@ -216,9 +221,9 @@ class SteadyState:
             self.scenario,
             self.state,
             self.microsteps,
-            keys,
             np.asarray(orders, dtype=int),
-            scales or {},
+            Parameters.of(self.scenario, keys, scales or {}),
+            coarse,
         )
 
     def motion(

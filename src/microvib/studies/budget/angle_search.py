@@ -22,6 +22,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.other_sources import Excitation
+from microvib.studies.budget.side_lines import SideLines
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.sums import Rule, most_of_sources, worst_alternative
 from microvib.units import Si
@@ -316,12 +317,45 @@ class _Search:
             ranges = np.clip(on.low[meets], low, high), np.clip(on.high[meets], low, high)
             rise = float(paths.rise(*ranges).max(initial=1.0))
         else:
-            return _larger_lines(a, b, paths.rise(on.low, on.high))
+            larger = _larger_lines(a, b, paths.rise(on.low, on.high))
+            return replace(larger, side=_larger_side_lines(a, b, paths))
         best = max(a, b, key=lambda one: most_of_sources(r, [one], self._rule))
         most = best.most_density
         density = most and (most[0], most[1] * rise**2)
         los = np.abs(best.los) * rise
-        return replace(best, los=los, density=density, density_bounds=None)
+        side = best.side and best.side.times(rise * _rise_of_side_lines(best, paths))
+        return replace(best, los=los, density=density, density_bounds=None, side=side)
+
+
+def _rise_of_side_lines(one: Contribution, paths: _Paths) -> float:
+    """Rise of side lines and of a side density where they are."""
+    if one.side is None:
+        return 1.0
+    low, high = _ranges(one.side.frequency)
+    rise = float(paths.rise(low, high).max(initial=1.0))
+    if one.side.density is not None:
+        f, S = one.side.density
+        rise = max(rise, paths.rise_of_density(f, S, float(f[0]), float(f[-1])))
+    return rise
+
+
+def _ranges(frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest of the frequencies that each line may have, (j, m)."""
+    if not frequency.size:
+        return np.zeros(0), np.zeros(0)
+    return frequency.min(axis=1), frequency.max(axis=1)
+
+
+def _larger_side_lines(a: Contribution, b: Contribution, paths: _Paths) -> SideLines | None:
+    """Side lines as large as those at either of two angles, by resonances that pass where they come
+    from and where they are.
+    """
+    found = None
+    for one in (a.side, b.side):
+        if one is not None:
+            rise = paths.rise(*_ranges(one.source)) * paths.rise(*_ranges(one.frequency))
+            found = one.times(rise).joined(found)
+    return found
 
 
 def _larger_lines(a: Contribution, b: Contribution, rise: np.ndarray) -> Contribution:

@@ -26,6 +26,7 @@ from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.budget.files import AXES, OtherSource
+from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
@@ -63,9 +64,10 @@ def contribution_of_other(
             wheel = WheelOnCraft(source.name, source.wheel, scenario, place, sticking)
             return wheel.contribution()
         states = drive_states(scenario, sticking=sticking)
+        turning = TurningDrives(scenario, sticking)
         if source.lines:
-            return _of_lines(source, scenario, files, states)
-        return _of_density(source, scenario, files, states)
+            return _of_lines(source, turning, files, states)
+        return _of_density(source, turning, files, states)
 
 
 @dataclass(frozen=True)
@@ -185,8 +187,9 @@ def _line_table(path: Path) -> tuple[list[dict[str, str]], tuple[str, ...]]:
 
 
 def _of_lines(
-    source: OtherSource, scenario: Scenario, files: FileAccess, states: DriveStates | None
+    source: OtherSource, turning: TurningDrives, files: FileAccess, states: DriveStates | None
 ) -> Contribution:
+    scenario, side = turning.scenario, None
     path = files.under("lines").path(source.lines)
     rows, chosen = _line_table(path)
     f, sizes = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
@@ -215,6 +218,10 @@ def _of_lines(
     lost = np.isnan(sizes).any(axis=1)
     if chosen == LOAD_COLUMNS:
         loads, place = tones, _load_point_motion(source, scenario)
+        on_hub = turning.craft.on_hub(place) * np.nan_to_num(loads)[:, None, :]
+        together = on_hub.sum(axis=2, keepdims=True)
+        only = np.concatenate([together, np.zeros_like(on_hub[:, :, 1:])], axis=2)
+        side = turning.of_lines(f, np.where(phased[:, None, None], only, on_hub))
 
         def moved(on: Scenario, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """Line of sight by the loads of the lines at frequencies (k n,), and by which part it
@@ -250,7 +257,7 @@ def _of_lines(
     how = f"lines of {path.name}{_missing_loads_note(rows, chosen)}"
     return Contribution(
         source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),
-        phased=bool(np.all(phased)), rings=rings,
+        phased=bool(np.all(phased)), rings=rings, side=side,
     )  # fmt: skip
 
 
@@ -301,8 +308,9 @@ def _missing_loads_note(rows: Sequence[Mapping[str, str]], chosen: Sequence[str]
 
 
 def _of_density(
-    source: OtherSource, scenario: Scenario, files: FileAccess, states: DriveStates | None
+    source: OtherSource, turning: TurningDrives, files: FileAccess, states: DriveStates | None
 ) -> Contribution:
+    scenario, side = turning.scenario, None
     path = files.under("density").path(source.density)
     rows, chosen = _table(path, "densities", (_LOAD_DENSITIES, _LOS_DENSITIES))
     f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
@@ -324,7 +332,8 @@ def _of_density(
         if states is not None:
             found = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
             bounds = np.einsum("sfkc,fc->sfk", found**2, S)
-        S = np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
+        loads, S = S, np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
+        side = turning.of_density(f, loads, turning.craft.on_hub(place), S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
         source.name,
@@ -334,6 +343,7 @@ def _of_density(
         none,
         density=(f, S),
         density_bounds=None if bounds is None else (bounds[0], bounds[1]),
+        side=side,
         gaps=gaps,
     )
 

@@ -22,7 +22,7 @@ from microvib.analysis.margins import (
     may_ring,
     ringing_reason,
 )
-from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
+from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import RunResult
 from microvib.analysis.start import (
     mode_has_decayed,
@@ -43,11 +43,13 @@ from microvib.model.coupling import (
 from microvib.model.drive_matrices import coordinates
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.driven import noise_bands
+from microvib.model.driven import noise_density as density_of_friction
 from microvib.model.expected import ExpectedLine
 from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
+from microvib.model.side_lines import varying_drives
 from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import (
     BELOW_FLOOR,
@@ -61,6 +63,7 @@ from microvib.signals.line_table import (
 from microvib.solve.steady.period import common_period
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.recorded import below_all_bands, higher_orders, unaccounted
+from microvib.studies.budget.side_lines import SideLines, TurningDrives
 from microvib.testdata.recording import Recording, channel_fault
 
 BLOCKED_LOAD_UNCERTAINTY = 0.03
@@ -70,7 +73,7 @@ runs of the scenario (``study.with_method_error``)."""
 HELD_DRIVE_UNCERTAINTY = 0.03
 """Relative error of lines of a craft on which another drive holds its wing, for its friction;
 assumed. What its detent torque and its friction where it sticks change comes on top, by the states
-in which it may be (``model.drive_states``) or by its steps (``with_detent_mixing``)."""
+in which it may be (``model.drive_states``) or by its steps (``with_side_lines_of_other``)."""
 _FREE_BODY_REASON = f"below {MIN_FREQUENCY_WITHOUT_CONTROL:g} Hz, where without spacecraft.attitude_control lines mean nothing"
 
 
@@ -171,6 +174,8 @@ class Contribution:
     density_bounds: tuple[np.ndarray, np.ndarray] | None = None
     """Smallest and largest densities (n, 2) at these frequencies; None where they are known."""
     gaps: tuple[Unobserved, ...] = ()
+    side: SideLines | None = None
+    """What drives that turn may make of its lines and densities, beside them."""
     relative_error: float | np.ndarray = 0.0
     """Relative error of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
     less and more do.
@@ -440,73 +445,83 @@ def response_uncertainty(
     return np.array([1.0 - ratio.min(axis=1), ratio.max(axis=1) - 1.0])
 
 
-def with_detent_mixing(one: Contribution, scenario: Scenario, other: Scenario) -> Contribution:
-    """Lines of a drive, with what the detent torque of a second drive that steps adds to them.
+def with_side_lines_of_other(
+    one: Contribution, lines: HubLines, scenario: Scenario, other: Scenario
+) -> Contribution:
+    """Lines and density of a drive, with what the varying spring of a second drive that steps makes
+    of them.
 
-    The hub's motion by a line turns the second rotor, whose detent torque is then a spring that
-    changes with its steps, as is what flux harmonics make: it makes torques at the line's frequency
-    less and plus that of the detent. By the linearised drives they are bounded to first order, and by a factor for those of
-    higher order. What falls on a line adds to its error, the rest is a gap.
+    The hub's motion by a line turns the second rotor.
 
     Parameters
     ----------
     one : Contribution
         Lines of the first drive.
+    lines : HubLines
+        The same lines, with their loads on the hub.
     scenario, other : Scenario
         Of each drive, with the other's wing held.
     """
-    motor, rate = other.motor, other.rate
-    hub, f, moves = (
-        receiver_of(scenario),
-        one.frequency,
-        one.settled & (one.frequency > MIN_FREQUENCY_WITHOUT_CONTROL),
-    )
-    part = motor.detent_stiffness / motor.electromagnetic_stiffness
-    if not rate or part == 0.0 or not moves.any() or hub.second is None or hub.second_root is None:
+    hub, f = receiver_of(scenario), one.frequency
+    moves = one.settled & (f > MIN_FREQUENCY_WITHOUT_CONTROL)
+    turning = _second_drive(scenario, other)
+    if not turning.drives and not turning.unknown:
         return one
-    if part >= 1.0:
-        return replace(
-            one,
-            gaps=(
-                *one.gaps,
-                open_gap("the detent stiffness of the other drive exceeds its motor stiffness"),
-            ),
-        )
+    assert hub.second is not None
+    assert hub.second_root is not None
     at = f[moves]
-    free = blocked_load_method(scenario, at, source_of(scenario).blocked(at, np.ones(at.size)))
-    moved = np.einsum("mnk,mk->mn", hub.moved(at), free.loads)
-    there = -((2.0 * np.pi * at[:, None]) ** 2) * (moved @ hub.second_root.T)
+    loads = np.nan_to_num(lines.loads[moves])
+    there = -((2.0 * np.pi * at[:, None]) ** 2) * (
+        np.einsum("mnk,mk->mn", hub.moved(at), loads) @ hub.second_root.T
+    )
     rotor = np.abs(hub.second.coordinates_by_acceleration(at, there)[:, 0])
-    assert free.los is not None
-    torque = np.linalg.norm(one.los[moves], axis=1) / np.maximum(
-        np.linalg.norm(np.abs(free.los), axis=1), 1e-300
-    )
-    pulls: list[np.ndarray] = []
-    mixed: list[np.ndarray] = []
-    for order, stiffness in motor.stiffness_orders.items():
-        pull = 0.5 * stiffness / (1.0 - part) * rotor * torque
-        detent = order * motor.rotor_teeth * abs(rate * other.reducer.h) / (2.0 * math.pi)
-        pulls += [pull, pull]
-        mixed += [at - detent, at + detent]
-    products = np.abs(np.concatenate(mixed))
-    size = (
-        los_per_rotor_torque(other, np.maximum(products, MIN_FREQUENCY_WITHOUT_CONTROL))
-        * np.concatenate(pulls)[:, None]
-    )
-    near = np.abs(products[:, None] - f) <= FREQUENCY_TOLERANCE * np.maximum(f, products[:, None])
-    added = np.array([size[column].sum(axis=0) for column in near.T]).reshape(-1, 2)
-    own = np.abs(one.los)
-    relative_error = np.divide(added, own, out=np.zeros_like(own), where=own > 0.0)
-    less, more = one.relative_errors
-    left = ~near.any(axis=1) & (products > MIN_FREQUENCY_WITHOUT_CONTROL)
-    gap = Unobserved(
-        "what the other drive's detent torque mixes", 0.0, math.inf, products[left], size[left]
-    )
-    return replace(
-        one,
-        relative_error=np.array([np.minimum(less + relative_error, 1.0), more + relative_error]),
-        gaps=(*one.gaps, gap),
-    )
+    if turning.craft.springs and turning.drives:  # as if a torque on its rotor made each line
+        by = np.maximum(np.abs(los_per_rotor_torque(scenario, at)).max(axis=1), 1e-300)
+        torque = np.abs(one.los[moves]).max(axis=1) / by
+        unit = turning.drives[0].rotor_motion(at, turning.craft.on_rotor)[:, 0]
+        rotor = np.maximum(rotor, unit * torque)
+    side = turning.of_rotor_motion(at, [rotor for _ in turning.drives])
+    if side is not None:
+        one = replace(one, side=side.joined(one.side))
+    return with_side_density(one, scenario, turning)
+
+
+def _second_drive(scenario: Scenario, other: Scenario) -> TurningDrives:
+    """The second drive of a craft, ``other`` telling how it steps."""
+    craft = drive_states(scenario, own=False, steps=True, turning=False)
+    held = DriveStates(scenario, ()) if craft is None else craft
+    drives = [d for d in varying_drives(scenario, held, other) if d.wing == 1]
+    return TurningDrives(scenario, drives=drives, craft=held)
+
+
+def with_side_density(
+    one: Contribution, scenario: Scenario, turning: TurningDrives
+) -> Contribution:
+    """A drive's torque noise, with what varying springs make of it at other frequencies."""
+    if one.density is None:
+        return one
+    f, linear = one.density
+    torque = density_of_friction(scenario, f)[:, None]
+    side = turning.of_density(f, torque, turning.craft.on_output, linear)
+    if side is None:
+        return one
+    return replace(one, side=side.joined(one.side))
+
+
+def with_side_lines_of_recording(recorded: Contribution, scenario: Scenario) -> Contribution:
+    """Lines of a recording, with what the varying springs of the drives of a ``scenario`` make of the
+    hub's motion by them.
+    """
+    if recorded.recorded is None:
+        return recorded
+    turning = TurningDrives(scenario)
+    loads = recorded.recorded[0] @ rotation_to_hub_axes(scenario).T
+    forces = turning.craft.on_interface @ loads[:, :, None]
+    side = turning.of_lines(recorded.frequency, forces)
+    if side is None:
+        return recorded
+    off = 1.0 + np.max(recorded.relative_errors[1], initial=0.0)
+    return replace(recorded, side=side.times(off).joined(recorded.side))
 
 
 def _gaps(

@@ -48,6 +48,7 @@ from microvib.studies.budget.cases import (
 from microvib.studies.budget.figures import CombinedLines, evaluate_metric
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
 from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
@@ -55,7 +56,9 @@ from microvib.studies.budget.sources import (
     contribution_of_run,
     open_gap,
     unseen_axes,
-    with_detent_mixing,
+    with_side_density,
+    with_side_lines_of_other,
+    with_side_lines_of_recording,
 )
 from microvib.studies.budget.sums import Assessment, Rule, assess, combine_lines, worst_alternative
 from microvib.studies.campaign.folder import open_campaign
@@ -246,6 +249,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     ]
     if measured is not None:
         found[0] = with_load_check(with_method_error(measured, compared), blocked)
+        found[0] = with_side_lines_of_recording(found[0], whole)
     if ensemble is not None:
         if two:
             found[:2] = [both_wings(whole, found[0], found[1], runs[0].lines, runs[1].lines)]
@@ -295,7 +299,7 @@ class _Run(NamedTuple):
 
 
 def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -> list[_Run]:
-    """Every drive simulated, those of two wings of one craft with what their detents mix."""
+    """Every drive simulated, those of two wings of one craft with what their springs mix."""
     results = [
         run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
     ]
@@ -310,13 +314,17 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
             other_steps=two and k < 2,
             other_sticking=sticking[1 - k] if two and k < 2 else MAY_STICK,
         )
+        if contribution.density is not None:
+            turning = TurningDrives(drive.scenario, (sticking[k], MAY_STICK))
+            contribution = with_side_density(contribution, drive.scenario, turning)
         note = steady_state_fallback_note(result.solver)
         runs.append(_Run(contribution, lines, note, sticking[k]))
     if two:
         wings = drives[0].scenario, drives[1].scenario
         for k, other in ((0, 1), (1, 0)):
-            mixed = with_detent_mixing(runs[k].contribution, wings[k], wings[other])
-            runs[k] = runs[k]._replace(contribution=mixed)
+            run = runs[k]
+            mixed = with_side_lines_of_other(run.contribution, run.lines, wings[k], wings[other])
+            runs[k] = run._replace(contribution=mixed)
     return runs
 
 
@@ -644,6 +652,7 @@ def both_wings(
         ),
         density=replace(lines, scenario=scenario).density,
         gaps=(*first.gaps, *second.gaps),
+        side=second.side if first.side is None else first.side.joined(second.side),
         relative_error=np.divide(
             relative_error, size, out=np.zeros_like(relative_error), where=size > 0.0
         ),

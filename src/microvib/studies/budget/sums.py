@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.margins import Verdict
+from microvib.analysis.margins import Verdict, frequency_error_bound
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE
 from microvib.analysis.start import steady_start_advice
 from microvib.signals.in_step import LOCKED, SLOW, bases
@@ -36,7 +36,7 @@ from microvib.studies.budget.figures import (
     metric_bounds,
 )
 from microvib.studies.budget.files import Requirement
-from microvib.studies.budget.sources import Contribution, Unobserved
+from microvib.studies.budget.sources import Contribution, Unobserved, open_gap
 from microvib.studies.campaign.statistics import NO_ESTIMATE, Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
@@ -297,13 +297,15 @@ def assess(
         return _assess_by_curve(requirement, chosen, contributions, rule)
     tones = combine_lines(chosen, rule)
     densities = [one.density for one in chosen if one.density is not None]
+    tones = with_side_lines(requirement, tones, chosen)
     chosen = _with_gaps(requirement, chosen, contributions)
     gaps = [gap for one in chosen for gap in one.gaps]
     value = evaluate_lines(requirement, tones, densities)
     smallest = [one.least_density for one in chosen if one.least_density is not None]
     largest = None
-    if any(one.density_bounds is not None for one in chosen):
-        largest = [one.most_density for one in chosen if one.most_density is not None]
+    beside = side_densities(chosen)
+    if beside or any(one.density_bounds is not None for one in chosen):
+        largest = [one.most_density for one in chosen if one.most_density is not None] + beside
     least, most = metric_bounds(
         requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
     )
@@ -318,6 +320,8 @@ def assess(
     if requirement.percentile is not None:
         known = None if lacking else cases
         figure = figure.at(_percentile(known, requirement.percentile))
+        beyond = _side_lines_of_cases(requirement, contributions, known)
+        figure = figure._replace(most=figure.most + beyond)
     limit = requirement.limit or math.nan
     verdict = figure.verdict(limit)
     lines = evaluate_lines(requirement, tones) if densities else figure.value
@@ -428,17 +432,59 @@ def worst_alternative(requirement: Requirement, one: Contribution) -> Contributi
     )
 
 
+_SIDE_LINES = "side lines that the varying spring of a drive makes as it turns"
+
+
+def side_line_gaps(r: Requirement, one: Contribution) -> Iterator[Unobserved]:
+    """Gap of what drives that turn make of a source's lines at other frequencies."""
+    if one.side is None:
+        return
+    for why in one.side.unknown:
+        yield open_gap(why)
+    f, most = one.side.worst(r)
+    counts = most.any(axis=1)
+    if counts.any():
+        yield Unobserved(_SIDE_LINES, 0.0, math.inf, f[counts], most[counts])
+
+
+def with_side_lines(
+    r: Requirement, tones: CombinedLines, chosen: Sequence[Contribution]
+) -> CombinedLines:
+    """Lines of all sources, in the most of which side lines that may be of their frequency, or beat
+    with them, add with the worst phases.
+    """
+    most = tones.most.copy()
+    for one in chosen:
+        if one.side is None:
+            continue
+        f, size = one.side.worst(r)
+        reach = np.maximum(tones.off[:, None] + frequency_error_bound(f), SLOW)
+        near = np.abs(tones.frequency[:, None] - f) <= reach
+        most += near @ np.where(np.isfinite(size), size, 0.0)
+    return replace(tones, most=most)
+
+
+def side_densities(chosen: Sequence[Contribution]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Densities that drives that turn make of those of sources, at most."""
+    sides = (one.side for one in chosen)
+    return [side.density for side in sides if side is not None and side.density is not None]
+
+
 def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule: Rule) -> float:
     """The most that lines and densities of sources make of what a requirement asks for; of a curve
     their largest part of it, of a level the rms, which takes less time and grows with it.
     """
     chosen = [worst_alternative(r, one) for one in contributions]
-    tones = combine_lines(chosen, rule)
+    tones = with_side_lines(r, combine_lines(chosen, rule), chosen)
+    gaps = [gap for one in chosen for gap in side_line_gaps(r, one)]
+    f = np.concatenate([tones.frequency, *(gap.frequency for gap in gaps)])
+    most = np.concatenate([tones.most, *(gap.most for gap in gaps)])
+    f, most = f[np.isfinite(most).all(axis=1)], most[np.isfinite(most).all(axis=1)]
     if r.curve is not None:
-        return float(ratio_to_curve(r, tones.frequency, tones.most).max(initial=0.0))
+        return float(ratio_to_curve(r, f, most).max(initial=0.0))
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
     densities = [one.most_density for one in chosen if one.most_density is not None]
-    return evaluate_metric(plain, tones.frequency, tones.most, densities)
+    return evaluate_metric(plain, f, most, densities + side_densities(chosen))
 
 
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
@@ -497,6 +543,7 @@ def _with_gaps(
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (
             *one.gaps,
+            *side_line_gaps(r, one),
             *crossing_bounds(r, source, contributions),
             *beat_bounds(r, one, chosen[k:]),
         )
@@ -646,7 +693,7 @@ def _assess_by_curve(
     contributions: Sequence[Contribution],
     rule: Rule,
 ) -> Assessment:
-    tones = combine_lines(chosen, rule)
+    tones = with_side_lines(r, combine_lines(chosen, rule), chosen)
     curve = r.curve or ()
     own = r.model_copy(
         update={
@@ -747,6 +794,23 @@ def _case_values(
         densities = [one.density for one in each if one.density is not None]
         found.append(evaluate_metric(r, tones.frequency, tones.value, densities))
     return np.array(found)
+
+
+def _side_lines_of_cases(
+    r: Requirement, contributions: Sequence[Contribution], cases: np.ndarray | None
+) -> float:
+    """The most that side lines make in any case of a campaign [rad], where crafts differ."""
+    varied = [one.in_case for one in contributions if one.in_case is not None]
+    largest = 0.0
+    for number in range(0 if cases is None or not varied else len(cases)):
+        there = [in_case(number) for in_case in varied]
+        gaps = [gap for one in there for gap in side_line_gaps(r, one)]
+        f = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
+        most = np.concatenate([np.zeros((0, 2)), *(gap.most for gap in gaps)])
+        if not np.all(np.isfinite(most)):
+            return math.inf
+        largest = max(largest, evaluate_metric(r, f, most, side_densities(there)))
+    return largest
 
 
 def _in_case(

@@ -24,12 +24,17 @@ from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import (
     UNIFORM_INSTANTS,
-    Metric,
     excess_between_instants,
     metric_weight,
     windowed_amplitudes,
 )
 from microvib.studies.budget.files import Requirement, Wheel
+from microvib.studies.budget.side_lines import (
+    MAX_METRIC_GAIN,
+    MAX_METRIC_WEIGHT,
+    SideLines,
+    TurningDrives,
+)
 from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
@@ -49,18 +54,13 @@ known.
 """
 _GRID = 2e-3
 """Relative distance of frequencies of that grid apart from resonances."""
+_LEAST_SHARE = 1e-4
+"""Part of an order's amplitude below which what varying springs add to it is left out."""
 _NEAR = 25
 """Speeds tried about the best, for figures that are not largest where the score is."""
 _MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
-_MAX_METRIC_GAIN: dict[Metric, float] = {
-    "ape": 1.0, "mpe": 1.0, "rpe": 2.0, "smear": 1.31, "jitter": 3.31, "stability": 2.0, "pde": 2.0,
-}  # fmt: skip
-"""No amplitude in a window is larger than the line's own by more than this factor."""
-_MAX_METRIC_WEIGHT: dict[Metric, float] = {
-    "ape": 1.0, "mpe": 1.0, "rpe": 1.0, "smear": 0.5705, "jitter": 1.0, "stability": 4.0, "pde": 4.0,
-}  # fmt: skip
 
 
 _CREST_INSTANTS = UNIFORM_INSTANTS[::2]
@@ -91,6 +91,49 @@ class WheelOnCraft:
     def states(self) -> DriveStates | None:
         """States in which the drives of the craft may be; None where these are known."""
         return drive_states(self.scenario, sticking=self.sticking)
+
+    @cached_property
+    def turning(self) -> TurningDrives:
+        """Drives that turn and whose springs vary."""
+        return TurningDrives(self.scenario, self.sticking)
+
+    def _forces(self) -> np.ndarray:
+        """Forces on the coordinates by the square of the speed, (o, n, p)."""
+        return np.asarray(self.turning.craft.on_hub(self.place) @ self._parts.transpose(1, 2, 0))
+
+    def _side_lines(self) -> SideLines | None:
+        """Side lines of each order at its speed."""
+        speed, _ = self.speeds
+        (f,) = self.frequencies(np.array([speed]))
+        return self.turning.of_lines(f, self._forces() * speed**2)
+
+    @cached_property
+    def _rotor_motions(self) -> list[np.ndarray]:
+        """Motion of each drive's rotor by each order over the grid [rad], (o, m)."""
+        speed = 2.0 * np.pi * self.grid / self.orders[:, None]
+        return [
+            np.array([one.rotor_motion(self.grid, on).sum(axis=1) for on in self._forces()])
+            * speed**2
+            for one in self.turning.drives
+        ]
+
+    @cached_property
+    def _swept_side_lines(self) -> SideLines | None:
+        return self.turning.of_sweep(self.grid, self._rotor_motions)
+
+    @cached_property
+    def _beside(self) -> np.ndarray:
+        """What varying springs add at most at the frequency of each order over the grid [rad], (o,
+        m, 2).
+        """
+        if not self.turning.drives:
+            return np.zeros((self.orders.size, self.grid.size, 2))
+        return self.turning.beside(self.grid, self._rotor_motions)
+
+    @cached_property
+    def known(self) -> bool:
+        """Whether its lines are those of the linearised drives alone."""
+        return self.states is None and not np.any(self._beside > _LEAST_SHARE * self.amplitudes)
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -162,6 +205,7 @@ class WheelOnCraft:
                 one,
                 relative_error=one.relative_error + self._response_error(one.frequency, off),
                 frequency_error=off,
+                side=self._side_lines(),
             )
         # what tables and pictures show: a grid, and where an order meets a mode
         modes = [
@@ -173,7 +217,7 @@ class WheelOnCraft:
         each = self.at(np.union1d(np.linspace(low, high, SPEEDS), met[(met > low) & (met < high)]))
         largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
         how = f"wheel, the worst of {_rpm(low):.5g} to {_rpm(high):.5g} rpm"
-        return replace(largest, how=how, alternatives=each, sweep=self)
+        return replace(largest, how=how, alternatives=each, sweep=self, side=self._swept_side_lines)
 
     def _response_error(self, frequency: np.ndarray, off: np.ndarray) -> np.ndarray:
         """Relative error of each order (2, o, 2) by what it may be ``off`` [Hz], and by where a
@@ -243,7 +287,7 @@ class WheelOnCraft:
     @cached_property
     def in_any_state(self) -> WheelOnCraft:
         """The wheel with the largest amplitudes over all states of the drives."""
-        if self.states is None:
+        if self.known:
             return self
         return _WheelInAnyState(self.name, self.wheel, self.scenario, self.place, self.sticking)
 
@@ -294,15 +338,17 @@ class WheelOnCraft:
             (1.0 + more) * max(ratio, 1.0), self._ratio_in_any_state(scores[0], own)
         )
         if r.curve is None and r.statistic != "rms":
-            known = best.relative_errors[1] if self.states is not None else more
+            known = more if self.known else best.relative_errors[1]
             best = replace(best, crests=self._crests(r, 1.0 + known.max(axis=0, initial=0.0)))
-        return replace(best, relative_error=np.array([less, largest - 1.0]))
+        return replace(
+            best, relative_error=np.array([less, largest - 1.0]), side=self._swept_side_lines
+        )
 
     def _ratio_in_any_state(self, score: _Score, own: float) -> float:
         """The most that the figure of a score is at any speed in any state of the drives, over its
         ``own`` as found; 1 where these are known.
         """
-        if self.states is None or own <= 0.0:
+        if self.known or own <= 0.0:
             return 1.0
         wheel = self.in_any_state
         return _maximise_over_speed(wheel, type(score)(wheel, score.r)).upper / own
@@ -348,7 +394,11 @@ class _WheelInAnyState(WheelOnCraft):
     def amplitudes(self) -> np.ndarray:
         """Largest amplitudes of each order over the grid [rad], (o, m, 2)."""
         at = np.tile(self.grid, self.orders.size)
-        return self._responses_of_states(at)[1].reshape(self.orders.size, -1, 2)
+        if self.states is None:
+            found = super().amplitudes
+        else:
+            found = self._responses_of_states(at)[1].reshape(self.orders.size, -1, 2)
+        return np.asarray(found + self._beside)
 
 
 def _rpm(speed: float) -> float:
@@ -456,7 +506,7 @@ class _Rms(_Score):
             np.maximum(metric_weight(self.r.metric, middle, self.window, self.r.apart), 0.0)
         )
         w = np.minimum(
-            (root + self.steepest(f, g, crest=False) * half) ** 2, _MAX_METRIC_WEIGHT[self.r.metric]
+            (root + self.steepest(f, g, crest=False) * half) ** 2, MAX_METRIC_WEIGHT[self.r.metric]
         )
         return np.asarray(np.sqrt(0.5 * np.einsum("no,noa->n", w, self.largest(f, g) ** 2)))
 
@@ -496,7 +546,7 @@ class _Crest(_Score):
         middle, half = 0.5 * (f + g), 0.5 * (g - f)
         factors = self._factors(middle) + self._excess(middle)
         factors = factors + self.steepest(f, g, crest=True) * half
-        return self._total(np.minimum(factors, _MAX_METRIC_GAIN[self.r.metric]), self.largest(f, g))
+        return self._total(np.minimum(factors, MAX_METRIC_GAIN[self.r.metric]), self.largest(f, g))
 
 
 class _CurveRatio(_Score):

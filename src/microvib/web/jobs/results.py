@@ -13,6 +13,7 @@ from microvib.analysis.pointing import HubLines
 from microvib.analysis.reference import compare_with_reference
 from microvib.analysis.run import RunResult
 from microvib.errors import MicrovibError
+from microvib.export.targets import TARGETS, Target
 from microvib.io.modal_sources import ModalSource, modal_source
 from microvib.model.array import Array
 from microvib.model.line_names import driving_line
@@ -67,10 +68,21 @@ def run_result(result: RunResult, motion: Motion) -> dict[str, Any]:
         "drivetrain": _drivetrain(motion, shares),
         "modes": [asdict(mode) for mode in coupled_modes(scenario)],
         "craft": None if hub is None else _craft(hub),
+        "exports": [_export(target, scenario) for target in TARGETS.values()],
         "channels": [asdict(channel) for channel, x in motion.variables() if x.ndim == 1],
         "t0": float(motion.time[0]),
         "t1": float(motion.time[-1]),
         "sample_rate": motion.sample_rate,
+    }
+
+
+def _export(target: Target, scenario: Scenario) -> dict[str, Any]:
+    """A format of another tool: its files, and why a run of this scenario cannot have them."""
+    return {
+        "target": target.name,
+        "gives": target.gives,
+        "files": [f"{target.name}{ending}" for ending in target.endings],
+        "missing": target.missing or target.refuses(scenario),
     }
 
 

@@ -11,6 +11,7 @@ import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ import numpy as np
 from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
+from microvib.export.subject import subject_of
+from microvib.export.targets import target_of_file
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
 from microvib.io.scenario_file import scenario_of
@@ -122,6 +125,18 @@ def file(
         else:
             new.write_text(rendering.html(document), encoding="utf-8")
     new.replace(where / (mark + name))
+
+
+def export(folder: str, name: str, tell: ProgressCallback) -> None:
+    """A run as a file of another tool, called by target and ending, such as ``nastran.bdf``."""
+    where = Path(folder)
+    found = target_of_file(name)
+    assert found is not None
+    target, ending = found
+    with TemporaryDirectory(dir=where) as made:
+        new = Path(made) / f"run{ending}"
+        target.write(subject_of(_kept(where)), new, target.options())
+        new.replace(where / f"export-{name}")
 
 
 def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fastapi.responses import FileResponse, StreamingResponse
 
 from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
+from microvib.export.targets import TARGETS, target_of_file
 from microvib.model.rigid import COMPONENTS
 from microvib.signals.screen import decimate_spectrum, extremes
 from microvib.signals.spectrum import Window, amplitude_spectrum
@@ -52,6 +53,8 @@ GENERATED_FILES = (
     "report.html",
     "report.pdf",
 )  # files that are made when they are asked for
+EXPORTED = "application/octet-stream"
+"""Media type of files of other tools."""
 Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
@@ -290,3 +293,23 @@ def file_of(
     if name in GENERATED_FILES and not (folder / (mark + name)).is_file():
         ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
     return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)
+
+
+@routes.get(
+    "/runs/{id}/exports/{name}", response_class=FileResponse,
+    responses=refusals(409, 429) | {200: {"content": {EXPORTED: {}}}},
+)  # fmt: skip
+def export_of(id: Id, name: str, store: StoreDependency) -> FileResponse:
+    """A run as a file of another tool, called by format and ending, such as ``nastran.bdf``; made when
+    it is first asked for.
+    """
+    folder = store.folder(finished_run(store, id))
+    if target_of_file(name) is None:
+        there = ", ".join(
+            target.name + ending for target in TARGETS.values() for ending in target.endings
+        )
+        raise RequestRefused(404, f"there is no such file; there are {there}")
+    kept = folder / f"export-{name}"
+    if not kept.is_file():
+        ask(store, "export", folder=str(folder), name=name)
+    return FileResponse(_there(kept), media_type=EXPORTED, filename=name)

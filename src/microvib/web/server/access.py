@@ -21,7 +21,7 @@ from starlette.responses import HTMLResponse
 from microvib.web.jobs.store import private
 
 _LINKED = re.compile(
-    r"/api/runs/[0-9a-f]{16}/files/[a-z.]+"
+    r"/api/runs/[0-9a-f]{16}/(files|exports)/[a-z0-9.-]+"
 )  # what a link may lead to, which can carry no header
 
 

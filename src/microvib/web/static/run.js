@@ -197,7 +197,7 @@ function headOf(run) {
   const { facts } = limit.verdictOf(run) ?? run.result;
   const fact = ({ value, label, status }) => h("div", { class: status, title: label }, h("b", {}, value.replaceAll("-", "−")), h("span", {}, label));
   return [
-    h("div", { class: "facts" }, h("h2", {}, run.result.title || run.name), facts.map(fact), run.state === "done" && menu(run)),
+    h("div", { class: "facts" }, h("h2", {}, run.result.title || run.name), facts.map(fact), run.state === "done" && h("div", { class: "menus" }, menu(run), exportMenu(run))),
   ];
 }
 
@@ -209,11 +209,23 @@ function tablesOf(run) {
   return partCards([...others, { ...first, title: "What was simulated" }]);
 }
 
+/** The run in the formats of other tools; what cannot be had says why. */
+function exportMenu(run) {
+  const items = (run.result.exports ?? []).flatMap(({ target, gives, files, missing }) =>
+    files.map((file) => {
+      const words = `${target} (${file.slice(target.length)})`;
+      if (missing) return h("span", { class: "none", title: missing }, words, h("small", {}, missing));
+      return h("a", { href: `/api/runs/${run.id}/exports/${file}`, download: file, title: gives }, words);
+    }),
+  );
+  return h("details", { class: "menu exports" }, h("summary", { class: "button" }, "Export"), h("div", {}, items));
+}
+
 function menu(run) {
   const asked = Object.entries(limit.query()).filter(([, value]) => value);
   const search = limit.verdictOf(run) ? `?${new URLSearchParams(asked)}` : "";
   const address = (file) => `/api/runs/${run.id}/files/${file}${file.startsWith("report.") ? search : ""}`;
   const there = ([file]) => run.result.files.includes(file) || !file.endsWith(".csv");
   const links = FILES.filter(there).map(([file, words]) => h("a", { href: address(file), download: file }, words));
-  return h("details", { class: "menu" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
+  return h("details", { class: "menu files" }, h("summary", { class: "button" }, "Download"), h("div", {}, links));
 }

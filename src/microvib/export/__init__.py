@@ -1,0 +1,1 @@
+"""Scenarios and runs in the formats of other tools."""

@@ -1,0 +1,289 @@
+"""Side lines of a source: what drives that turn make of its lines and densities at other frequencies
+(``model.side_lines``), for each requirement where it costs most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from microvib.analysis.margins import CLOCK_UNCERTAINTY
+from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, craft_of_drives
+from microvib.model.linear import coupled_modes
+from microvib.model.scenario import Scenario
+from microvib.model.side_lines import SideResponse, VaryingDrive, unknown_drives, varying_drives
+from microvib.signals.pointing import Metric, mean_square_of_lines, windowed_amplitudes
+from microvib.studies.budget.files import Requirement
+from microvib.units import within_band
+
+MAX_METRIC_GAIN: dict[Metric, float] = {
+    "ape": 1.0, "mpe": 1.0, "rpe": 2.0, "smear": 1.31, "jitter": 3.31, "stability": 2.0, "pde": 2.0,
+}  # fmt: skip
+"""No amplitude in a window is larger than the line's own by more than this factor."""
+MAX_METRIC_WEIGHT: dict[Metric, float] = {
+    "ape": 1.0, "mpe": 1.0, "rpe": 1.0, "smear": 0.5705, "jitter": 1.0, "stability": 4.0, "pde": 4.0,
+}  # fmt: skip
+_AXES = {"x": [0], "y": [1], "radial": [0, 1]}
+_OFFSETS = np.linspace(-1.0, 1.0, 17)
+"""Parts of what a frequency may be off at which side lines are looked at."""
+_COARSE = 0.05
+"""Cycles of a metric's weight between neighbours of a grid, above which the largest weight counts."""
+_INSTANTS = np.array([0.0, 0.5, 1.0])
+_NEAR = np.sinh(np.linspace(-4.0, 4.0, 41))
+"""Frequencies about a resonance, in half-widths, for densities."""
+_MAIN = 12
+"""Orders about whose resonances a density is refined."""
+_LEAST_SHARE = 1e-4
+"""Part of a linear line below which what comes beside it at its own frequency is left out."""
+
+
+@dataclass(frozen=True)
+class SideLines:
+    """Lines that may each be at one of several frequencies, and a density."""
+
+    source: np.ndarray
+    """Frequencies of the lines that they come from [Hz], (j, m)."""
+    frequency: np.ndarray
+    """Where they are then [Hz], (j, m)."""
+    most: np.ndarray
+    """Largest amplitudes [rad], (j, m, 2); infinite where nothing bounds them."""
+    density: tuple[np.ndarray, np.ndarray] | None = None
+    """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz] at most."""
+    unknown: tuple[str, ...] = ()
+    """Why nothing is known, a sentence each."""
+
+    def worst(self, r: Requirement) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (j,) [Hz] and amplitudes (j, 2) [rad] that cost a requirement most."""
+        if not self.frequency.size:
+            return np.zeros(0), np.zeros((0, 2))
+        highest = math.inf if r.highest is None else r.highest
+        inside = within_band(self.frequency, r.lowest, highest) & (self.frequency > 0.0)
+        most = np.where(inside[:, :, None], self.most, 0.0)
+        cost, largest = self._cost(r, most)
+        each = np.arange(len(cost))
+        at = np.argmax(cost, axis=1)
+        found = most[each, at]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = np.sqrt(np.maximum(largest / cost[each, at], 1.0))
+        rise = np.where(np.isfinite(rise), rise, 1.0)
+        return self.frequency[each, at], found * rise[:, None]
+
+    def _cost(self, r: Requirement, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean squares that lines make (j, m), and the most between these (j,)."""
+        f, axes = np.maximum(self.frequency, 1e-9), _AXES[r.axis]
+        squares = np.sum(most[:, :, axes] ** 2, axis=2)
+        if r.curve is not None:
+            at, allowed = (
+                np.log([getattr(point, name) for point in r.curve])
+                for name in ("frequency", "amplitude")
+            )
+            inside = (np.log(f) >= at[0]) & (np.log(f) <= at[-1])
+            found = np.where(inside, squares / np.exp(2.0 * np.interp(np.log(f), at, allowed)), 0.0)
+            return found, found.max(axis=1)
+        window = r.window or r.apart or 1.0
+        unit = np.ones(f.size)
+        if r.statistic == "rms":
+            weight = mean_square_of_lines(r.metric, f.ravel(), unit[:, None], window, r.apart)[:, 0]
+            highest = 0.5 * MAX_METRIC_WEIGHT[r.metric]
+        else:
+            rows = windowed_amplitudes(r.metric, f.ravel(), unit, window, r.apart, _INSTANTS)
+            weight, highest = np.max(np.abs(rows) ** 2, axis=0), MAX_METRIC_GAIN[r.metric] ** 2
+        found = np.where(squares > 0.0, squares * weight.reshape(f.shape), 0.0)
+        step = np.abs(np.diff(self.frequency, axis=1)).max(axis=1, initial=0.0)
+        coarse = step * max(window, r.apart or 0.0) > _COARSE
+        largest = np.where(coarse, highest * squares.max(axis=1), found.max(axis=1))
+        return found, largest
+
+    def joined(self, other: SideLines | None) -> SideLines:
+        """Side lines of two sources, or of two drives."""
+        if other is None:
+            return self
+        parts = self._padded(other), other._padded(self)
+        densities = [x.density for x in (self, other) if x.density is not None]
+        return SideLines(
+            np.concatenate([one.source for one in parts]),
+            np.concatenate([one.frequency for one in parts]),
+            np.concatenate([one.most for one in parts]),
+            _sum_of_densities(densities),
+            tuple(dict.fromkeys((*self.unknown, *other.unknown))),
+        )
+
+    def _padded(self, other: SideLines) -> SideLines:
+        """With as many frequencies of each line as another, the last one repeated."""
+        more = max(other.frequency.shape[1] - self.frequency.shape[1], 0)
+        if not more:
+            return self
+        wide = ((0, 0), (0, more))
+        return replace(
+            self,
+            source=np.pad(self.source, wide, mode="edge"),
+            frequency=np.pad(self.frequency, wide, mode="edge"),
+            most=np.pad(self.most, (*wide, (0, 0)), mode="edge"),
+        )
+
+    def times(self, factor: np.ndarray | float) -> SideLines:
+        """With amplitudes times a factor, of all or of each line, (j,)."""
+        of_density = float(np.max(factor, initial=1.0)) ** 2
+        density = self.density and (self.density[0], self.density[1] * of_density)
+        each = np.broadcast_to(factor, (len(self.most),))[:, None, None]
+        return replace(self, most=self.most * each, density=density)
+
+
+def _sum_of_densities(
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> tuple[np.ndarray, np.ndarray] | None:
+    if len(densities) < 2:
+        return densities[0] if densities else None
+    grid = np.unique(np.concatenate([f for f, _ in densities]))
+    return grid, sum((_on_grid(grid, f, S) for f, S in densities), np.zeros((grid.size, 2)))
+
+
+def _on_grid(grid: np.ndarray, f: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """A density (n, 2) at frequencies (n,), linear between them and 0 beyond, on another grid."""
+    return np.array([np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T]).T
+
+
+class TurningDrives:
+    """Drives of a craft that turn and whose springs vary: what they make of lines and densities."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
+        drives: Sequence[VaryingDrive] | None = None,
+        craft: DriveStates | None = None,
+    ) -> None:
+        """Drives of a ``scenario``, of which ``sticking`` tells the shafts that may stick, or others
+        that are given with their craft.
+        """
+        self.scenario = scenario
+        self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
+        self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
+        self.unknown = tuple(unknown_drives(scenario)) if drives is None else ()
+        self._last: dict[int, tuple[np.ndarray, SideResponse]] = {}
+
+    def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
+        """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,
+        whose c parts have unknown phases.
+        """
+        return self._of(self._spread(frequency), self._on(frequency, forces))
+
+    def _spread(self, frequency: np.ndarray) -> np.ndarray:
+        """Frequencies that lines (k,) may have, (k, m)."""
+        return np.asarray(frequency[:, None] * (1.0 + CLOCK_UNCERTAINTY * _OFFSETS))
+
+    def _on(self, frequency: np.ndarray, forces: np.ndarray) -> list[np.ndarray]:
+        """Motion of each drive's rotor (k, m) by forces (k, n, c)."""
+        at = self._spread(frequency)
+        each = np.repeat(forces, at.shape[1], axis=0)
+        return [
+            one.rotor_motion(at.ravel(), each).sum(axis=1).reshape(at.shape) for one in self.drives
+        ]
+
+    def of_rotor_motion(
+        self, frequency: np.ndarray, motions: Sequence[np.ndarray]
+    ) -> SideLines | None:
+        """Side lines of lines (k,) [Hz] that move each drive's rotor by (k,) [rad]."""
+        at = self._spread(frequency)
+        return self._of(at, [np.broadcast_to(u[:, None], at.shape) for u in motions])
+
+    def of_sweep(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> SideLines | None:
+        """Side lines of lines that pass a grid (m,) [Hz], and move each drive's rotor by (o, m)
+        [rad]; without what comes beside them at their own frequencies (``beside``).
+        """
+        if not motions:
+            return self._of(np.zeros((0, grid.size)), [])
+        return self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
+
+    def beside(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> np.ndarray:
+        """What comes at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
+        found = np.zeros((len(motions[0]), grid.size, 2))
+        for one, u in zip(self.drives, motions, strict=True):
+            response = self._response(one, grid)
+            found += response.los[response.orders == 0][0] * u[:, :, None]
+        return found
+
+    def _response(self, one: VaryingDrive, frequency: np.ndarray) -> SideResponse:
+        """Response of a drive, kept until another grid is asked for."""
+        last = self._last.get(one.wing)
+        if last is None or not np.array_equal(last[0], frequency):
+            last = frequency, one.response(frequency)
+            self._last[one.wing] = last
+        return last[1]
+
+    def _of(
+        self, at: np.ndarray, motions: Sequence[np.ndarray], *, own: bool = True
+    ) -> SideLines | None:
+        k, m = at.shape
+        none = SideLines(np.zeros((0, m)), np.zeros((0, m)), np.zeros((0, m, 2)))
+        found = replace(none, unknown=self.unknown)
+        each, back = np.unique(at.ravel(), return_inverse=True)
+        for one, u in zip(self.drives, motions, strict=True):
+            response = self._response(one, each)
+            kept = np.ones(response.orders.size, dtype=bool) if own else response.orders != 0
+            count = int(kept.sum())
+            with np.errstate(invalid="ignore"):
+                los = response.los[kept][:, back].reshape(count, k, m, 2) * u[None, :, :, None]
+            moved = response.frequency[kept][:, back].reshape(count, k, m)
+            source = np.broadcast_to(at, moved.shape)
+            shape = (count * k, m)
+            lines = SideLines(
+                source.reshape(shape), moved.reshape(shape), np.nan_to_num(los, posinf=math.inf).reshape(*shape, 2)
+            )  # fmt: skip
+            found = found.joined(lines)
+        if not found.unknown and not found.frequency.size:
+            return None
+        return found
+
+    def of_density(
+        self, f: np.ndarray, S: np.ndarray, forces: np.ndarray, linear: np.ndarray
+    ) -> SideLines | None:
+        """Side density of densities (m, c) at frequencies (m,) [Hz] of ``forces`` (n, c) on the
+        coordinates, which make ``linear`` (m, 2) [rad^2/Hz] at their own frequencies.
+        """
+        if not self.drives:
+            return self._of(np.zeros((0, 1)), [])
+        parts = [self._density(one, f, S, forces, linear) for one in self.drives]
+        density = _sum_of_densities([x for part in parts for x in part])
+        none = np.zeros((0, 1))
+        return SideLines(none, none, np.zeros((0, 1, 2)), density, self.unknown)
+
+    def _density(
+        self,
+        one: VaryingDrive,
+        f: np.ndarray,
+        S: np.ndarray,
+        forces: np.ndarray,
+        linear: np.ndarray,
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        grid = self._grid(one, f)
+        given = np.array([np.interp(grid, f, column) for column in S.T]).T
+        own = _on_grid(grid, f, linear)
+        moved = one.rotor_motion(grid, forces)
+        squares = np.sum(moved**2 * given, axis=1)
+        response, found = one.response(grid), []
+        for order, los in zip(response.orders.tolist(), response.los, strict=True):
+            with np.errstate(invalid="ignore"):
+                side = np.nan_to_num(los**2 * squares[:, None], posinf=math.inf)
+            if order == 0:
+                side = side + 2.0 * np.sqrt(side * own)
+            at = grid + order * response.electrical
+            for part in (at > 0.0, at < 0.0):
+                if np.count_nonzero(part) > 1:
+                    way = np.argsort(np.abs(at[part]))
+                    found.append((np.abs(at[part])[way], side[part][way]))
+        return found
+
+    def _grid(self, one: VaryingDrive, f: np.ndarray) -> np.ndarray:
+        """Frequencies [Hz] of a density that resolve resonances, where they are and where side lines
+        meet them.
+        """
+        modes = [(m.frequency, m.frequency * max(m.damping, 1e-5)) for m in coupled_modes(self.scenario)]  # fmt: skip
+        near = np.concatenate([f0 + width * _NEAR for f0, width in modes] or [np.zeros(0)])
+        main = one.orders[np.argsort(np.abs(one.orders))[:_MAIN]] * one.spring.frequency
+        met = np.concatenate([near - main[:, None], -near - main[:, None]], axis=None)
+        grid = np.union1d(f, np.concatenate([near, met]))
+        return grid[(grid >= max(f[0], 1e-6)) & (grid <= f[-1])]
