@@ -42,7 +42,7 @@ assumed. Draws of a shaft that always slides have the quantile itself (tests/tes
 _IN_OTHER_DRAWS = math.sqrt(2.0) * RAYLEIGH_P95
 """Root mean squares of noise at a line by which 95 % of other draws differ from one at most: each
 has noise of its own."""
-_REMEDY = f"--seeds {SEEDS_NEEDED + 1} judges by draws"
+_REMEDY = f"of one run --seeds {SEEDS_NEEDED + 1} judges by draws"
 _NEGLIGIBLE_TORQUE = 0.01
 """Part of the friction up to which noise changes no line of the clock by much."""
 _NEGLIGIBLE_AMPLITUDE = 0.01
