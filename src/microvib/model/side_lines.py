@@ -40,6 +40,12 @@ _MARGIN, _MARGIN_OF_VARIATION = 1.03, 0.2
 """By how much lines may be larger than the linearised drive makes them, and by how much more for a
 spring that varies by all of itself; assumed: the current loop is left out, and the rotor's own motion
 by what varies is that of a constant spring."""
+_MARGIN_OF_LOOP = 0.5
+"""By how much lines may be larger for back-EMF that makes all of the spring's torque; assumed."""
+_LARGEST_MOTION = 0.35
+"""Electrical angle [rad] by which what varies moves the rotor, above which side lines have no bound:
+full steps, half steps, and steps on a resonance of the rotor. There lines in time were up to five
+times as large as by harmonic balance."""
 _LEAST_PULL = 0.02
 """Part of the largest torque that any side line is given besides: small ones are known less well."""
 _ROUNDING = 1e-12
@@ -73,6 +79,8 @@ class VaryingDrive:
     spring: SpringOverTurn
     linear: float
     """Stiffness of the linearised drive [N m/rad]."""
+    loop: float = 0.0
+    """Torque that back-EMF makes at f_e of the rotor's motion, over that of the spring."""
     with_margins: bool = True
     """Whether lines are as large as they may be, or as harmonic balance has them."""
 
@@ -93,9 +101,13 @@ class VaryingDrive:
 
     @cached_property
     def margin(self) -> float:
-        """Factor on lines; infinite where the spring may be without stiffness at some angle."""
+        """Factor on lines; infinite where the spring may be without stiffness at some angle, or is
+        not known because the rotor moves far by its steps.
+        """
+        if self.spring.motion > _LARGEST_MOTION:
+            return math.inf
         part = math.fsum(abs(K) for m, K in self._varying.items() if m) / self.linear
-        return _MARGIN + _MARGIN_OF_VARIATION * part if part < 1.0 else math.inf
+        return _MARGIN + _MARGIN_OF_VARIATION * part + _MARGIN_OF_LOOP * self.loop if part < 1.0 else math.inf
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -138,6 +150,8 @@ class VaryingDrive:
 
     def _part(self, frequency: np.ndarray) -> np.ndarray:
         k, m = self.orders.size, frequency.size
+        if self.with_margins and math.isinf(self.margin):
+            return np.full((k, m, 2), math.inf)
         at = (self.orders[:, None] * self.spring.frequency + frequency).ravel()
         size = np.maximum(np.abs(at), _SLOWEST)
         torque = self._rotor[:, None]
@@ -204,7 +218,10 @@ def varying_drives(
         if drive is None or spring is None:
             continue
         linear = motor_of_mean_spring(drive.driver, drive.motor).electromagnetic_stiffness
-        one = VaryingDrive(craft, wing, spring, linear)
+        motor = drive.motor
+        resistance = motor.winding_resistance + drive.driver.proportional_gain
+        emf = motor.axis_torque_constant**2 / resistance * 2.0 * math.pi * spring.frequency
+        one = VaryingDrive(craft, wing, spring, linear, emf / linear)
         if one.varies:
             found.append(one)
     return found

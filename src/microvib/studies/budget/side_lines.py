@@ -36,6 +36,7 @@ _NEAR = np.sinh(np.linspace(-4.0, 4.0, 41))
 """Frequencies about a resonance, in half-widths, for densities."""
 _MAIN = 12
 """Orders about whose resonances a density is refined."""
+_UNBOUNDED = "what the varying spring of a drive makes of the density at other frequencies has no bound"
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
@@ -246,10 +247,12 @@ class TurningDrives:
         """
         if not self.drives:
             return self._of(np.zeros((0, 1)), [])
-        parts = [self._density(one, f, S, forces, linear) for one in self.drives]
-        density = _sum_of_densities([x for part in parts for x in part])
+        parts = [x for one in self.drives for x in self._density(one, f, S, forces, linear)]
+        bounded = [part for part in parts if np.all(np.isfinite(part[1]))]
+        unknown = self.unknown if len(bounded) == len(parts) else (*self.unknown, _UNBOUNDED)
         none = np.zeros((0, 1))
-        return SideLines(none, none, np.zeros((0, 1, 2)), density, self.unknown)
+        density = _sum_of_densities(bounded)
+        return SideLines(none, none, np.zeros((0, 1, 2)), density, unknown)
 
     def _density(
         self,
