@@ -107,7 +107,11 @@ class VaryingDrive:
         if self.spring.motion > _LARGEST_MOTION:
             return math.inf
         part = math.fsum(abs(K) for m, K in self._varying.items() if m) / self.linear
-        return _MARGIN + _MARGIN_OF_VARIATION * part + _MARGIN_OF_LOOP * self.loop if part < 1.0 else math.inf
+        return (
+            _MARGIN + _MARGIN_OF_VARIATION * part + _MARGIN_OF_LOOP * self.loop
+            if part < 1.0
+            else math.inf
+        )
 
     @cached_property
     def orders(self) -> np.ndarray:

@@ -36,7 +36,9 @@ _NEAR = np.sinh(np.linspace(-4.0, 4.0, 41))
 """Frequencies about a resonance, in half-widths, for densities."""
 _MAIN = 12
 """Orders about whose resonances a density is refined."""
-_UNBOUNDED = "what the varying spring of a drive makes of the density at other frequencies has no bound"
+_UNBOUNDED = (
+    "what the varying spring of a drive makes of the density at other frequencies has no bound"
+)
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
