@@ -40,8 +40,9 @@ _MARGIN, _MARGIN_OF_VARIATION = 1.03, 0.2
 """By how much lines may be larger than the linearised drive makes them, and by how much more for a
 spring that varies by all of itself; assumed: the current loop is left out, and the rotor's own motion
 by what varies is that of a constant spring."""
-_MARGIN_OF_LOOP = 0.5
-"""By how much lines may be larger for back-EMF that makes all of the spring's torque; assumed."""
+_LARGEST_LOOP = 0.02
+"""Torque of back-EMF at f_e over that of the spring above which side lines have no bound: with a slow
+current loop lines in time were up to 1.8 times as large as by harmonic balance."""
 _LARGEST_MOTION = 0.35
 """Electrical angle [rad] by which what varies moves the rotor, above which side lines have no bound:
 full steps, half steps, and steps on a resonance of the rotor. There lines in time were up to five
@@ -55,7 +56,7 @@ _SLOWEST = 1e-3
 
 @dataclass(frozen=True)
 class SideResponse:
-    """What loads at frequencies (m,) make at others."""
+    """Response at other frequencies to loads at frequencies (m,)."""
 
     orders: np.ndarray
     """Electrical turns k by which frequencies are moved, (k,); 0 is what comes beside the linear response."""
@@ -102,16 +103,12 @@ class VaryingDrive:
     @cached_property
     def margin(self) -> float:
         """Factor on lines; infinite where the spring may be without stiffness at some angle, or is
-        not known because the rotor moves far by its steps.
+        not known because the rotor moves far by its steps or the current loop is slow.
         """
-        if self.spring.motion > _LARGEST_MOTION:
+        if self.spring.motion > _LARGEST_MOTION or self.loop > _LARGEST_LOOP:
             return math.inf
         part = math.fsum(abs(K) for m, K in self._varying.items() if m) / self.linear
-        return (
-            _MARGIN + _MARGIN_OF_VARIATION * part + _MARGIN_OF_LOOP * self.loop
-            if part < 1.0
-            else math.inf
-        )
+        return _MARGIN + _MARGIN_OF_VARIATION * part if part < 1.0 else math.inf
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -145,7 +142,7 @@ class VaryingDrive:
         return self.craft.on_rotor_of(self.wing)[:, 0]
 
     def response(self, frequency: np.ndarray) -> SideResponse:
-        """What loads at frequencies (m,) [Hz] make, by the linear motion of the rotor."""
+        """Response to loads at frequencies (m,) [Hz], by the linear motion of the rotor."""
         each = [self._part(frequency[x]) for x in frequency_blocks(frequency.size, 256)]
         moved = self.orders[:, None] * self.spring.frequency + frequency
         none = np.zeros((self.orders.size, 0, 2))

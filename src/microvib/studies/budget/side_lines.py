@@ -202,7 +202,7 @@ class TurningDrives:
         return self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
 
     def beside(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> np.ndarray:
-        """What comes at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
+        """Amplitudes that come at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
         found = np.zeros((len(motions[0]), grid.size, 2))
         for one, u in zip(self.drives, motions, strict=True):
             response = self._response(one, grid)
