@@ -271,6 +271,8 @@ class TurningDrives:
         squares = np.sum(moved**2 * given, axis=1)
         response, found = one.response(grid), []
         for order, los in zip(response.orders.tolist(), response.los, strict=True):
+            if order == 0 and one.craft.springs:
+                continue  # a change of the spring, which its largest response over all springs has
             with np.errstate(invalid="ignore"):
                 side = np.nan_to_num(los**2 * squares[:, None], posinf=math.inf)
             if order == 0:
