@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
+import warnings
 from html import unescape
 
 import numpy as np
@@ -219,3 +221,13 @@ def test_a_font_of_the_system_is_taken_where_those_of_the_package_lack_character
     assert (found.families, found.folders) == (("STIXNonUnicode",), (str(stix.parent),))
     assert found.unknown == {"\u885b"}
     fonts._found.cache_clear()
+
+
+@pytest.mark.parametrize("values", [[math.nan, math.nan], [], [0.0, 0.0], [math.nan, 1.0]])
+def test_a_picture_of_nothing_positive_is_drawn_all_the_same(values):
+    figure, ax = sheets.one_axes(2.0)
+    ax.plot(values, values)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # matplotlib's own, on logarithms of zero
+        ax.set(xscale="log", yscale="log")
+    assert "<svg" in sheets.svg(figure)

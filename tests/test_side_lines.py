@@ -120,13 +120,13 @@ def test_side_lines_are_those_of_the_nonlinear_drive_in_time(ideal, name):
     u = drive.rotor_motion(np.array([f]), 0.1 * (craft.on_hub(PLACE) @ LOADS)[:, None])[0, 0]
     response = drive.response(np.array([f]))
     most, at = response.los[:, 0] * u, response.frequency[:, 0]
+    balance = replace(drive, with_margins=False).response(np.array([f])).los[:, 0] * u
     beside = response.orders != 0
-    large = most.max(axis=1) > 0.01 * most[beside].max()
+    large = balance.max(axis=1) > 0.01 * balance[beside].max()
     counts = np.flatnonzero(beside & large & (at > 0.05) & (at < 70.0))
     found = amplitudes(t, y, np.r_[f, at[counts]])[1:]
     tolerance = 0.15 if name == "half steps" else 0.06
     largest, axis = np.unravel_index(np.argmax(found), found.shape)
-    balance = replace(drive, with_margins=False).response(np.array([f])).los[:, 0] * u
     assert found[largest, axis] == pytest.approx(balance[counts[largest], axis], rel=tolerance)
     assert np.all(found <= most[counts] + 1e-4 * found.max())
 
@@ -182,10 +182,40 @@ def test_a_band_beside_a_source_has_its_side_lines(ideal, tmp_path, kind):
         assert real.least == 0.0
 
 
+@pytest.mark.parametrize("kind", ["lines", "density", "wheel", "sweep"])
+def test_nothing_passes_beside_a_drive_that_makes_half_steps(ideal, tmp_path, kind):
+    source = {
+        "lines": lambda: line_of(tmp_path, 7.3),
+        "density": lambda: noise_of(tmp_path),
+        "wheel": lambda: wheel(7.3, None),
+        "sweep": lambda: wheel(7.0, 7.6),
+    }[kind]()
+    scenario = ideal.with_({"driver.microsteps": 2})
+    one = contribution_of_other(source, scenario, WORKING_FOLDER, (SLIDES, SLIDES))
+    for statistic in ("rms", "bound"):
+        required = Requirement(name="x", metric="ape", statistic=statistic, limit="1 rad")
+        assert assess(required, [one], "rss").verdict == "not judged"
+
+
 def test_an_ideal_drive_makes_next_to_none(ideal):
     """What the microsteps themselves change of the spring, on the flank of its sine, is below a thousandth."""
     for drive in varying_drives(ideal, craft_of_drives(ideal, (SLIDES, SLIDES))):
         assert np.abs(drive.spring.amplitude).max() < 1e-3 * drive.linear
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"driver.microsteps": 1},
+        {"driver.microsteps": 2},
+        {"driver.microsteps": 4, "tracking.rate": "0.2543 deg/s", "motor.current": "0.15446 A"},
+    ],
+    ids=["full", "half", "on the rotor's resonance"],
+)
+def test_steps_that_move_the_rotor_far_are_not_bounded(ideal, keys):
+    scenario = ideal.with_(keys)
+    (drive,) = varying_drives(scenario, craft_of_drives(scenario, (SLIDES, SLIDES)))
+    assert np.all(np.isinf(drive.response(np.array([7.3])).los))
 
 
 def test_a_spring_that_is_lost_at_some_angle_is_not_bounded(ideal):

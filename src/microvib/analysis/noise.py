@@ -37,12 +37,12 @@ noise makes all of it: both are drawn from a Rayleigh distribution."""
 CERTAIN_FACTOR = 2.0 * RAYLEIGH_P95
 """Times the root mean square of noise in a bin that one draw in 10^5 exceeds."""
 LINEAR_FACTOR = 1.25
-"""Factor on what the linearised drive says of noise, for what a shaft that sticks at times adds;
-draws of noisy drives stay within 1.2 of it (tests/test_noise_verdicts.py)."""
+"""Factor on what the linearised drive says of noise, for what a shaft that sticks at times may add;
+assumed. Draws of a shaft that always slides have the quantile itself (tests/test_noise_verdicts.py)."""
 _IN_OTHER_DRAWS = math.sqrt(2.0) * RAYLEIGH_P95
 """Root mean squares of noise at a line by which 95 % of other draws differ from one at most: each
 has noise of its own."""
-_REMEDY = f"--seeds {SEEDS_NEEDED + 1} judges by draws"
+_REMEDY = f"of one run --seeds {SEEDS_NEEDED + 1} judges by draws"
 _NEGLIGIBLE_TORQUE = 0.01
 """Part of the friction up to which noise changes no line of the clock by much."""
 _NEGLIGIBLE_AMPLITUDE = 0.01

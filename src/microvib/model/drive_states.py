@@ -195,7 +195,7 @@ class DriveStates:
         return self._los
 
     def response(self, frequency: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """What is seen by ``rows`` (r, n) of the coordinates without the springs that are not known,
+        """Response that ``rows`` (r, n) see of the coordinates without the springs that are not known,
         by ``forces`` (n, c), at frequencies (m,) [Hz], complex, (m, r, c).
         """
         M, C, K = self._system

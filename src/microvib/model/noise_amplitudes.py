@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from microvib.model.drive_matrices import coordinates
 from microvib.model.driven import noise_bands, noise_density
@@ -50,6 +49,8 @@ class NoiseAmplitudes:
 
     def quantile(self, probability: float = QUANTILE) -> float:
         """The amplitude [N m] that no bin exceeds in so many of the draws; 0 without noise."""
+        from scipy.optimize import brentq  # slow to import, and seldom needed
+
         top = float(np.max(self.mean_square, initial=0.0))
         if top == 0.0:
             return 0.0

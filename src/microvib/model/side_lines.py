@@ -40,6 +40,13 @@ _MARGIN, _MARGIN_OF_VARIATION = 1.03, 0.2
 """By how much lines may be larger than the linearised drive makes them, and by how much more for a
 spring that varies by all of itself; assumed: the current loop is left out, and the rotor's own motion
 by what varies is that of a constant spring."""
+_LARGEST_LOOP = 0.02
+"""Torque of back-EMF at f_e over that of the spring above which side lines have no bound: with a slow
+current loop lines in time were up to 1.8 times as large as by harmonic balance."""
+_LARGEST_MOTION = 0.35
+"""Electrical angle [rad] by which what varies moves the rotor, above which side lines have no bound:
+full steps, half steps, and steps on a resonance of the rotor. There lines in time were up to five
+times as large as by harmonic balance."""
 _LEAST_PULL = 0.02
 """Part of the largest torque that any side line is given besides: small ones are known less well."""
 _ROUNDING = 1e-12
@@ -49,7 +56,7 @@ _SLOWEST = 1e-3
 
 @dataclass(frozen=True)
 class SideResponse:
-    """What loads at frequencies (m,) make at others."""
+    """Response at other frequencies to loads at frequencies (m,)."""
 
     orders: np.ndarray
     """Electrical turns k by which frequencies are moved, (k,); 0 is what comes beside the linear response."""
@@ -73,6 +80,8 @@ class VaryingDrive:
     spring: SpringOverTurn
     linear: float
     """Stiffness of the linearised drive [N m/rad]."""
+    loop: float = 0.0
+    """Torque that back-EMF makes at f_e of the rotor's motion, over that of the spring."""
     with_margins: bool = True
     """Whether lines are as large as they may be, or as harmonic balance has them."""
 
@@ -93,7 +102,11 @@ class VaryingDrive:
 
     @cached_property
     def margin(self) -> float:
-        """Factor on lines; infinite where the spring may be without stiffness at some angle."""
+        """Factor on lines; infinite where the spring may be without stiffness at some angle, or is
+        not known because the rotor moves far by its steps or the current loop is slow.
+        """
+        if self.spring.motion > _LARGEST_MOTION or self.loop > _LARGEST_LOOP:
+            return math.inf
         part = math.fsum(abs(K) for m, K in self._varying.items() if m) / self.linear
         return _MARGIN + _MARGIN_OF_VARIATION * part if part < 1.0 else math.inf
 
@@ -129,7 +142,7 @@ class VaryingDrive:
         return self.craft.on_rotor_of(self.wing)[:, 0]
 
     def response(self, frequency: np.ndarray) -> SideResponse:
-        """What loads at frequencies (m,) [Hz] make, by the linear motion of the rotor."""
+        """Response to loads at frequencies (m,) [Hz], by the linear motion of the rotor."""
         each = [self._part(frequency[x]) for x in frequency_blocks(frequency.size, 256)]
         moved = self.orders[:, None] * self.spring.frequency + frequency
         none = np.zeros((self.orders.size, 0, 2))
@@ -138,6 +151,8 @@ class VaryingDrive:
 
     def _part(self, frequency: np.ndarray) -> np.ndarray:
         k, m = self.orders.size, frequency.size
+        if self.with_margins and math.isinf(self.margin):
+            return np.full((k, m, 2), math.inf)
         at = (self.orders[:, None] * self.spring.frequency + frequency).ravel()
         size = np.maximum(np.abs(at), _SLOWEST)
         torque = self._rotor[:, None]
@@ -204,7 +219,10 @@ def varying_drives(
         if drive is None or spring is None:
             continue
         linear = motor_of_mean_spring(drive.driver, drive.motor).electromagnetic_stiffness
-        one = VaryingDrive(craft, wing, spring, linear)
+        motor = drive.motor
+        resistance = motor.winding_resistance + drive.driver.proportional_gain
+        emf = motor.axis_torque_constant**2 / resistance * 2.0 * math.pi * spring.frequency
+        one = VaryingDrive(craft, wing, spring, linear, emf / linear)
         if one.varies:
             found.append(one)
     return found

@@ -104,6 +104,9 @@ class SpringOverTurn(NamedTuple):
     amplitude: np.ndarray
     """Complex amplitudes K_k [N m/rad], (k,), of K = mean + sum of K_k exp(2j pi k f_e t) and its
     conjugate."""
+    motion: float
+    """Largest electrical angle [rad] by which what varies moves the rotor against even motion; at
+    most 0.5, beyond which the stiffness is not known."""
 
 
 def spring_over_turn(scenario: Scenario) -> SpringOverTurn | None:
@@ -138,7 +141,10 @@ def _spring_over_turn(turning: _Turning) -> SpringOverTurn | None:
     )
     series = np.fft.rfft(windings.coupling(at, True)[0]) / samples
     orders = np.arange(1, samples // 2)
-    return SpringOverTurn(frequency, float(series[0].real), orders, series[1 : samples // 2])
+    motion = float(np.abs(at.rotor - at.command - windings.behind).max())
+    return SpringOverTurn(
+        frequency, float(series[0].real), orders, series[1 : samples // 2], motion
+    )
 
 
 def decay_in_motion(mode: CoupledMode, scenario: Scenario) -> float:

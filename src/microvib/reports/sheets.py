@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import warnings
 from collections.abc import Iterable
@@ -73,6 +74,7 @@ def _plain_figure() -> type[Figure]:
             for text in _word_texts(self):
                 text.set_parse_math(False)
             _with_fallback(self)
+            _without_logarithms_of_nothing(self)
             super().draw(renderer)
 
     return PlainFigure
@@ -217,6 +219,15 @@ def set_texts(ax: Axes) -> None:
         if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
             axis.set_major_formatter(_powers_of_ten()())
             axis.set_minor_formatter(_powers_of_ten()())
+
+
+def _without_logarithms_of_nothing(figure: Figure) -> None:
+    """Make axes linear on which nothing positive is drawn: matplotlib refuses to scale them."""
+    for ax in figure.axes:
+        for axis, least in (("x", ax.dataLim.minposx), ("y", ax.dataLim.minposy)):
+            drawn = getattr(ax, f"get_{axis}scale")()
+            if drawn == "log" and not math.isfinite(least):
+                getattr(ax, f"set_{axis}scale")("linear")
 
 
 @cache

@@ -36,6 +36,9 @@ _NEAR = np.sinh(np.linspace(-4.0, 4.0, 41))
 """Frequencies about a resonance, in half-widths, for densities."""
 _MAIN = 12
 """Orders about whose resonances a density is refined."""
+_UNBOUNDED = (
+    "what the varying spring of a drive makes of the density at other frequencies has no bound"
+)
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
@@ -199,7 +202,7 @@ class TurningDrives:
         return self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
 
     def beside(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> np.ndarray:
-        """What comes at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
+        """Amplitudes that come at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
         found = np.zeros((len(motions[0]), grid.size, 2))
         for one, u in zip(self.drives, motions, strict=True):
             response = self._response(one, grid)
@@ -246,10 +249,12 @@ class TurningDrives:
         """
         if not self.drives:
             return self._of(np.zeros((0, 1)), [])
-        parts = [self._density(one, f, S, forces, linear) for one in self.drives]
-        density = _sum_of_densities([x for part in parts for x in part])
+        parts = [x for one in self.drives for x in self._density(one, f, S, forces, linear)]
+        bounded = [part for part in parts if np.all(np.isfinite(part[1]))]
+        unknown = self.unknown if len(bounded) == len(parts) else (*self.unknown, _UNBOUNDED)
         none = np.zeros((0, 1))
-        return SideLines(none, none, np.zeros((0, 1, 2)), density, self.unknown)
+        density = _sum_of_densities(bounded)
+        return SideLines(none, none, np.zeros((0, 1, 2)), density, unknown)
 
     def _density(
         self,
@@ -266,6 +271,8 @@ class TurningDrives:
         squares = np.sum(moved**2 * given, axis=1)
         response, found = one.response(grid), []
         for order, los in zip(response.orders.tolist(), response.los, strict=True):
+            if order == 0 and one.craft.springs:
+                continue  # a change of the spring, which its largest response over all springs has
             with np.errstate(invalid="ignore"):
                 side = np.nan_to_num(los**2 * squares[:, None], posinf=math.inf)
             if order == 0:

@@ -175,7 +175,7 @@ class Contribution:
     """Smallest and largest densities (n, 2) at these frequencies; None where they are known."""
     gaps: tuple[Unobserved, ...] = ()
     side: SideLines | None = None
-    """What drives that turn may make of its lines and densities, beside them."""
+    """Side lines that drives that turn may make of its lines and densities."""
     relative_error: float | np.ndarray = 0.0
     """Relative error of its amplitudes; of each, (k, 2), where they differ, and (2, k, 2) where
     less and more do.

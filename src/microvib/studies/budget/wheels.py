@@ -123,7 +123,7 @@ class WheelOnCraft:
 
     @cached_property
     def _beside(self) -> np.ndarray:
-        """What varying springs add at most at the frequency of each order over the grid [rad], (o,
+        """Amplitudes that varying springs add at most at the frequency of each order over the grid [rad], (o,
         m, 2).
         """
         if not self.turning.drives:
