@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shutil
 import zipfile
+from collections.abc import Collection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
 from pydantic import Field
 
-from microvib.errors import MicrovibError
+from microvib.errors import MicrovibError, ScenarioError
 from microvib.export.native.drive import exportable
 from microvib.export.native.fmu import FOLDERS, export_fmu
 from microvib.export.native.library import export_c_library
@@ -62,6 +63,7 @@ def write_fmu3(subject: Subject, path: Path, options: FmuOptions) -> None:
 
 
 def _write_fmu(subject: Subject, path: Path, options: FmuOptions, version: int) -> None:
+    _check_platforms(f"fmu{version}", options.platforms, FOLDERS[version])
     with TemporaryDirectory() as folder:
         made = export_fmu(
             subject.scenario,
@@ -73,8 +75,18 @@ def _write_fmu(subject: Subject, path: Path, options: FmuOptions, version: int) 
         shutil.copyfile(made, path)
 
 
+def _check_platforms(target: str, given: tuple[str, ...], allowed: Collection[str]) -> None:
+    """ScenarioError for a platform that a format has not."""
+    for name in given:
+        if name not in allowed:
+            raise ScenarioError(
+                f"{target}: platforms: '{name}' is not allowed; there are {', '.join(allowed)}"
+            )
+
+
 def write_c_library(subject: Subject, path: Path, options: LibraryOptions) -> None:
     """Write an archive of the C library's folder."""
+    _check_platforms("c", options.platforms, FOLDERS[3])
     with TemporaryDirectory() as folder:
         made = export_c_library(
             subject.scenario, Path(folder) / "microvib-drive", platforms=options.platforms
