@@ -1,10 +1,11 @@
-"""Basilisk's hub jitters by microvib's drive: python examples/basilisk_array.py
+"""Basilisk's hub jitters by microvib's drive: python examples/basilisk_array.py [STEP in seconds]
 
 The array's torsion mode is Basilisk's spinning body, its spring held by the drive's shaft. Lines of the hub's rate are
 set against those of microvib's own free craft, from rest as well. Needs Basilisk: pip install 'microvib[export]' bsk
 """
 
 import ctypes
+import sys
 import tempfile
 import zipfile
 from pathlib import Path
@@ -188,4 +189,6 @@ def compare(settle, duration):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        STEP = float(sys.argv[1])
     compare(settle=30.0, duration=16.0)
