@@ -51,6 +51,9 @@ NOT_RUN = {
     "microvib serve": "serves until it is stopped; tests/serve/test_command.py starts and stops it",
     "curl ": "asks a server that runs; tests/serve asks",
     "/shared/batch": "a cluster with Slurm; tests/campaign/test_killed.py looks at what it is given",
+    "example.py ./drive-linux64.so": "in the folder of a library; tests/export/test_c_library.py runs it",
+    "examples/basilisk_array.py": "needs Basilisk, which is not among the test's packages; tests/export/test_basilisk.py",
+    "--as fmu": "seconds of a compiler for each platform; tests/export runs the command's function",
     "microvib validate": "seconds; tests/test_commands.py runs it, in a terminal and in a pipe",
     "microvib statements": "a minute a draw; tests/test_validate.py makes one with fewer records",
     "one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
@@ -77,6 +80,8 @@ GIVEN: dict[str, dict[str, str]] = {
     "README.md": {"study.yaml": STUDY},
     "docs/fem.md": {"my-array.yaml": ARRAY},
     "docs/howto/array.md": {"my-array.yaml": ARRAY, "my-drive.yaml": DRIVE},
+    "docs/howto/export.md": {"my-drive.yaml": DRIVE}
+    | {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
     "docs/howto/pointing.md": CRAFT | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
     "docs/howto/quiet.md": {f"examples/{name}": text for name, text in CRAFT.items()},

@@ -132,7 +132,7 @@ def test_run_takes_the_form_as_it_was_at_the_click(visit: Callable[..., Any]) ->
     held.wait()
     held.release()
     drawn(page, 1)
-    page.locator("details.menu summary").click()
+    page.locator("details.menu summary", has_text="Download").click()
     with page.expect_download() as coming:
         page.locator("details.menu a[download='scenario.yaml']").click()
     assert mv.load_scenario(str(coming.value.path())).motor.current == 0.5
