@@ -182,56 +182,68 @@ def clock_line_bounds(
 
     The first ``known`` driving lines are left out.
     """
-    f_d, motor, driver = scenario.driving_frequency, scenario.motor, scenario.driver
+    f_d, driver = scenario.driving_frequency, scenario.driver
     if not f_d:
         return
-    electrical = f_d / (driver.beats * driver.microsteps)
-    comb, torques = motor.torque_comb, motor.torque_orders
     fastest = max((m.frequency for m in coupled_modes(scenario)), default=0.0)
     end = min(2.0 * max(start, fastest) + 20.0 * f_d, high)
     count = min(math.ceil(end / f_d) + 1, _MAX_ORDERS)
-    found = [
-        x for x in linear_lines(scenario, count) if start < x.frequency <= high and x.order > known
-    ]
-    if found:
-        size, order = np.abs([x.amplitude for x in found]), np.array([x.order for x in found])
-        pull = np.abs(staircase_torque(scenario, order))
-        yield OutOfBandLines(
-            "a driving line",
-            f_d * order,
-            ABOVE_PASSBAND_FACTOR * size,
-            ABOVE_PASSBAND_FACTOR * pull,
-        )
-    if comb is not None:
-        orders = np.arange(1, count + 1)
-        sides = [j * n for n in torques for j in range(-SIDEBANDS, SIDEBANDS + 1) if j]
-        k, side = np.tile(orders, len(sides)), np.repeat(sides, orders.size)
-        side_lines, by_staircase = (
-            k * f_d + side * electrical,
-            ABOVE_PASSBAND_FACTOR * np.abs(staircase_torque(scenario, k)),
-        )
-        yield _line_family_bounds(
-            scenario, "a side line of a driving line", side_lines, by_staircase, start, high
-        )
-        m = np.arange(1, min(math.ceil(end / (electrical * comb)) + 1, _MAX_ORDERS))
-        each = [size / np.maximum(m * (comb / n), 1.0) for n, size in torques.items()]
-        yield _line_family_bounds(
-            scenario,
-            "a full-step line",
-            m * (electrical * comb),
-            ABOVE_PASSBAND_FACTOR * np.sum(each, axis=0),
-            start,
-            high,
-        )
+    yield from _driving_lines(scenario, start, high, range(known + 1, count + 1))
+    if scenario.motor.torque_comb is not None:
+        yield from _lines_of_motor_torques(scenario, start, high, end)
     if driver.distorted or driver.compensates:
         yield from _lines_of_references(scenario, start, high, end)
-    turn = driver.beats * driver.microsteps * motor.rotor_teeth
+    turn = driver.beats * driver.microsteps * scenario.motor.rotor_teeth
     for e in scenario.rotor_harmonics:
         f = float(e.order) * f_d / turn
         if e.amplitude > 0.0 and start < f <= high:
             yield _unbounded(e.line, f)
     yield from _side_lines_of_gear_errors(scenario, start, high, count)
     yield from _lines_of_friction_over_angle(scenario, start, high)
+
+
+def _driving_lines(
+    scenario: Scenario, start: float, high: float, orders: range
+) -> Iterator[OutOfBandLines]:
+    """Upper bounds on driving lines of some orders between two frequencies [Hz]."""
+    found = [
+        x
+        for x in linear_lines(scenario, orders.stop - 1)
+        if start < x.frequency <= high and x.order in orders
+    ]
+    if found:
+        size, order = np.abs([x.amplitude for x in found]), np.array([x.order for x in found])
+        pull = np.abs(staircase_torque(scenario, order))
+        yield OutOfBandLines(
+            "a driving line",
+            float(scenario.driving_frequency or 0.0) * order,
+            ABOVE_PASSBAND_FACTOR * size,
+            ABOVE_PASSBAND_FACTOR * pull,
+        )
+
+
+def _lines_of_motor_torques(
+    scenario: Scenario, start: float, high: float, end: float
+) -> Iterator[OutOfBandLines]:
+    """Upper bounds on lines between two frequencies [Hz], up to ``end`` [Hz], of detent torque and flux
+    harmonics, and on the side lines that they make of driving lines.
+    """
+    motor, driver, f_d = scenario.motor, scenario.driver, float(scenario.driving_frequency or 0.0)
+    electrical, torques = f_d / (driver.beats * driver.microsteps), motor.torque_orders
+    comb = motor.torque_comb or 1
+    orders = np.arange(1, min(math.ceil(end / f_d) + 1, _MAX_ORDERS) + 1)
+    sides = [j * n for n in torques for j in range(-SIDEBANDS, SIDEBANDS + 1) if j]
+    k, side = np.tile(orders, len(sides)), np.repeat(sides, orders.size)
+    pull = ABOVE_PASSBAND_FACTOR * np.abs(staircase_torque(scenario, k))
+    yield _line_family_bounds(
+        scenario, "a side line of a driving line", k * f_d + side * electrical, pull, start, high
+    )
+    m = np.arange(1, min(math.ceil(end / (electrical * comb)) + 1, _MAX_ORDERS))
+    each = [size / np.maximum(m * (comb / n), 1.0) for n, size in torques.items()]
+    pull = ABOVE_PASSBAND_FACTOR * np.sum(each, axis=0)
+    yield _line_family_bounds(
+        scenario, "a full-step line", m * (electrical * comb), pull, start, high
+    )
 
 
 def _lines_of_references(

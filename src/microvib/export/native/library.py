@@ -81,6 +81,6 @@ def platforms_or_host(platforms: Sequence[str]) -> list[str]:
         return list(dict.fromkeys(platforms))
     if not host():
         raise MicrovibError(
-            "platforms: there is no code for this machine's own; name those that it is wanted for"
+            "platforms: code cannot be made for this machine's platform; name the platforms to build for"
         )
     return [host()]
