@@ -111,9 +111,29 @@ class Search:
 
     def run(self, warm_up: int) -> Search:
         """Search from the mean motion, after ``warm_up`` periods of simulation; NotPeriodic where
-        nothing is found.
+        nothing is found, or nothing that a start from rest leads to.
         """
-        x, self.distance = self._begin(warm_up), math.inf
+        self._converge(self._begin(warm_up))
+        self._check_from_rest()
+        return self
+
+    def follow(self, starts: np.ndarray) -> Search:
+        """Search from the ``starts`` (segments, n) of the segments of a motion of a drive that is
+        hardly another: where that motion goes, wherever a start from rest leads. NotPeriodic where it
+        ends.
+        """
+        self.from_rest = 0.0
+        self._converge(starts / self.period.sizes)
+        return self
+
+    @property
+    def starts(self) -> np.ndarray:
+        """States at the starts of all segments, seen from the command, (segments, n)."""
+        return self.x * self.period.sizes
+
+    def _converge(self, x: np.ndarray) -> None:
+        """Search from states (segments, n) for a motion that repeats, is stable and settles."""
+        self.distance = math.inf
         for step in range(MAX_STEPS):
             sampled = self.distance < SAMPLED_BELOW
             self.x, self.ends = self._advance(x, self.rows if sampled else 0)
@@ -125,8 +145,7 @@ class Search:
             if sampled and self.distance < (CONVERGED if falls else CONVERGED_STALLED):
                 self._check_stable()
                 self._check_settles()
-                self._check_from_rest()
-                return self
+                return
             if self.distance > MAX_CORRECTION:
                 x = self._swept(self.ends.x, len(self.x))
         raise NotPeriodic(NOT_FOUND)
@@ -277,7 +296,7 @@ class Search:
         size = np.abs(values)
         told = (size > LEAST_SIMULATED_MULTIPLIER) & (values.imag >= 0.0)
         self._fast = float(np.max(size[size <= LEAST_SIMULATED_MULTIPLIER], initial=0.0))
-        self._slow = np.zeros((0, size.size))
+        self._slow, self.slow_multipliers = np.zeros((0, size.size)), values[:0]
         if not np.any(told):
             return self._fast
         shapes, readings = _real_columns(right[:, told]), _real_columns(left[:, told])
@@ -315,11 +334,12 @@ class Search:
         return result
 
     def _keep(self, multipliers: np.ndarray, left: np.ndarray) -> None:
-        """Keep left eigenvectors (m, n) of what decays slowly as ``_slow``, and the largest
-        multiplier of all else as ``_fast``.
+        """Keep what decays slowly: its left eigenvectors (m, n) as ``_slow``, its multipliers as
+        ``slow_multipliers``; and the largest multiplier of all else as ``_fast``.
         """
         size = np.abs(multipliers)
-        self._slow = left[(size > SLOW_MULTIPLIER) & (multipliers.imag >= 0.0)]
+        slow = (size > SLOW_MULTIPLIER) & (multipliers.imag >= 0.0)
+        self._slow, self.slow_multipliers = left[slow], multipliers[slow]
         rest = float(np.max(size[size <= SLOW_MULTIPLIER], initial=0.0))
         self._fast = max(self._fast, rest)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time as clock_time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -38,8 +38,15 @@ from microvib.solve.steady.arrival import NotReached
 from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
 from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
+from microvib.solve.steady.recorded import RecordedPeriod, output_offset
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
-from microvib.solve.steady.search import HARMONICS, NotReproducedByRun, Search, sample_rows
+from microvib.solve.steady.search import (
+    HARMONICS,
+    NOT_FOUND,
+    NotReproducedByRun,
+    Search,
+    sample_rows,
+)
 from microvib.solve.steady.settling import Settling
 
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
@@ -87,6 +94,14 @@ class SteadyState:
     """Modes and memory of the frictions at the start of the period, where they do not follow from
     ``state``.
     """
+    slow_multipliers: np.ndarray | None = None
+    """What is left after a period of each deviation that decays slowly, complex, one of each
+    conjugate pair, (k,); None of a run that settled.
+    """
+    starts: np.ndarray | None = None
+    """States at the starts of the segments of the period, seen from the command; None likewise."""
+    searched: PeriodMap | None = field(default=None, repr=False, compare=False)
+    """The period as it was searched, where it was kept."""
 
     def __repr__(self) -> str:
         return f"Steady state of {self.scenario.brief}: repeats every {1.0 / self.frequency:.6g} s"
@@ -162,6 +177,21 @@ class SteadyState:
         middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
         return middles
 
+    def ringing(self, frequency: float, decay: float) -> tuple[float, float]:
+        """Frequency [Hz] and decay [1/s] with which a small deviation rings about this motion: of
+        those that decay slowly the one nearest to given ones, such as those of the linear model.
+
+        nan where none is known. A multiplier tells a frequency up to whole turns in a period, and
+        its sign: the nearest counts.
+        """
+        if self.slow_multipliers is None or not self.slow_multipliers.size:
+            return math.nan, math.nan
+        wanted = np.exp((-decay + 2j * np.pi * frequency) / self.frequency)
+        each = np.concatenate([self.slow_multipliers, self.slow_multipliers.conj()])
+        nearest = complex(each[np.argmin(np.abs(each - wanted))])
+        turned = float(np.angle(nearest / wanted)) / math.tau
+        return frequency + turned * self.frequency, -math.log(abs(nearest)) * self.frequency
+
     def harmonics(self, name: str = "T_d", count: int | None = None) -> np.ndarray:
         """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0,
         1, ..., (n // 2,).
@@ -179,6 +209,21 @@ class SteadyState:
             2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
         )
         result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
+        return result
+
+    def integrated_harmonics(self, orders: np.ndarray) -> np.ndarray:
+        """Complex amplitudes of the torque at some ``orders`` (k,) of ``frequency``, as
+        ``harmonics`` has them, but integrated over each step of the solution.
+
+        They are smooth functions of the drive's parameters. Means over equal intervals are not:
+        lines by them have kinks where an event crosses the edge of an interval.
+        """
+        period = self.searched or PeriodMap(self.scenario, self.microsteps)
+        recorded = RecordedPeriod(period, orders)
+        end = recorded.record(self.state - output_offset(recorded.map))
+        late = self.scenario.record.settle - self.start + end.late
+        shift = np.exp(2j * np.pi * self.frequency * late * orders)
+        result: np.ndarray = recorded.harmonics([end])[:, 0] * shift
         return result
 
     def derivatives(
@@ -286,30 +331,79 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
 
 def _steady_state(scenario: Scenario, confirmed: bool) -> SteadyState:
     begun = clock_time.perf_counter()
+    repeat, searched = _period_to_search(scenario)
+    attempts = ATTEMPTS if searched else ()
+    found, spent = _searched(scenario, repeat, attempts, confirmed=confirmed, begun=begun)
+    if found is not None:
+        return found
+    return _result_of_settling(PeriodMap(scenario, repeat), spent, begun)
+
+
+def _period_to_search(scenario: Scenario) -> tuple[int, bool]:
+    """Microsteps in a period of the command, and whether a search over it takes less than a run from
+    rest. NotPeriodic where there are too many modes.
+    """
     if scenario.load.H.size > MAX_MODES:
         raise NotPeriodic(
             f"there are more than {MAX_MODES} modes, for which time integration is faster"
         )
     repeat, quarter = common_period(scenario)
-    if scenario.has_memory or scenario.driver.compensates:
-        attempts: tuple[tuple[int, int], ...] = ()
-    elif repeat > MAX_PERIOD_QUARTER_TURNS * quarter:
-        attempts = ()
-    else:
-        attempts = ATTEMPTS
+    remembers = scenario.has_memory or scenario.driver.compensates
+    return repeat, not remembers and repeat <= MAX_PERIOD_QUARTER_TURNS * quarter
+
+
+def is_searched(scenario: Scenario) -> bool:
+    """Whether ``steady_by_search`` may find anything: the command repeats after a short period, and
+    nothing remembers, or is random.
+    """
+    try:
+        return _period_to_search(scenario)[1] and PeriodMap(scenario, 1) is not None
+    except NotPeriodic:
+        return False
+
+
+def steady_by_search(scenario: Scenario, near: SteadyState | None = None) -> SteadyState:
+    """The steady state that repeats with each period of the command, where a search finds one and a
+    start from rest leads there; ``near`` that of a drive that is hardly another, where its motion
+    goes.
+
+    Raises NotPeriodic elsewhere, also where ``steady_state`` would follow a run until it has settled:
+    this is for many scenarios, of which others are run in time.
+    """
+    begun = clock_time.perf_counter()
+    if near is not None and near.starts is not None:
+        period = PeriodMap(scenario, near.microsteps)
+        search = Search(period).follow(near.starts)
+        state = _result_of_search(search, 0.0, clock_time.perf_counter() - begun)
+        return replace(state, searched=period)
+    repeat, searched = _period_to_search(scenario)
+    if not searched:
+        raise NotPeriodic("the motion is followed from rest until it has settled")
+    found, _ = _searched(scenario, repeat, ATTEMPTS[:1], confirmed=False, begun=begun)
+    if found is None:
+        raise NotPeriodic(NOT_FOUND)
+    return found
+
+
+def _searched(
+    scenario: Scenario, repeat: int, attempts: Sequence[tuple[int, int]], *, confirmed: bool, begun: float
+) -> tuple[SteadyState | None, float]:  # fmt: skip
+    """What the first of some attempts finds that a start from rest leads to, or None; and the time
+    [s] that others simulated in vain.
+    """
     spent = 0.0
     for multiple, warm_up in attempts:
         period = PeriodMap(scenario, multiple * repeat)
         try:
             search = Search(period, confirmed).run(warm_up)
-            return _result_of_search(search, spent, clock_time.perf_counter() - begun)
+            return _result_of_search(search, spent, clock_time.perf_counter() - begun), spent
         except NotReproducedByRun:
             raise
         except NotPeriodic as problem:
             spent += period.evaluations / period.frequency
             if isinstance(problem, NotReached):
                 break
-    return _result_of_settling(PeriodMap(scenario, repeat), spent, begun)
+    return None, spent
 
 
 def find_steady(
@@ -405,4 +499,6 @@ def _result_of_search(search: Search, spent: float, seconds: float) -> SteadySta
         distance=search.distance,
         multiplier=search.multiplier,
         solver=solver,
+        slow_multipliers=search.slow_multipliers,
+        starts=search.starts,
     )

@@ -14,6 +14,7 @@ from microvib.studies.identify.search import (
     Descent,
     LinearModel,
     Optimum,
+    as_run,
 )
 
 Z_95 = 1.959964
@@ -60,13 +61,13 @@ def profiles(problem: Problem, best: Optimum, local: LinearModel) -> Profiles:
     The linearised interval counts where the profile agrees with it half way and at its end, on both
     sides. Otherwise the ends are where the profile has risen as far as a 95 % interval requires.
     """
-    problem.best_so_far.stage = "intervals"
-    ends = [
-        _Side(problem, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)
-    ]
-    _evaluate_predictors(problem, ends)
+    problem.best_so_far.stage, near = "intervals", local.near(problem)
+    ends = [_Side(near, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)]
+    _evaluate_predictors(near, ends)
     sides = problem.in_threads(_Side.run, ends)
     met = min((end.met for end in ends), key=lambda o: o.cost)
+    if met is not best:
+        met = as_run(problem, near, met)
     return Profiles(
         tuple(_combine_sides(x, *sides[2 * k : 2 * k + 2]) for k, x in enumerate(best.x)), met
     )

@@ -14,7 +14,13 @@ from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.goodness import REJECTION_PROBABILITY, goodness
 from microvib.studies.identify.images import symmetric_solutions
 from microvib.studies.identify.keys import MAX_WIDENINGS
-from microvib.studies.identify.problem import HUBER_THRESHOLD, BestSoFar, Problem, cost
+from microvib.studies.identify.problem import (
+    HUBER_THRESHOLD,
+    BestSoFar,
+    Correction,
+    Problem,
+    cost,
+)
 
 FIRST_STEP = 1e-4
 """Step of differences in a coordinate before it is known what the evidence resolves."""
@@ -68,6 +74,14 @@ ABOUT = (0.1, 0.03, 0.01, 0.003)
 """Distances in each coordinate at which a round begins again about the best."""
 SCALED_ROUNDS, SCALED_GAIN = 4, 0.02
 """Most rounds of it, and the part that another round must gain; two are made in any case."""
+MAX_DISTANCE = 0.3
+"""Difference between residuals of the steady state and of a run, over these, up to which a search
+among steady states has shown what runs would show.
+"""
+ALIKE = 0.1
+"""Difference of slopes, over what moves figures by a standard deviation, below which steady states
+stand for runs.
+"""
 MAX_RESTARTS = 4
 """Most second searches."""
 
@@ -170,6 +184,7 @@ class Descent:
         )
 
     def _slopes(self, here: Optimum) -> np.ndarray:
+        self.problem = self.problem.beginning_at(here.x)
         J = jacobian(self.problem, here.x, here.r, self.steps, self.free, self.central)
         self.steps[self.free] = _difference_steps(J)
         return J
@@ -227,8 +242,8 @@ def search(
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
     Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of
-    them, in short records as far as these tell the lines apart, and end in whole ones: nothing is
-    judged by a short record alone. Where none explains the evidence, a measured array mode's
+    them, among steady states if there are any, or else in short records as far as these tell the lines
+    apart, and end in whole ones: nothing is judged by either alone. Where none explains the evidence, a measured array mode's
     frequency is fitted as well, from there and from as many others; then ranges of ours are widened
     both ways, as long as that helps.
     """
@@ -253,12 +268,16 @@ def _search(
 ) -> tuple[Problem, list[Optimum]]:
     """The search, in the problem's coordinates."""
     optima: list[Optimum] = []
-    also = [problem.start]
+    also, steady = [problem.start], problem.steady()
     for _ in range(MAX_WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
-        optima = sorted(
-            [*optima, *_search_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost
-        )
+        found: list[Optimum] = []
+        if steady is not None:
+            found = _search_round(problem, steady, seed, starts, finishes, also)
+        if steady is None or not _is_done(problem, steady, found):
+            steady = None
+            found = [*found, *_search_round(problem, problem.rough(), seed, starts, finishes, also)]
+        optima = sorted([*optima, *found], key=lambda o: o.cost)
         more = descend_all(
             problem, symmetric_solutions(problem, optima[0].x)
         )  # one fit rarely gets to other signs
@@ -273,6 +292,8 @@ def _search(
         if len(wider.keys) > len(problem.keys):
             optima, also = [], [np.append(o.x, wider.start[-1]) for o in optima] + [wider.start]
         problem = wider
+        if steady is not None:
+            steady = problem.steady()
     problem, optima = _drop_extra_frequency(problem, optima)
     return problem.within(optima[0].x), optima
 
@@ -293,19 +314,35 @@ def _drop_extra_frequency(problem: Problem, optima: list[Optimum]) -> tuple[Prob
     return (problem, optima)
 
 
+def _is_done(problem: Problem, steady: Problem, optima: Sequence[Optimum]) -> bool:
+    """Whether one of the ``optima`` explains the evidence, or the best does not in its steady state,
+    either, which runs are near there.
+    """
+    best = min(optima, key=lambda o: o.cost)
+    if goodness(problem, best.r).explained:
+        return True
+    (r,) = steady.residuals([best.x])
+    off = float(np.linalg.norm(problem.least(r - best.r)))
+    return off < MAX_DISTANCE * float(np.linalg.norm(best.r))
+
+
 def _search_round(
-    problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]
+    problem: Problem,
+    rough: Problem,
+    seed: int,
+    starts: int,
+    finishes: int,
+    also: Sequence[np.ndarray],
 ) -> list[Optimum]:
     """Local fits from the best points of a global look, in the order of their cost, until the
-    evidence is explained.
+    evidence is explained; both begin in the ``rough`` problem, with steady states or short records.
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
     more show nothing.
     """
     from scipy.stats import qmc
 
-    problem.best_so_far.stage = "global"
-    rough, few = problem.rough(), problem.along() is not None
+    problem.best_so_far.stage, few = "global", problem.along() is not None
     if few:
         count = math.ceil(starts / SEARCH_REDUCTION)
     else:
@@ -515,10 +552,10 @@ def _refit_whole_records(
 
     def fitted(end: Optimum) -> Optimum:
         fit = goodness(rough, end.r)
-        return Descent(problem, end.x).run(
-            0 if fit.ratio > MAX_MISFIT_RATIO * fit.limit else MAX_DESCENT_STEPS,
-            COARSE_COST_TOLERANCE,
-        )
+        if fit.ratio > MAX_MISFIT_RATIO * fit.limit:
+            return Descent(problem, end.x).run(0)
+        _, J = _slopes_at(rough, end)
+        return Descent(problem, end.x, J=J).run(MAX_DESCENT_STEPS, COARSE_COST_TOLERANCE)
 
     return problem.in_threads(fitted, ends)
 
@@ -536,13 +573,7 @@ def confirm(
     for look in range(MAX_RESTARTS):
         if look:
             local = linearise_at(problem, best)
-        slopes = local.J
-
-        def restarted(x: np.ndarray, J: np.ndarray = slopes) -> Optimum:
-            return Descent(problem, x, central=True, J=J).run(RESTART_STEPS)
-
-        near = [best.x, *_along_weakest_direction(problem, best.x, local)]
-        ends = problem.in_threads(restarted, near)
+        ends = _ends_nearby(problem, best, local)
         better = min(ends, key=lambda o: o.cost)
         gain, best = best.cost - better.cost, min(best, better, key=lambda o: o.cost)
         if gain < significant_gain(best.cost):
@@ -554,6 +585,34 @@ def confirm(
                 True,
             )
     return best, linearise_at(problem, best), False
+
+
+def _ends_nearby(problem: Problem, best: Optimum, local: LinearModel) -> list[Optimum]:
+    """Ends of local fits from an optimum, by runs, and from either side of it."""
+    near = local.near(problem)
+    if near is problem:
+        close = COST_TOLERANCE
+    else:
+        close = COARSE_COST_TOLERANCE
+
+    def restarted(x: np.ndarray) -> Optimum:
+        return as_run(
+            problem, near, Descent(near, x, central=True, J=local.J).run(RESTART_STEPS, close)
+        )
+
+    at_best = Descent(problem, best.x, central=True, J=local.J).run(RESTART_STEPS)
+    return [
+        at_best,
+        *problem.in_threads(restarted, _along_weakest_direction(problem, best.x, local)),
+    ]
+
+
+def as_run(problem: Problem, near: Problem, found: Optimum) -> Optimum:
+    """An optimum of the problem ``near`` by another, as runs have it."""
+    if near is problem:
+        return found
+    (r,) = problem.residuals([found.x])
+    return Optimum(found.x, r, cost(r))
 
 
 def significant_gain(c: float) -> float:
@@ -571,6 +630,14 @@ class LinearModel:
     """Covariance of the coordinates, (m, m), widened by the scatter that the fit leaves."""
     scatter: float
     """Chi-square per degree of freedom, at least 1."""
+    steady: Problem | None = None
+    """The problem with steady states in place of runs, corrected to what runs are there, where both
+    have about the same slopes; None elsewhere.
+    """
+
+    def near(self, problem: Problem) -> Problem:
+        """The problem for what is near: with steady states in place of runs, if these are alike."""
+        return self.steady or problem
 
     @property
     def spread(self) -> np.ndarray:
@@ -579,13 +646,60 @@ class LinearModel:
 
 
 def linearise_at(problem: Problem, best: Optimum) -> LinearModel:
-    """Central differences at an optimum, with steps that follow what the evidence resolves."""
-    every, steps = np.arange(best.x.size), np.full(best.x.size, FIRST_STEP)
-    for central in (False, True):
-        J = jacobian(problem, best.x, best.r, steps, every, central)
-        steps = _difference_steps(J)
+    """The model about an optimum: by steady states where these have about the slopes of runs,
+    elsewhere by central differences of runs.
+    """
+    steady = problem.in_steady_state(best.x)
+    if steady is not None:
+        local = _linearised_by_steady_states(problem, best, steady)
+        if local is not None:
+            return local
+    every = np.arange(best.x.size)
+    steps, _ = _slopes_at(problem, best)
+    return _linear_model(problem, best, jacobian(problem, best.x, best.r, steps, every, True))
+
+
+def _linearised_by_steady_states(
+    problem: Problem, best: Optimum, steady: Problem
+) -> LinearModel | None:
+    """The model with slopes of runs, whose steps follow from those of steady states; None where the
+    slopes of the two are not alike.
+    """
+    every, (r,) = np.arange(best.x.size), steady.residuals([best.x])
+    steps, _ = _slopes_at(steady, Optimum(best.x, r, cost(r)))
+    J = jacobian(problem, best.x, best.r, steps, every, True)
+    central = jacobian(steady, best.x, r, steps, every, True)
+    if not _are_alike(J, central):
+        return None
+    correction = Correction(best.x, problem.least(best.r - r), J - central)
+    return _linear_model(problem, best, J, steady.corrected(correction))
+
+
+def _linear_model(
+    problem: Problem, best: Optimum, J: np.ndarray, steady: Problem | None = None
+) -> LinearModel:
     scatter = max(goodness(problem, best.r).ratio, 1.0)
-    return LinearModel(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter)
+    return LinearModel(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter, steady)
+
+
+def _slopes_at(problem: Problem, here: Optimum) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of differences that the evidence resolves, (m,), and one-sided differences, (rows, m):
+    of steady states with these steps, of runs with the first ones.
+    """
+    every, steps = np.arange(here.x.size), np.full(here.x.size, FIRST_STEP)
+    J = jacobian(problem, here.x, here.r, steps, every, False)
+    steps = _difference_steps(J)
+    if problem.whole is not None:
+        J = jacobian(problem, here.x, here.r, steps, every, False)
+    return steps, J
+
+
+def _are_alike(J: np.ndarray, other: np.ndarray) -> bool:
+    """Whether slopes (rows, m) are those of runs ``J``: over a standard error of each parameter, the
+    others known, figures go the same way to ALIKE.
+    """
+    size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
+    return bool(np.max(np.sqrt(np.sum((other - J) ** 2, axis=0)) / size) < ALIKE)
 
 
 def _along_weakest_direction(

@@ -367,7 +367,7 @@ def dependences(problem: Problem, best: Optimum, local: LinearModel) -> tuple[De
         [key.slope(v) / key.relative_to(v) for key, v in zip(problem.keys, values, strict=True)]
     )
     gain = -(local.covariance / local.scatter) @ local.J.T
-    nudged = problem.residuals(
+    nudged = local.near(problem).residuals(
         [best.x] * len(changes), [[change] * len(problem.tests) for change in changes]
     )
     moves = {
