@@ -38,8 +38,8 @@ from microvib.solve.steady.arrival import NotReached
 from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
 from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
-from microvib.solve.steady.recorded import RecordedPeriod, output_offset
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
+from microvib.solve.steady.recorded import RecordedPeriod, output_offset
 from microvib.solve.steady.search import (
     HARMONICS,
     NOT_FOUND,

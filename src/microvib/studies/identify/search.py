@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,10 +74,6 @@ ABOUT = (0.1, 0.03, 0.01, 0.003)
 """Distances in each coordinate at which a round begins again about the best."""
 SCALED_ROUNDS, SCALED_GAIN = 4, 0.02
 """Most rounds of it, and the part that another round must gain; two are made in any case."""
-MAX_DISTANCE = 0.3
-"""Difference between residuals of the steady state and of a run, over these, up to which a search
-among steady states has shown what runs would show.
-"""
 ALIKE = 0.1
 """Difference of slopes, over what moves figures by a standard deviation, below which steady states
 stand for runs.
@@ -93,6 +89,8 @@ class Optimum:
     x: np.ndarray
     r: np.ndarray
     cost: float
+    J: np.ndarray | None = None
+    """Slopes of the residuals (rows, free), where differences were taken there."""
 
 
 class Descent:
@@ -149,7 +147,7 @@ class Descent:
             if gained <= MIN_GAIN_RATIO * promised and (gained > 0.0 or not new):
                 J = None
             here = there if gained > 0.0 else here
-        return here
+        return replace(here, J=J if new else None)
 
     def _at(self, x: np.ndarray) -> Optimum:
         r = self.problem.residuals([x])[0]
@@ -274,9 +272,9 @@ def _search(
         found: list[Optimum] = []
         if steady is not None:
             found = _search_round(problem, steady, seed, starts, finishes, also)
-        if steady is None or not _is_done(problem, steady, found):
-            steady = None
-            found = [*found, *_search_round(problem, problem.rough(), seed, starts, finishes, also)]
+            steady = None  # once: where it explains nothing, runs may be elsewhere
+        if not any(goodness(problem, o.r).explained for o in found):
+            found = _search_round(problem, problem.rough(), seed, starts, finishes, also)
         optima = sorted([*optima, *found], key=lambda o: o.cost)
         more = descend_all(
             problem, symmetric_solutions(problem, optima[0].x)
@@ -292,8 +290,6 @@ def _search(
         if len(wider.keys) > len(problem.keys):
             optima, also = [], [np.append(o.x, wider.start[-1]) for o in optima] + [wider.start]
         problem = wider
-        if steady is not None:
-            steady = problem.steady()
     problem, optima = _drop_extra_frequency(problem, optima)
     return problem.within(optima[0].x), optima
 
@@ -312,18 +308,6 @@ def _drop_extra_frequency(problem: Problem, optima: list[Optimum]) -> tuple[Prob
     if goodness(asked, ends[0].r).explained:
         return (asked, ends)
     return (problem, optima)
-
-
-def _is_done(problem: Problem, steady: Problem, optima: Sequence[Optimum]) -> bool:
-    """Whether one of the ``optima`` explains the evidence, or the best does not in its steady state,
-    either, which runs are near there.
-    """
-    best = min(optima, key=lambda o: o.cost)
-    if goodness(problem, best.r).explained:
-        return True
-    (r,) = steady.residuals([best.x])
-    off = float(np.linalg.norm(problem.least(r - best.r)))
-    return off < MAX_DISTANCE * float(np.linalg.norm(best.r))
 
 
 def _search_round(
@@ -554,7 +538,9 @@ def _refit_whole_records(
         fit = goodness(rough, end.r)
         if fit.ratio > MAX_MISFIT_RATIO * fit.limit:
             return Descent(problem, end.x).run(0)
-        _, J = _slopes_at(rough, end)
+        J = end.J
+        if J is None:
+            _, J = _slopes_at(rough.beginning_at(end.x), end)
         return Descent(problem, end.x, J=J).run(MAX_DESCENT_STEPS, COARSE_COST_TOLERANCE)
 
     return problem.in_threads(fitted, ends)
@@ -683,15 +669,10 @@ def _linear_model(
 
 
 def _slopes_at(problem: Problem, here: Optimum) -> tuple[np.ndarray, np.ndarray]:
-    """Steps of differences that the evidence resolves, (m,), and one-sided differences, (rows, m):
-    of steady states with these steps, of runs with the first ones.
-    """
+    """Steps of differences that the evidence resolves, (m,), from one-sided differences, (rows, m)."""
     every, steps = np.arange(here.x.size), np.full(here.x.size, FIRST_STEP)
     J = jacobian(problem, here.x, here.r, steps, every, False)
-    steps = _difference_steps(J)
-    if problem.whole is not None:
-        J = jacobian(problem, here.x, here.r, steps, every, False)
-    return steps, J
+    return _difference_steps(J), J
 
 
 def _are_alike(J: np.ndarray, other: np.ndarray) -> bool:
