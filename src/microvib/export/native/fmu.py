@@ -25,7 +25,7 @@ from microvib.export.native.drive import (
 )
 from microvib.export.native.icon import icon
 from microvib.export.native.library import platforms_or_host
-from microvib.export.native.linking import link
+from microvib.export.native.linking import WRAPPER, link
 from microvib.export.native.objects import code_objects, image_object, platform_of
 from microvib.export.native.tones import (
     lines_of,
@@ -41,10 +41,12 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
+from microvib.solve.noise import torque_noise
 from microvib.solve.pack import pack
 from microvib.solve.sampling import sample_buffer
 
-DRIVE_WRAPPER = "microvib.c"
+TONES = ("tones.c",)
+"""Files in C that stand in for the wrapper of a drive where there are lines alone."""
 VERSIONS = (2, 3)
 KINDS = ("source", "drive", "tones")
 FOLDERS = {
@@ -141,8 +143,8 @@ class Content:
     """Content of an FMU that depends on its kind."""
 
     image: bytes
-    wrapper: str
-    """Its source in C."""
+    wrapper: tuple[str, ...]
+    """Its sources in C."""
     variables: list[Variable]
     text: str
     reference: str
@@ -151,15 +153,15 @@ class Content:
         """The shared library for a platform, of FMI's functions in a ``source``."""
         own = platform_of(platform)
         objects = {"image": image_object(own, self.image)}
-        if self.wrapper == DRIVE_WRAPPER:
+        if self.wrapper == WRAPPER:
             objects |= code_objects(own)
-        return link(own, (source, self.wrapper), objects, ("MICROVIB_BUILT_IN", define))
+        return link(own, (source, "fmu.c", *self.wrapper), objects, ("MICROVIB_BUILT_IN", define))
 
 
 def _source(scenario: Scenario) -> Content:
     return Content(
         drive_image(scenario),
-        DRIVE_WRAPPER,
+        WRAPPER,
         variables_of(scenario),
         _text(scenario),
         reference_results(scenario),
@@ -176,7 +178,7 @@ def _tones(scenario: Scenario) -> Content:
     )
     return Content(
         tone_table(lines),
-        "tones.c",
+        TONES,
         tone_variables(list(lines)),
         text,
         tone_results(lines, times),
@@ -234,8 +236,17 @@ def _text(scenario: Scenario) -> str:
         " inertia of its spacecraft is larger than that of the array. What is not among the parameters"
         " is fixed at export: windings and current loop, inertias, frequencies and participation of"
         " modes, shapes of friction, errors of gear and driver, noise, a profile of rates."
+        f"{_repeats(scenario)}"
         " Binaries only: there is no C source of the compiled equations."
     )
+
+
+def _repeats(scenario: Scenario) -> str:
+    """Sentence on the time after which torque noise repeats; empty without."""
+    noise, rate = torque_noise(scenario)
+    if not noise.size:
+        return ""
+    return f" Torque noise is one draw, which repeats after {0.5 * noise.size / rate:.6g} s."
 
 
 def reference_results(scenario: Scenario) -> str:
