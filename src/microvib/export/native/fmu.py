@@ -10,6 +10,7 @@ import uuid
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from importlib.metadata import version as package_version
 from pathlib import Path
 
@@ -274,12 +275,12 @@ def reference_results(scenario: Scenario) -> str:
 def _page(said: Description) -> str:
     """One page on the FMU, which importers show."""
     rows = "".join(
-        f"<tr><td>{v.name}</td><td>{v.causality}</td><td>{v.unit}</td><td>{v.meaning}</td></tr>\n"
+        f"<tr><td>{v.name}</td><td>{v.causality}</td><td>{v.unit}</td><td>{escape(v.meaning)}</td></tr>\n"
         for v in said.variables
     )
     return (
         f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>{said.model}</title>"
-        f"</head><body><h1>{said.model}</h1>\n<p>{said.text}</p>\n<p>reference.csv holds results of"
+        f"</head><body><h1>{said.model}</h1>\n<p>{escape(said.text)}</p>\n<p>reference.csv holds results of"
         f" the default experiment, communication steps of {said.step:g} s without inputs, as"
         " microvib computes them; scenario.yaml is the scenario.</p>\n<table><tr><th>variable</th>"
         f"<th>causality</th><th>unit</th><th>meaning</th></tr>\n{rows}</table></body></html>\n"
