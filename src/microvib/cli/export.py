@@ -134,6 +134,8 @@ def _pairs(given: tuple[str, ...]) -> dict[str, Any]:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
             raise OptionError("option", "KEY=VALUE is expected, such as contents=[lines]", text)
+        if key.strip() in found:
+            raise OptionError("option", f"{key.strip()} is given twice; once is expected", text)
         found[key.strip()] = parse_value(value)
     return found
 

@@ -51,9 +51,11 @@ SIGNS = (
 )
 POINT = "the interface point: that of array.rigid_body and interface_participation of the scenario"
 VALIDITY = (
-    "Blocked loads are those of a run on a fixed base: the interface's motion does not act back on steps and"
-    " friction but through the linear apparent mass. Lines that are not of the clock ring at other frequencies"
-    " on a spacecraft and are not to be coupled. Uncertainty by integration and by the ranges of parameters is"
+    "Blocked loads are those of a run on a fixed base: the interface's motion does not act back on the drive's"
+    " detent torque, steps and friction but through the linear apparent mass. A detent torque turns motion at one"
+    " line into torque a full-step frequency beside it, which is left out of small full-step lines. Lines that"
+    " are not of the clock ring at other frequencies on a spacecraft and are not to be coupled. Uncertainty by"
+    " integration and by the ranges of parameters is"
     " given; that of the model is not."
 )
 

@@ -12,7 +12,8 @@ from microvib.errors import OptionError, did_you_mean, missing_library
 from microvib.export.data import CsvOptions, DataOptions, write_csv, write_mat, write_uff
 from microvib.export.nastran import NastranOptions, write_nastran
 from microvib.export.native.files import (
-    FmuOptions,
+    Fmu2Options,
+    Fmu3Options,
     LibraryOptions,
     not_exportable,
     write_c_library,
@@ -137,7 +138,7 @@ TARGETS: dict[str, Target] = {
             "scenario",
             (".fmu",),
             write_fmu2,
-            FmuOptions,
+            Fmu2Options,
         ),
         Target(
             "fmu3",
@@ -145,7 +146,7 @@ TARGETS: dict[str, Target] = {
             "scenario",
             (".fmu",),
             write_fmu3,
-            FmuOptions,
+            Fmu3Options,
         ),
         Target(
             "c",
