@@ -338,20 +338,25 @@ def test_valgrind_finds_nothing(c_library, cc, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_sanitizers_find_nothing(c_library, cc, tmp_path):
-    """Wrapper and example under AddressSanitizer and the sanitizer of undefined behaviour, where the
-    compiler has them; the compiled equations are looked at by valgrind."""
-    folder, platform = c_library(STATE), platform_of(host())
+@pytest.mark.parametrize("host_program", ["example.c", "fmi2_host.c"])
+def test_sanitizers_find_nothing(host_program, c_library, cc, tmp_path):
+    """Wrapper, FMI's functions and hosts under AddressSanitizer and the sanitizer of undefined behaviour,
+    where the compiler has them; the compiled equations are looked at by valgrind."""
+    platform, sources = platform_of(host()), [SOURCES / name for name in WRAPPER]
+    if host_program == "example.c":
+        program = c_library(STATE) / host_program
+    else:
+        program = Path(__file__).with_name(host_program)
+        sources.append(SOURCES / "fmu.c")
     objects = code_objects(platform) | {"image": image_object(platform, drive_image(STATE))}
     for name, content in objects.items():
         (tmp_path / f"{name}.o").write_bytes(content)
-    program = tmp_path / "example"
     two = ["-DMICROVIB_TWO_PROCESSORS"] if len(platform.processors) > 1 else []
     built = subprocess.run(
         [
-            cc, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
-            "-DMICROVIB_BUILT_IN", *two, str(folder / "example.c"), *(str(SOURCES / name) for name in WRAPPER),
-            *(str(tmp_path / f"{name}.o") for name in objects), "-lm", "-o", str(program),
+            cc, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", f"-I{SOURCES}",
+            "-DMICROVIB_BUILT_IN", '-DMICROVIB_GUID="token"', *two, str(program), *map(str, sources),
+            *(str(tmp_path / f"{name}.o") for name in objects), "-lm", "-o", str(tmp_path / "made"),
         ],
         capture_output=True,
         text=True,
@@ -359,7 +364,7 @@ def test_sanitizers_find_nothing(c_library, cc, tmp_path):
     if "asan" in built.stderr or "ubsan" in built.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert built.returncode == 0, built.stderr
-    done = subprocess.run([str(program)], capture_output=True, text=True)
+    done = subprocess.run([str(tmp_path / "made")], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

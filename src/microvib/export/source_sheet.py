@@ -46,7 +46,7 @@ LOAD_UNITS = "N, N, N, N*m, N*m, N*m"
 MASS_UNITS = "kg, kg*m, kg*m^2"
 SIGNS = (
     "Blocked loads act on the spacecraft at the interface point. x(t) = Re(X exp(2 pi j f t)), 0-to-peak, with t = 0"
-    " at the first sample of the record. Coupled to a hub of apparent mass AM_hub: a = (AM_hub + AM)^-1 F_b,"
+    " at the first sample of the record. Coupled to a hub of apparent mass AM_hub: (AM_hub + AM) a = F_b,"
     " load on the hub F = F_b - AM a."
 )
 POINT = "the interface point: that of array.rigid_body and interface_participation of the scenario"
