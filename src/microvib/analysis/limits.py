@@ -59,6 +59,7 @@ does not resolve may ring."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
+_SECOND_UNKNOWN = "the second wing's drive, whose lines are not here (leave --lines-only out)"
 _FULL_BAND = Si(0.0), Si(math.inf)
 """The band of all frequencies [Hz]."""
 
@@ -411,9 +412,7 @@ def _frequency_with_bound(line: Line) -> tuple[float, float]:
 def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
     """The judgement of two drives on one craft, the second's lines called so."""
     if table is None:
-        return replace(
-            first, gaps=(*first.gaps, "the second wing's drive, whose lines are not here")
-        )
+        return replace(first, gaps=(*first.gaps, _SECOND_UNKNOWN))
     second = judge(table, first.limit, scenario)
 
     def called(line: Line) -> Line:
@@ -448,11 +447,10 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
 
 
 def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGap | None:
-    """Reason why the record of a table does not show the lines of tracking; None in a steady state."""
-    if any(x.status == TRANSIENT for x in table):
-        return None
+    """Reason why the record of a table, or its steady state, does not show the lines of tracking."""
+    steady = any(x.status == TRANSIENT for x in table)
     simulated = table.clock_ratio_uncertainty == 0.0
-    return record_gap(scenario, table.duration, simulated=simulated)
+    return record_gap(scenario, table.duration, simulated=simulated, steady=steady)
 
 
 def part_of_cycle_note(table: LineTable, scenario: Scenario | None) -> str:

@@ -345,7 +345,8 @@ def simulated_lines(
     """Lines of a simulated torque, as ``lines_of_samples``, of which those that are ``expected`` are
     known (``expected_in``).
     """
-    table = estimate_lines(x, sample_rate, expected)
+    # A simulation's clock is known also where no line of it is seen.
+    table = replace(estimate_lines(x, sample_rate, expected), clock_ratio_uncertainty=0.0)
     table = _with_noise_statistics(table, scenario, expected, disturbance)
     ringing = {mode.name for mode in coupled_modes(scenario) if may_still_ring(mode, scenario)}
     settled = time_to_settle(scenario)

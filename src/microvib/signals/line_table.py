@@ -365,7 +365,9 @@ class LineTable:
     clock_ratio: float | None
     """Step clock found over step clock expected; None where no line of the clock is seen."""
     clock_ratio_uncertainty: float | None
-    """Its standard uncertainty."""
+    """Its standard uncertainty: 0 in a simulation, whose clock is known; None where no line of a
+    measured clock is seen.
+    """
     samples: int
     sample_rate: float
     unit: str = "N*m"

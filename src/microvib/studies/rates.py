@@ -21,7 +21,13 @@ from microvib.analysis.margins import (
     frequency_error_bound,
 )
 from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
-from microvib.analysis.start import RecordGap, mode_has_decayed, record_gap, rounded_up
+from microvib.analysis.start import (
+    RecordGap,
+    mode_has_decayed,
+    record_gap,
+    rounded_up,
+    unseen_rates_gap,
+)
 from microvib.analysis.unseen import (
     OutOfBandLines,
     clock_line_bounds,
@@ -604,8 +610,10 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
         return changed
     first = _full_case(changed, rate, microsteps, confirmed)
     other = changed.driven_wing
-    if other is None or other.rate == 0.0:
+    if other is None:
         return first
+    if other.rate == 0.0:
+        return replace(first, gap=first.gap or unseen_rates_gap(other.alone))
     return _combine_drives(first, _full_case(other.alone, rate, microsteps, confirmed))
 
 
@@ -619,7 +627,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         )
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
-    gap = record_gap(changed, result.lines.duration) if result.fallback else None
+    gap = record_gap(changed, result.lines.duration, steady=not result.fallback)
     if gap is not None and not gap.turns:
         return RateCase(rate, microsteps, (), gap.why)
     if broken := failed_invariants_reason(result.lines.broken, changed):
@@ -737,8 +745,10 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     if isinstance(changed, RateCase):
         return changed
     first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
-    if other is None or other.rate == 0.0:
+    if other is None:
         return first
+    if other.rate == 0.0:
+        return replace(first, gap=unseen_rates_gap(other.alone))
     return _combine_drives(first, _linear_case(other.alone, rate, microsteps))
 
 
