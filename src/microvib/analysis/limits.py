@@ -360,6 +360,7 @@ def _hidden_line_gaps(
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
     """Gaps that a record leaves besides its lines."""
     yield from _residual_peak_gaps(table, limit, scenario)
+    yield from _piece_gaps(table, limit, scenario)
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
@@ -506,7 +507,8 @@ def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | Non
             f"unexplained peaks, {peak}, where a line may have {table.rest.factor:g} times as much"
             f" ({more})"
         )
-    if told and (varies := intermittency_cause(scenario, table)):
+    in_time = not any(x.status == TRANSIENT for x in table)
+    if told and in_time and (varies := intermittency_cause(scenario)):
         told = [
             f"lines of a part of the time, as {varies} changes the drive, and peaks without a line,"
             f" up to {1e3 * table.rest.factor * amplitude:.4g} mN m at {frequency:.5g} Hz"
@@ -521,6 +523,20 @@ def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | Non
             f"anything {ends}, for which the record is too short (increase record.duration)"
         )
     return told
+
+
+def _piece_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
+    """Amplitudes above the limit in pieces of a steady state's period."""
+    if table.pieces is None:
+        return
+    frequency, amplitude = table.pieces.within(limit.low, limit.high)
+    if amplitude > limit.torque:
+        varies = intermittency_cause(scenario)
+        cause = f", as {varies} changes the drive" if varies else ""
+        yield (
+            f"lines of a part of the time{cause}, up to {1e3 * amplitude:.4g} mN m at"
+            f" {frequency:.5g} Hz in a piece of the steady state's cycle"
+        )
 
 
 def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
