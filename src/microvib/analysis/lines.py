@@ -408,7 +408,7 @@ def _with_peaks_of_pieces(table: LineTable, series: np.ndarray, state: SteadySta
     comb = _orders_of_electrical_period(state)
     if comb <= 1:
         return table
-    shortest = _FULL_STEPS_RESOLVED * full_step_time(scenario)
+    shortest = 2.0 / (comb * state.frequency)
     found = peaks_of_period(series, state.frequency, comb, shortest)
     return replace(table, pieces=ResidualPeaks.of(*found))
 

@@ -34,8 +34,9 @@ _LOUDER_THAN_LINES = 1.02
 """Times the largest line of a period about it that a bin must have in a piece of it to count."""
 _REACH = 2
 """Bins of a piece on either side within which a line is about it."""
-_NEAR_LINE = 0.5
-"""Bins of a piece within which a line of a comb counts."""
+_NEAR_LINE = 1.0
+"""Bins of a piece within which a line of a comb counts, half of what lies between two of them at
+least."""
 _SAMPLES_OF_ORDER = 2.5
 """Samples of a period for each order of its series."""
 _NEGLIGIBLE_PEAK = 1e-4
@@ -93,6 +94,8 @@ def peaks_of_period(
     """Frequencies [Hz] and amplitudes of what a motion that repeats has in a piece of its period, and is
     larger than the lines of its Fourier series about it.
 
+    To the lines that change slowly each bin adds the line of the comb that is there, with its phase.
+
     Parameters
     ----------
     series : ndarray
@@ -100,10 +103,9 @@ def peaks_of_period(
     base : float
         Frequency of its period [Hz].
     comb : int
-        Multiples of this order are lines that the motion would have without what changes slowly: of
-        those that a piece does not tell apart only the nearest counts.
+        Multiples of this order are lines that the motion would have without what changes slowly.
     shortest : float
-        Time [s] below which pieces do not tell these lines apart.
+        Time [s] below which pieces do not tell these lines apart: two periods of the first of them.
     """
     sizes = np.abs(series)
     sizes[0] = 0.0
@@ -141,7 +143,7 @@ class _LinesOfPieces(NamedTuple):
         """Of a period of ``size`` samples, in pieces of ``length``."""
         orders = np.arange(comb, series.size, comb)
         nearest = np.round(orders * _FINER * length / size).astype(int)
-        bins = nearest[:, None] + np.arange(-_FINER // 2, _FINER // 2 + 1)
+        bins = nearest[:, None] + np.arange(-_FINER, _FINER + 1)
         apart = orders[:, None] * length / size - bins / _FINER
         here = np.abs(apart) <= _NEAR_LINE
         values = 0.5 * series[orders][:, None] * _hann_sum(apart, length)
