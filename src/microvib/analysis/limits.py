@@ -59,6 +59,7 @@ does not resolve may ring."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
+_SECOND_UNKNOWN = "the second wing's drive, whose lines are not here (leave --lines-only out)"
 _FULL_BAND = Si(0.0), Si(math.inf)
 """The band of all frequencies [Hz]."""
 
@@ -359,6 +360,7 @@ def _hidden_line_gaps(
 def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
     """Gaps that a record leaves besides its lines."""
     yield from _residual_peak_gaps(table, limit, scenario)
+    yield from _piece_gaps(table, limit, scenario)
     yield from _beside_band_gaps(table, limit, scenario)
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
@@ -411,9 +413,7 @@ def _frequency_with_bound(line: Line) -> tuple[float, float]:
 def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
     """The judgement of two drives on one craft, the second's lines called so."""
     if table is None:
-        return replace(
-            first, gaps=(*first.gaps, "the second wing's drive, whose lines are not here")
-        )
+        return replace(first, gaps=(*first.gaps, _SECOND_UNKNOWN))
     second = judge(table, first.limit, scenario)
 
     def called(line: Line) -> Line:
@@ -448,11 +448,10 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
 
 
 def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGap | None:
-    """Reason why the record of a table does not show the lines of tracking; None in a steady state."""
-    if any(x.status == TRANSIENT for x in table):
-        return None
+    """Reason why the record of a table, or its steady state, does not show the lines of tracking."""
+    steady = any(x.status == TRANSIENT for x in table)
     simulated = table.clock_ratio_uncertainty == 0.0
-    return record_gap(scenario, table.duration, simulated=simulated)
+    return record_gap(scenario, table.duration, simulated=simulated, steady=steady)
 
 
 def part_of_cycle_note(table: LineTable, scenario: Scenario | None) -> str:
@@ -508,7 +507,8 @@ def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | Non
             f"unexplained peaks, {peak}, where a line may have {table.rest.factor:g} times as much"
             f" ({more})"
         )
-    if told and (varies := intermittency_cause(scenario, table)):
+    in_time = not any(x.status == TRANSIENT for x in table)
+    if told and in_time and (varies := intermittency_cause(scenario)):
         told = [
             f"lines of a part of the time, as {varies} changes the drive, and peaks without a line,"
             f" up to {1e3 * table.rest.factor * amplitude:.4g} mN m at {frequency:.5g} Hz"
@@ -523,6 +523,20 @@ def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | Non
             f"anything {ends}, for which the record is too short (increase record.duration)"
         )
     return told
+
+
+def _piece_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
+    """Amplitudes above the limit in pieces of a steady state's period."""
+    if table.pieces is None:
+        return
+    frequency, amplitude = table.pieces.within(limit.low, limit.high)
+    if amplitude > limit.torque:
+        varies = intermittency_cause(scenario)
+        cause = f", as {varies} changes the drive" if varies else ""
+        yield (
+            f"lines of a part of the time{cause}, up to {1e3 * amplitude:.4g} mN m at"
+            f" {frequency:.5g} Hz in a piece of the steady state's cycle"
+        )
 
 
 def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:

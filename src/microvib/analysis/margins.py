@@ -196,12 +196,15 @@ def _judge_beside_ringing(
 
 
 def _parted_by_ringing(line: Line, table: LineTable, scenario: Scenario | None) -> float:
-    """Sum of the unlisted lines about a line of the clock [N m], while a mode may ring.
+    """Sum of the unlisted lines about a line of the clock [N m], while a mode may ring, which none
+    does in a steady state.
 
     Friction, backlash and hysteresis part a line into side lines by what rings; as that dies away
     they go back into it.
     """
     if scenario is None or not line.of_clock or not scenario.driving_frequency:
+        return 0.0
+    if any(x.status == TRANSIENT for x in table):
         return 0.0
     if not any(may_still_ring(mode, scenario) for mode in coupled_modes(scenario)):
         return 0.0

@@ -16,6 +16,11 @@ import numpy as np
 
 from microvib.analysis.margins import MIN_RELATIVE_ERROR, ONE_DRAW, SEEDS_NEEDED, Margin
 from microvib.analysis.seeds import QUANTILE, quantile_bounds
+from microvib.analysis.slow_noise import (
+    largest_slow_noise_bound,
+    slow_noise_bound,
+    slow_noise_places,
+)
 from microvib.model.driven import RAYLEIGH_P95, noise_bands
 from microvib.model.noise_amplitudes import (
     NoiseAmplitudes,
@@ -77,6 +82,7 @@ def noise_margins(
         amplitudes = noise_amplitudes(noisy, table.duration, max(top, band[0]), band[1])
     else:
         yield from _unexplained_by_noise(table, most, band, noisy)
+        yield from _of_slow_noise(table, most, band, noisy)
     if amplitudes.frequency.size:
         yield _by_closed_form(amplitudes, most, table, noisy)
 
@@ -151,6 +157,22 @@ def _unexplained_by_noise(
         yield Margin(line, line.amplitude, _factor(most, line.amplitude), "not judged", why)
 
 
+def _of_slow_noise(
+    table: LineTable, most: float, band: tuple[float, float], scenario: Scenario
+) -> Iterator[Margin]:
+    """What noise that is slow beside the record may make where it shows nothing, where that may be
+    above the limit.
+    """
+    at, bound = largest_slow_noise_bound(scenario, table.duration, band)
+    if bound > most:
+        why = (
+            f"{NOISE} (friction.torque_noise is slow beside the record, which sees one value of it;"
+            f" others may change the drive, and lines by up to {1e3 * bound:.4g} mN m, most at"
+            f" {at:.4g} Hz; {_REMEDY}, or a longer record.duration)"
+        )
+        yield Margin(_noise_line(at, bound), bound, _factor(most, bound), "not judged", why)
+
+
 def with_other_draws(
     found: Margin, most: float, table: LineTable, scenario: Scenario | None
 ) -> Margin:
@@ -168,10 +190,17 @@ def with_other_draws(
             return _unlisted_by_draws(found, most, table)
         return _unlisted_of_one_draw(found, most, table, noisy)
     if line.of_clock and found.verdict != "not judged" and not _bounds_by_draws(table):
-        added = _IN_OTHER_DRAWS * _direct(noisy, table.duration, np.array([line.place]))[0]
+        added = _added_by_other_draws(noisy, table.duration, line.place)
         if abs(line.amplitude - most) <= added and found.amplitude > 0.0:
             return _not_judged(found, f"noise changes it from draw to draw; {_REMEDY}")
     return found
+
+
+def _added_by_other_draws(scenario: Scenario, duration: float, frequency: float) -> float:
+    """What other draws may add to a line at a ``frequency`` [Hz], or take from it [N m]."""
+    at = np.array([frequency])
+    direct = _IN_OTHER_DRAWS * _direct(scenario, duration, at)[0]
+    return float(direct + slow_noise_bound(scenario, duration, at)[0])
 
 
 def _unlisted_by_draws(found: Margin, most: float, table: LineTable) -> Margin:
@@ -211,12 +240,16 @@ def _unlisted_of_one_draw(
         largest = line.amplitude + _IN_OTHER_DRAWS * direct
         if line.amplitude <= CERTAIN_FACTOR * direct:
             largest = RAYLEIGH_P95 * direct
+        largest += float(slow_noise_bound(scenario, table.duration, np.array([line.place]))[0])
         if largest <= most:
             return replace(found, verdict="pass", why="")
         return _not_judged(found, f"{ONE_DRAW}; {_REMEDY}")
-    if found.verdict != "pass" or ONE_DRAW_FACTOR * line.amplitude <= most:
+    slow = float(slow_noise_bound(scenario, table.duration, np.array([line.place]))[0])
+    if found.verdict == "fail" and line.amplitude - slow <= most:
+        return _not_judged(found, f"noise changes it from draw to draw; {_REMEDY}")
+    if found.verdict != "pass" or ONE_DRAW_FACTOR * line.amplitude + slow <= most:
         return found
-    if is_negligible(scenario, table.duration, most):
+    if slow == 0.0 and is_negligible(scenario, table.duration, most):
         return found
     return _not_judged(found, f"one draw of many, as noise may have made it; {_REMEDY}")
 
@@ -235,7 +268,10 @@ def changed_line_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[
     draw bounds it: of unlisted lines, and of peaks without one.
     """
     noisy = noise_of_record(scenario, table)
-    if noisy is None or _changes_little(noisy):
+    if noisy is None:
+        return
+    yield from _slow_noise_bounds(table, noisy)
+    if _changes_little(noisy):
         return
     for line in table:
         if line.kind == "other" and line.status == "ok":
@@ -243,6 +279,19 @@ def changed_line_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[
     if table.rest is not None:
         at, size = _beyond_direct(table.rest, noisy, table.duration, (0.0, math.inf))
         yield from zip(at.tolist(), (ONE_DRAW_FACTOR * size).tolist(), strict=True)
+
+
+def _slow_noise_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[float, float]]:
+    """Frequencies [Hz] and upper bounds [N m] of lines with what slow noise may add to them, and of
+    what it may make beside them.
+    """
+    seen = [line for line in table if line.seen]
+    places = slow_noise_places(scenario, table.duration, (0.0, math.inf))
+    at = np.concatenate([places, [line.place for line in seen]])
+    added = slow_noise_bound(scenario, table.duration, at)
+    if np.any(added > 0.0):
+        size = np.concatenate([np.zeros(places.size), [line.amplitude for line in seen]])
+        yield from zip(at.tolist(), (size + added).tolist(), strict=True)
 
 
 def _beyond_direct(

@@ -148,6 +148,10 @@ def summary(
         "slow_n_m": rest.slow,
         "resolution_hz": rest.resolution,
     }
+    pieces = table.pieces and {
+        "frequency_hz": table.pieces.frequency.tolist(),
+        "amplitude_n_m": table.pieces.amplitude.tolist(),
+    }
     return {
         "title": scenario.title,
         "source": scenario.source,
@@ -157,6 +161,7 @@ def summary(
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
         "doubts": list(scenario.unusual_values()),
         "left_by_lines": left,
+        "larger_in_pieces": pieces,
         "own_error": _known_error(table),
         "broken_invariants": list(table.broken),
         "harmonics": table.harmonics,
@@ -223,10 +228,10 @@ def read_run(folder: Path | str) -> Run:
     if other is not None:
         motion = replace(motion, second_wing=_motion(folder / SECOND_MOTION, other, second))
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
-        left = said.get("left_by_lines")
+        left, pieces = said.get("left_by_lines"), said.get("larger_in_pieces")
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), 0.0, record["samples"], record["sample_rate_hz"],
-            rest=left and _rest(left),
+            rest=left and _rest(left), pieces=pieces and _rest(pieces),
             own_error=_error_of(said.get("own_error")), broken=tuple(said.get("broken_invariants", first[0].broken)),
             harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),

@@ -365,7 +365,9 @@ class LineTable:
     clock_ratio: float | None
     """Step clock found over step clock expected; None where no line of the clock is seen."""
     clock_ratio_uncertainty: float | None
-    """Its standard uncertainty."""
+    """Its standard uncertainty: 0 in a simulation, whose clock is known; None where no line of a
+    measured clock is seen.
+    """
     samples: int
     sample_rate: float
     unit: str = "N*m"
@@ -378,6 +380,10 @@ class LineTable:
     """Members of each family of lines that were looked for."""
     rest: ResidualPeaks | None = field(default=None, compare=False)
     """Residual peaks; None where they were not determined."""
+    pieces: ResidualPeaks | None = field(default=None, compare=False)
+    """Of a steady state, amplitudes in pieces of its period that are larger than its lines about them;
+    None where nothing changes slowly within it.
+    """
     excess: tuple[Excess, ...] = field(default=(), compare=False)
     """Excess of a recording over its lines and its floor, band by band."""
     unusable: tuple[UnusableRange, ...] = field(default=(), compare=False)

@@ -21,7 +21,13 @@ from microvib.analysis.margins import (
     frequency_error_bound,
 )
 from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
-from microvib.analysis.start import RecordGap, mode_has_decayed, record_gap, rounded_up
+from microvib.analysis.start import (
+    RecordGap,
+    mode_has_decayed,
+    record_gap,
+    rounded_up,
+    unseen_rates_gap,
+)
 from microvib.analysis.unseen import (
     OutOfBandLines,
     clock_line_bounds,
@@ -86,6 +92,10 @@ BISECTIONS = 8
 ABOVE_LIMIT = "a line is above the limit"
 HIDDEN_LINE = "unknown: a line hidden by the noise floor may exceed the limit"
 ABOVE_PASSBAND = "not judged: lines above the passband may exceed the limit"
+PART_OF_TIME = (
+    "not judged: lines of a part of the time exceed the limit, as the drive changes slowly"
+)
+_IN_PIECES = "a line of a part of the time"
 RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
     "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
@@ -181,7 +191,7 @@ class RateCase:
         if largest is not None and largest.amplitude > overstated * limit:
             return ABOVE_LIMIT
         if hidden is not None and hidden.amplitude > limit:
-            return HIDDEN_LINE
+            return PART_OF_TIME if hidden.name == _IN_PIECES else HIDDEN_LINE
         if self.gap is not None:
             return RECORD_GAP
         if not any(np.any(one.most > limit) for one in self.unseen_in(band)):
@@ -604,8 +614,10 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
         return changed
     first = _full_case(changed, rate, microsteps, confirmed)
     other = changed.driven_wing
-    if other is None or other.rate == 0.0:
+    if other is None:
         return first
+    if other.rate == 0.0:
+        return replace(first, gap=first.gap or unseen_rates_gap(other.alone))
     return _combine_drives(first, _full_case(other.alone, rate, microsteps, confirmed))
 
 
@@ -619,7 +631,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         )
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
-    gap = record_gap(changed, result.lines.duration) if result.fallback else None
+    gap = record_gap(changed, result.lines.duration, steady=not result.fallback)
     if gap is not None and not gap.turns:
         return RateCase(rate, microsteps, (), gap.why)
     if broken := failed_invariants_reason(result.lines.broken, changed):
@@ -660,6 +672,9 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
     f_d = scenario.driving_frequency or math.nan
     if found.fallback:
         yield from _not_seen(scenario, found.lines, seen)
+    if (pieces := found.lines.pieces) is not None:
+        for f, most in zip(pieces.frequency.tolist(), pieces.amplitude.tolist(), strict=True):
+            yield RateLine(_IN_PIECES, "other", f / f_d, f, most, away=TWELFTH_OCTAVE * f)
     if (rest := found.lines.rest) is None:
         return
     for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
@@ -670,7 +685,7 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
                 f / f_d,
                 f,
                 rest.factor * amplitude,
-                TWELFTH_OCTAVE * f,
+                away=TWELFTH_OCTAVE * f,
             )
     if rest.slow > 0.0:
         for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):
@@ -696,7 +711,7 @@ def _noise_bounds(scenario: Scenario, table: LineTable | None) -> Iterator[RateL
         found += changed_line_bounds(table, scenario)
     f_d = scenario.driving_frequency or math.nan
     for f, most in found:
-        yield RateLine(NOISE, "other", f / f_d, f, most, TWELFTH_OCTAVE * f)
+        yield RateLine(NOISE, "other", f / f_d, f, most, away=TWELFTH_OCTAVE * f)
 
 
 def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Iterator[RateLine]:
@@ -737,8 +752,10 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     if isinstance(changed, RateCase):
         return changed
     first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
-    if other is None or other.rate == 0.0:
+    if other is None:
         return first
+    if other.rate == 0.0:
+        return replace(first, gap=unseen_rates_gap(other.alone))
     return _combine_drives(first, _linear_case(other.alone, rate, microsteps))
 
 
@@ -1008,7 +1025,7 @@ def _forbidden_band(
     if why in (ABOVE_PASSBAND, BEYOND_LINEAR_MODEL):
         each = [case.largest_unseen(band) for case in cases]
     else:
-        each = [case.largest(band, hidden=why == HIDDEN_LINE) for case in cases]
+        each = [case.largest(band, hidden=why in (HIDDEN_LINE, PART_OF_TIME)) for case in cases]
     found = [line for line in each if line is not None]
     top = max(found, key=lambda line: line.amplitude, default=None)
     if why == "failed":
