@@ -14,6 +14,7 @@ from microvib.analysis.accuracy import (
     Accuracy,
     add_error_estimate,
     error_of_motion,
+    failed_invariants_reason,
     read_error_estimate,
     steady_accuracy,
     with_integration_error,
@@ -27,6 +28,7 @@ from microvib.analysis.lines import (
 )
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MAX_SEEDS, check_seeds, with_seeds
+from microvib.analysis.start import mode_has_decayed, record_gap
 from microvib.analysis.stream import lines_of_stream
 from microvib.errors import whole_number
 from microvib.model.line_names import SECOND_DRIVE
@@ -85,6 +87,37 @@ class RunResult:
         if source is None or self.scenario.spacecraft is None:
             return None
         return hub_lines(source, self.table)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What its lines do not show of the motion that lasts, in words: for the tables that others
+        may take for a source.
+        """
+        found = []
+        if self.second is None and self.scenario.driven_wing is not None:
+            found.append(f"what the record of {SECOND_DRIVE} tells of it")
+        for drive in self.drives.values():
+            steady = drive.state is not None
+            gap = record_gap(drive.scenario.alone, drive.table.duration, steady=steady)
+            found += [gap.why] if gap else []
+            if drive.scenario.rate is None:
+                found.append("lines of a rate that changes within the record")
+            growing = [line.name for line in drive.table if line.status == "growing"]
+            found += [f"{', '.join(growing)}, which grows within the record"] if growing else []
+            if not steady and (unknown := drive._unknown_lines()):
+                found.append(f"{', '.join(unknown)}, which could not be estimated")
+            broken = failed_invariants_reason(drive.table.broken, drive.scenario)
+            found += [broken] if broken else []
+        return tuple(found)
+
+    def _unknown_lines(self) -> list[str]:
+        """Expected lines that its record does not tell and that may be there."""
+        unknown = () if self.hub is None else self.hub.unknown
+        return [
+            line.name
+            for line in self.table
+            if line.name in unknown and not mode_has_decayed(line, self.scenario)
+        ]
 
     @property
     def accuracy(self) -> Accuracy | None:

@@ -149,13 +149,13 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
     if of_hub is not None:
         if result.second is not None:
             files["lines_wing_2.csv"] = lines_csv(result.second.table)
-        files["loads.csv"] = rows_csv(*of_hub.loads_table())
+        files["loads.csv"] = rows_csv(*of_hub.loads_table(result.left_out))
         if result.motion is not None:
             files["densities.csv"] = densities_csv(result.motion)
         if of_hub.second is not None:
-            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(second=True))
+            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(result.left_out, second=True))
         if of_hub.los is not None:
-            files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
+            files["pointing.csv"] = rows_csv(*of_hub.pointing_table(result.left_out))
             summed = summed | {"pointing": of_hub.summary()}
     return files | {
         "scenario.yaml": dump_scenario(result.scenario),
