@@ -5,6 +5,7 @@ line, the page and a notebook.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,18 +21,21 @@ from microvib.analysis.accuracy import (
     with_known_error,
 )
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.limits import SECOND_WING
 from microvib.analysis.lines import (
     HARMONICS_RANGE,
+    find_lines,
     lines_of_motion,
     lines_of_steady_state,
 )
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MAX_SEEDS, check_seeds, with_seeds
 from microvib.analysis.stream import lines_of_stream
-from microvib.errors import whole_number
+from microvib.errors import ChannelError, whole_number
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.record import Start
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, with_start
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Invariants, Motion
@@ -85,6 +89,20 @@ class RunResult:
         if source is None or self.scenario.spacecraft is None:
             return None
         return hub_lines(source, self.table)
+
+    def load_lines(self, limit: Limit) -> dict[str, LineTable]:
+        """Lines of the loads on the spacecraft that a limit has curves for, by their channels, at a
+        second wing's interface, too; none of those that the run does not know.
+        """
+        source = self.state or self.motion
+        if source is None:
+            return {}
+        found = {}
+        for name in limit.loads:
+            for channel in (name, f"{name}{SECOND_WING}"):
+                with suppress(ChannelError):
+                    found[channel] = find_lines(source, channel, self.table.harmonics)
+        return found
 
     @property
     def accuracy(self) -> Accuracy | None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Contents, Form
     from microvib.reports.outcome import Outcome
+    from microvib.signals.limit_curve import Limit
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
@@ -63,8 +64,8 @@ recording_options = options(
 limit_options = options(
     click.option(
         "--limit",
-        metavar="TORQUE",
-        help="Largest line allowed, e.g. '10 mN*m': margins in the report.",
+        metavar="TORQUE|FILE",
+        help="Largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency: margins in the report.",
     ),
     click.option(
         "--band",
@@ -185,6 +186,13 @@ def target_options(
         return with_target
 
     return with_options
+
+
+def parse_limit(limit: str | None, band: str | None) -> Limit | None:
+    """The limit of ``--limit`` and ``--band``: a torque, or a CSV file of curves over frequency."""
+    from microvib.io.limit_files import given_limit
+
+    return given_limit(limit, band)
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:

@@ -13,7 +13,7 @@ import numpy as np
 
 from microvib.analysis.accuracy import ERROR_ESTIMATE_KEY
 from microvib.analysis.budget import torque_budget
-from microvib.analysis.limits import Judgement, Limit, judge
+from microvib.analysis.limits import Judgement, judge
 from microvib.analysis.run import RunResult, lines_of_second
 from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
@@ -27,6 +27,7 @@ from microvib.reports.run.first_page import first_page, leading_figures
 from microvib.reports.run.lines import all_lines, beside_reference, lines_over_seeds
 from microvib.reports.run.trust import invariants
 from microvib.results import Column, Measure, Table
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.motion import Motion
 
@@ -97,7 +98,8 @@ def run_outcome(
 
 def judge_run(result: RunResult, limit: Limit) -> Judgement:
     """The lines of a run, and of its second wing's drive, against a limit."""
-    return judge(result.table, limit, result.scenario, _second(result))
+    loads = result.load_lines(limit)
+    return judge(result.table, limit, result.scenario, _second(result), loads)
 
 
 def run_facts(result: RunResult, judged: Judgement | None) -> tuple[Fact, ...]:

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
@@ -35,6 +34,7 @@ from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run_outcome
 from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
+from microvib.signals.limit_curve import Limit
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse

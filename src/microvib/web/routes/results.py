@@ -13,10 +13,10 @@ import numpy as np
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
-from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
 from microvib.export.targets import TARGETS, target_of_file
 from microvib.model.rigid import COMPONENTS
+from microvib.signals.limit_curve import Limit
 from microvib.signals.screen import decimate_spectrum, extremes
 from microvib.signals.spectrum import Window, amplitude_spectrum
 from microvib.solve.channels import ALL_CHANNELS, CHANNELS
