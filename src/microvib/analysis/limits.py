@@ -143,7 +143,7 @@ class Judgement:
         if limit.is_one_number:
             head = f"Limit {limit.words}{band}: "
         else:
-            head = f"Limit{self._of_what()} {self._allowed()} over frequency{band}: "
+            head = f"Limit{self._of_what()} {self.allowed} over frequency{band}: "
         if not self.margins and not self.gaps:
             return f"{head}pass; there is no line{band}.{self._beyond()}"
         if self.above:
@@ -167,7 +167,9 @@ class Judgement:
     def _of_what(self) -> str:
         return f" of {self.component}" if self.component else ""
 
-    def _allowed(self) -> str:
+    @property
+    def allowed(self) -> str:
+        """What the curve allows, in words."""
         assert self.curve is not None
         least, most = 1e3 * self.curve.least, 1e3 * self.curve.most
         if least == most:

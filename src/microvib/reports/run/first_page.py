@@ -63,19 +63,32 @@ def _line_label(line: Line) -> str:
 
 
 def _verdict(judged: Judgement) -> Iterator[Fact]:
-    label = f"limit {TORQUE_LIMIT.figure(judged.limit.torque)} {judged.limit.band}".strip()
-    total, worst = len(judged.margins), judged.worst
-    if not total and not judged.gaps:
-        yield Fact("no line to judge", label)
-    elif judged.verdict == "fail":
-        yield Fact(f"FAIL: {judged.above} of {total} lines", label, "fail")
-    elif judged.verdict == "pass":
-        yield Fact(f"Pass: {count_text(total, 'line')}", label, "pass")
-    else:
-        yield Fact("Not judged", f"{label}: {judged.gaps[0]}", "fail")
-    if worst is not None:
-        smallest = f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.name}"
-        yield Fact(DECIBEL.figure(worst.decibel), smallest)
+    """The verdict by each curve, and its smallest margin."""
+    for one in judged.each:
+        label = _limit_label(one)
+        total, worst = len(one.margins), one.worst
+        of = f"{one.component}: " if one.component else ""
+        if not total and not one.gaps:
+            yield Fact(f"{of}no line to judge", label)
+        elif one.verdict == "fail":
+            yield Fact(f"{of}FAIL: {one.above} of {total} lines", label, "fail")
+        elif one.verdict == "pass":
+            yield Fact(f"{of}Pass: {count_text(total, 'line')}", label, "pass")
+        else:
+            yield Fact(f"{of}Not judged", f"{label}: {one.gaps[0]}", "fail")
+        if worst is not None:
+            smallest = (
+                f"smallest margin, factor {format_number(worst.factor, 3)}: {one.where(worst)}"
+            )
+            yield Fact(DECIBEL.figure(worst.decibel), smallest)
+
+
+def _limit_label(judged: Judgement) -> str:
+    """The limit in words."""
+    limit = judged.limit
+    if limit.is_one_number:
+        return f"limit {TORQUE_LIMIT.figure(limit.torque)} {limit.band}".strip()
+    return f"limit {judged.allowed} over frequency {limit.band}".strip()
 
 
 def first_page(result: RunResult, judged: Judgement | None) -> Iterator[Item]:

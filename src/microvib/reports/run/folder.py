@@ -124,8 +124,9 @@ def _contents(
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     summed = run_summary(result, **total)
     # so that the report can be made again
+    summed |= outcome.data
     summed["limit"] = None if limit is None else limit.as_dict()
-    return files | run_texts(result, summed)
+    return files | run_texts(result, summed) | dict(outcome.other_files)
 
 
 def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.parameters import derived_table, parameter_items, status_sentence
 from microvib.reports.run.first_page import first_page, leading_figures
 from microvib.reports.run.lines import all_lines, beside_reference, lines_over_seeds
+from microvib.reports.run.margins import judgement_data, margin_items, margins_csv
 from microvib.reports.run.trust import invariants
 from microvib.results import Column, Measure, Table
 from microvib.signals.limit_curve import Limit
@@ -93,6 +94,8 @@ def run_outcome(
             Code("microvib run scenario.yaml --out again"),
         ),
         versions=versions,
+        data={} if judged is None else {"judgement": judgement_data(judged)},
+        other_files={} if judged is None else {"margins.csv": margins_csv(judged)},
     )
 
 
@@ -112,6 +115,7 @@ def judged_parts(result: RunResult, judged: Judgement | None) -> tuple[Part, ...
     return (
         Part("", tuple(first_page(result, judged))),
         Part("All lines", tuple(all_lines(result.table, judged)), new_page=True),
+        Part("Against the limit", () if judged is None else tuple(margin_items(judged))),
         Part("Lines over draws of the noise", tuple(lines_over_seeds(result.table, judged))),
     )
 
