@@ -18,10 +18,10 @@ import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.analysis.lines import recording_warnings
 from microvib.analysis.steadiness import may_be_larger
-from microvib.signals.limit_curve import LimitCurve
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_bench
 from microvib.reports.comparison import verdict_sentence
+from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import estimate_lines
 from microvib.signals.unaccounted import excesses
 from microvib.studies.budget.files import Requirements

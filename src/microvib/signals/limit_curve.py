@@ -143,8 +143,8 @@ class LimitCurve:
         f = f[(f >= self.low) & (f <= self.high)]
         left, right = f[f > self.low], f[f < self.high]
         return bool(
-            np.all(other._from_left(left) <= self._from_left(left))
-            and np.all(other._from_right(right) <= self._from_right(right))
+            np.all(other._from_left(left) <= self._from_left(left) * (1.0 + _ROUNDING))
+            and np.all(other._from_right(right) <= self._from_right(right) * (1.0 + _ROUNDING))
         )
 
     def _extreme(self, low: Any, high: Any, *, lenient: bool) -> Any:
