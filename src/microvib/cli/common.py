@@ -75,6 +75,20 @@ limit_options = options(
 )
 
 
+recording_limit_options = options(
+    click.option(
+        "--limit",
+        metavar="TORQUE|FILE",
+        help="Judge the recording's lines: largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency.",
+    ),
+    click.option(
+        "--limit-band",
+        metavar="LOW:HIGH",
+        help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
+    ),
+)
+
+
 def with_precompilation(command: Command) -> Command:
     """A command that simulates in this process, whatever it is told: compiled code is on its way
     while the rest is imported.
@@ -188,11 +202,19 @@ def target_options(
     return with_options
 
 
-def parse_limit(limit: str | None, band: str | None) -> Limit | None:
-    """The limit of ``--limit`` and ``--band``: a torque, or a CSV file of curves over frequency."""
+def parse_limit(limit: str | None, band: str | None, key: str = "band") -> Limit | None:
+    """The limit of ``--limit`` and the option of its band, called ``key``: a torque, or a CSV file of
+    curves over frequency.
+    """
     from microvib.io.limit_files import given_limit
 
-    return given_limit(limit, band)
+    try:
+        return given_limit(limit, band)
+    except OptionError as error:
+        if error.key != "band" or key == "band":
+            raise
+        problem = str(error).removeprefix("band: ")
+        raise OptionError(key, problem, remedy=error.remedy) from None
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:

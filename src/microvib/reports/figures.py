@@ -144,12 +144,25 @@ def draw_spectrum(
     """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as
     Figure 10), and the limit.
     """
+    draw_judged_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table, judged)
+
+
+def draw_judged_amplitudes(
+    ax: Axes,
+    made: Spectrum,
+    unit: str,
+    highest: float,
+    table: LineTable,
+    judged: Judgement | None = None,
+) -> None:
+    """An amplitude spectrum to ``highest`` [Hz] with the lines of a ``table`` named and, where they
+    are judged, the limit; over a logarithmic axis where lines crowd at its low end.
+    """
     shown = _in_reach(table, highest)
     first = () if judged is None else governing_lines(judged)
     by_logarithm = _crowds_at_low(shown, first, highest) or _has_curve(judged)
-    made = spectrum(motion, window="hann")
     own_names = judged is not None or by_logarithm  # axes must have their limits before
-    draw_amplitudes(ax, made, "N m", highest, table, names=not own_names)
+    draw_amplitudes(ax, made, unit, highest, table, names=not own_names)
     if by_logarithm:
         _make_logarithmic(ax, shown, judged, made)
     if judged is not None:
@@ -166,7 +179,7 @@ def _in_reach(table: LineTable, highest: float) -> list[Line]:
 
 def _has_curve(judged: Judgement | None) -> bool:
     """Whether a limit over frequency is drawn, whose points lie evenly on logarithmic scales."""
-    return judged is not None and judged.limit.curve is not None and not judged.limit.curve.is_flat
+    return judged is not None and judged.curve is not None and not judged.curve.is_flat
 
 
 def governing_lines(judged: Judgement) -> tuple[str, ...]:
@@ -211,7 +224,7 @@ def _make_room_for_names(ax: Axes, named: Sequence[Line]) -> None:
 
 def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
     """The limit over its band, and squares about the lines above it."""
-    curve, above = judged.limit.curve, [m.line for m in judged.margins if m.fails]
+    curve, above = judged.curve, [m.line for m in judged.margins if m.fails]
     if curve is None:
         return
     low, high = ax.get_ylim()
@@ -503,14 +516,21 @@ def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest
 
 
 def draw_spectral(
-    made: Spectral, unit: str, highest: float, height: float, table: LineTable | None = None
+    made: Spectral,
+    unit: str,
+    highest: float,
+    height: float,
+    table: LineTable | None = None,
+    judged: Judgement | None = None,
 ) -> Figure:
-    """A sheet of a report with a spectrum, whose lines ``table`` names, a density or a waterfall to
-    ``highest`` [Hz].
+    """A sheet of a report with a spectrum, whose lines ``table`` names and may be ``judged``, a density
+    or a waterfall to ``highest`` [Hz].
     """
     figure, ax = one_axes(height)
-    if isinstance(made, Spectrum):
-        draw_amplitudes(ax, made, unit, highest, table)
+    if isinstance(made, Spectrum) and table is not None:
+        draw_judged_amplitudes(ax, made, unit, highest, table, judged)
+    elif isinstance(made, Spectrum):
+        draw_amplitudes(ax, made, unit, highest)
     elif isinstance(made, Density):
         draw_density(ax, made, unit, highest)
     else:

@@ -40,7 +40,7 @@ def leading_figures(result: RunResult, judged: Judgement | None) -> Iterator[Fac
     if steps is not None and steps.first:
         yield Fact("steps lost", str(steps), "fail")
     if judged is not None:
-        yield from _verdict(judged)
+        yield from verdict_facts(judged)
     else:
         for line in largest_lines(result.table)[:2]:
             yield Fact(TORQUE.figure(line.amplitude), _line_label(line))
@@ -62,7 +62,7 @@ def _line_label(line: Line) -> str:
     return f"{line.name} at {format_number(line.frequency)} Hz{settled}"
 
 
-def _verdict(judged: Judgement) -> Iterator[Fact]:
+def verdict_facts(judged: Judgement) -> Iterator[Fact]:
     """The verdict by each curve, and its smallest margin."""
     for one in judged.each:
         label = _limit_label(one)

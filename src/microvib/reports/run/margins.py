@@ -75,15 +75,18 @@ def margin_items(judged: Judgement) -> Iterator[Item]:
     """
     if judged.limit.is_one_number:
         return
-    rows = margin_rows(judged)
-    torques = [row for row in rows if not math.isnan(row.amplitude)]
-    forces = [row for row in rows if not math.isnan(row.force)]
-    yield from _part(torques, _OF_TORQUE)
-    yield from _part(forces, _OF_FORCE)
+    yield from margin_tables(judged)
     yield Text(
         "The limit is the least that is allowed within what the line's frequency is known to; between"
         " points of the curve it is straight on logarithmic scales."
     )
+
+
+def margin_tables(judged: Judgement) -> Iterator[Table]:
+    """The lines with the smallest margins, those of torques and of forces."""
+    rows = margin_rows(judged)
+    yield from _part([row for row in rows if not row.component.startswith("F")], _OF_TORQUE)
+    yield from _part([row for row in rows if row.component.startswith("F")], _OF_FORCE)
 
 
 def _part(rows: list[MarginRow], keys: tuple[str, ...]) -> Iterator[Table]:
