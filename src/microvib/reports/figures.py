@@ -42,8 +42,8 @@ _RIGHT_OF_LAST = 1.15
 """Times the highest frequency that a logarithmic axis reaches, for names."""
 _NEAREST_NAMED = 3
 """Lines that are named for being nearest to a limit, besides those above it."""
-_HIGHEST_NAMED = 0.66
-"""Part of the height of axes at which the highest named line stands, where there is a legend above."""
+_ABOVE_NAMED = 1.0
+"""Room above the highest named line for its name and a legend [inch]."""
 _WORTH_NAMING = 1e-2
 """Part of the largest line from which a line is worth a name where lines crowd."""
 _LOW_PART = 0.12
@@ -218,7 +218,9 @@ def _make_room_for_names(ax: Axes, named: Sequence[Line]) -> None:
     sizes = [1e3 * x.amplitude for x in named]
     low, high = ax.get_ylim()
     low = min([low, *(0.5 * size for size in sizes)])
-    high = max(high, low * (max(sizes) / low) ** (1.0 / _HIGHEST_NAMED))
+    inches = ax.get_window_extent().height / ax.figure.dpi
+    highest = max(1.0 - _ABOVE_NAMED / inches, 0.5)  # part of the height of the axes
+    high = max(high, low * (max(sizes) / low) ** (1.0 / highest))
     ax.set_ylim(low, high)
 
 
