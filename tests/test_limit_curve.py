@@ -365,6 +365,7 @@ GOOD = {
     "Frequency [kHz];Torque [mN m]\n0,001;5\n0,1;50\n": ("", 0.005, 0.05),
     "frequency_hz,mz_mnm,comment\n1,5,first\n100,50,\n": ("Mz", 0.005, 0.05),
     "frequency_hz,Fx [mN]\n1,5\n100,50\n": ("Fx", 0.005, 0.05),
+    "# a remark, of two\nfrequency_hz,t_mnm\n# another\n1,5\n\n100,50\n": ("", 0.005, 0.05),
     "frequency_hz,F_y_n\n1,5\n100,50\n": ("Fy", 5.0, 50.0),
 }
 
@@ -394,6 +395,7 @@ BAD = {
     "frequency_hz,t_mnm\n1,5\n": "has 1 points; two or more are expected",
     "frequency_hz,t_mnm\n100,5\n1,50\n": "goes from 100 Hz to 1 Hz; frequencies that never fall",
     "frequency_hz,t_mnm\n1,5\n10,-5\n": "row 3: t_mnm: -5 is not above 0",
+    "# a remark\n\nfrequency_hz,t_mnm\n1,5\n10,-5\n": "row 5: t_mnm: -5 is not above 0",
     "frequency_hz,t_mnm\n1,5\n10,0\n": "row 3: t_mnm: 0 is not above 0",
     "frequency_hz,t_mnm\n0,5\n10,5\n": "row 2: frequency_hz: 0 is not above 0",
     "frequency_hz,t_mnm\n1,5\n10,nan\n": "row 3: t_mnm: is nan; a finite number is expected",

@@ -43,7 +43,7 @@ def read_limit(file: Path | str, band: Band | None = None) -> Limit:
     ``fx_n`` to ``fz_n`` and ``mx_nm`` to ``mz_nm`` of the loads on the spacecraft, or such as
     ``Mz [mN m]``. Between points curves are straight on logarithmic scales, the same frequency twice is
     a step, and beyond the first and last point nothing is limited. An empty cell is no point of its
-    curve.
+    curve, and lines that begin with # are remarks.
 
     Parameters
     ----------
@@ -135,20 +135,26 @@ def _as_option_errors() -> Iterator[None]:
 
 
 def _limit_of_rows(name: str, rows: Sequence[Sequence[str]]) -> Limit:
-    """The limit of a table's rows, of which the first is its header."""
-    rows = [row for row in rows if any(cell.strip() for cell in row)]
-    if not rows:
+    """The limit of a table's rows, of which the first is its header; those that begin with # are
+    remarks.
+    """
+    numbered = [
+        (k, row)
+        for k, row in enumerate(rows, 1)
+        if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
+    ]
+    if not numbered:
         raise MicrovibError(f"{name}: is empty; a header such as {_EXAMPLE} is expected")
-    head, *points = rows
+    (_, head), *points = numbered
     columns = _columns(name, head)
-    for k, row in enumerate(points, 2):
+    for k, row in points:
         if len(row) > len(head):
             raise MicrovibError(
                 f"{name}, row {k}: has {len(row)} cells, and the first line names {len(head)}"
                 " columns"
             )
     curves = {
-        key: _curve(f"{name}: {head[column.place].strip()}", column, columns["frequency"], points)
+        key: _curve(name, column, columns["frequency"], points)
         for key, column in columns.items()
         if key != "frequency"
     }
@@ -256,10 +262,14 @@ def _frequency_factor(name: str, written: str, unit: str) -> float:
 
 
 def _curve(
-    where: str, column: _Column, frequency: _Column, rows: Sequence[Sequence[str]]
+    name: str,
+    column: _Column,
+    frequency: _Column,
+    rows: Sequence[tuple[int, Sequence[str]]],
 ) -> LimitCurve:
-    """The curve of a column."""
-    points = list(_points(where, column, frequency, rows))
+    """The curve of a column of a file that is called ``name``; its ``rows`` have their numbers."""
+    points = list(_points(name, column, frequency, rows))
+    where = f"{name}: {column.name}"
     if len(points) < 2:
         raise MicrovibError(f"{where}: has {len(points)} points; two or more are expected")
     try:
@@ -269,12 +279,14 @@ def _curve(
 
 
 def _points(
-    where: str, column: _Column, frequency: _Column, rows: Sequence[Sequence[str]]
+    name: str,
+    column: _Column,
+    frequency: _Column,
+    rows: Sequence[tuple[int, Sequence[str]]],
 ) -> Iterator[tuple[float, float]]:
     """Frequencies [Hz] and amplitudes of the rows that have both."""
-    file = where.split(":", 1)[0]
-    for k, row in enumerate(rows, 2):
-        place = f"{file}, row {k}"
+    for k, row in rows:
+        place = f"{name}, row {k}"
         at, allowed = frequency.value(place, row), column.value(place, row)
         if at is None and allowed is None:
             continue

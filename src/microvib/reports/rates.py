@@ -222,10 +222,25 @@ def best_text(plan: RatePlan) -> str:
         beyond = case.largest_unseen(plan.band)
     if beyond is not None and beyond.amplitude > top:
         in_time += f"; above {case.shown:.4g} Hz, the passband, there may be larger ones, such as {beyond.name}"
-    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {TORQUE.figure(top)}{away}{in_time}{end}."
+    what = (
+        f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, {_top_words(plan, case)}{away}"
+        f"{in_time}{end}."
+    )
     if found:
         return f"Best: {what}"
     return f"Best: none {_criteria(plan)}. The rate with the smallest maximum line: {what}"
+
+
+def _top_words(plan: RatePlan, case: RateCase) -> str:
+    """The largest line of a rate, or with a limit over frequency that with the smallest margin."""
+    line = plan.governing(case)
+    if plan.curve is None or line is None:
+        return f"largest line {TORQUE.figure(plan.top(case))}"
+    margin = 20.0 * math.log10(plan.margin(case))
+    return (
+        f"smallest margin {margin:+.1f} dB ({line.name} at {line.frequency:.4g} Hz,"
+        f" {TORQUE.figure(line.amplitude)} of {TORQUE.figure(plan.allowed_to(case))})"
+    )
 
 
 def _criteria(plan: RatePlan) -> str:
