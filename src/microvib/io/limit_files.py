@@ -43,7 +43,7 @@ def read_limit(file: Path | str, band: Band | None = None) -> Limit:
     ``fx_n`` to ``fz_n`` and ``mx_nm`` to ``mz_nm`` of the loads on the spacecraft, or such as
     ``Mz [mN m]``. Between points curves are straight on logarithmic scales, the same frequency twice is
     a step, and beyond the first and last point nothing is limited. An empty cell is no point of its
-    curve, and lines that begin with # are remarks.
+    curve, nor is one that is repeated for another column's step, and lines that begin with # are remarks.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _limit_of_rows(name: str, rows: Sequence[Sequence[str]]) -> Limit:
                 " columns"
             )
     curves = {
-        key: _curve(name, column, columns["frequency"], points)
+        key: _curve(name, column, columns["frequency"], points, several=len(columns) > 2)
         for key, column in columns.items()
         if key != "frequency"
     }
@@ -266,9 +266,15 @@ def _curve(
     column: _Column,
     frequency: _Column,
     rows: Sequence[tuple[int, Sequence[str]]],
+    *,
+    several: bool,
 ) -> LimitCurve:
-    """The curve of a column of a file that is called ``name``; its ``rows`` have their numbers."""
+    """The curve of a column of a file that is called ``name``, one of ``several``; its ``rows`` have
+    their numbers.
+    """
     points = list(_points(name, column, frequency, rows))
+    if several:  # a step of another column repeats the point of this one
+        points = [point for k, point in enumerate(points) if k == 0 or point != points[k - 1]]
     where = f"{name}: {column.name}"
     if len(points) < 2:
         raise MicrovibError(f"{where}: has {len(points)} points; two or more are expected")

@@ -525,7 +525,8 @@ def draw_largest(plan: RatePlan) -> Figure:
                 None if b.why == ABOVE_LIMIT else "///",
             )
             ax.axvspan(*ends, color=sheets.RED, alpha=0.15, linewidth=0, hatch=hatch)
-        ax.set(ylabel="largest line [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
+        what = "largest line" if plan.curve is None else "line nearest to the limit"
+        ax.set(ylabel=f"{what} [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
         ax.set_xlim(min(rate), max(rate))
     axes[-1, 0].set_xlabel("rate of the array [deg/s]")
     return figure
