@@ -116,8 +116,22 @@ class LimitCurve:
         """The amplitude allowed at frequencies [Hz], the lesser at a step; infinite where nothing is
         limited.
         """
-        slack = _ROUNDING * np.abs(frequency)
-        return self.strictest(frequency - slack, frequency + slack)
+        f = np.asarray(frequency, dtype=float)
+        flat = f.ravel()
+        slack = _ROUNDING * np.abs(flat)
+        inside = (flat >= self.low - slack) & (flat <= self.high + slack)
+        place = np.clip(flat[inside], self.low, self.high)
+        found = np.full(flat.size, math.inf)
+        found[inside] = self._from_left(place)
+        if self._has_steps:
+            found[inside] = np.minimum(found[inside], self._from_right(place))
+        if f.shape:
+            return found.reshape(f.shape)
+        return float(found[0])
+
+    @cached_property
+    def _has_steps(self) -> bool:
+        return len(set(self.frequency)) < len(self.frequency)
 
     def within(self, low: float, high: float) -> LimitCurve | None:
         """Its part between two frequencies [Hz]; None where it has none there."""
@@ -153,7 +167,7 @@ class LimitCurve:
         )
         shape = first.shape
         first, last = first.ravel(), last.ravel()
-        f = np.array(self.frequency)
+        f = self._points[0]
         outside = ~((first <= self.high) & (last >= self.low))
         first, last = np.clip(first, self.low, self.high), np.clip(last, self.low, self.high)
         pick = np.maximum if lenient else np.minimum
@@ -176,6 +190,10 @@ class LimitCurve:
         return self._largest if lenient else self._smallest
 
     @cached_property
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.frequency), np.array(self.amplitude)
+
+    @cached_property
     def _smallest(self) -> list[np.ndarray]:
         return _range_extremes(np.array(self.amplitude), np.minimum)
 
@@ -185,15 +203,15 @@ class LimitCurve:
 
     def _from_left(self, f: np.ndarray) -> np.ndarray:
         """Amplitudes at frequencies (m,) [Hz] within the range; at a step, that before it."""
-        return self._on_segment(f, np.searchsorted(np.array(self.frequency), f, "left"))
+        return self._on_segment(f, np.searchsorted(self._points[0], f, "left"))
 
     def _from_right(self, f: np.ndarray) -> np.ndarray:
-        return self._on_segment(f, np.searchsorted(np.array(self.frequency), f, "right"))
+        return self._on_segment(f, np.searchsorted(self._points[0], f, "right"))
 
     def _on_segment(self, f: np.ndarray, stop: np.ndarray) -> np.ndarray:
         """Amplitudes at ``f`` (m,) [Hz] on the segments that end in the points ``stop`` (m,)."""
-        stop = np.clip(stop, 1, len(self.frequency) - 1)
-        points, sizes = np.array(self.frequency), np.array(self.amplitude)
+        points, sizes = self._points
+        stop = np.clip(stop, 1, points.size - 1)
         f0, f1, a0, a1 = points[stop - 1], points[stop], sizes[stop - 1], sizes[stop]
         sloped = (a0 != a1) & (f0 != f1)
         found = np.where(f <= f0, a0, a1)
@@ -525,9 +543,9 @@ class Limit:
         if self.is_one_number:
             return told
         if self.curve is not None:
-            told["curve"] = _points(self.curve)
+            told["curve"] = _as_points(self.curve)
         if self.loads:
-            told["loads"] = {name: _points(curve) for name, curve in self.loads.items()}
+            told["loads"] = {name: _as_points(curve) for name, curve in self.loads.items()}
         return told | {"source": self.source}
 
     @classmethod
@@ -542,7 +560,7 @@ class Limit:
         return cls.of_curves(curve, loads, str(told["source"]))
 
 
-def _points(curve: LimitCurve) -> list[list[float]]:
+def _as_points(curve: LimitCurve) -> list[list[float]]:
     return [list(point) for point in zip(curve.frequency, curve.amplitude, strict=True)]
 
 
