@@ -87,7 +87,7 @@ class Judgement:
     """Load on the spacecraft that the lines are of, such as ``Fx``; empty for the torque about the drive
     axis."""
     loads: tuple[Judgement, ...] = ()
-    """The same of each load that has a limit of its own."""
+    """Judgements of each load that has a limit of its own."""
 
     @property
     def verdict(self) -> Verdict:
@@ -105,7 +105,7 @@ class Judgement:
 
     @property
     def each(self) -> tuple[Judgement, ...]:
-        """What is judged by a curve of its own: the torque, and each load."""
+        """Judgements by one curve each: of the torque, and of each load."""
         own = replace(self, loads=())
         return (*([] if self.limit.curve is None and not self.component else [own]), *self.loads)
 
@@ -121,7 +121,7 @@ class Judgement:
 
     @property
     def all_gaps(self) -> tuple[str, ...]:
-        """What was not judged of the torque, and of loads with their names in front."""
+        """Gaps of the torque, and of loads with their names in front."""
         of_loads = (f"{one.component}: {gap}" for one in self.loads for gap in one.gaps)
         return (*self.gaps, *of_loads)
 
@@ -136,7 +136,7 @@ class Judgement:
         return " ".join(one._sentences() for one in self.each)
 
     def _sentences(self) -> str:
-        """What is judged by one curve, in words."""
+        """Verdict by one curve, in words."""
         limit, band = self.limit, ""
         if limit.band:
             band = f" {limit.band}"
@@ -169,7 +169,7 @@ class Judgement:
 
     @property
     def allowed(self) -> str:
-        """What the curve allows, in words."""
+        """Amplitudes that the curve allows, in words."""
         assert self.curve is not None
         least, most = 1e3 * self.curve.least, 1e3 * self.curve.most
         if least == most:

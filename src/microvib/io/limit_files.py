@@ -200,7 +200,7 @@ def _columns(name: str, head: Sequence[str]) -> dict[str, _Column]:
 
 
 def _meaning(name: str, written: str) -> tuple[str, float]:
-    """What a column is of, and the factor to SI; an error where that is not known."""
+    """Meaning of a column, and its factor to SI; an error where that is not known."""
     own, unit = _name_and_unit(written)
     plain = own.lower().replace("_", "").replace(" ", "")
     if plain in ("frequency", "freq", "f"):

@@ -451,12 +451,37 @@ class Limit:
         return self.of_curves(torque, loads, self.source)
 
     def in_band_of(self, other: Limit) -> Limit:
-        """Its one number in the band of another one."""
+        """Make the limit of its one number in the band of another one.
+
+        Parameters
+        ----------
+        other : Limit
+            The limit whose band is taken.
+
+        Returns
+        -------
+        Limit
+            The limit.
+        """
         return Limit(Si(self.torque), Si(other.low), Si(other.high))
 
     def torque_curve(self, what: str) -> LimitCurve:
-        """The curve of the torque about the drive axis, which is all that some studies look at; ``what``
-        does so, in words. OptionError where the limit has none, or limits loads as well.
+        """Take the curve of the torque about the drive axis, which is all that some studies look at.
+
+        Parameters
+        ----------
+        what : str
+            The study, in words, for the message.
+
+        Returns
+        -------
+        LimitCurve
+            The curve [N m].
+
+        Raises
+        ------
+        OptionError
+            Where the limit has none, or limits loads as well.
         """
         if self.curve is None or self.loads:
             raise OptionError(
@@ -503,7 +528,7 @@ class Limit:
 
     @property
     def words(self) -> str:
-        """What it allows, in words: ``10 mN m``, or ``5 to 50 mN m over frequency``."""
+        """Amplitudes that it allows, in words: ``10 mN m``, or ``5 to 50 mN m over frequency``."""
         if self.is_one_number:
             return f"{1e3 * self.torque:.4g} mN m"
         if self.curve is None:
@@ -538,7 +563,13 @@ class Limit:
         return bool(within_band(frequency, self.low, self.high, tolerance))
 
     def as_dict(self) -> dict[str, Any]:
-        """Its numbers for JSON, which ``from_dict`` reads back."""
+        """List its numbers for JSON, which ``from_dict`` reads back.
+
+        Returns
+        -------
+        dict
+            Least torque [N m], band [Hz], and points of the curves where it is not one number.
+        """
         told: dict[str, Any] = {"torque": self.torque, "low": self.low, "high": self.high}
         if self.is_one_number:
             return told
@@ -550,7 +581,18 @@ class Limit:
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> Limit:
-        """The limit of ``as_dict``, with None for what is infinite."""
+        """Make the limit of what ``as_dict`` gave.
+
+        Parameters
+        ----------
+        told : mapping
+            The numbers, with None for what is infinite.
+
+        Returns
+        -------
+        Limit
+            The limit.
+        """
         if "source" not in told:
             torque, low, high = (told[key] for key in ("torque", "low", "high"))
             end = math.inf if high is None else float(high)

@@ -415,7 +415,7 @@ class RatePlan:
         return 0.0 if line is None else line.amplitude
 
     def allowed_to(self, case: RateCase) -> float:
-        """What a limit over frequency allows to the ``governing`` line of a case [N m]; 1 where there
+        """Amplitude that a limit over frequency allows to the ``governing`` line of a case [N m]; 1 where there
         is none, so that amplitudes are compared as they are.
         """
         line = self.governing(case)
@@ -542,7 +542,7 @@ def plan_rates(  # noqa: PLR0913 - keyword options
 def _limit_in(
     given: GivenQuantity | Limit | None, within: tuple[float, float]
 ) -> tuple[float | LimitCurve | None, LimitCurve | None]:
-    """What a plan judges by, and the curve over frequency that it is; of a limit that is one number, the
+    """Limit that a plan judges by, and the curve over frequency that it is; of a limit that is one number, the
     number."""
     if given is None:
         return None, None

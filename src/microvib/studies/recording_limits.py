@@ -70,7 +70,7 @@ def judge_recording(
 def judge_components(
     recording: Recording, limit: Limit, scenario: GivenScenario
 ) -> Iterator[Judgement]:
-    """The same of every component that the limit has a curve for, and of the drive axis by that of its
+    """Judgements of every component that the limit has a curve for, and of the drive axis by that of its
     torque.
     """
     axis = f"M{as_scenario(scenario).array.drive_axis}"
@@ -82,7 +82,7 @@ def judge_components(
 def judge_sides(
     sources: Sequence[Source], limit: Limit | None, channel: str, scenario: GivenScenario | None
 ) -> tuple[Judgement | None, ...]:
-    """The same of each side of a comparison that is a recording; None of another one. Nothing without a
+    """Judgements of each side of a comparison that is a recording; None of another one. Nothing without a
     limit. OptionError where no side is a recording.
     """
     if limit is None:

@@ -136,7 +136,7 @@ def histograms(
 
 
 def _limit_of_line(results: Results, line: str, limit: float | LimitCurve | None) -> float | None:
-    """What a limit allows to a line at the median of its frequencies; None where there is none."""
+    """Amplitude that a limit allows to a line at the median of its frequencies; None where there is none."""
     if not isinstance(limit, LimitCurve):
         return limit
     if line == statistics.LARGEST_LINE:
