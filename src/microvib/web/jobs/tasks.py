@@ -146,10 +146,11 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
     return {
         "text": str(judged),
         "verdict": judged.verdict,
-        "gaps": judged.gaps,
-        "torque": limit.torque,
+        "gaps": judged.all_gaps,
+        "torque": limit.torque if math.isfinite(limit.torque) else None,
         "low": limit.low,
         "high": limit.high if math.isfinite(limit.high) else None,
+        "curve": None if limit.is_one_number else limit.as_dict().get("curve"),
         "margins": [{"line": m.line.name, "verdict": m.verdict} for m in judged.margins],
         "facts": page_facts(run_facts(result, judged)),
         "parts": [page_part(part) for part in judged_parts(result, judged) if part.items],
