@@ -198,15 +198,13 @@ def test_loads_of_a_craft_are_judged_by_their_own_curves():
         for factor, verdict in ((1.02, "pass"), (0.98, "fail")):
             level = factor * by_load[name]
             limit = Limit.of_curves(None, {name: LimitCurve.flat(level, 50.0, 60.0)})
-            loads = result.load_lines(limit)
-            judged = judge(result.table, limit, result.scenario, loads=loads)
+            judged = result.judge(limit)
             assert judged.verdict == verdict, (name, factor, str(judged))
             [one] = judged.loads
             assert one.worst.line.name == "drive_1"
             assert one.worst.amplitude == pytest.approx(by_load[name], rel=1e-3)
     beyond = Limit.of_curves(None, {"Fx": LimitCurve.flat(1e3, 50.0, 1e5)})
-    loads = result.load_lines(beyond)
-    told = judge(result.table, beyond, result.scenario, loads=loads)
+    told = result.judge(beyond)
     assert told.verdict == "not judged"  # no model bounds a force above the passband
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from microvib.analysis.accuracy import ERROR_ESTIMATE_KEY
 from microvib.analysis.budget import torque_budget
-from microvib.analysis.limits import Judgement, judge
-from microvib.analysis.run import RunResult, lines_of_second
+from microvib.analysis.limits import Judgement
+from microvib.analysis.run import RunResult
 from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -101,8 +101,9 @@ def run_outcome(
 
 def judge_run(result: RunResult, limit: Limit) -> Judgement:
     """The lines of a run, and of its second wing's drive, against a limit."""
-    loads = result.load_lines(limit)
-    return judge(result.table, limit, result.scenario, _second(result), loads)
+    if result.judgement is not None and result.judgement.limit == limit:
+        return result.judgement
+    return result.judge(limit)
 
 
 def run_facts(result: RunResult, judged: Judgement | None) -> tuple[Fact, ...]:
@@ -118,15 +119,6 @@ def judged_parts(result: RunResult, judged: Judgement | None) -> tuple[Part, ...
         Part("Against the limit", () if judged is None else tuple(margin_items(judged))),
         Part("Lines over draws of the noise", tuple(lines_over_seeds(result.table, judged))),
     )
-
-
-def _second(result: RunResult) -> LineTable | None:
-    """Lines of the second wing's drive, where it is driven."""
-    if result.second is not None:
-        return result.second.table
-    if result.motion is not None:
-        return lines_of_second(result.motion, result.table)
-    return None
 
 
 def _of_craft(result: RunResult) -> Iterator[Part]:
