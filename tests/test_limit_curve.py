@@ -465,3 +465,33 @@ def test_judgements_of_one_number_read_as_before():
         str(told)
         == "Limit 10 mN m from 1 to 100 Hz: pass; smallest margin +6.0 dB, factor 2 (drive_1)."
     )
+
+
+def test_no_record_passes_a_notch_at_a_line_that_the_drive_has(state_1):
+    """Records that are short, slow or begin at rest, against curves with a notch at a line of the whole
+    motion, just below it: none of them may pass."""
+    random = np.random.default_rng(5)
+    whole = mv.find_lines(state_1.with_({"record.sample_rate": "8192 Hz"}), start="steady")
+    lines = [x for x in whole if x.seen and x.amplitude > 2e-5 and 0.5 < x.place < 1500.0]
+    told = {"pass": 0, "not judged": 0, "fail": 0}
+    for changes in (
+        {"record.duration": "2 s", "record.settle": "3 s"},
+        {"record.duration": "4 s", "record.sample_rate": "256 Hz", "record.settle": "20 s"},
+        {"record.duration": "8 s", "record.settle": "30 s"},
+    ):
+        changed = state_1.with_(changes)
+        table = mv.find_lines(mv.simulate(changed, channels=("T_d",)))
+        table = replace(table, own_error=1e-3, find_error=None)
+        for line in random.choice(np.array(lines, dtype=object), 12, replace=False):
+            f, width = line.place, 10.0 ** random.uniform(-5.0, -2.0)
+            low = 0.9 * line.amplitude
+            low_end, high_end = f * (1.0 - random.uniform(0.1, 0.9) * width), f * (1.0 + width)
+            notch = curve_of(
+                (0.1, 1.0), (low_end, 1.0), (low_end, low), (high_end, low), (high_end, 1.0), (2e3, 1.0)
+            )  # fmt: skip
+            found = judge(table, Limit.of_curves(notch), changed).verdict
+            told[found] += 1
+            assert found != "pass", (changes, line.name, f, width)
+        far = curve_of((0.1, 10.0), (2e3, 10.0))
+        told[judge(table, Limit.of_curves(far), changed).verdict] += 1
+    assert told["fail"]

@@ -168,6 +168,8 @@ def unlisted_beside(
     here, about = curve.strictest(low, high), curve.strictest(low - reach, high + reach)
     if not about < here or not curve.holds(line.place, high - line.place):
         return ""
+    if line.seen and line.amplitude > here:  # which is above the limit itself
+        return ""
     if not shared_amplitude_bound(line, table, scenario) > about:
         return ""
     return (

@@ -35,6 +35,7 @@ from microvib.errors import ChannelError, expect, whole_number
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.record import Start
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, with_start
+from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
@@ -113,8 +114,17 @@ class RunResult:
         for name in limit.loads:
             for channel in (name, f"{name}{SECOND_WING}"):
                 with suppress(ChannelError):
-                    found[channel] = find_lines(source, channel, self.table.harmonics)
+                    table = find_lines(source, channel, self.table.harmonics)
+                    found[channel] = self._as_steady(table)
         return found
+
+    def _as_steady(self, table: LineTable) -> LineTable:
+        """Lines of another channel, without the modes that do not ring as the record began in the
+        steady state.
+        """
+        still = {line.name for line in self.table if line.status == TRANSIENT}
+        lines = (replace(x, status=TRANSIENT) if x.name in still else x for x in table)
+        return replace(table, lines=tuple(lines))
 
     @property
     def accuracy(self) -> Accuracy | None:
