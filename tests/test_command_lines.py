@@ -105,7 +105,7 @@ def printed(page: str) -> dict[str, str]:
     """Files that a page prints: YAML or CSV that begins with its name as a comment."""
     text = (ROOT / page).read_text("utf-8")
     return dict(
-        re.findall(r"^```(?:yaml|csv)\n# (\S+\.(?:yaml|csv))$\n(.*?)^```$", text, re.M | re.S)
+        re.findall(r"^```(?:yaml|text)\n# (\S+\.(?:yaml|csv))$\n(.*?)^```$", text, re.M | re.S)
     )
 
 
