@@ -60,20 +60,6 @@ def slow_noise_bound(scenario: Scenario, duration: float, frequency: np.ndarray)
     )
 
 
-def largest_slow_noise_bound(
-    scenario: Scenario, duration: float, band: tuple[float, float]
-) -> tuple[float, float]:
-    """Frequency [Hz] within a ``band`` [Hz] of the record's passband at which that bound is largest,
-    and the bound [N m]; 0 where there is none.
-    """
-    at = slow_noise_places(scenario, duration, band)
-    bound = slow_noise_bound(scenario, duration, at)
-    if not np.any(bound > 0.0):
-        return 0.0, 0.0
-    k = int(np.argmax(bound))
-    return float(at[k]), float(bound[k])
-
-
 def slow_noise_places(scenario: Scenario, duration: float, band: tuple[float, float]) -> np.ndarray:
     """Frequencies (n,) [Hz] within a ``band`` [Hz] of the record's passband at which that bound is
     looked at: evenly spread, and those of modes.

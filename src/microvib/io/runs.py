@@ -25,6 +25,7 @@ from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.results import Column, Table, columns_of
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks, SeedLine
 from microvib.signals.seed_peaks import SeedPeaks
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
@@ -46,8 +47,8 @@ class Run:
     motion: Motion
     table: LineTable
     versions: dict[str, str]
-    limit: tuple[float, float, float] | None = None
-    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
+    limit: Limit | None = None
+    """Limit that the lines were judged by."""
     unchecked: str = ""
     """Sentence on a folder that does not tell whether its files are those of the run; else empty."""
 
@@ -215,7 +216,7 @@ def read_run(folder: Path | str) -> Run:
         said = json.loads(path.read_text(encoding="utf-8"))
         first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
         digest, versions, record = (said[key] for key in ("scenario_sha256", "versions", "record"))
-        limit = _limit(said.get("limit"))
+        limit = None if said.get("limit") is None else Limit.from_dict(said["limit"])
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(
@@ -306,14 +307,6 @@ def _expected(path: Path, what: str) -> Iterator[Path]:
         yield path
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise MicrovibError(f"{path}: is not {what}") from None
-
-
-def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] | None:
-    """Torque and band of a limit; a band that is open above has no number there."""
-    if data is None:
-        return None
-    torque, low, high = (data[key] for key in ("torque", "low", "high"))
-    return float(torque or math.nan), float(low or 0.0), math.inf if high is None else float(high)
 
 
 def _lines(path: Path) -> tuple[Line, ...]:
