@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import lru_cache
 
 from fastapi import APIRouter
 
@@ -45,16 +46,28 @@ routes = APIRouter()
 @routes.get("/catalog")
 def catalog() -> list[Entry]:
     """Published scenarios."""
+    return list(catalog_entries())
+
+
+@lru_cache(maxsize=1)
+def catalog_entries() -> tuple[Entry, ...]:
+    """Names, titles and sources of the catalog, which does not change."""
     data = ((name, parse_yaml(catalog_text(name), name)) for name in catalog_names())
-    return [
+    return tuple(
         Entry(name=name, title=d.get("title", ""), source=d.get("source", "")) for name, d in data
-    ]
+    )
+
+
+@lru_cache(maxsize=1)
+def form_groups() -> Form:
+    """The form, which does not change either."""
+    return Form.model_validate({"groups": forms.groups()})
 
 
 @routes.get("/schema", response_model_exclude_none=True)
 def schema() -> Form:
     """Groups of fields, as the drive is built."""
-    return Form.model_validate({"groups": forms.groups()})
+    return form_groups()
 
 
 @routes.post("/scenario", responses=refusals(429))

@@ -19,8 +19,10 @@ from microvib.errors import OptionError
 from microvib.io.writing import workspace
 from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
+from microvib.web.routes.scenarios import catalog_entries, form_groups
 from microvib.web.server.access import Access, opening_file
 from microvib.web.server.application import create_app
+from microvib.web.server.assets import Assets
 from microvib.web.server.connection import WAITING, Server, configuration
 from microvib.web.server.limits import Limits
 
@@ -36,10 +38,12 @@ def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str
     # Its mode keeps others out.
     with workspace(Path(tempfile.gettempdir()), "page") as root:
         store = Store(root, Limits())
-        server = Server(configuration(create_app(store, access), store.limits), store.close)
+        assets = Assets()
+        app = create_app(store, access, assets)
+        server = Server(configuration(app, store.limits), store.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):
-                threading.Thread(target=_warm, daemon=True).start()
+                threading.Thread(target=_warm, args=(assets,), daemon=True).start()
                 tell(f"microvib serves at {url}?token={access.token}   (Ctrl-C ends it)")
                 if browser:
                     opening = opening_file(root, url, access)
@@ -63,10 +67,12 @@ def _url(address: str, port: int) -> str:
     return f"http://{shown}:{port}/"
 
 
-def _warm() -> None:
+def _warm(assets: Assets) -> None:
     """Load what the form needs while the page is being opened."""
-    forms.groups()
+    catalog_entries()
+    form_groups()
     forms.view_of(forms.Spec(base="state-1"))
+    assets.pack()
 
 
 def _access(host: str, port: int, remote: bool) -> Access:

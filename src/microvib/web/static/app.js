@@ -1,18 +1,13 @@
 // The page: starts its parts, and what stands around them (tabs, scenario choice, run button, link).
 
-import { makeAngles } from "./angles.js";
 import { knock, onServer } from "./api.js";
-import { makeSheet } from "./datasheet.js";
+import { loaded, restored } from "./begin.js";
 import { $, announce, h, onDrop, save } from "./dom.js";
 import { makeForm } from "./form.js";
 import { keep, keepFields, kept } from "./kept.js";
-import { makeModes } from "./modes.js";
-import { makeQuiet } from "./quiet.js";
-import { makeRates } from "./rates.js";
-import { makeRecording } from "./recording.js";
+import { loadPlotly } from "./plots.js";
 import { makeRun } from "./run.js";
 import * as runs from "./runs.js";
-import { makeSas } from "./sas.js";
 import * as scenario from "./scenario.js";
 
 const HEARTBEAT = 5000;
@@ -154,40 +149,62 @@ function makeNotice() {
   setInterval(() => document.hidden || knock(), HEARTBEAT);
 }
 
+/** The other tabs: their scripts are not needed before a scenario can be run. */
+async function makeOthers() {
+  const [angles, sheet, modes, quiet, rates, recording, sas] = await Promise.all([
+    import("./angles.js"),
+    import("./datasheet.js"),
+    import("./modes.js"),
+    import("./quiet.js"),
+    import("./rates.js"),
+    import("./recording.js"),
+    import("./sas.js"),
+  ]);
+  sheet.makeSheet($("#sheet")).catch((error) => announce(error.message, { error: true }));
+  recording.makeRecording($("#recording"));
+  rates.makeRates($("#rates"));
+  quiet.makeQuiet($("#quiet"));
+  angles.makeAngles($("#angles"));
+  modes.makeModes($("#modes"));
+  sas.makeSas($("#sas"));
+}
+
+function listen() {
+  keepFields("run.asked", { seeds: $("#seeds") });
+  $("#go").addEventListener("click", go);
+  $("#five").addEventListener("click", five);
+  $("#copy").addEventListener("click", copy);
+  $("#save").addEventListener("click", saveScenario);
+  window.addEventListener("popstate", () => {
+    document.activeElement?.blur(); // a field that is being typed in would keep its text
+    scenario.restore();
+  });
+  document.addEventListener("click", (event) => {
+    for (const menu of document.querySelectorAll("details.menu[open]"))
+      menu.open = menu.contains(event.target) && !event.target.closest("a");
+  });
+}
+
 makeTabs();
 makeNotice();
-await scenario.load().catch((error) => {
+await loaded.catch((error) => {
   announce(error.message, { error: true });
   throw error;
+});
+await restored.catch((error) => {
+  announce(`The scenario in the address cannot be read: ${error.message}`, { error: true });
+  return scenario.startFrom({ base: scenario.catalog[0].name });
 });
 makeBase();
 makeForm();
 makeRun($("#run"));
-makeSheet($("#sheet")).catch((error) => announce(error.message, { error: true }));
-makeRecording($("#recording"));
-makeRates($("#rates"));
-makeQuiet($("#quiet"));
-makeAngles($("#angles"));
-makeModes($("#modes"));
-makeSas($("#sas"));
-keepFields("run.asked", { seeds: $("#seeds") });
-$("#go").addEventListener("click", go);
-$("#five").addEventListener("click", five);
-$("#copy").addEventListener("click", copy);
-$("#save").addEventListener("click", saveScenario);
-window.addEventListener("popstate", () => {
-  document.activeElement?.blur(); // a field that is being typed in would keep its text
-  scenario.restore();
-});
-document.addEventListener("click", (event) => {
-  for (const menu of document.querySelectorAll("details.menu[open]"))
-    menu.open = menu.contains(event.target) && !event.target.closest("a");
-});
+listen();
+scenario.tell(); // what was heard before there was a form
+for (const button of [$("#go"), $("#five")]) button.disabled = false; // until now there was nothing to run
+await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
+await makeOthers();
+scenario.tell();
 openTab(tabs.find((tab) => tab.id === kept("tab")) ?? tabs[0]);
-try {
-  await scenario.restore();
-} finally {
-  for (const button of [$("#go"), $("#five")]) button.disabled = false; // until now there was nothing to run
-}
 runs.restore();
 document.documentElement.dataset.ready = "";
+(window.requestIdleCallback ?? setTimeout)(() => loadPlotly().catch((error) => announce(error.message, { error: true })));

@@ -2,22 +2,24 @@
 
 import { debounce, h } from "./dom.js";
 
-// Plotly is large: the form does not wait for it, and its first drawing, which is its slowest, is of nothing.
-const loaded = new Promise((resolve, reject) => {
-  const script = h("script", {
-    src: "/static/plotly.min.js",
-    onload: resolve,
-    onerror: () => reject(new Error("The plots' script did not load.")),
+// Plotly is large: it is fetched when the form is there, or when something is to be drawn before that. Its first drawing, which
+// is its slowest, is of nothing.
+let loaded = null;
+export const loadPlotly = () => (loaded ??= fetchPlotly());
+
+async function fetchPlotly() {
+  await new Promise((resolve, reject) => {
+    const src = new URL("./plotly.min.js", import.meta.url).href;
+    document.head.append(h("script", { src, onload: resolve, onerror: () => reject(new Error("The plots' script did not load.")) }));
   });
-  document.head.append(script);
-}).then(async () => {
   const place = h("div", { class: "away plot" });
   document.body.append(place);
   await window.Plotly.newPlot(place, [{ y: [1, 2] }], { yaxis: { type: "log" } });
   window.Plotly.purge(place);
   place.remove();
   return window.Plotly;
-});
+}
+
 const plots = new Map();
 
 export const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -29,9 +31,8 @@ export const ink = () => colour("--ink");
 /** Draw or redraw a plot; texts and lines take the page's colours. */
 export async function draw(place, data, layout) {
   plots.set(place, { data, layout });
-  await (
-    await loaded
-  ).react(place, harmless(data), harmless(themed(layout)), {
+  const plotly = await loadPlotly();
+  await plotly.react(place, harmless(data), harmless(themed(layout)), {
     responsive: true,
     displaylogo: false,
     showTips: false,

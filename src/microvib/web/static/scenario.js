@@ -119,6 +119,11 @@ export const asFile = () => post("/api/scenario", current());
 
 function hear(answer) {
   seen = answer;
+  tell();
+}
+
+/** Let all listeners hear the server's last word. */
+export function tell() {
   for (const listener of listeners) listener(seen);
 }
 
