@@ -50,7 +50,7 @@ class _Packed(GZipMiddleware):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         packs = scope["type"] == "http" and scope["path"].endswith(
-            ("/result", "/series", "/spectrum")
+            ("/result", "/series", "/spectrum", "/schema", "/scenario")
         )
         await (super().__call__ if packs else self.app)(scope, receive, send)
 

@@ -70,7 +70,8 @@ const asking = latest();
 /** Ask for the window of each run, and draw it. */
 export async function update() {
   fillChannels(channel, runs.shown(), view.channel);
-  const shown = runs.shown().filter((run) => has(run, view.channel));
+  const all = runs.shown().filter((run) => has(run, view.channel));
+  const shown = all.slice(-STRIPS);
   const chosen = shown.at(-1);
   if (view.window && !shown.some(reaches)) view.window = null; // it was another run's
   const [from, to] = view.window ?? [undefined, undefined];
@@ -78,22 +79,24 @@ export async function update() {
   await asking(
     (signal) =>
       Promise.all(shown.map((run) => runs.ask(run, "series", { channels: channels(run), from, to, points: 1500 }, { signal }))),
-    (series) => show(shown, series, chosen),
+    (series) => show(shown, series, chosen, all.length),
   );
 }
 
-async function show(shown, series, chosen) {
+async function show(shown, series, chosen, of) {
   // Envelopes fill their place: over each other only the last would be seen, so each run has a strip of its own.
   const strips = shown.length > 1 && series.some((one) => !one.exact) ? shown.length : 1;
   const place = places(strips);
   plot.style.height = `${place.height}px`;
   const traces = shown.map((run, k) => curve(run, series[k], strips > 1 ? axisOf(k) : ""));
   if (chosen) traces.push(...below(series.at(-1)));
-  await draw(plot, traces, layout(shown, series, chosen, strips, place));
+  await draw(plot, traces, layout(shown, series, strips, place));
+  note.textContent = words(series, strips, of);
   if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x, y }));
   listening = true;
 }
 
+const STRIPS = 8; // runs at most, of which the chosen is one
 const STRIP = 92; // pixels of a run's strip, of which a tenth is its gap
 const ALONE = 220;
 const UNDER = 190; // currents and sticking below
@@ -151,10 +154,15 @@ function below(series) {
   return [...currents, ...stick];
 }
 
-function layout(shown, series, chosen, strips, place) {
-  const exact = series.length && series.every((one) => one.exact);
-  const sort = exact ? "every sample" : "smallest and largest of each stretch";
-  note.textContent = !series.length ? "" : strips > 1 ? `${sort}; one strip for each run` : sort;
+/** What is drawn: every sample or not, and of which runs. */
+function words(series, strips, of) {
+  if (!series.length) return "";
+  const sort = series.every((one) => one.exact) ? "every sample" : "smallest and largest of each stretch";
+  const some = of > series.length ? `; the chosen and ${series.length - 1} others of ${of} runs` : "";
+  return `${sort}${strips > 1 ? "; one strip for each run" : ""}${some}`;
+}
+
+function layout(shown, series, strips, place) {
   const unit = unitText(series[0]?.channels[view.channel].unit);
   const title = `${view.channel}${unit ? ` [${unit}]` : ""}`;
   const [t0, t1] = view.window ?? spanOf(shown);

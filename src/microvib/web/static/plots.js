@@ -102,6 +102,16 @@ export function stretch(window) {
   return { from: Math.max(window[0] - more, 0), to: window[1] + more };
 }
 
+const FEWEST = 800;
+const FINEST = 4000;
+
+/** Points that are worth asking for, of each of so many curves: two for a pixel, and fewer where many curves lie over each other. */
+export function pointsFor(place, curves) {
+  const pixels = Math.max(place.clientWidth, FEWEST) * (window.devicePixelRatio > 1 ? 2 : 1);
+  const step = curves > 8 ? 1 : 2;
+  return Math.min(step * 500 * Math.ceil(pixels / 500), FINEST); // in steps, so that a window's width does not ask anew
+}
+
 /** Range of an axis of amplitudes up to the largest, with room for names above it. */
 export const bounds = (largest, log) => (log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 1] : [0, 1.25 * largest]);
 

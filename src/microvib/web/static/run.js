@@ -69,11 +69,12 @@ async function show() {
   if (!shown.length || names === figures.dataset.drawn) return;
   figures.dataset.drawn = "";
   await drawing(
-    () => Promise.all([spectrum.update(), history.update()]),
-    () => {
-      performance.mark("run-drawn");
-      figures.dataset.drawn = names;
+    async () => {
+      await spectrum.update();
+      performance.mark("run-drawn"); // the picture that is seen first
+      await history.update();
     },
+    () => (figures.dataset.drawn = names),
   ).catch((error) => announce(error.message, { error: true }));
 }
 

@@ -150,12 +150,26 @@ export async function remove(run) {
 
 /** What the server says of a run's samples; a run that it has no more is gone from now on. */
 export async function ask(run, what, query, options) {
+  const question = `${run.id} ${what} ${JSON.stringify(query)}`;
+  if (LASTING.includes(what) && answers.has(question)) return answers.get(question);
   try {
-    return await get(`/api/runs/${run.id}/${what}`, query, options);
+    const answer = await get(`/api/runs/${run.id}/${what}`, query, options);
+    if (LASTING.includes(what)) remember(question, answer);
+    return answer;
   } catch (error) {
     if (error.status === 404 && run.state === "done") lose([run]);
     throw error;
   }
+}
+
+// Samples of a run do not change: what was asked once, of runs that lie below a new one, is not asked again.
+const LASTING = ["spectrum", "series"];
+const MOST = 200;
+const answers = new Map();
+
+function remember(question, answer) {
+  answers.set(question, answer);
+  if (answers.size > MOST) answers.delete(answers.keys().next().value);
 }
 
 function lose(lost) {

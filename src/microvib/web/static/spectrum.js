@@ -5,7 +5,7 @@ import { announce, debounce, h, number, quantity, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { about, modeNames, placed, together } from "./labels.js";
 import { latest } from "./latest.js";
-import { bounds, draw, ink, onZoom, stretch } from "./plots.js";
+import { bounds, draw, ink, onZoom, pointsFor, stretch } from "./plots.js";
 import * as runs from "./runs.js";
 import { LIMIT } from "./styles.js";
 import { verdictOf } from "./limit.js";
@@ -66,7 +66,7 @@ const asking = latest();
 export async function update() {
   fillChannels(channel, runs.shown(), view.channel);
   const shown = runs.shown().filter((run) => has(run, view.channel));
-  const query = { channel: view.channel, window: "hann", ...stretch(view.window), points: 4000, log: view.logX };
+  const query = { channel: view.channel, window: "hann", ...stretch(view.window), points: pointsFor(plot, shown.length), log: view.logX };
   await asking(
     (signal) => Promise.all(shown.map((run) => runs.ask(run, "spectrum", query, { signal }))),
     (spectra) => show(shown, spectra),
