@@ -47,11 +47,15 @@ def main() -> None:
 
 def openings(window: Any, address: str, times: int, kbits: int) -> None:
     """First paint and *Run*, cold and from the cache."""
-    print("opening                     first paint ms   Run after it ms   over the line kB   unpacked kB")
+    print(
+        "opening                     first paint ms   Run after it ms   over the line kB   unpacked kB"
+    )
     for words, cold in (("nothing in the cache", True), ("all in the cache", False)):
         found = [opening(window, address, cold, kbits) for _ in range(times)]
         row = [statistics.median(column) for column in zip(*found, strict=True)]
-        print(f"{words:26s} {row[0]:14.0f} {row[1]:17.0f} {row[2]:18.0f} {row[3]:13.0f}", flush=True)
+        print(
+            f"{words:26s} {row[0]:14.0f} {row[1]:17.0f} {row[2]:18.0f} {row[3]:13.0f}", flush=True
+        )
 
 
 def opening(window: Any, address: str, cold: bool, kbits: int) -> tuple[float, float, float, float]:

@@ -293,6 +293,40 @@ class RecordingFacts(BaseModel):
     notes: list[str]
 
 
+class Kept(BaseModel):
+    """An entry of the library."""
+
+    id: str
+    kind: str
+    title: str
+    created: str
+    version: str
+    kept: bool
+    attributes: dict[str, str]
+    size: int
+
+
+class KeptWhole(Kept):
+    """An entry with the request that it is the answer to."""
+
+    asked: dict[str, Any]
+
+
+class LibraryOf(BaseModel):
+    """The library of the server; ``there`` is false where nothing outlasts it."""
+
+    there: bool
+    entries: list[Kept]
+
+
+class EntryChanges(Body):
+    """What is changed of an entry: its name, attributes, and whether it stays when others make room."""
+
+    title: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    kept: bool | None = None
+    attributes: dict[Short, Short] | None = Field(default=None, max_length=20)
+
+
 class Band(BaseModel):
     """Extremes of groups of samples."""
 

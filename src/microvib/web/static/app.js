@@ -9,6 +9,7 @@ import { loadPlotly } from "./plots.js";
 import { makeRun } from "./run.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
+import { makeUnitSwitch } from "./unit_switch.js";
 
 const HEARTBEAT = 5000;
 const tabs = [...document.querySelectorAll("[role=tab]")];
@@ -131,7 +132,7 @@ function makeNotice() {
   const place = $("#server");
   const words = {
     silent: "The server does not answer. Is microvib serve still running? The page asks again every second.",
-    restarted: "The server was restarted. What it had computed and read before is gone; the scenarios of your runs are still here.",
+    restarted: "The server was restarted. What had ended is in its library; of what had not, the scenarios are still here.",
     shut: "This browser has no access: open the address that microvib serve printed last, then come back to this tab.",
   };
   const told = new Set();
@@ -151,9 +152,10 @@ function makeNotice() {
 
 /** The other tabs: their scripts are not needed before a scenario can be run. */
 async function makeOthers() {
-  const [angles, sheet, modes, quiet, rates, recording, sas] = await Promise.all([
+  const [angles, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
     import("./angles.js"),
     import("./datasheet.js"),
+    import("./library.js"),
     import("./modes.js"),
     import("./quiet.js"),
     import("./rates.js"),
@@ -167,6 +169,7 @@ async function makeOthers() {
   angles.makeAngles($("#angles"));
   modes.makeModes($("#modes"));
   sas.makeSas($("#sas"));
+  library.makeLibrary($("#library"));
 }
 
 function listen() {
@@ -186,6 +189,7 @@ function listen() {
 }
 
 makeTabs();
+makeUnitSwitch($("header"));
 makeNotice();
 await loaded.catch((error) => {
   announce(error.message, { error: true });

@@ -5,6 +5,7 @@ import { fillChannels, has } from "./channels.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
+import { sampleAxis } from "./measures.js";
 import { draw, envelopeTrace, ink, onZoom } from "./plots.js";
 import * as runs from "./runs.js";
 import { PHASE, STICK } from "./styles.js";
@@ -123,13 +124,16 @@ function places(strips) {
 
 function curve(run, series, axis) {
   const data = series.channels[view.channel];
+  const { factor, printed } = sampleAxis(data.unit);
+  const { x, y } = envelopeTrace(series.t, data, series.exact);
   return {
-    ...envelopeTrace(series.t, data, series.exact),
+    x,
+    y: factor === 1 ? y : y.map((value) => factor * value),
     name: run.name,
     mode: "lines",
     yaxis: `y${axis}`,
     line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 },
-    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>%{fullData.name}</extra>`,
+    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${printed ?? unitText(data.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -163,7 +167,8 @@ function words(series, strips, of) {
 }
 
 function layout(shown, series, strips, place) {
-  const unit = unitText(series[0]?.channels[view.channel].unit);
+  const plain = series[0]?.channels[view.channel].unit;
+  const unit = sampleAxis(plain).printed ?? unitText(plain);
   const title = `${view.channel}${unit ? ` [${unit}]` : ""}`;
   const [t0, t1] = view.window ?? spanOf(shown);
   const upper = Array.from({ length: strips }, (_, k) => [

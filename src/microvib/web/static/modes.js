@@ -31,6 +31,9 @@ export function makeModes(tab) {
   task.restore();
 }
 
+/** Shapes of the library. */
+export const openModes = ({ id, title, asked }) => task.open({ id, name: title, context: { of: asked.of } });
+
 const find = (of) => task.start("Mode shapes", () => post("/api/shapes", { scenario: scenario.current(), of }), { of });
 
 function show({ header, rows, words, moving }, { of }, id) {

@@ -1,6 +1,7 @@
 // What all plots share: look, behaviour, and the window that is asked from the server on zoom.
 
 import { debounce, h } from "./dom.js";
+import { plotExports } from "./exports.js";
 
 // Plotly is large: it is fetched when the form is there, or when something is to be drawn before that. Its first drawing, which
 // is its slowest, is of nothing.
@@ -30,16 +31,16 @@ export const ink = () => colour("--ink");
 
 /** Draw or redraw a plot; texts and lines take the page's colours. */
 export async function draw(place, data, layout) {
+  if (!plots.has(place)) place.after(plotExports(place, () => colour("--paper")));
   plots.set(place, { data, layout });
   const plotly = await loadPlotly();
-  await plotly.react(place, harmless(data), harmless(themed(layout)), {
+  await plotly.react(place, harmless(data), harmless(themed(layout, place)), {
     responsive: true,
     displaylogo: false,
     showTips: false,
     scrollZoom: false,
     doubleClick: "reset",
-    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
-    toImageButtonOptions: { format: "svg", filename: "microvib" },
+    modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
   });
 }
 
@@ -55,7 +56,10 @@ function harmless(value, key) {
   return Object.fromEntries(Object.entries(value).map(([name, item]) => [name, harmless(item, name)]));
 }
 
-function themed(layout) {
+const NARROW = 560; // pixels, up to which names of curves lie below their plot
+
+function themed(layout, place) {
+  const below = place.clientWidth < NARROW;
   const axis = {
     gridcolor: colour("--grid"),
     linecolor: colour("--rule"),
@@ -76,7 +80,7 @@ function themed(layout) {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     margin: { l: 62, r: 14, t: 12, b: 40 },
     hoverlabel: { bgcolor: colour("--paper"), bordercolor: colour("--rule"), font: { color: colour("--ink") } },
-    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+    legend: { orientation: "h", x: 0, y: below ? -0.2 : 1.02, yanchor: below ? "top" : "bottom", bgcolor: "rgba(0,0,0,0)" },
     modebar: { color: colour("--soft"), activecolor: colour("--accent"), bgcolor: "rgba(0,0,0,0)" },
     ...layout,
     ...axes,
@@ -112,8 +116,11 @@ export function pointsFor(place, curves) {
   return Math.min(step * 500 * Math.ceil(pixels / 500), FINEST); // in steps, so that a window's width does not ask anew
 }
 
-/** Range of an axis of amplitudes up to the largest, with room for names above it. */
-export const bounds = (largest, log) => (log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 1] : [0, 1.25 * largest]);
+/** Range of an axis of amplitudes up to the largest, in its unit, with room for names above it. */
+export function bounds(largest, log, dB = false) {
+  if (dB) return [largest - 88, largest + 20];
+  return log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 1] : [0, 1.25 * largest];
+}
 
 /** A line through a min/max envelope, so that no peak is lost; where each sample is there, through the samples. */
 export function envelopeTrace(t, channel, exact) {

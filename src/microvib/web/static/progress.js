@@ -76,15 +76,16 @@ export function makeTask(key, place, show) {
     announce(`${job.name} …`);
     const end = await follow(job.id, row.show);
     row.element.remove();
+    job.ended = true;
     if (job !== mine) return;
     if (end.state !== "done") return say(end.error ?? `${job.name} was cancelled.`, end.state !== "cancelled");
     announce(`${job.name}: done.`);
     await show(end.result, job.context, job.id);
   }
 
-  /** What is under way, or shown, counts no more. */
+  /** What is under way, or shown, counts no more; what has ended stays in the library. */
   function leave() {
-    if (mine) forget(mine.id);
+    if (mine && !mine.ended) forget(mine.id);
     mine = null;
     keep(key, null);
     words.replaceChildren();
@@ -103,6 +104,11 @@ export function makeTask(key, place, show) {
   return {
     start,
     leave,
+    /** Show what ended before, {id, name, context}. */
+    open: (job) => {
+      leave();
+      return finish(job);
+    },
     /** The job of before a reload. */
     restore: () => kept(key) && finish(kept(key)),
   };

@@ -5,6 +5,7 @@ import { has } from "./channels.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
+import { amplitudeAxis, densityAxis, onUnits } from "./measures.js";
 import { bounds, draw, onZoom, stretch } from "./plots.js";
 import * as runs from "./runs.js";
 import { LINE, RECORDED } from "./styles.js";
@@ -47,6 +48,7 @@ function picture(key, title, { ask, paint, log = true }) {
     ).catch((error) => announce(error.message, { error: true }));
   }
 
+  onUnits(() => set({ y: null }));
   return {
     card: h("section", { class: "card" }, bar, plot),
     update,
@@ -80,49 +82,51 @@ async function beside({ run_channel: channel }, query, options) {
 }
 
 function paintSpectrum(analysis, view, [{ f, values }, other]) {
-  const unit = unitText(analysis.unit);
+  const axis = amplitudeAxis(analysis.unit);
+  const unit = axis.printed ?? unitText(analysis.unit);
+  const log = view.log && !axis.dB;
   const largest = Math.max(...values, ...seen(analysis).map((line) => line.amplitude_n_m), 1e-15);
   const curve = {
     x: f,
-    y: values,
+    y: values.map(axis.y),
     mode: "lines",
     name: analysis.channel,
     line: { color: RECORDED, width: 1.1 },
     hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
   };
   return [
-    [...(other ? [under(other)] : []), curve, marks(seen(analysis), unit)],
+    [...(other ? [under(other, axis)] : []), curve, marks(seen(analysis), unit, axis)],
     {
       xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
       yaxis: {
-        title: { text: `amplitude [${unit}]` },
-        type: view.log ? "log" : "linear",
-        dtick: view.log ? 1 : undefined,
-        range: view.y ?? bounds(largest, view.log),
+        title: { text: `amplitude [${unit}], ${axis.words}` },
+        type: log ? "log" : "linear",
+        dtick: log ? 1 : undefined,
+        range: view.y ?? bounds(axis.y(largest), view.log, axis.dB),
       },
     },
   ];
 }
 
-const under = ({ run, channel, unit, f, amplitude }) => ({
+const under = ({ run, channel, f, amplitude }, axis) => ({
   x: f,
-  y: amplitude,
+  y: amplitude.map(axis.y),
   mode: "lines",
   name: `${channel} of ${run.name}`,
   line: { color: run.colour, width: 2.2 },
   opacity: 0.75,
-  hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unitText(unit)}<extra></extra>`,
+  hovertemplate: `%{x:.6g} Hz<br>%{y:.4g}<extra></extra>`,
 });
 
-const marks = (lines, unit) => ({
+const marks = (lines, unit, axis) => ({
   x: lines.map((line) => line.frequency_hz),
-  y: lines.map((line) => line.amplitude_n_m),
+  y: lines.map((line) => axis.y(line.amplitude_n_m)),
   mode: "markers",
   name: "lines, with their standard uncertainty",
   text: lines.map((line) => line.line),
   error_y: {
     type: "data",
-    array: lines.map((line) => line.amplitude_uncertainty_n_m ?? 0),
+    array: lines.map((line) => upTo(line, axis)),
     visible: true,
     color: LINE,
     thickness: 1.5,
@@ -132,11 +136,16 @@ const marks = (lines, unit) => ({
   hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${unit}<extra></extra>`,
 });
 
+/** From a line's amplitude to that and its uncertainty, on the axis. */
+const upTo = ({ amplitude_n_m: amplitude, amplitude_uncertainty_n_m: spread }, { y }) => y(amplitude + (spread ?? 0)) - y(amplitude);
+
 function paintDensity(analysis, view, { f, values }) {
-  const unit = `(${unitText(analysis.unit)})²/Hz`;
+  const axis = densityAxis(analysis.unit);
+  const unit = axis.printed ?? `(${unitText(analysis.unit)})²/Hz`;
+  const log = view.log && !axis.dB;
   const curve = {
     x: f,
-    y: values,
+    y: values.map(axis.y),
     mode: "lines",
     line: { color: RECORDED, width: 1.1 },
     hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
@@ -147,8 +156,8 @@ function paintDensity(analysis, view, { f, values }) {
       xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
       yaxis: {
         title: { text: `density [${unit}]` },
-        type: view.log ? "log" : "linear",
-        dtick: view.log ? 1 : undefined,
+        type: log ? "log" : "linear",
+        dtick: log ? 1 : undefined,
         range: view.y ?? undefined,
       },
       showlegend: false,

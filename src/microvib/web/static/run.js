@@ -6,6 +6,7 @@ import { drawing as driveOf } from "./drive.js";
 import * as history from "./history.js";
 import * as limit from "./limit.js";
 import { latest } from "./latest.js";
+import { onUnits, shownFact } from "./measures.js";
 import { progressRow } from "./progress.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
@@ -47,9 +48,11 @@ export function makeRun(place) {
   limit.makeLimit(judged);
   runs.onChange((what) => {
     if (what === "runs") return show();
+    if (what === "names") return redraw();
     if (what === "state") showChips();
     showProgress();
   });
+  onUnits(redraw);
   scenario.onCheck(() => !runs.selected()?.result && showDrawing());
   show();
 }
@@ -76,6 +79,12 @@ async function show() {
     },
     () => (figures.dataset.drawn = names),
   ).catch((error) => announce(error.message, { error: true }));
+}
+
+/** Names have changed: chips, legends, and what says whose figures these are. */
+function redraw() {
+  figures.dataset.drawn = "";
+  return show();
 }
 
 /** The limit, or what is said against it, has changed. */
@@ -148,18 +157,42 @@ function showChips() {
         );
       const name = h(
         "button",
-        { class: "name", "aria-pressed": String(run === runs.selected()), title: run.name, onclick: () => runs.choose(run) },
+        { class: "name", "aria-pressed": String(run === runs.selected()), title: `${run.name}; F2 renames it`, onclick: () => runs.choose(run), onkeydown: (event) => event.key === "F2" && rename(run) },
         sample(run),
         h("span", {}, run.name + state),
       );
+      const pen =
+        run === runs.selected() &&
+        h("button", { class: "pen", title: "Rename (F2)", "aria-label": `Rename ${run.name}`, onclick: () => rename(run) }, "✎");
       const close = h(
         "button",
-        { class: "close", title: "Remove", "aria-label": `Remove ${run.name}`, onclick: () => runs.remove(run) },
+        { class: "close", title: "Close; it stays in the library", "aria-label": `Close ${run.name}`, onclick: () => runs.remove(run) },
         "×",
       );
-      return h("li", { class: `chip ${run.state}${run === runs.selected() ? " chosen" : ""}` }, eye, name, close);
+      return h("li", { "data-run": run.look, class: `chip ${run.state}${run === runs.selected() ? " chosen" : ""}` }, eye, name, pen, close);
     }),
   );
+}
+
+/** A field in the place of a run's name. */
+function rename(run) {
+  const place = chips.querySelector(`[data-run="${run.look}"]`);
+  const field = h("input", { type: "text", class: "rename", "aria-label": "Name of the run", value: run.name, maxlength: 200 });
+  let over = false;
+  const end = (name) => {
+    if (over) return;
+    over = true;
+    runs.rename(run, name);
+    showChips();
+    chips.querySelector(`[data-run="${run.look}"] .name`)?.focus();
+  };
+  field.addEventListener("keydown", (event) => {
+    if (event.key === "Enter") end(field.value);
+    if (event.key === "Escape") end(run.name);
+  });
+  field.addEventListener("blur", () => end(field.value));
+  place.querySelector(".name").replaceWith(field);
+  field.select();
 }
 
 /** The run's colour and dash, as in the plots. */
@@ -196,7 +229,7 @@ function showProgress() {
 /** The leading figures of a run: verdict or largest lines, largest torque. */
 function headOf(run) {
   const { facts } = limit.verdictOf(run) ?? run.result;
-  const fact = ({ value, label, status }) => h("div", { class: status, title: label }, h("b", {}, value.replaceAll("-", "−")), h("span", {}, label));
+  const fact = ({ value, label, status }) => h("div", { class: status, title: label }, h("b", {}, shownFact({ value, label }).replaceAll("-", "−")), h("span", {}, label));
   return [
     h("div", { class: "facts" }, h("h2", {}, run.result.title || run.name), facts.map(fact), run.state === "done" && h("div", { class: "menus" }, menu(run), exportMenu(run))),
   ];

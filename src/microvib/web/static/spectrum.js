@@ -1,10 +1,11 @@
 // Amplitude spectrum of the shown runs: named lines, array mode, measured reference lines, linear and logarithmic axes.
 
 import { excited, fillChannels, has } from "./channels.js";
-import { announce, debounce, h, number, quantity, unitText } from "./dom.js";
+import { announce, debounce, h, number, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { about, modeNames, placed, together } from "./labels.js";
 import { latest } from "./latest.js";
+import { amplitudeAxis, onUnits, shown as inUnits } from "./measures.js";
 import { bounds, draw, ink, onZoom, pointsFor, stretch } from "./plots.js";
 import * as runs from "./runs.js";
 import { LIMIT } from "./styles.js";
@@ -15,6 +16,7 @@ const NAMED = 8; // lines at most; half of them in a picture that is narrow [px]
 const NARROW = 400;
 const WORTH = 0.005; // of the largest line that is seen, from which another has a name
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
+const NAMES = 6; // of curves, beyond which the runs' list alone has them
 const SIZE = 10.5; // of names
 const AROUND = 76; // margins of the plot, before it has been drawn
 
@@ -59,6 +61,8 @@ function arrayWindow() {
   return mode ? [0, 4 * mode.frequency] : [0, 5];
 }
 
+onUnits(() => (view.y = null));
+
 let listening = false;
 const asking = latest();
 
@@ -74,12 +78,16 @@ export async function update() {
 }
 
 let last = null; // what is drawn
+let axis = amplitudeAxis("N*m"); // in which unit
 
 async function show(shown, spectra) {
   last = [shown, spectra];
+  axis = amplitudeAxis(spectra[0]?.unit ?? "N*m");
+  logY.hidden = axis.dB;
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
-  const traces = shown.flatMap((run, k) => [curve(run, spectra[k]), ...(view.channel === "T_d" ? [dots(run)] : [])]);
+  const named = shown.length <= NAMES;
+  const traces = shown.flatMap((run, k) => [{ ...curve(run, spectra[k]), showlegend: named }, ...(view.channel === "T_d" ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...referenceDots(shown));
   const measured = String(area());
   await draw(plot, traces, layout(shown, spectra));
@@ -104,8 +112,8 @@ function fromAxis(window) {
 
 // What is not above zero has no place on a logarithmic axis; the picture would go on level from it.
 function positive({ f, amplitude }) {
-  const keep = f.map((x, k) => (x > 0 || !view.logX) && (amplitude[k] > 0 || !view.logY));
-  return { x: f.filter((_, k) => keep[k]), y: amplitude.filter((_, k) => keep[k]) };
+  const keep = f.map((x, k) => (x > 0 || !view.logX) && (amplitude[k] > 0 || !(view.logY || axis.dB)));
+  return { x: f.filter((_, k) => keep[k]), y: amplitude.filter((_, k) => keep[k]).map(axis.y) };
 }
 
 function curve(run, spectrum) {
@@ -114,7 +122,7 @@ function curve(run, spectrum) {
     name: run.name,
     mode: "lines",
     line: { color: run.colour, dash: run.dash, width: 1.2 },
-    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unitText(spectrum.unit)}<extra>%{fullData.name}</extra>`,
+    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${axis.printed ?? unitText(spectrum.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -124,12 +132,12 @@ function dots(run) {
   const lines = seenLines(run);
   return {
     x: lines.map((line) => line.frequency_hz),
-    y: lines.map((line) => line.amplitude_n_m),
+    y: lines.map((line) => axis.y(line.amplitude_n_m)),
     mode: "markers",
     showlegend: false,
     marker: { color: run.colour, size: 6, line: { color: "#fff", width: 0.8 } },
     text: lines.map((line) => `${line.line}<br>${line.origin}`),
-    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} N m<extra>%{fullData.name}</extra>`,
+    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${axis.printed}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -139,12 +147,12 @@ function referenceDots(shown) {
   return [
     {
       x: rows.map((row) => row.measured_hz),
-      y: rows.map((row) => row.measured_n_m),
+      y: rows.map((row) => axis.y(row.measured_n_m)),
       name: "measured",
       mode: "markers",
       marker: { symbol: "diamond-open", size: 11, color: ink(), line: { width: 1.8 } },
       text: rows.map((row) => row.line),
-      hovertemplate: "measured, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
+      hovertemplate: `measured, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} ${axis.printed}<extra></extra>`,
     },
   ];
 }
@@ -156,16 +164,16 @@ function layout(shown, spectra) {
   const [low, high] = view.window ?? [0, spectra[0]?.f.at(-1) ?? HIGHEST];
   const lowest = Math.max(low, Math.min(...spectra.map((one) => one.resolution), LOWEST));
   const x = view.logX ? [Math.log10(lowest), Math.log10(high)] : [low, high];
-  const y = view.y ?? bounds(largest, view.logY);
+  const y = view.y ?? bounds(axis.y(largest), view.logY, axis.dB);
   const axes = scaled(x, y);
-  note.textContent = spectra.length ? "0-to-peak, Hann window" : "";
+  note.textContent = spectra.length ? `${axis.words}, Hann window` : "";
   return {
     xaxis: { title: { text: "frequency [Hz]" }, type: view.logX ? "log" : "linear", range: x },
     yaxis: {
-      title: { text: `amplitude [${unitText(spectra[0]?.unit ?? "N*m")}]` },
-      type: view.logY ? "log" : "linear",
+      title: { text: `amplitude [${axis.printed ?? unitText(spectra[0]?.unit ?? "N*m")}]` },
+      type: view.logY && !axis.dB ? "log" : "linear",
       range: y,
-      dtick: view.logY ? 1 : undefined,
+      dtick: view.logY && !axis.dB ? 1 : undefined,
     },
     annotations: [
       ...(run && view.channel === "T_d" ? names(run, axes, limit) : []),
@@ -180,7 +188,10 @@ function layout(shown, spectra) {
 function scaled(x, y) {
   const [width, height] = area();
   const onX = (f) => (view.logX ? Math.log10(Math.max(f, 1e-9)) : f);
-  const onY = (amplitude) => (view.logY ? Math.log10(Math.max(amplitude, 1e-30)) : amplitude);
+  const onY = (amplitude) => {
+    const value = axis.y(Math.max(amplitude, 1e-30));
+    return view.logY && !axis.dB ? Math.log10(value) : value;
+  };
   const right = (f) => ((onX(f) - x[0]) / (x[1] - x[0])) * width;
   const down = (amplitude) => ((y[1] - onY(amplitude)) / (y[1] - y[0])) * height;
   const sees = (f) => right(f) >= 0 && right(f) <= width;
@@ -219,7 +230,7 @@ function names(run, axes, limit) {
     y: axes.down(line.amplitude_n_m),
     size: SIZE,
     optional: rank(line) === 2 && !first.includes(line.line),
-    lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`],
+    lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${inUnits(line.amplitude_n_m, "N*m", 3)}`],
   }));
   return placed(wanted, axes, dots)
     .slice(0, axes.width < NARROW ? NAMED / 2 : NAMED)
@@ -281,13 +292,13 @@ function limitLine(limit, axes) {
   if (!limit) return [];
   const [x0, x1] = span(limit, axes);
   const line = { color: LIMIT, width: 2 };
-  return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: limit.torque, y1: limit.torque, line }] : [];
+  return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: axis.y(limit.torque), y1: axis.y(limit.torque), line }] : [];
 }
 
 function limitName(limit, axes) {
   if (!limit) return [];
   const [x0, x1] = span(limit, axes);
-  const text = `limit ${quantity(limit.torque, "N*m", 3)}`;
+  const text = `limit ${inUnits(limit.torque, "N*m", 3)}`;
   const font = { size: SIZE, color: LIMIT };
   const place = { xref: "paper", x: x1, y: axes.onY(limit.torque), xanchor: "right", yanchor: "bottom", showarrow: false };
   return x0 < x1 ? [{ ...place, text, font }] : [];
