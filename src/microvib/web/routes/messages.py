@@ -379,6 +379,28 @@ class Verdict(BaseModel):
     """The parts of the run's result that the limit changes, by their titles."""
 
 
+class LinesOf(Body):
+    """Lines of a scenario at once: of its steady state, or of the linearised drive."""
+
+    scenario: Spec
+    linear: bool = False
+
+
+class LineNow(BaseModel):
+    """A line [Hz, N m, 0-to-peak]."""
+
+    line: str
+    frequency: float
+    amplitude: float
+
+
+class LinesNow(BaseModel):
+    """Lines; ``reason`` says why they are those of a run in time and not of a steady state."""
+
+    lines: list[LineNow]
+    reason: str
+
+
 class RecordedSpectrum(BaseModel):
     """A stretch of a recording's spectrum, in the unit of its analysis."""
 

@@ -20,6 +20,7 @@ from microvib.web.routes import forms
 from microvib.web.routes.common import (
     RequestRefused,
     StoreDependency,
+    ask,
     reading,
     refusals,
     refused,
@@ -32,6 +33,8 @@ from microvib.web.routes.messages import (
     Entry,
     Form,
     LeverOf,
+    LinesNow,
+    LinesOf,
     Problem,
     QuietChoices,
     Sheet,
@@ -83,6 +86,13 @@ def quiet_choices(spec: Spec, store: StoreDependency) -> QuietChoices:
     require_constant_rate(found)
     levers = [LeverOf(**asdict(lever)) for lever in named_levers(found)]
     return QuietChoices(lines=line_names(found), levers=levers)
+
+
+@routes.post("/lines", responses=refusals(429))
+def lines_now(want: LinesOf, store: StoreDependency) -> LinesNow:
+    """Lines of a scenario while somebody waits: nothing is kept."""
+    found = requested(store, want.scenario)
+    return LinesNow.model_validate(ask(store, "lines_now", scenario=found, linear=want.linear))
 
 
 @routes.get("/datasheet", response_model_exclude_none=True)

@@ -5,6 +5,7 @@ import { loaded, restored } from "./begin.js";
 import { $, announce, h, onDrop, save } from "./dom.js";
 import { makeForm } from "./form.js";
 import { keep, keepFields, kept } from "./kept.js";
+import { makeKeys } from "./keys.js";
 import { loadPlotly } from "./plots.js";
 import { makeRun } from "./run.js";
 import * as runs from "./runs.js";
@@ -190,6 +191,7 @@ function listen() {
 
 makeTabs();
 makeUnitSwitch($("header"));
+makeKeys($("header"));
 makeNotice();
 await loaded.catch((error) => {
   announce(error.message, { error: true });

@@ -138,6 +138,23 @@ export function pictureExports(image, name) {
   return exportBar(() => name, { SVG: svg, PNG: () => pngOf(svg()) });
 }
 
+const LOOKS = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-weight", "font-style", "font-family"];
+
+/** Buttons of a drawing of the page; its looks, which come from the page, go along. */
+export function drawingExports(drawing, name) {
+  const svg = () => {
+    const original = drawing();
+    const copied = original.cloneNode(true);
+    const pairs = [original, ...original.querySelectorAll("*")].map((one, k) => [one, [copied, ...copied.querySelectorAll("*")][k]]);
+    for (const [one, other] of pairs) for (const look of LOOKS) other.style.setProperty(look, getComputedStyle(one).getPropertyValue(look));
+    const { width, height } = original.viewBox.baseVal;
+    for (const [key, value] of Object.entries({ width, height, xmlns: "http://www.w3.org/2000/svg" })) copied.setAttribute(key, value);
+    copied.style.background = getComputedStyle(document.documentElement).getPropertyValue("--paper");
+    return new XMLSerializer().serializeToString(copied);
+  };
+  return exportBar(() => name, { PNG: () => pngOf(svg()), SVG: svg });
+}
+
 /** Text of a data address, which the page's policy lets nobody fetch. */
 function textOf(address) {
   const [head, content] = [address.slice(0, address.indexOf(",")), address.slice(address.indexOf(",") + 1)];

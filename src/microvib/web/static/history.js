@@ -2,6 +2,7 @@
 // Each zoom asks the server for that window, as an envelope, so that peaks survive and a microstep is seen sample by sample.
 
 import { fillChannels, has } from "./channels.js";
+import { addCursors } from "./cursors.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
@@ -64,6 +65,8 @@ function shift(part) {
   const from = Math.min(Math.max(view.window[0] + part * length, t0), t1 - length);
   set({ window: [from, from + length] });
 }
+
+addCursors(plot, "time");
 
 let listening = false;
 const asking = latest();

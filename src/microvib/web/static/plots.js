@@ -80,7 +80,7 @@ function themed(layout, place) {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     margin: { l: 62, r: 14, t: 12, b: 40 },
     hoverlabel: { bgcolor: colour("--paper"), bordercolor: colour("--rule"), font: { color: colour("--ink") } },
-    legend: { orientation: "h", x: 0, y: below ? -0.2 : 1.02, yanchor: below ? "top" : "bottom", bgcolor: "rgba(0,0,0,0)" },
+    legend: { orientation: "h", x: 0, y: below ? -0.32 : 1.02, yanchor: below ? "top" : "bottom", bgcolor: "rgba(0,0,0,0)" },
     modebar: { color: colour("--soft"), activecolor: colour("--accent"), bgcolor: "rgba(0,0,0,0)" },
     ...layout,
     ...axes,

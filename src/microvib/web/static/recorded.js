@@ -2,6 +2,8 @@
 
 import { get } from "./api.js";
 import { has } from "./channels.js";
+import { addCursors } from "./cursors.js";
+import { basesOf } from "./orders.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
@@ -49,8 +51,10 @@ function picture(key, title, { ask, paint, log = true }) {
   }
 
   onUnits(() => set({ y: null }));
+  const card = h("section", { class: "card" }, bar, plot);
+  addCursors(plot, "frequency", () => basesOf(runs.selected()?.result));
   return {
-    card: h("section", { class: "card" }, bar, plot),
+    card,
     update,
     show: (analysis, words) => {
       shown = analysis;

@@ -1,11 +1,14 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
+import * as ab from "./ab.js";
 import { craftOf } from "./craft.js";
 import { announce, h, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
+import { drawingExports } from "./exports.js";
 import * as history from "./history.js";
 import * as limit from "./limit.js";
 import { latest } from "./latest.js";
+import * as live from "./live.js";
 import { onUnits, shownFact } from "./measures.js";
 import { progressRow } from "./progress.js";
 import * as runs from "./runs.js";
@@ -22,9 +25,10 @@ const head = h("div", { class: "head" });
 const picture = h("section", { class: "card drawing" });
 const caption = h("p", { class: "soft note" });
 const sketch = h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "Drive train" });
-const figures = h("div", { class: "figures" }, spectrum.card, picture, history.card);
+const figures = h("div", { class: "figures" }, spectrum.card);
+const answer = h("div", { class: "tables" });
 const craft = h("div", {});
-const tables = h("div", {});
+const tables = h("div", { class: "tables" });
 
 const FILES = [
   ["scenario.yaml", "scenario"],
@@ -43,8 +47,9 @@ const FILES = [
 
 export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
-  picture.append(sketch, slow, caption);
-  place.append(chips, going, head, limit.bar, figures, craft, tables);
+  picture.append(sketch, slow, caption, drawingExports(() => sketch.querySelector("svg"), "Drive train"));
+  live.makeLive();
+  place.append(chips, going, head, limit.bar, figures, answer, ab.card, history.card, live.card, craft, picture, tables);
   limit.makeLimit(judged);
   runs.onChange((what) => {
     if (what === "runs") return show();
@@ -62,10 +67,11 @@ async function show() {
   showProgress();
   showDrawing();
   limit.update();
+  ab.update();
   const run = runs.selected();
   head.replaceChildren(...(run ? [...(run.result ? headOf(run) : []), ...failure(run)] : [welcome()]));
   craft.replaceChildren(...craftOf(run));
-  tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
+  showTables(run);
   const shown = runs.shown();
   const names = shown.map((item) => item.id).join(" ");
   spectrum.card.hidden = history.card.hidden = !shown.length;
@@ -91,7 +97,7 @@ function redraw() {
 function judged() {
   const run = runs.selected();
   if (run?.result) {
-    tables.replaceChildren(...tablesOf(run));
+    showTables(run);
     head.replaceChildren(...headOf(run), ...failure(run));
   }
   if (run?.state === "done") spectrum.update().catch((error) => announce(error.message, { error: true }));
@@ -233,6 +239,13 @@ function headOf(run) {
   return [
     h("div", { class: "facts" }, h("h2", {}, run.result.title || run.name), facts.map(fact), run.state === "done" && h("div", { class: "menus" }, menu(run), exportMenu(run))),
   ];
+}
+
+/** The lines stand under their picture, everything else further below. */
+function showTables(run) {
+  const [lines, ...others] = run?.result ? tablesOf(run) : [];
+  answer.replaceChildren(...(lines ? [lines] : []));
+  tables.replaceChildren(...others);
 }
 
 /** Cards of the run's parts; those that the limit changes as they are against it. */

@@ -1,11 +1,13 @@
 // Amplitude spectrum of the shown runs: named lines, array mode, measured reference lines, linear and logarithmic axes.
 
 import { excited, fillChannels, has } from "./channels.js";
+import { addCursors } from "./cursors.js";
 import { announce, debounce, h, number, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { about, modeNames, placed, together } from "./labels.js";
 import { latest } from "./latest.js";
 import { amplitudeAxis, onUnits, shown as inUnits } from "./measures.js";
+import { basesOf, orderTicks } from "./orders.js";
 import { bounds, draw, ink, onZoom, pointsFor, stretch } from "./plots.js";
 import * as runs from "./runs.js";
 import { LIMIT } from "./styles.js";
@@ -16,16 +18,23 @@ const NAMED = 8; // lines at most; half of them in a picture that is narrow [px]
 const NARROW = 400;
 const WORTH = 0.005; // of the largest line that is seen, from which another has a name
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
-const NAMES = 6; // of curves, beyond which the runs' list alone has them
+const NAMES = 3; // of curves, beyond which the runs' list alone has them
 const SIZE = 10.5; // of names
 const AROUND = 76; // margins of the plot, before it has been drawn
 
-const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, y: null, ...kept("spectrum", {}) };
+const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, orders: "", y: null, ...kept("spectrum", {}) };
 const plot = h("div", { class: "plot tall", id: "spectrum-plot", role: "img", "aria-label": "Amplitude spectrum of the runs" });
 const channel = h("select", { id: "spectrum-channel", onchange: () => set({ channel: channel.value }) });
 const logX = button("log f", () => set({ logX: !view.logX }));
 const logY = button("log amplitude", () => set({ logY: !view.logY }));
 const note = h("span", { class: "soft note" });
+const bases = () => basesOf(runs.selected()?.result);
+const ordersOf = h(
+  "select",
+  { id: "spectrum-orders", "aria-label": "Axis of frequencies", onchange: () => set({ orders: ordersOf.value }) },
+  h("option", { value: "" }, "Hz"),
+  ["microstep rate", "electrical frequency"].map((name) => h("option", { value: name }, `× ${name}`)),
+);
 
 export const card = h(
   "section",
@@ -38,6 +47,7 @@ export const card = h(
     channel,
     logY,
     logX,
+    ordersOf,
     button("0–200 Hz", () => set({ window: [0, HIGHEST] })),
     button("Array mode", () => set({ window: arrayWindow(), logX: false })),
     button("All", () => set({ window: null })),
@@ -62,6 +72,8 @@ function arrayWindow() {
 }
 
 onUnits(() => (view.y = null));
+
+addCursors(plot, "frequency", bases);
 
 let listening = false;
 const asking = latest();
@@ -168,7 +180,7 @@ function layout(shown, spectra) {
   const axes = scaled(x, y);
   note.textContent = spectra.length ? `${axis.words}, Hann window` : "";
   return {
-    xaxis: { title: { text: "frequency [Hz]" }, type: view.logX ? "log" : "linear", range: x },
+    xaxis: { ...frequencies(lowest, low, high), type: view.logX ? "log" : "linear", range: x },
     yaxis: {
       title: { text: `amplitude [${axis.printed ?? unitText(spectra[0]?.unit ?? "N*m")}]` },
       type: view.logY && !axis.dB ? "log" : "linear",
@@ -182,6 +194,15 @@ function layout(shown, spectra) {
     ],
     shapes: [...modes(run, axes), ...limitLine(limit, axes)],
   };
+}
+
+/** Title and ticks: frequencies, or orders of the chosen run's clock. */
+function frequencies(lowest, low, high) {
+  const base = bases()[view.orders];
+  ordersOf.value = base ? view.orders : "";
+  if (!base) return { title: { text: "frequency [Hz]" } };
+  const title = { text: `order, multiples of the ${view.orders}, ${number(base, 5)} Hz` };
+  return { title, ...orderTicks(view.logX ? lowest : low, high, base, view.logX) };
 }
 
 /** Where values lie: in the units of the axes, and in pixels from the left and the top. */
