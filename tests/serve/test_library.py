@@ -118,7 +118,16 @@ def test_what_is_deleted_can_be_brought_back_until_the_server_ends(serving, tmp_
 def test_entries_are_addressed_by_ids_alone(serving, tmp_path):
     client = serving()
     (tmp_path / "other").mkdir()
-    for name in ("..", "../other", "..%2fother", "%2e%2e%2fother", "ABCDEF0123456789", f"{ID}%2f..", f"{ID}/entry.json", "/etc"):
+    for name in (
+        "..",
+        "../other",
+        "..%2fother",
+        "%2e%2e%2fother",
+        "ABCDEF0123456789",
+        f"{ID}%2f..",
+        f"{ID}/entry.json",
+        "/etc",
+    ):
         for method in ("GET", "DELETE", "PATCH"):
             answer = client.request(method, f"/api/library/{name}", json={"title": "x"})
             assert answer.status_code in (404, 405, 422), (method, name)

@@ -217,9 +217,10 @@ class Group(BaseModel):
 
 
 class Form(BaseModel):
-    """All groups."""
+    """All groups, and whether the server keeps what ends."""
 
     groups: list[Group]
+    keeps: bool = False
 
 
 class View(BaseModel):

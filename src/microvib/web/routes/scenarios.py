@@ -68,9 +68,9 @@ def form_groups() -> Form:
 
 
 @routes.get("/schema", response_model_exclude_none=True)
-def schema() -> Form:
+def schema(store: StoreDependency) -> Form:
     """Groups of fields, as the drive is built."""
-    return form_groups()
+    return form_groups().model_copy(update={"keeps": store.library is not None})
 
 
 @routes.post("/scenario", responses=refusals(429))

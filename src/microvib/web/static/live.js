@@ -50,6 +50,16 @@ export function makeLive() {
   onUnits(() => now && show());
 }
 
+/** Let a value of the form be moved. */
+export function moveLive(name) {
+  document.getElementById("tab-run").click();
+  card.open = true;
+  key.value = name;
+  card.scrollIntoView({ block: "nearest" });
+  slider.focus();
+  return begin();
+}
+
 function fill() {
   const { values } = scenario.checked();
   const keys = Object.keys(values).filter((name) => scenario.fieldOf(name)?.kind === "quantity" && !/^(solver|record)\./.test(name) && parts(values[name]));

@@ -17,14 +17,14 @@ const HIGHEST = 200;
 const seen = ({ lines }) => lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
 
 /** A card with one picture; `ask(analysis, window)` gets its data, `paint(analysis, view, data)` makes traces and layout of it. */
-function picture(key, title, { ask, paint, log = true }) {
+function picture(key, title, { ask, paint, log = true, more = [] }) {
   const view = { window: [0, HIGHEST], y: null, log, ...kept(key, {}) };
   const plot = h("div", { class: "plot tall", id: `${key}-plot`, role: "img", "aria-label": `${title} of the recording` });
   const note = h("span", { class: "soft note" });
   const logY = h("button", { type: "button", onclick: () => set({ log: !view.log, y: null }) }, "log amplitude");
   const all = h("button", { type: "button", onclick: () => set({ window: null, y: null }) }, "All");
   const low = h("button", { type: "button", onclick: () => set({ window: [0, HIGHEST], y: null }) }, `0–${HIGHEST} Hz`);
-  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, note);
+  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, more, note);
   const asking = latest();
   let shown = null;
   let listening = false;
@@ -66,7 +66,30 @@ function picture(key, title, { ask, paint, log = true }) {
 
 const recorded = ({ id }, of, query, options) => get(`/api/analyses/${id}/spectrum`, { of, ...query }, options);
 
+const CHOSEN = "";
+const NONE = "none";
+const beneath = h("select", {
+  id: "recording-beneath",
+  "aria-label": "Run beneath the recording",
+  onchange: () => {
+    keep("recording.beneath", beneath.value);
+    spectrum.update();
+  },
+});
+
+/** Offer the runs that have ended; the one that was asked for stays. */
+function fillBeneath() {
+  const there = runs.all().filter((run) => run.state === "done");
+  const options = [[CHOSEN, "beneath: the chosen run"], [NONE, "nothing beneath"], ...there.map((run) => [run.id, `beneath: ${run.name}`])]; // prettier-ignore
+  beneath.replaceChildren(...options.map(([value, words]) => h("option", { value }, words)));
+  const wanted = kept("recording.beneath", CHOSEN);
+  beneath.value = options.some(([value]) => value === wanted) ? wanted : CHOSEN;
+}
+
+const runBeneath = () => (beneath.value === CHOSEN ? runs.selected() : runs.all().find((run) => run.id === beneath.value));
+
 export const spectrum = picture("recording", "Spectrum", {
+  more: [beneath],
   ask: (analysis, query, options) =>
     Promise.all([recorded(analysis, "amplitude", query, options), beside(analysis, query, options)]),
   paint: paintSpectrum,
@@ -79,7 +102,8 @@ export const density = picture("density", "Power spectral density", {
 
 /** The same load of the chosen run under the recording's: its torque T_d, or a component of what its hub feels. */
 async function beside({ run_channel: channel }, query, options) {
-  const run = runs.selected();
+  fillBeneath();
+  const run = runBeneath();
   if (run?.state !== "done" || !has(run, channel)) return null;
   const found = await runs.ask(run, "spectrum", { channel, ...query }, options).catch(() => null);
   return found && { run, channel, ...found };

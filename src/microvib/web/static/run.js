@@ -144,7 +144,15 @@ function showDrawing(now = null) {
     : "After a run this drawing carries its voltages, currents and torques.";
 }
 
+/** The chips anew; the button that has the focus has it afterwards, too. */
 function showChips() {
+  const had = chips.contains(document.activeElement) ? document.activeElement : null;
+  const place = had && `[data-run="${had.closest(".chip").dataset.run}"] .${had.className}`;
+  fillChips();
+  if (place) chips.querySelector(place)?.focus();
+}
+
+function fillChips() {
   chips.replaceChildren(
     ...runs.all().map((run) => {
       const state = runs.going(run) ? "" : run.state === "done" ? "" : ` (${run.state})`;
@@ -193,8 +201,9 @@ function rename(run) {
     chips.querySelector(`[data-run="${run.look}"] .name`)?.focus();
   };
   field.addEventListener("keydown", (event) => {
-    if (event.key === "Enter") end(field.value);
-    if (event.key === "Escape") end(run.name);
+    if (!["Enter", "Escape"].includes(event.key)) return;
+    event.preventDefault(); // the button that gets the focus is not pressed by it
+    end(event.key === "Enter" ? field.value : run.name);
   });
   field.addEventListener("blur", () => end(field.value));
   place.querySelector(".name").replaceWith(field);

@@ -5,6 +5,7 @@ import { drop, get, getSurely, onServer, patch, post } from "./api.js";
 import { announce } from "./dom.js";
 import { follow } from "./jobs.js";
 import { keep, kept } from "./kept.js";
+import { keeps } from "./scenario.js";
 import { style } from "./styles.js";
 
 const KEPT = "runs";
@@ -80,6 +81,7 @@ async function finish(run) {
   Object.assign(run, end.state === "gone" && run.unwanted ? { state: "cancelled" } : end);
   if (run.state === "done") performance.mark("run-done");
   announce(`${run.name}: ${run.state}.`);
+  pass(run);
   tell("runs");
 }
 
@@ -130,8 +132,14 @@ export async function rename(run, name) {
   run.name = unlike(wanted);
   store();
   tell("names");
-  if (!run.id) return;
-  await patch(`/api/library/${run.id}`, { title: run.name.slice(0, 200) }).catch(() => null); // there may be no library
+  run.renamed = true;
+  await pass(run);
+}
+
+/** The library calls a run as the page does, from when it has it. */
+async function pass(run) {
+  if (!run.renamed || run.state !== "done" || !keeps) return;
+  await patch(`/api/library/${run.id}`, { title: run.name.slice(0, 200) }).catch((error) => announce(error.message, { error: true }));
 }
 
 /** A run has another name in the library. */

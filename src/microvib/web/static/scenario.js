@@ -17,11 +17,13 @@ const listeners = new Set();
 
 export let catalog = [];
 export let schema = [];
+/** Whether the server keeps what has ended. */
+export let keeps = false;
 let fields = new Map();
 
 /** Ask the server for its catalog and what it says of each field. */
 export async function load() {
-  [catalog, { groups: schema }] = await Promise.all([get("/api/catalog"), get("/api/schema")]);
+  [catalog, { groups: schema, keeps }] = await Promise.all([get("/api/catalog"), get("/api/schema")]);
   fields = new Map(schema.flatMap((group) => group.fields.map((field) => [field.key, field])));
 }
 
