@@ -158,3 +158,37 @@ def test_a_rigid_array_and_a_bare_drive_are_led_on_to_modes(visit: Callable[...,
     assert hub.input_value() == "420 kg"  # and the form has the craft
     page.locator("#whole button", has_text="spacecraft is replaced").click()
     api.expect(hub).to_have_count(0)
+
+
+def test_a_point_of_the_rate_map_is_a_run(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    page.click("#tab-rates")
+    page.check("#rates-linear")
+    page.fill("#rates-count", "12")
+    page.locator("#rates button.primary").click()
+    page.locator("#largest-plot .main-svg").first.wait_for()
+    place = """() => {
+      const plot = document.querySelector("#largest-plot");
+      plot.scrollIntoView({ block: "center" });
+      const [box, { _size: size, xaxis, yaxis }, curve] = [plot.getBoundingClientRect(), plot._fullLayout, plot.data[0]];
+      return [box.left + size.l + xaxis.d2p(curve.x[6]), box.top + size.t + yaxis.d2p(curve.y[6]), ...curve.customdata[6]];
+    }"""
+    x, y, rate, microsteps = page.evaluate(place)
+    page.mouse.move(x, y)
+    page.locator("#largest-plot .hoverlayer .hovertext").wait_for()
+    page.mouse.click(x, y)
+    name = page.locator(".offer")
+    api.expect(name).to_contain_text(f"{microsteps} microsteps")
+    assert figure(name.inner_text().split()[0]) == float(f"{rate:.6g}")
+    name.get_by_role("button").click()
+    drawn(page, 1)
+    assert f"{microsteps} microsteps" in page.locator(".chip .name").inner_text()
+
+
+def test_a_value_of_the_form_is_moved_live(visit: Callable[..., Any]) -> None:
+    page = visit()
+    page.locator("[id='field-motor.torque_constant']").focus()
+    page.get_by_role("button", name="Move it live").locator("visible=true").click()
+    page.locator("#live-plot .main-svg").first.wait_for()
+    assert page.input_value("#live-key") == "motor.torque_constant"
+    assert page.evaluate("document.activeElement.id") == "live-slider"
