@@ -42,7 +42,7 @@ Short = Annotated[str, Field(max_length=200)]
 
 
 class Entry(BaseModel):
-    """What a result or a recording is called, and what it was made of."""
+    """Name of a result or a recording, and the request that it answers."""
 
     id: str = Field(pattern=r"^[0-9a-f]{16}$")
     kind: Short

@@ -321,7 +321,7 @@ class LibraryOf(BaseModel):
 
 
 class EntryChanges(Body):
-    """What is changed of an entry: its name, attributes, and whether it stays when others make room."""
+    """Changes of an entry: its name, attributes, and whether it stays when others make room."""
 
     title: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     kept: bool | None = None

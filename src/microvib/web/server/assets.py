@@ -64,7 +64,7 @@ class Assets:
 
     @cached_property
     def digest(self) -> str:
-        """What all files contain, as a part of their address."""
+        """Digest of all contents, a part of their address."""
         found = sha256(self._page.encode())
         for name, path in self._paths.items():
             found.update(name.encode() + path.read_bytes())
