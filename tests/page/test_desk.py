@@ -165,6 +165,7 @@ def test_a_point_of_the_rate_map_is_a_run(visit: Callable[..., Any]) -> None:
     page.click("#tab-rates")
     page.check("#rates-linear")
     page.fill("#rates-count", "12")
+    page.fill("#rates-microsteps", "16")
     page.locator("#rates button.primary").click()
     page.locator("#largest-plot .main-svg").first.wait_for()
     place = """() => {
