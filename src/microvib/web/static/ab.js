@@ -15,6 +15,7 @@ export const card = h(
   place,
 );
 
+let filled = ""; // what stands in the table
 const ended = () => runs.all().filter((run) => run.result && run.state === "done");
 
 /** Offer the runs that have ended; B is the chosen one where nothing else was asked for. */
@@ -29,7 +30,7 @@ export function update() {
   if (!known(second.value)) second.value = there.at(-1).id;
   const other = there.filter((run) => run.id !== second.value).at(-1).id;
   first.value = known(a) && a !== second.value ? a : other;
-  fill();
+  if (filled !== `${first.value} ${second.value}`) fill();
 }
 
 function show() {
@@ -79,6 +80,7 @@ export function compared(a, b) {
 
 function fill() {
   const [a, b] = [first, second].map((select) => ended().find((run) => run.id === select.value));
+  filled = `${a?.id} ${b?.id}`;
   if (!a || !b) return place.replaceChildren();
   const resolution = 1 / Math.min(...[a, b].map(({ result }) => result.t1 - result.t0));
   const axis = amplitudeAxis("N*m");
