@@ -61,7 +61,8 @@ def serve(asked: Serving, tell: Tell) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as open_folders:
         library = _library(asked, open_folders, tell)
-        parent = Path(tempfile.gettempdir()) if library is None else library.root
+        temporary = Path(tempfile.gettempdir())
+        parent = temporary if library is None else library.root  # of the same disk
         root = open_folders.enter_context(workspace(parent, "page"))  # its mode keeps others out
         store = Store(root, Limits(), library)
         assets = Assets()
@@ -72,7 +73,8 @@ def serve(asked: Serving, tell: Tell) -> None:
                 threading.Thread(target=_warm, args=(assets,), daemon=True).start()
                 tell(f"microvib serves at {url}?token={access.token}   (Ctrl-C ends it)")
                 if asked.browser:
-                    opening = opening_file(root, url, access)
+                    way_in = open_folders.enter_context(workspace(temporary, "page"))
+                    opening = opening_file(way_in, url, access)
                     threading.Timer(0.5, webbrowser.open, [opening.as_uri()]).start()
                 server.run(sockets=[sock])
         finally:
