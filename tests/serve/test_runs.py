@@ -226,6 +226,32 @@ def test_a_run_in_the_formats_of_other_tools(client, finished, tmp_path):
     assert b"RLOAD1" in (tmp_path / "nastran.bdf").read_bytes()
 
 
+def test_options_of_a_format(client, finished):
+    """As the command takes them; each choice is a file of its own, and what is wrong is a sentence."""
+    where = f"/api/runs/{finished}/exports/nastran.bdf"
+    plain = client.get(where).text
+    asked = [("option", "grid=77"), ("option", "contents=[lines]")]
+    chosen = client.get(where, params=asked).text
+    assert "at grid point 77:" in chosen
+    assert "RANDPS" not in chosen
+    assert "at grid point 1:" in plain
+    assert client.get(where).text == plain
+    assert client.get(where, params=[("option", "grid=1")]).text == plain
+    for option, said in (
+        ("grid=0", "nastran: grid: 0 is not allowed; a whole number from 1"),
+        ("grids=1", "nastran: grids: unknown key; did you mean grid"),
+        ("grid", "option grid: KEY=VALUE is expected"),
+    ):
+        answer = client.get(where, params={"option": option})
+        assert answer.status_code == 422
+        assert answer.json()["error"].startswith(said), answer.text
+    (one,) = [x for x in result(client, finished)["exports"] if x["target"] == "nastran"]
+    shown = {option["key"]: option for option in one["options"]}
+    assert shown["units"]["choices"] == ["SI", "mm-t-s", "mm-kg-s", "in-lbf-s", "ft-lbf-s"]
+    assert shown["contents"]["kind"] == "choices"
+    assert shown["grid"]["default"] == "1"
+
+
 def test_no_other_file_is_exported(client, finished):
     for name in ("mat", "mat.exe", ".mat", "nastran.bdf.mat", "..%2Frun.pickle", "csv.csv%00"):
         answer = client.get(f"/api/runs/{finished}/exports/{name}")

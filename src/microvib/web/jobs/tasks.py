@@ -29,6 +29,7 @@ from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.line_names import driving_line
 from microvib.model.linear import linear_lines
+from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
 from microvib.reports.comparison import comparison_outcome
@@ -131,16 +132,18 @@ def file(
     new.replace(where / (mark + name))
 
 
-def export(folder: str, name: str, tell: ProgressCallback) -> None:
-    """A run as a file of another tool, called by target and ending, such as ``nastran.bdf``."""
+def export(folder: str, name: str, tell: ProgressCallback, options: Part, mark: str = "") -> None:
+    """A run as a file of another tool, called by target and ending, such as ``nastran.bdf``; made as
+    ``mark`` and its name.
+    """
     where = Path(folder)
     found = target_of_file(name)
     assert found is not None
     target, ending = found
     with TemporaryDirectory(dir=where) as made:
         new = Path(made) / f"run{ending}"
-        target.write(subject_of(_kept(where)), new, target.options())
-        new.replace(where / f"export-{name}")
+        target.write(subject_of(_kept(where)), new, options)
+        new.replace(where / f"export-{mark}{name}")
 
 
 def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]:

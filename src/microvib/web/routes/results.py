@@ -12,9 +12,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import StringConstraints
 
 from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
+from microvib.export.exporting import options_of, typed_options
 from microvib.export.targets import TARGETS, target_of_file
 from microvib.model.rigid import COMPONENTS
 from microvib.signals.screen import decimate_spectrum, extremes
@@ -63,6 +65,10 @@ Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
 Shown = Annotated[str | None, Query(max_length=100)]
+Option = Annotated[str, StringConstraints(max_length=500)]
+Options = Annotated[
+    tuple[Option, ...], Query(max_length=20, description="options of the format, KEY=VALUE each")
+]
 Log = Annotated[bool, Query(description="for a logarithmic axis of frequency")]
 
 routes = APIRouter(responses=refusals(404))
@@ -312,18 +318,24 @@ def file_of(
     "/runs/{id}/exports/{name}", response_class=FileResponse,
     responses=refusals(409, 429) | {200: {"content": {EXPORTED: {}}}},
 )  # fmt: skip
-def export_of(id: Id, name: str, store: StoreDependency) -> FileResponse:
-    """A run as a file of another tool, called by format and ending, such as ``nastran.bdf``; made when
-    it is first asked for.
+def export_of(id: Id, name: str, store: StoreDependency, option: Options = ()) -> FileResponse:
+    """A run as a file of another tool, called by format and ending, such as ``nastran.bdf``, with options
+    of the format as KEY=VALUE; made when it is first asked for.
     """
     folder = store.folder(finished_run(store, id))
-    if target_of_file(name) is None:
+    found = target_of_file(name)
+    if found is None:
         there = ", ".join(
             target.name + ending for target in TARGETS.values() for ending in target.endings
         )
         raise RequestRefused(404, f"there is no such file; there are {there}")
-    kept = folder / f"export-{name}"
+    target, _ = found
+    options = options_of(target, typed_options(option))
+    mark = ""
+    if options != target.options():
+        mark = sha256(options.model_dump_json().encode()).hexdigest()[:16] + "-"
+    kept = folder / f"export-{mark}{name}"
     if not kept.is_file():
         _whole_run(store, id)
-        ask(store, "export", folder=str(folder), name=name)
+        ask(store, "export", folder=str(folder), name=name, options=options, mark=mark)
     return FileResponse(_there(kept), media_type=EXPORTED, filename=name)

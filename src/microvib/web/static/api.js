@@ -166,6 +166,17 @@ export const upload = (path, query, body, options = {}) => {
   return request(`${path}?${new URLSearchParams(query)}`, { ...options, method: "POST", headers, body });
 };
 
+/** A file of the server as a blob. */
+export async function file(path) {
+  const answer = await fetch(path, { headers: { "X-Microvib-Key": key() } }).catch(() => {
+    hearNothing();
+    throw new Silent(NO_ANSWER);
+  });
+  if (answer.ok) return answer.blob();
+  const { error, key: field } = parsed(await answer.text()) ?? {};
+  throw new Refused(error ?? `The server answers ${answer.status} ${answer.statusText}.`, field, answer.status);
+}
+
 /** Cancel a computation that goes on, forget one that has ended. */
 export async function drop(id) {
   whileWanted(id);

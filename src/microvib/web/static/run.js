@@ -4,9 +4,10 @@ import * as ab from "./ab.js";
 import { craftOf } from "./craft.js";
 import { announce, h, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
-import { drawingExports } from "./exports.js";
+import { drawingExports } from "./take_away.js";
 import * as history from "./history.js";
 import * as limit from "./limit.js";
+import { exportMenu } from "./exports.js";
 import { latest } from "./latest.js";
 import * as live from "./live.js";
 import { onUnits, shownFact } from "./measures.js";
@@ -263,18 +264,6 @@ function tablesOf(run) {
   const parts = run.result.parts.map((part) => judged.get(part.title) ?? part);
   const [first, ...others] = parts;
   return partCards([...others, { ...first, title: "What was simulated" }]);
-}
-
-/** The run in the formats of other tools; what cannot be had says why. */
-function exportMenu(run) {
-  const items = (run.result.exports ?? []).flatMap(({ target, gives, files, missing }) =>
-    files.map((file) => {
-      const words = `${target} (${file.slice(target.length)})`;
-      if (missing) return h("span", { class: "none", title: missing }, words, h("small", {}, missing));
-      return h("a", { href: `/api/runs/${run.id}/exports/${file}`, download: file, title: gives }, words);
-    }),
-  );
-  return h("details", { class: "menu exports" }, h("summary", { class: "button" }, "Export"), h("div", {}, items));
 }
 
 function menu(run) {
