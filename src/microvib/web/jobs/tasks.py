@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from microvib.analysis.lines import steady_lines
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
@@ -25,6 +26,8 @@ from microvib.io.runs import write_motion
 from microvib.io.scenario_file import scenario_of
 from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.line_names import driving_line
+from microvib.model.linear import linear_lines
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
@@ -36,6 +39,7 @@ from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run
 from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
 from microvib.signals.limit_curve import Limit
+from microvib.signals.line_table import BELOW_FLOOR
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse
@@ -158,6 +162,31 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
         "facts": page_facts(run_facts(result, judged)),
         "parts": [page_part(part) for part in judged_parts(result, judged) if part.items],
     }
+
+
+def lines_now(scenario: Scenario, linear: bool, tell: ProgressCallback) -> dict[str, Any]:
+    """Lines of the steady state, or of the linearised drive, at once; ``reason`` says why the former
+    are those of a run in time.
+    """
+    if linear:
+        driving = linear_lines(scenario)
+        if not driving:
+            raise MicrovibError(
+                "the linearised drive has lines at a constant rate only, and none of a pulse drive"
+            )
+        lines = [
+            {"line": driving_line(x.order), "frequency": x.frequency, "amplitude": abs(x.amplitude)}
+            for x in driving
+        ]
+        return {"lines": lines, "reason": ""}
+    found = steady_lines(scenario)
+    seen = [x for x in found.lines if x.status != BELOW_FLOOR and x.amplitude > 0.0]
+    lines = [
+        {"line": x.name, "frequency": x.frequency, "amplitude": x.amplitude}
+        for x in seen
+        if math.isfinite(x.frequency)
+    ]
+    return {"lines": lines, "reason": found.fallback}
 
 
 def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:

@@ -57,6 +57,10 @@ GENERATED_FILES = (
     "report.html",
     "report.pdf",
 )  # files that are made when they are asked for
+_OLDER = (
+    "another version of microvib, or another user, kept this run: its pictures and tables are here; run"
+    " it again for a verdict, a report or an export"
+)
 EXPORTED = "application/octet-stream"
 """Media type of files of other tools."""
 Points = Annotated[int, Query(ge=2, le=20_000)]
@@ -101,6 +105,14 @@ def finished_run(store: Store, id: str) -> Job:
     if _job(store, id).kind != "run":
         raise RequestRefused(404, "this computation is not a run")
     return _done(store, id)
+
+
+def _whole_run(store: Store, id: str) -> Job:
+    """A run that is done and can be read again as a whole; Refused where another version kept it."""
+    job = finished_run(store, id)
+    if not store.trusts(job):
+        raise RequestRefused(409, _OLDER)
+    return job
 
 
 @routes.get("/jobs")
@@ -285,7 +297,7 @@ def verdict_of(id: Id, store: StoreDependency, limit: Allowed, band: Shown = Non
     """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``; a text of
     several lines is a table of a limit over frequency.
     """
-    folder = store.folder(finished_run(store, id))
+    folder = store.folder(_whole_run(store, id))
     wanted = _limit(limit, band)
     if wanted is None:
         raise OptionError("limit", "missing; a torque is needed, such as 30 mN*m")
@@ -314,6 +326,7 @@ def file_of(
     else:
         mark = sha256(to_json(wanted.as_dict()).encode()).hexdigest()[:16] + "-"
     if name in GENERATED_FILES and not (folder / (mark + name)).is_file():
+        _whole_run(store, id)
         ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
     return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)
 
@@ -340,5 +353,6 @@ def export_of(id: Id, name: str, store: StoreDependency, option: Options = ()) -
         mark = sha256(options.model_dump_json().encode()).hexdigest()[:16] + "-"
     kept = folder / f"export-{mark}{name}"
     if not kept.is_file():
+        _whole_run(store, id)
         ask(store, "export", folder=str(folder), name=name, options=options, mark=mark)
     return FileResponse(_there(kept), media_type=EXPORTED, filename=name)

@@ -156,6 +156,11 @@ export const post = (path, data, options = {}) => {
   return request(path, { ...options, method: "POST", headers: { "Content-Type": "application/json" }, body });
 };
 
+export const patch = (path, data) =>
+  request(path, { method: "PATCH", headers: { "Content-Type": "application/json" }, body: JSON.stringify(data) });
+
+export const remove = (path) => request(path, { method: "DELETE" });
+
 export const upload = (path, query, body, options = {}) => {
   const headers = { "Content-Type": "application/octet-stream" };
   return request(`${path}?${new URLSearchParams(query)}`, { ...options, method: "POST", headers, body });
