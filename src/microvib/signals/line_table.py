@@ -44,7 +44,8 @@ NOISE_DRIVEN = (
 )
 BEYOND_USABLE = "beyond the usable band"  # status of a line that the force table is not used at
 NEAR_RESONANCE = "near a table resonance"  # status of a line that the force table distorts
-DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE)
+BEYOND_RESPONSE = "beyond the table's FRF"  # status of a line that could not be corrected
+DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE, BEYOND_RESPONSE)
 _DETECTED_STATUSES = ("ok", "decaying", "growing", NOISE_DRIVEN)
 """Statuses of detected lines, whose values were estimated."""
 
