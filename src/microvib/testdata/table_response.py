@@ -24,8 +24,11 @@ MIN_COHERENCE = 0.8
 """Coherence below which a response is not used: something else than the hammer made the reading."""
 MIN_PROMINENCE_DB = 1.0
 """Height [dB] from which a peak of a response is a resonance."""
-_PEAK_SIGNIFICANCE = 6.0
-"""Standard uncertainties of a response that a peak must stand out by."""
+_PEAK_SIGNIFICANCE = 10.0
+"""Standard uncertainties of a response that a peak must stand out by: of a thousand bins of noise alone,
+highest and lowest are seven apart."""
+_NEIGHBOURS = 31
+_DECIBELS = 20.0 / math.log(10.0)
 _LOUD_UNCERTAINTY = 0.2
 """Relative uncertainty from which a bin says nothing of peaks."""
 _MODEL_POINTS = 4000
@@ -94,18 +97,8 @@ class TableResponse:
 
     def _first_peak(self, k: int) -> float:
         """Frequency [Hz] of the first peak that stands out of the noise; nan without one."""
-        from scipy.signal import find_peaks, peak_prominences
-
-        size = np.abs(self.H[:, k, k])
-        relative = self.uncertainty[:, k, k] / size
-        good = np.isfinite(size) & (size > 0.0) & ~(relative > _LOUD_UNCERTAINTY)
-        if np.count_nonzero(good) < _FEWEST_POINTS:
-            return math.nan
-        level, spread = 20.0 * np.log10(size[good]), np.nan_to_num(relative[good])
-        peaks = find_peaks(level)[0]
-        least = np.maximum(MIN_PROMINENCE_DB, _PEAK_SIGNIFICANCE * 8.69 * spread[peaks])
-        seen = peaks[peak_prominences(level, peaks)[0] >= least]
-        return float(self.frequency[good][seen[0]]) if seen.size else math.nan
+        peaks = resonance_peaks(self.frequency, self.H[:, k, k], self.uncertainty[:, k, k])
+        return float(peaks[0, 0]) if peaks.size else math.nan
 
     def highest(self, component: str) -> float:
         """Frequency [Hz] up to which readings of a component are corrected: half the first resonance, or
@@ -159,6 +152,29 @@ class TableResponse:
                 f" expected{_mistake(value)}; check units, sign and channel of the hammer test"
             )
         return value
+
+
+def resonance_peaks(f: np.ndarray, H: np.ndarray, uncertainty: np.ndarray) -> np.ndarray:
+    """Peaks of a response ``H`` (m,) at frequencies ``f`` (m,) that its ``uncertainty`` (m,) does not make:
+    frequency [Hz] and prominence [dB], (peaks, 2), ascending.
+
+    The noise is the median over neighbouring bins, since that of a bin is known by few blows only.
+    """
+    from scipy.ndimage import median_filter
+    from scipy.signal import find_peaks, peak_prominences
+
+    size = np.abs(H)
+    good = np.isfinite(size) & (size > 0.0)
+    relative = np.where(good, uncertainty / np.where(good, size, 1.0), np.nan)
+    good &= ~(relative > _LOUD_UNCERTAINTY)
+    if np.count_nonzero(good) < _FEWEST_POINTS:
+        return np.empty((0, 2))
+    level = 20.0 * np.log10(size[good])
+    noise = _DECIBELS * median_filter(np.nan_to_num(relative[good]), size=_NEIGHBOURS)
+    peaks = find_peaks(level)[0]
+    out = peak_prominences(level, peaks)[0]
+    seen = out >= np.maximum(MIN_PROMINENCE_DB, _PEAK_SIGNIFICANCE * noise[peaks])
+    return np.column_stack([f[good][peaks[seen]], out[seen]])
 
 
 def _mistake(value: float) -> str:
