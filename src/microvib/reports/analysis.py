@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
+from microvib.analysis.background import BackgroundLine, mains_harmonic
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
@@ -44,6 +45,8 @@ _LINE_COLUMNS = (
     "amplitude_n_m",
     "amplitude_uncertainty_n_m",
     "floor_n_m",
+    "background_n_m",
+    "mains",
     "origin",
     "status",
 )
@@ -68,7 +71,11 @@ def analysis_outcome(a: Analysis) -> Outcome:
         """How a spectrum was made, and its picture."""
 
         def draw() -> Figure:
-            return figures.draw_spectral(made, pretty(a.unit), reach, height, a.table)
+            drawing = figures.draw_spectral(made, pretty(a.unit), reach, height, a.table)
+            if made is a.spectrum and a.background is not None:
+                marks = [(x.frequency, x.amplitude, bool(x.mains)) for x in a.background_lines]
+                figures.add_background(drawing.axes[0], a.background, marks)
+            return drawing
 
         text = str(made)
         return (Text(f"{text[:1].upper()}{text[1:]}."), Picture(name, draw, title))
@@ -85,6 +92,7 @@ def analysis_outcome(a: Analysis) -> Outcome:
             Part("", (Pairs(tuple(_about(a))), *spectrum)),
             Part("Orders of the electrical period", _orders(a), new_page=True),
             Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
+            Part("Lines with the drive off", _of_background(a)),
             Part("Power spectral density", density),
             Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
             Part("RMS in bands", (_bands(a),)),
@@ -131,8 +139,35 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
     shown = [line for line in a.table.notable() if not (a.orders and line.of_clock)]
     if a.orders and not shown:
         return ()
-    found = Table.of("", Line, shown, caption=_LINES_CAPTION)
+    found = _with_mains(Table.of("", Line, shown, caption=_LINES_CAPTION), shown, a)
     return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
+
+
+def _of_background(a: Analysis) -> tuple[Item, ...]:
+    """Lines of the background."""
+    if a.background is None:
+        return ()
+    if not a.background_lines:
+        return (Text("No line stands out of the background."),)
+    table = Table.of(
+        "background", BackgroundLine, a.background_lines, brief=12, caption=_BACKGROUND_CAPTION
+    )
+    return (_in_unit(table, a.unit),)
+
+
+_BACKGROUND_CAPTION = (
+    "The recording's largest amplitude within a part in a thousand of each line of the background. Where a"
+    " line of the drive is there, too, its background says whether it is judged."
+)
+
+
+def _with_mains(table: Table, lines: list[Line], a: Analysis) -> Table:
+    """The table with a column of the mains' harmonics that lines may be pick-up of, where any may."""
+    marks = [mains_harmonic(line.place, a.recording.duration) for line in lines]
+    if not any(marks):
+        return table
+    rows = tuple((*row, mark) for row, mark in zip(table.rows, marks, strict=True))
+    return replace(table, columns=(*table.columns, Column("mains", "mains?")), rows=rows)
 
 
 _LINES_CAPTION = (

@@ -13,6 +13,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from microvib.analysis.background import background_notes
 from microvib.analysis.limits import part_of_cycle_note
 from microvib.analysis.lines import find_lines, lines_of_recording, recording_warnings
 from microvib.analysis.steadiness import blurred
@@ -21,7 +22,7 @@ from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
 from microvib.model.line_names import is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.signals.line_table import DISTORTED, Line, LineTable
+from microvib.signals.line_table import NOT_THE_DRIVES, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
@@ -65,7 +66,8 @@ class SideLine:
     """Whether the record is so where the line is: of one that is not the amplitude is not known."""
 
     usable: bool = True
-    """Whether the force table shows it: outside its usable band and near its resonances it does not."""
+    """Whether it is the drive's as the force table shows it: outside its usable band, near its resonances and
+    in the background it is not."""
 
     @property
     def place(self) -> float:
@@ -414,6 +416,7 @@ def _of_recording(source: Prepared, guide: Scenario | None, channel: str) -> Sid
         recording.sample_rate,
         notes=(
             *recording.notes_on(channel),
+            *background_notes(recording, source.background, channel, table),
             *recording_warnings(recording, channel, guide, table),
         ),
         duration=table.duration,
@@ -479,7 +482,7 @@ def _figures(table: LineTable) -> dict[str, SideLine]:
         x.name: SideLine(
             x.frequency, x.amplitude, x.amplitude_uncertainty, x.bin_frequency, x.bin_amplitude,
             x.seen or not x.status, x.frequency_uncertainty, *_decay_with_uncertainty(x), not blurred(table, x),
-            x.status not in DISTORTED,
+            x.status not in NOT_THE_DRIVES,
         )
         for x in table
     }  # fmt: skip
