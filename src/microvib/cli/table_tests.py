@@ -1,4 +1,4 @@
-"""Commands on a force table and several tests on it: hammer."""
+"""Commands on a force table and several tests on it: hammer, repeatability."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from microvib.cli.common import PATH, Target, read_preparation, target_options
+from microvib.cli.common import PATH, Target, load_guide, read_preparation, target_options
 from microvib.errors import OptionError
 from microvib.units import quantity
 
@@ -79,3 +79,52 @@ def _parse_hits(given: str) -> tuple[str, float, str]:
     if length == 0.0:
         raise OptionError("hits", f"'{given}': a lever arm of 0 m makes no torque")
     return load, length, file
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="[UNIT=]FILE...")
+@target_options("Folder for tables, picture and report [default: print only].")
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    default=("Mz",),
+    help="Channel that is looked at; may be given several times.",
+)
+@click.option(
+    "--prepare", type=PATH, metavar="FILE", help="How to prepare the recordings: a YAML file."
+)
+@click.option("--scenario", help="Scenario of the recorded drive, which names its lines.")
+def repeatability(
+    runs: tuple[str, ...], channels: tuple[str, ...], prepare: Path | None, scenario: str | None,
+    target: Target,
+) -> None:  # fmt: skip
+    """Find mean and spread of the lines of several recordings, scatter from run to run and from unit to
+    unit, and outliers.
+
+    Runs of one unit are repetitions: A=run1.uff A=run2.uff B=run3.uff B=run4.uff.
+    """
+    from microvib.io.recordings import read_prepared
+    from microvib.reports.repeatability import repeatability_outcome
+    from microvib.studies.repeatability import Run
+    from microvib.studies.repeatability import repeatability as run_study
+
+    preparation = read_preparation(prepare)
+    read = []
+    for given in runs:
+        unit, file = _parse_run(given)
+        read.append(Run(file, read_prepared(file, preparation), unit))
+    if len({bool(run.unit) for run in read}) > 1:
+        raise OptionError(
+            "runs", "some have a unit and some have none; give a unit to all, UNIT=FILE, or to none"
+        )
+    found = run_study(read, scenario=load_guide(scenario), channels=channels)
+    target.present(repeatability_outcome(found))
+
+
+def _parse_run(given: str) -> tuple[str, str]:
+    """Unit and file of [UNIT=]FILE."""
+    unit, equals, file = given.partition("=")
+    if not equals or Path(given).exists():
+        return "", given
+    return unit.strip(), file

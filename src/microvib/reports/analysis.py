@@ -123,7 +123,11 @@ def _orders(a: Analysis) -> tuple[Table, ...]:
     """The orders of the electrical period, each with whether it is above the noise floor."""
     if not a.orders:
         return ()
-    return (_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),)
+    return (
+        in_unit_of_channel(
+            Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit
+        ),
+    )
 
 
 _ORDERS_CAPTION = (
@@ -140,7 +144,7 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
     if a.orders and not shown:
         return ()
     found = _with_mains(Table.of("", Line, shown, caption=_LINES_CAPTION), shown, a)
-    return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
+    return (in_unit_of_channel(found.only(_LINE_COLUMNS), a.unit),)
 
 
 def _of_background(a: Analysis) -> tuple[Item, ...]:
@@ -152,7 +156,7 @@ def _of_background(a: Analysis) -> tuple[Item, ...]:
     table = Table.of(
         "background", BackgroundLine, a.background_lines, brief=12, caption=_BACKGROUND_CAPTION
     )
-    return (_in_unit(table, a.unit),)
+    return (in_unit_of_channel(table, a.unit),)
 
 
 _BACKGROUND_CAPTION = (
@@ -176,7 +180,7 @@ _LINES_CAPTION = (
 )
 
 
-def _in_unit(table: Table, unit: str) -> Table:
+def in_unit_of_channel(table: Table, unit: str) -> Table:
     """A table of torques as one of forces or accelerations, where the channel is one."""
     return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
 
@@ -205,7 +209,7 @@ def _bands(a: Analysis) -> Table:
     bands = [BandRms(f"{low:g} to {high:g} Hz", rms) for low, high, rms in a.bands]
     bands.append(BandRms("whole record, about its mean", _rms(a)))
     caption = "RMS in 1/3-octave bands is in `third_octaves.csv`."
-    return _in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
+    return in_unit_of_channel(Table.of("", BandRms, bands, caption=caption), a.unit)
 
 
 def _files(a: Analysis) -> dict[str, str]:
