@@ -119,7 +119,7 @@ def test_few_runs_that_are_alike_have_few_outliers():
     for _ in range(100):
         sigma = np.full((6, 3), 0.01)
         x = 1.0 + rng.normal(0.0, 0.03, (6, 3)) + rng.normal(0.0, 0.01, (6, 3))
-        over, out = outliers(x, sigma)
+        over, out = outliers(x, sigma, ["A"] * 3)
         false += int(out.sum())
         count += out.size
     assert false / count < 0.05
@@ -173,10 +173,59 @@ def test_a_run_that_is_off_is_an_outlier_by_the_rule_as_stated():
     rng = np.random.default_rng(0)
     x = 1.0 + 0.01 * rng.normal(size=(10, 3))
     x[4, 1] = 1.2
-    over, out = outliers(x, np.zeros((10, 3)))
+    over, out = outliers(x, np.zeros((10, 3)), ["A"] * 3)
     middle = np.median(x, axis=1)[:, None]
     off = (x - middle) / middle
     scale = median_factor(3) * float(np.median(np.abs(off)))
     np.testing.assert_allclose(over, off / scale)
     assert out[4, 1]
     assert np.array_equal(out, np.abs(off) > OUTLIER_RATIO * scale)
+
+
+def test_a_run_is_an_outlier_of_its_own_unit_and_a_unit_among_units():
+    """B is 10 % larger than A, and one run of B 30 %: the median of all runs would hide it."""
+    gains = (1.0, 1.01, 0.99, 1.1, 1.11, 1.3)
+    found = repeatability([run(k, "AB"[k // 3], gains=g) for k, g in enumerate(gains)])
+    assert set(found.outlying_runs) == {"r5"}
+    more = [
+        run(k, f"u{k // 3}", gains=(1.5 if k // 3 == 2 else 1.0) * (1.0 + 0.01 * (k % 3)))
+        for k in range(15)
+    ]
+    rows = repeatability(more).lines
+    assert all(row.outliers == "unit u2" for row in rows)
+
+
+def test_the_uncertainty_of_one_table_is_no_scatter_and_hides_none():
+    """All runs corrected by one response that is known to 2 %: runs that scatter by 1 % are seen to."""
+    from microvib.testdata.table_correction import TableFrf, without_table_dynamics
+    from microvib.testdata.table_response import TableResponse
+
+    f = np.arange(1.0, 250.0)
+    H = np.full((f.size, 6, 6), np.nan, dtype=complex)
+    H[:, 5, 5] = 1.0 / (1.0 - (f / 1000.0) ** 2)
+    known = TableResponse("stiff", f, H, 0.02 * np.abs(H), np.full((f.size, 6), 0.99))
+    how = TableFrf.model_construct(
+        file="x.csv",
+        mounted_mass=0.0,
+        test_mass=0.0,
+        table_mass=None,
+        uncertainty=None,
+        averages=None,
+    )
+    rng = np.random.default_rng(8)
+    runs = [
+        Run(
+            f"r{k}",
+            Prepared(
+                without_table_dynamics(
+                    recorded(k, 1.0 + 0.01 * rng.normal(size=6), 5e-4), known, how
+                )
+            ),
+        )
+        for k in range(8)
+    ]
+    rows = repeatability(runs).lines
+    assert len(rows) == 6
+    assert np.sqrt(np.mean([row.run**2 for row in rows])) == pytest.approx(0.01, rel=0.3)
+    assert all(row.run_high > 0.005 for row in rows)
+    assert all(row.uncertainty > 0.019 * row.mean for row in rows)

@@ -11,8 +11,8 @@ from dataclasses import replace
 from microvib.signals.line_table import (
     BEYOND_RESPONSE,
     BEYOND_USABLE,
+    DISTORTED,
     NEAR_RESONANCE,
-    NOT_THE_DRIVES,
     Line,
     LineTable,
     UnusableRange,
@@ -92,5 +92,5 @@ def unusable_gaps(table: LineTable, low: float, high: float) -> Iterator[str]:
 
 
 def undecided_reason(line: Line) -> str:
-    """Why a line neither passes nor fails for its force table or the background; empty where it may."""
-    return line.status if line.status in NOT_THE_DRIVES else ""
+    """Why a line neither passes nor fails for its force table; empty where it may."""
+    return line.status if line.status in DISTORTED else ""

@@ -1,16 +1,30 @@
-"""Commands on a force table and several tests on it: hammer, repeatability."""
+"""Commands on a force table and several tests on it: hammer, repeatability, acceptance."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from microvib.cli.common import PATH, Target, load_guide, read_preparation, target_options
+from microvib.cli.common import (
+    PATH,
+    Target,
+    limit_options,
+    load_guide,
+    read_preparation,
+    recording_options,
+    target_options,
+)
+from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 from microvib.units import quantity
+
+if TYPE_CHECKING:
+    from microvib.studies.hammer import HammerTest
+    from microvib.studies.repeatability import Run
+    from microvib.testdata.preparation import Preparation
 
 _LOAD = re.compile(r"([FM][xyz])(?:@([^=]+))?=(.+)", re.DOTALL)
 
@@ -45,8 +59,24 @@ def hammer(
     Each recording is of blows along or about one axis, with the hammer's force and the table's reading:
     Fz=up.uff, or Mz@0.2m=twist.uff for blows with a lever arm of 0.2 m.
     """
-    from microvib.io.recordings import read_prepared
     from microvib.reports.hammer import hammer_outcome
+
+    test = _hammer_test(
+        hits, impact, mounted_mass, prepare=prepare, block=block, estimator=estimator
+    )
+    target.present(hammer_outcome(test))
+
+
+def _hammer_test(
+    hits: tuple[str, ...],
+    impact: str,
+    mounted_mass: str,
+    *,
+    prepare: Path | None = None,
+    **how: Any,
+) -> HammerTest:
+    """The hammer test of LOAD[@ARM]=FILE."""
+    from microvib.io.recordings import read_prepared
     from microvib.studies.hammer import Hits, hammer_test
 
     preparation = read_preparation(prepare)
@@ -54,8 +84,7 @@ def hammer(
     for given in hits:
         load, arm, file = _parse_hits(given)
         read.append(Hits(load, read_prepared(file, preparation).recording, arm))
-    test = hammer_test(read, impact, mounted_mass=mounted_mass, block=block, estimator=estimator)
-    target.present(hammer_outcome(test))
+    return hammer_test(read, impact, mounted_mass=mounted_mass, **how)
 
 
 def _parse_hits(given: str) -> tuple[str, float, str]:
@@ -104,22 +133,25 @@ def repeatability(
 
     Runs of one unit are repetitions: A=run1.uff A=run2.uff B=run3.uff B=run4.uff.
     """
-    from microvib.io.recordings import read_prepared
     from microvib.reports.repeatability import repeatability_outcome
-    from microvib.studies.repeatability import Run
     from microvib.studies.repeatability import repeatability as run_study
 
-    preparation = read_preparation(prepare)
-    read = []
-    for given in runs:
-        unit, file = _parse_run(given)
-        read.append(Run(file, read_prepared(file, preparation), unit))
-    if len({bool(run.unit) for run in read}) > 1:
+    read = _read_runs(runs, read_preparation(prepare))
+    found = run_study(read, scenario=load_guide(scenario), channels=channels)
+    target.present(repeatability_outcome(found))
+
+
+def _read_runs(runs: tuple[str, ...], preparation: Preparation | None) -> list[Run]:
+    """Recordings of [UNIT=]FILE."""
+    from microvib.io.recordings import read_prepared
+    from microvib.studies.repeatability import Run
+
+    parsed = [_parse_run(given) for given in runs]
+    if len({bool(unit) for unit, _ in parsed}) > 1:
         raise OptionError(
             "runs", "some have a unit and some have none; give a unit to all, UNIT=FILE, or to none"
         )
-    found = run_study(read, scenario=load_guide(scenario), channels=channels)
-    target.present(repeatability_outcome(found))
+    return [Run(file, read_prepared(file, preparation), unit) for unit, file in parsed]
 
 
 def _parse_run(given: str) -> tuple[str, str]:
@@ -128,3 +160,79 @@ def _parse_run(given: str) -> tuple[str, str]:
     if not equals or Path(given).exists():
         return "", given
     return unit.strip(), file
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="[UNIT=]FILE...")
+@click.option(
+    "--template",
+    type=PATH,
+    required=True,
+    metavar="FILE",
+    help="Template of the report: Markdown with parts such as {{ test.verdicts }} and {{ runs[0].lines }}.",
+)
+@target_options("Folder for the report, its tables and pictures [required].")
+@recording_options
+@click.option("--scenario", help="Scenario of the recorded drive, which names its lines.")
+@limit_options
+@click.option(
+    "--reference",
+    metavar="SOURCE",
+    help="What the first run is compared with: a scenario, a recording, a table of lines, state-1:measured.",
+)
+@click.option(
+    "--hits",
+    multiple=True,
+    metavar="LOAD[@ARM]=FILE",
+    help="Hammer test of the table, as the command hammer takes it; with --mounted-mass.",
+)
+@click.option("--impact", default="hammer", help="Channel of the hammer's force.")
+@click.option("--mounted-mass", metavar="MASS", help="Mass on the table in the hammer test.")
+@click.option(
+    "--data", type=PATH, metavar="FILE", help="Words for the template: a YAML file, as data.KEY."
+)
+def acceptance(
+    runs: tuple[str, ...], template: Path, channel: str, prepare: Path | None, scenario: str | None,
+    limit: str | None, band: str | None, reference: str | None, hits: tuple[str, ...], impact: str,
+    mounted_mass: str | None, data: Path | None, target: Target,
+) -> None:  # fmt: skip
+    """Make an acceptance report of several recordings from a template.
+
+    Every run is analysed and judged against the limit, all of them for repeatability.
+    """
+    from microvib.analysis.limits import Limit
+    from microvib.io.sources import open_source
+    from microvib.reports.acceptance import (
+        acceptance_contents,
+        conclusion_text,
+        read_template,
+        read_words,
+    )
+    from microvib.studies.acceptance import acceptance as run_acceptance
+
+    if target.out is None:
+        raise OptionError(
+            "out", "is missing; the report and its pictures are written into a folder"
+        )
+    text = read_template(template)
+    words = {} if data is None else read_words(data)
+    preparation = read_preparation(prepare)
+    table = None
+    if hits:
+        if mounted_mass is None:
+            raise OptionError("mounted_mass", "is missing, in kg; the hammer test holds for it")
+        table = _hammer_test(hits, impact, mounted_mass)
+    elif mounted_mass is not None:
+        raise OptionError("mounted_mass", "goes with hits, the hammer test of the table")
+    with progress_bar() as progress:
+        test = run_acceptance(
+            _read_runs(runs, preparation),
+            scenario=load_guide(scenario),
+            channel=channel,
+            limit=Limit.of(limit, band),
+            reference=None if reference is None else open_source(reference, preparation),
+            reference_name=reference or "",
+            hammer=table,
+            progress=progress,
+        )
+    target.deliver(conclusion_text(test), acceptance_contents, test, text, str(template), words)

@@ -78,7 +78,8 @@ def repeatability_outcome(found: Repeatability) -> Outcome:
 _CAPTION = (
     "Estimate: standard uncertainty of one estimate. Run to run, unit to unit: standard deviations beyond it, as"
     " parts of the mean (Paule-Mandel); at most: upper end of their 95 % interval (Q-profile), ? where the runs"
-    " set none. ± is the standard uncertainty of the mean, of all of them."
+    " set none. ± is the standard uncertainty of the mean, of all of them and of the table, whose part is common"
+    " to all runs and makes no scatter."
 )
 _PICTURE_CAPTION = "Amplitude over the median of all runs; bars are standard uncertainties of the estimates; rings, outliers."
 
@@ -92,15 +93,17 @@ def _about(found: Repeatability) -> Iterator[tuple[str, str]]:
 def _sentences(found: Repeatability) -> Iterator[str]:
     for name, part in found.outlying_runs.items():
         yield (
-            f"{file_name(name)} is an outlier in most of its lines, {DIFFERENCE.figure(part)} against the"
-            " median: look at its gain, its channels and what was mounted before its lines."
+            f"{file_name(name)} is an outlier in most of its lines, {DIFFERENCE.figure(part)} against its"
+            " unit's median: look at its gain, its channels and what was mounted before its lines."
         )
-    if len(found.runs) == 2:
-        yield "Two runs have no outlier: which of them is off cannot be told."
+    few = [unit for unit in found.groups if sum(run.unit == unit for run in found.runs) < 3]
+    if few:
+        of = f" of {', '.join(few)}" if any(few) else ""
+        yield f"Runs{of}: fewer than three, of which no outlier can be told."
     if found.not_judged:
         yield (
-            f"{count_text(len(found.not_judged), 'line')} of single runs left out, since they are not the"
-            " drive's as the table shows them; see the notes."
+            f"{count_text(len(found.not_judged), 'line')} of single runs left out: not the drive's as the"
+            " table shows them, or ringing; see the notes."
         )
 
 

@@ -439,7 +439,7 @@ def with_background(table: LineTable, background: np.ndarray) -> LineTable:
             tone_amplitude(background, table.sample_rate, f) for f in (line.frequency, drifted)
         )
         spread = float(np.hypot(line.amplitude_uncertainty, there / np.sqrt(2.0)))
-        if line.amplitude < 2.0 * there:
+        if line.seen and line.amplitude < 2.0 * there:
             status = IN_BACKGROUND
         else:
             status = line.status

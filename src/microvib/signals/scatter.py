@@ -131,38 +131,40 @@ def median_factor(n: int) -> float:
     return _MEDIAN_FACTORS.get(n, _MANY)
 
 
-def outliers(values: np.ndarray, uncertainty: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def outliers(
+    values: np.ndarray, uncertainty: np.ndarray, groups: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
     """Deviations of several quantities in each run over their robust scale, and which are outliers.
 
-    The scale of a relative deviation from the quantity's median is the value's own uncertainty and a
-    scatter in common of all quantities, which is the median of all deviations: one run of three may be
+    A deviation is that from the median of the run's group. Its scale is the value's own uncertainty and a
+    relative scatter in common of all quantities, by the median of all deviations: one run of three may be
     off in all of them.
 
     Parameters
     ----------
     values, uncertainty : numpy.ndarray
         Estimates and their standard uncertainties, (quantities, runs) each; nan where there is none.
+    groups : sequence of str
+        Group of each run, (runs,).
 
     Returns
     -------
     tuple of numpy.ndarray
         Deviations over their scale, and whether that is above ``OUTLIER_RATIO``, (quantities, runs) each;
-        nan and false where fewer than three runs have the quantity.
+        nan and false where fewer than three runs of a group have the quantity.
     """
-    count = np.sum(np.isfinite(values), axis=1)
-    enough = count >= FEWEST_FOR_OUTLIERS
-    off = np.full(values.shape, np.nan)
-    sigma = np.full(values.shape, np.nan)
-    for k in np.flatnonzero(enough).tolist():
-        middle = float(np.nanmedian(values[k]))
-        off[k] = (values[k] - middle) / middle
-        sigma[k] = uncertainty[k] / middle
-    if not np.any(enough):
+    off, sigma, each = (np.full(values.shape, np.nan) for _ in range(3))
+    for name in dict.fromkeys(groups):
+        own = np.flatnonzero([g == name for g in groups])
+        count = np.sum(np.isfinite(values[:, own]), axis=1)
+        for k in np.flatnonzero(count >= FEWEST_FOR_OUTLIERS).tolist():
+            middle = float(np.nanmedian(values[k, own]))
+            off[k, own] = (values[k, own] - middle) / middle
+            sigma[k, own] = uncertainty[k, own] / middle
+            each[k, own] = np.abs(off[k, own]) * median_factor(int(count[k]))
+    if not np.any(np.isfinite(each)):
         return off, np.zeros(values.shape, dtype=bool)
-    factors = np.array([median_factor(int(n)) for n in count])
-    total = float(np.nanmedian((np.abs(off) * factors[:, None])[enough]))
-    own = float(np.nanmedian(sigma[enough]))
-    common = max(total**2 - own**2, 0.0)
+    common = max(float(np.nanmedian(each)) ** 2 - float(np.nanmedian(sigma)) ** 2, 0.0)
     scale = np.sqrt(sigma**2 + common)
     with np.errstate(invalid="ignore", divide="ignore"):
         over = np.where(scale > 0.0, off / scale, 0.0 * off)

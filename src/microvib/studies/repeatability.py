@@ -5,6 +5,7 @@ and outliers.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -54,10 +55,10 @@ class LineScatter:
     """How many show it."""
     mean: Annotated[float, Column("mean_n_m", "mean", TORQUE)]
     uncertainty: Annotated[float, Column("uncertainty_n_m", "±", TORQUE_UNCERTAINTY)]
-    """Standard uncertainty of the mean, of estimates and scatter."""
+    """Standard uncertainty of the mean: of estimates, of scatter, and of the table, which is common to all runs."""
     median: Annotated[float, Column("median_n_m", measure=TORQUE)]
     estimate: Annotated[float, Column("estimate", "estimate", SHARE)]
-    """Part that one estimate is unsure, root mean square."""
+    """Part that one estimate is unsure, root mean square, without what is common to all runs."""
     run: Annotated[float, Column("run_scatter", "run to run", SHARE)]
     run_low: Annotated[float, Column("run_scatter_low", measure=SHARE)]
     run_high: Annotated[float, Column("run_scatter_high", "at most", _BOUND, absent="?")]
@@ -95,7 +96,7 @@ class Repeatability:
     lines: tuple[LineScatter, ...]
     deviations: tuple[RunDeviation, ...]
     outlying_runs: dict[str, float]
-    """Runs of which half of the lines or more are outliers, and the median of amplitude over median, less one."""
+    """Runs of which half of the lines or more are outliers, and the median of amplitude over their unit's, less one."""
     not_judged: tuple[str, ...]
     """Lines of runs that were left out, and why, a sentence without a stop each."""
     notes: tuple[str, ...]
@@ -208,10 +209,25 @@ class _Matched:
         left_out = []
         for name, each in lines.items():
             for k, one in enumerate(each):
-                if one is not None and one.status in NOT_THE_DRIVES:
-                    left_out.append(f"{channel}, {name} of {runs[k].name}: {one.status}")
+                why = "" if one is None else _not_compared(one)
+                if why:
+                    left_out.append(f"{channel}, {name} of {runs[k].name}: {why}")
                     each[k] = None
         return cls(runs, channel, lines, left_out)
+
+    def _by_table(self, line: Line | None, run: Run) -> float:
+        """The part of a line's uncertainty that is its table's, and so common to runs on one table."""
+        table = run.source.recording.table
+        if line is None or table is None:
+            return 0.0
+        return table.amplitude_uncertainty(self.channel, line.frequency, line.amplitude)
+
+    def _own(self, line: Line | None, run: Run) -> float:
+        """The rest of it, by which runs differ."""
+        if line is None:
+            return math.nan
+        whole = _known(line.amplitude_uncertainty)
+        return math.sqrt(max(whole**2 - self._by_table(line, run) ** 2, 0.0))
 
     def rows(self) -> tuple[list[LineScatter], list[RunDeviation]]:
         """A row for each line that two runs or more show, the largest first, and for each of their lines."""
@@ -225,14 +241,16 @@ class _Matched:
         )
         spread = np.array(
             [
-                [math.nan if x is None else _known(x.amplitude_uncertainty) for x in each]
+                [self._own(x, run) for x, run in zip(each, self.runs, strict=True)]
                 for each in shown.values()
             ]
         )
-        over, out = outliers(values, spread)
+        units = [run.unit for run in self.runs]
+        over, out = outliers(values, spread, units)
+        of_units = _outlying_units(values, spread, units)
         rows, deviations = [], []
         for k, (name, each) in enumerate(shown.items()):
-            rows.append(self._row(name, each, out[k]))
+            rows.append(self._row(name, each, out[k], of_units[k]))
             middle = float(np.nanmedian(values[k]))
             for j, one in enumerate(each):
                 if one is not None:
@@ -253,10 +271,13 @@ class _Matched:
         rows.sort(key=lambda row: -row.mean)
         return rows, deviations
 
-    def _row(self, name: str, each: Sequence[Line | None], out: np.ndarray) -> LineScatter:
+    def _row(
+        self, name: str, each: Sequence[Line | None], out: np.ndarray, units: Sequence[str]
+    ) -> LineScatter:
         kept = [(k, x) for k, x in enumerate(each) if x is not None]
         x = np.array([one.amplitude for _, one in kept])
-        sigma = np.array([_known(one.amplitude_uncertainty) for _, one in kept])
+        sigma = np.array([self._own(one, self.runs[k]) for k, one in kept])
+        common = float(np.median([self._by_table(one, self.runs[k]) for k, one in kept]))
         found = random_effects(x, sigma, [self.runs[k].unit for k, _ in kept])
         told = [self.runs[k].name for k, _ in kept if out[k]]
         return LineScatter(
@@ -265,7 +286,7 @@ class _Matched:
             float(np.median([one.frequency for _, one in kept])),
             len(kept),
             found.mean,
-            found.uncertainty,
+            math.hypot(found.uncertainty, common),
             float(np.median(x)),
             float(np.sqrt(np.mean(sigma**2))) / found.mean,
             found.runs.value / found.mean,
@@ -274,8 +295,33 @@ class _Matched:
             found.groups.value / found.mean,
             found.groups.low / found.mean,
             found.groups.high / found.mean,
-            ", ".join(told),
+            ", ".join([*told, *(f"unit {unit}" for unit in units)]),
         )
+
+
+def _not_compared(line: Line) -> str:
+    """Why a line of a run says nothing of scatter, in words; empty where it does."""
+    if line.status in NOT_THE_DRIVES:
+        return line.status
+    if line.status in ("decaying", "growing"):
+        return f"{line.status}: its amplitude depends on when the record began"
+    return ""
+
+
+def _outlying_units(
+    values: np.ndarray, spread: np.ndarray, units: Sequence[str]
+) -> list[list[str]]:
+    """Units whose median is an outlier among those of three units or more, for each line."""
+    names = list(dict.fromkeys(units))
+    medians, errors = [], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of lines that a unit does not show
+        for name in names:
+            own = np.flatnonzero([unit == name for unit in units])
+            medians.append(np.nanmedian(values[:, own], axis=1))
+            errors.append(np.nanmedian(spread[:, own], axis=1))
+    found = outliers(np.array(medians).T, np.array(errors).T, [""] * len(names))[1]
+    return [[names[j] for j in np.flatnonzero(row).tolist()] for row in found]
 
 
 def _known(uncertainty: float) -> float:
@@ -297,18 +343,28 @@ def _name(line: Line, known: dict[str, list[Line | None]]) -> str:
 
 
 def _outlying_runs(deviations: Sequence[RunDeviation]) -> dict[str, float]:
-    """Runs of which half of the lines that can be judged or more are outliers."""
+    """Runs of which half of the lines that can be judged or more are outliers, and the median of their
+    amplitudes over those of their unit, less one.
+    """
     found = {}
     for name in dict.fromkeys(x.run for x in deviations):
         own = [x for x in deviations if x.run == name and math.isfinite(x.over_scale)]
         if own and 2 * sum(x.outlier for x in own) >= len(own):
-            found[name] = float(np.median([x.part for x in own]))
+            found[name] = float(np.median([_over_unit(x, deviations) for x in own]))
     return found
 
 
+def _over_unit(one: RunDeviation, deviations: Sequence[RunDeviation]) -> float:
+    """Amplitude over the median of its line in the runs of its unit, less one."""
+    key = (one.channel, one.line, one.unit)
+    alike = [x.amplitude for x in deviations if (x.channel, x.line, x.unit) == key]
+    return one.amplitude / float(np.median(alike)) - 1.0
+
+
 RULE = (
-    f"An outlier is more than {OUTLIER_RATIO:g} times its scale away from the median of all runs; the scale is"
-    " the line's own uncertainty and the scatter that all lines of the channel have in common (the median of all"
-    f" deviations). Fewer than {FEWEST_FOR_OUTLIERS} runs have none. Outliers are named, and nothing is left out."
+    f"An outlier is more than {OUTLIER_RATIO:g} times its scale away from the median of its unit's runs; the scale"
+    " is the line's own uncertainty and the scatter that all lines of the channel have in common (the median of all"
+    f" deviations). A unit is one if its median is so among those of all units. Fewer than {FEWEST_FOR_OUTLIERS} runs"
+    " (units) have none. Outliers are named, and nothing is left out."
 )
 """What an outlier is, in words."""
