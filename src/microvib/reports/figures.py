@@ -207,7 +207,7 @@ def add_background(
     ax.semilogy(f[keep], 1e3 * floor, color="k", lw=1.0, label="floor with the drive off")
     for mains, marker, label in (
         (False, "x", "line with the drive off"),
-        (True, "^", "the same, at the mains"),
+        (True, "^", "mains line with the drive off"),
     ):
         own = [(at, 1e3 * size) for at, size, is_mains in lines if is_mains == mains]
         own = [(at, size) for at, size in own if at <= ax.get_xlim()[1]]
