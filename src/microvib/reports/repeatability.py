@@ -81,41 +81,6 @@ _CAPTION = (
     " differ by less than their uncertainties, ? where they set no bound. ± is the standard uncertainty of the"
     " mean, of all of them and of the table, whose part is common to all runs and makes no scatter."
 )
-_PICTURE_CAPTION,
-                ),
-            ]
-        parts.append(Part(f"Lines of {channel}", tuple(items)))
-    out = [x for x in found.deviations if x.outlier]
-    parts.append(
-        Part(
-            "Outliers",
-            (Text(RULE), *((Table.of("", RunDeviation, out, brief=_SHOWN),) if out else ())),
-        )
-    )
-    if found.notes or found.not_judged:
-        texts = [*found.not_judged, *found.notes]
-        left = [f"and {len(texts) - _MOST_NOTES} more"] if len(texts) > _MOST_NOTES else []
-        parts.append(
-            Part("Notes", tuple(Text(f"{x}.", note=True) for x in [*texts[:_MOST_NOTES], *left]))
-        )
-    files = (Table.of("deviations", RunDeviation, found.deviations, for_readers=()),)
-    return Outcome(
-        "Repeatability",
-        "Repeatability of disturbance lines",
-        f"{count_text(len(found.runs), 'run')}{of}, {count_text(len(found.lines), 'line')}.",
-        "",
-        tuple(_facts(found)),
-        tuple(parts),
-        files=files,
-    )
-
-
-_CAPTION = (
-    "Estimate: standard uncertainty of one estimate. Run to run, unit to unit: standard deviations beyond it, as"
-    " parts of the mean (Paule-Mandel); at most: upper end of their 95 % interval (Q-profile), 0 where runs"
-    " differ by less than their uncertainties, ? where they set no bound. ± is the standard uncertainty of the mean, of all of them and of the table, whose part is common"
-    " to all runs and makes no scatter."
-)
 _PICTURE_CAPTION = "Amplitude over the median of all runs; bars are standard uncertainties of the estimates; rings, outliers."
 
 
