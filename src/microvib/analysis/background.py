@@ -1,4 +1,4 @@
-"""What a recording holds that is there with the drive off, too."""
+"""Background of a recording: lines, floor and mains that are there with the drive off, too."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _powers(density: Density, centre: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BackgroundLine:
-    """A line that stands out of the background, and what the recording has there."""
+    """A line of the background above its noise floor, and what the recording has there."""
 
     frequency: Annotated[float, Column("frequency_hz", "frequency", LINE_FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", "drive off", TORQUE)]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LARGEST_TEMPLATE = 1_000_000
 """Bytes of the largest template that is read."""
 _MARK = re.compile(r"\x02([^\x03]*)\x03")
-"""What a part leaves in the rendered text."""
+"""Mark that a part leaves in the rendered text."""
 _MOST_MARGINS = 12
 
 
@@ -210,7 +210,7 @@ def _verdicts(test: AcceptanceTest) -> Table:
 
 
 def _conclusion(test: AcceptanceTest) -> Iterator[str]:
-    """What the test says, and what speaks against it."""
+    """Sentences on what the test says, and what speaks against it."""
     if test.limit is None:
         yield "Nothing is judged: no limit was given."
     else:
@@ -228,7 +228,7 @@ def _conclusion(test: AcceptanceTest) -> Iterator[str]:
 
 
 def conclusion_text(test: AcceptanceTest) -> str:
-    """What the test says, for a terminal."""
+    """Verdict and conclusion for a terminal."""
     return "\n".join([f"Verdict: {test.verdict}", *_conclusion(test)])
 
 

@@ -217,8 +217,8 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
     unusable = [r for r in of[UNJUDGED] if not r.usable]
     if unusable:
         rest += (
-            f" {count_text(len(unusable), 'line')} not judged as the drive's: beyond what the"
-            f" force table shows, or in the background{_names(unusable)}."
+            f" {count_text(len(unusable), 'line')} beyond the usable band of the force table or"
+            f" near its resonances, where it was not corrected, or in the background{_names(unusable)}."
         )
     unsteady = [r for r in of[UNJUDGED] if r.usable and not r.steady]
     if unsteady:

@@ -27,7 +27,7 @@ structure is at rest."""
 _RUNG_DOWN = 0.02
 """RMS of the last tenth of a block over the response's peak, up to which it has rung down."""
 _LEFT_AT_END = 0.01
-"""What the exponential window leaves at the end of a block that has not rung down."""
+"""Part that the exponential window leaves at the end of a block that has not rung down."""
 _LONGEST_BLOCK = 2.0
 
 
@@ -40,7 +40,7 @@ class Blow:
     """One blow of the hammer."""
 
     time: float
-    """Of its peak, from the first sample [s]."""
+    """Time of its peak, from the first sample [s]."""
     peak: float
     """Largest force, with its sign."""
     rejected: str = ""
@@ -204,7 +204,7 @@ def _fault(
 
 
 def _fault_of_response(response: np.ndarray, segment: slice, k: int) -> str:
-    """What is wrong with the response to a blow at the sample ``k``, in words."""
+    """Fault of the response to a blow at the sample ``k``, in words."""
     own = response[segment]
     away = np.abs(own - float(np.median(response)))
     at_ends = ((own == response.max()) | (own == response.min())) & (away > 0.5 * away.max())

@@ -107,7 +107,7 @@ class Side:
     observations: tuple[Observation, ...] = ()
     """Values of the lines above the noise floor."""
     as_recorded: tuple[Observation, ...] = ()
-    """Of a recording the same, lines included that its force table or a background changes."""
+    """Values of a recording, also of lines that its force table or a background changes."""
     channel: str = ""
     """Channel of a recording."""
     channels: Mapping[str, np.ndarray] = field(default_factory=dict)

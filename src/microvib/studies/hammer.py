@@ -237,7 +237,7 @@ def _table(each: dict[str, ImpactResponse], mass: float) -> TableResponse:
 
 
 def _resonances(component: str, response: ImpactResponse) -> list[FittedResonance]:
-    """Resonances of a component, the lowest first; none where no peak stands out."""
+    """Resonances of a component, the lowest first; none where no peak is above the noise."""
     starts = _start_frequencies(response)
     if not starts:
         return []

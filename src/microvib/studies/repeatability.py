@@ -367,4 +367,4 @@ RULE = (
     f" deviations). A unit is one if its median is so among those of all units. Fewer than {FEWEST_FOR_OUTLIERS} runs"
     " (units) have none. Outliers are named, and nothing is left out."
 )
-"""What an outlier is, in words."""
+"""Rule for outliers, in words."""

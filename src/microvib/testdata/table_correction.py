@@ -140,7 +140,7 @@ class CorrectedTable(ForceTable):
     absolute: np.ndarray = field(default_factory=lambda: np.zeros((6, 1)))
     """Standard uncertainty of each channel by the response, (6, m) [N, N m]."""
     said: Mapping[str, str] = field(default_factory=dict)
-    """What was done to each component, a sentence without a stop."""
+    """Notes on what was done to each component, a sentence without a stop."""
     alone: bool = True
     """Whether each channel still is one component of the table, as relative uncertainties have it."""
 
@@ -320,7 +320,7 @@ class _Work:
     def table(
         self, recording: Recording, loads: Mapping[str, np.ndarray], static: Mapping[str, float]
     ) -> CorrectedTable:
-        """What is known of the corrected readings."""
+        """The table of the corrected readings, with uncertainties and limits."""
         f, size = _amplitudes(loads, recording.sample_rate)
         relative = np.array(
             [

@@ -25,7 +25,7 @@ MIN_COHERENCE = 0.8
 MIN_PROMINENCE_DB = 1.0
 """Height [dB] from which a peak of a response is a resonance."""
 _PEAK_SIGNIFICANCE = 10.0
-"""Standard uncertainties of a response that a peak must stand out by: of a thousand bins of noise alone,
+"""Standard uncertainties of a response from which a peak is above the noise: of a thousand bins of noise alone,
 highest and lowest are seven apart."""
 _NEIGHBOURS = 31
 _DECIBELS = 20.0 / math.log(10.0)
@@ -96,7 +96,7 @@ class TableResponse:
         return min((f for f in found if not math.isnan(f)), default=math.nan)
 
     def _first_peak(self, k: int) -> float:
-        """Frequency [Hz] of the first peak that stands out of the noise; nan without one."""
+        """Frequency [Hz] of the first peak above the noise; nan without one."""
         peaks = resonance_peaks(self.frequency, self.H[:, k, k], self.uncertainty[:, k, k])
         return float(peaks[0, 0]) if peaks.size else math.nan
 
@@ -178,7 +178,7 @@ def resonance_peaks(f: np.ndarray, H: np.ndarray, uncertainty: np.ndarray) -> np
 
 
 def _mistake(value: float) -> str:
-    """What a wrong static value looks like, as a clause; empty where it looks like nothing known."""
+    """Mistake that a wrong static value is typical of, as a clause; empty where none is known."""
     if abs(value + 1.0) < LARGEST_STATIC_ERROR:
         return ": its sign is reversed"
     for factor, unit in (
