@@ -10,7 +10,7 @@ import microvib as mv
 from microvib.cli.main import main
 from microvib.io.recordings import Prepared, write_recording
 from microvib.signals.scatter import OUTLIER_RATIO, median_factor, outliers, random_effects
-from microvib.studies.repeatability import Run, repeatability
+from microvib.studies.repeatability import RecordedRun, repeatability
 from microvib.testdata.recording import Recording
 
 RATE, DURATION = 512.0, 8.0
@@ -29,8 +29,8 @@ def recorded(seed: int, gains=1.0, noise: float = 2e-3, unit: str = "N*m") -> Re
     return Recording({"Mz": x + rng.normal(0.0, noise, t.size)}, RATE, {"Mz": unit}, f"run {seed}")
 
 
-def run(seed: int, unit: str = "", **how) -> Run:
-    return Run(f"r{seed}", Prepared(recorded(seed, **how)), unit)
+def run(seed: int, unit: str = "", **how) -> RecordedRun:
+    return RecordedRun(f"r{seed}", Prepared(recorded(seed, **how)), unit)
 
 
 def test_the_median_s_factors_are_those_of_normal_numbers():
@@ -132,7 +132,7 @@ def test_two_runs_have_no_outlier_and_a_bound_that_says_so():
 
 
 def test_identical_runs_have_no_scatter_and_no_outlier():
-    same = [Run(f"r{k}", Prepared(recorded(1))) for k in range(3)]
+    same = [RecordedRun(f"r{k}", Prepared(recorded(1))) for k in range(3)]
     found = repeatability(same)
     assert all(row.run == 0.0 for row in found.lines)
     assert not any(x.outlier for x in found.deviations)
@@ -214,7 +214,7 @@ def test_the_uncertainty_of_one_table_is_no_scatter_and_hides_none():
     )
     rng = np.random.default_rng(8)
     runs = [
-        Run(
+        RecordedRun(
             f"r{k}",
             Prepared(
                 without_table_dynamics(

@@ -23,7 +23,7 @@ from microvib.units import quantity
 
 if TYPE_CHECKING:
     from microvib.studies.hammer import HammerTest
-    from microvib.studies.repeatability import Run
+    from microvib.studies.repeatability import RecordedRun
     from microvib.testdata.preparation import Preparation
 
 _LOAD = re.compile(r"([FM][xyz])(?:@([^=]+))?=(.+)", re.DOTALL)
@@ -141,17 +141,17 @@ def repeatability(
     target.present(repeatability_outcome(found))
 
 
-def _read_runs(runs: tuple[str, ...], preparation: Preparation | None) -> list[Run]:
+def _read_runs(runs: tuple[str, ...], preparation: Preparation | None) -> list[RecordedRun]:
     """Recordings of [UNIT=]FILE."""
     from microvib.io.recordings import read_prepared
-    from microvib.studies.repeatability import Run
+    from microvib.studies.repeatability import RecordedRun
 
     parsed = [_parse_run(given) for given in runs]
     if len({bool(unit) for unit, _ in parsed}) > 1:
         raise OptionError(
             "runs", "some have a unit and some have none; give a unit to all, UNIT=FILE, or to none"
         )
-    return [Run(file, read_prepared(file, preparation), unit) for unit, file in parsed]
+    return [RecordedRun(file, read_prepared(file, preparation), unit) for unit, file in parsed]
 
 
 def _parse_run(given: str) -> tuple[str, str]:

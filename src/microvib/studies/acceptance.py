@@ -17,14 +17,14 @@ from microvib.solve.integration import Progress
 from microvib.studies.analyse import Analysis, analyse
 from microvib.studies.compare import Comparison, compare
 from microvib.studies.hammer import HammerTest
-from microvib.studies.repeatability import Repeatability, Run, repeatability
+from microvib.studies.repeatability import RecordedRun, Repeatability, repeatability
 
 
 @dataclass(frozen=True, eq=False)
 class AcceptedRun:
     """One run: what it says, and how it stands against the limit."""
 
-    run: Run
+    run: RecordedRun
     analysis: Analysis
     judgement: Judgement | None
 
@@ -59,7 +59,7 @@ class AcceptanceTest:
 
 
 def acceptance(  # noqa: PLR0913 - keyword options
-    runs: Sequence[Run],
+    runs: Sequence[RecordedRun],
     *,
     scenario: GivenScenario | None = None,
     channel: str = "Mz",
@@ -73,7 +73,7 @@ def acceptance(  # noqa: PLR0913 - keyword options
 
     Parameters
     ----------
-    runs : sequence of Run
+    runs : sequence of RecordedRun
         Recordings that were prepared, with their backgrounds; those of one unit are repetitions.
     scenario : Scenario, str or path, optional
         The drive, which names the lines.

@@ -35,7 +35,7 @@ _BOUND = Measure("%", 0.01, ".3g")
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RecordedRun:
     """One test of a unit."""
 
     name: str
@@ -89,7 +89,7 @@ class RunDeviation:
 class Repeatability:
     """Lines of several runs, and how they scatter."""
 
-    runs: tuple[Run, ...]
+    runs: tuple[RecordedRun, ...]
     channels: tuple[str, ...]
     units_of: dict[str, str]
     """Unit of measure of each channel."""
@@ -108,7 +108,7 @@ class Repeatability:
 
 
 def repeatability(
-    runs: Sequence[Run],
+    runs: Sequence[RecordedRun],
     *,
     scenario: GivenScenario | None = None,
     channels: Sequence[str] = ("Mz",),
@@ -118,7 +118,7 @@ def repeatability(
 
     Parameters
     ----------
-    runs : sequence of Run
+    runs : sequence of RecordedRun
         Tests; runs with the same ``unit`` are repetitions of one unit's.
     scenario : Scenario, str or path, optional
         Names the lines of the torque about the drive axis; those of other channels, and all without it,
@@ -173,7 +173,7 @@ def repeatability(
     )
 
 
-def _lines(run: Run, channel: str, guide: Scenario | None, notes: list[str]) -> LineTable:
+def _lines(run: RecordedRun, channel: str, guide: Scenario | None, notes: list[str]) -> LineTable:
     recording, background = run.source.recording, run.source.background
     of_drive = guide is not None and channel == f"M{guide.array.drive_axis}"
     if of_drive or recording.units.get(channel) == "N*m":
@@ -190,13 +190,13 @@ def _lines(run: Run, channel: str, guide: Scenario | None, notes: list[str]) -> 
 class _Matched:
     """Lines of a channel in all runs."""
 
-    runs: Sequence[Run]
+    runs: Sequence[RecordedRun]
     channel: str
     lines: dict[str, list[Line | None]]
     left_out: list[str]
 
     @classmethod
-    def of(cls, runs: Sequence[Run], channel: str, tables: Sequence[LineTable]) -> _Matched:
+    def of(cls, runs: Sequence[RecordedRun], channel: str, tables: Sequence[LineTable]) -> _Matched:
         lines: dict[str, list[Line | None]] = {}
         for k, table in enumerate(tables):
             for line in table:
@@ -215,14 +215,14 @@ class _Matched:
                     each[k] = None
         return cls(runs, channel, lines, left_out)
 
-    def _by_table(self, line: Line | None, run: Run) -> float:
+    def _by_table(self, line: Line | None, run: RecordedRun) -> float:
         """The part of a line's uncertainty that is its table's, and so common to runs on one table."""
         table = run.source.recording.table
         if line is None or table is None:
             return 0.0
         return table.amplitude_uncertainty(self.channel, line.frequency, line.amplitude)
 
-    def _own(self, line: Line | None, run: Run) -> float:
+    def _own(self, line: Line | None, run: RecordedRun) -> float:
         """The rest of it, by which runs differ."""
         if line is None:
             return math.nan
