@@ -31,6 +31,7 @@ try:
         serve,
         structures,
         test_data,
+        track,
         validation,
     )
     from microvib.cli.streams import status_of
@@ -101,6 +102,7 @@ def main() -> None:
 
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
+    track.track,
     validation.validate, validation.statements, rates.rates, profile.profile, margin.margin, campaign.campaign,
     structures.modes, structures.sas,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,

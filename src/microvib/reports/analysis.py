@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 _MAX_NAMED = 8
 """Lines that a spectrum is wide enough for."""
-_KINDS = {"N": "a force", "N*m": "a torque"} | dict.fromkeys(ACCELERATIONS, "an acceleration")
+CHANNEL_KINDS = {"N": "a force", "N*m": "a torque"} | dict.fromkeys(
+    ACCELERATIONS, "an acceleration"
+)
 """Words for what a channel is, by its unit."""
 _ENDINGS = {"N": "n", "N*m": "n_m", "m/s^2": "m_s2", "g": "g"}
 """Endings of names of columns in files, by the unit."""
@@ -78,7 +80,7 @@ def analysis_outcome(a: Analysis) -> Outcome:
     return Outcome(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
-        f"Lines with uncertainties and spectra of {_KINDS[a.unit]}.",
+        f"Lines with uncertainties and spectra of {CHANNEL_KINDS[a.unit]}.",
         "",
         tuple(_facts(a)),
         (
@@ -115,7 +117,9 @@ def _orders(a: Analysis) -> tuple[Table, ...]:
     """The orders of the electrical period, each with whether it is above the noise floor."""
     if not a.orders:
         return ()
-    return (_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),)
+    return (
+        table_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),
+    )
 
 
 _ORDERS_CAPTION = (
@@ -132,7 +136,7 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
     if a.orders and not shown:
         return ()
     found = Table.of("", Line, shown, caption=_LINES_CAPTION)
-    return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
+    return (table_in_unit(found.only(_LINE_COLUMNS), a.unit),)
 
 
 _LINES_CAPTION = (
@@ -141,7 +145,7 @@ _LINES_CAPTION = (
 )
 
 
-def _in_unit(table: Table, unit: str) -> Table:
+def table_in_unit(table: Table, unit: str) -> Table:
     """A table of torques as one of forces or accelerations, where the channel is one."""
     return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
 
@@ -150,7 +154,9 @@ def _column_in_unit(column: Column, unit: str) -> Column:
     measure = column.measure
     if measure is None or measure not in (TORQUE, TORQUE_UNCERTAINTY):
         return column
-    return replace(column, key=_key_in_unit(column.key, unit), measure=_measure(measure, unit))
+    return replace(
+        column, key=_key_in_unit(column.key, unit), measure=measure_in_unit(measure, unit)
+    )
 
 
 def _key_in_unit(key: str, unit: str) -> str:
@@ -162,7 +168,8 @@ def _key_in_unit(key: str, unit: str) -> str:
     return key
 
 
-def _measure(torque: Measure, unit: str) -> Measure:
+def measure_in_unit(torque: Measure, unit: str) -> Measure:
+    """A measure of torques in thousandths of another unit of a channel."""
     return replace(torque, unit=f"m{pretty(unit)}")
 
 
@@ -170,7 +177,7 @@ def _bands(a: Analysis) -> Table:
     bands = [BandRms(f"{low:g} to {high:g} Hz", rms) for low, high, rms in a.bands]
     bands.append(BandRms("whole record, about its mean", _rms(a)))
     caption = "RMS in 1/3-octave bands is in `third_octaves.csv`."
-    return _in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
+    return table_in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
 
 
 def _files(a: Analysis) -> dict[str, str]:
@@ -201,7 +208,7 @@ def _lines_file(table: LineTable) -> str:
 
 
 def _facts(a: Analysis) -> Iterator[Fact]:
-    amplitude = _measure(TORQUE, a.unit)
+    amplitude = measure_in_unit(TORQUE, a.unit)
     for line in _largest(a)[:2]:
         where = f"{line.name} at {FREQUENCY.figure(line.frequency)}"
         yield Fact(amplitude.figure(line.amplitude), where)

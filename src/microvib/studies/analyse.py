@@ -234,12 +234,16 @@ def _source(
 def _of_scenario(
     scenario: Scenario, name: str, channel: str, progress: Progress | None
 ) -> tuple[Recording, None, LineTable | None, float]:
+    return _simulated_with_lines(torque_of(scenario, name, progress), channel, scenario)
+
+
+def torque_of(scenario: Scenario, name: str, progress: Progress | None) -> Recording:
+    """Simulated disturbance torque about the drive axis, as a recording called ``name``."""
     motion = simulate(scenario, channels=("T_d",), progress=progress)
     axis = "M" + scenario.array.drive_axis
-    simulated = Recording(
+    return Recording(
         {axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or scenario.title
     )
-    return _simulated_with_lines(simulated, channel, scenario)
 
 
 def _of_run_folder(
