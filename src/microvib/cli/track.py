@@ -2,50 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 
 from microvib.cli.common import (
     Target,
     load_guide,
-    options,
     read_preparation,
     recording_options,
+    section_options,
     target_options,
     with_precompilation,
 )
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 
-section_options: Callable[[Any], Any] = options(
-    click.option(
-        "--from",
-        "start",
-        metavar="TIME",
-        help="Start of the section of the record, such as '2 s' [default: its start].",
-    ),
-    click.option(
-        "--to",
-        "stop",
-        metavar="TIME",
-        help="End of the section; after a trigger, time since it [default: the end of the record].",
-    ),
-    click.option(
-        "--trigger",
-        metavar="'CHANNEL > LEVEL'",
-        help="Begin the section where a channel first rises through a level, such as 'Mz > 5 mN*m'; < where it falls.",
-    ),
-    click.option(
-        "--pre-trigger", metavar="TIME", help="Time before the trigger that is kept, too."
-    ),
-)
-
 
 @click.command()
-@click.argument("source")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
 @click.option(
     "--orders",
     required=True,
@@ -96,38 +71,50 @@ section_options: Callable[[Any], Any] = options(
 @section_options
 @with_precompilation
 def track(
-    source: str, orders: str, channel: str, prepare: Path | None, tacho: str | None, pulses_per_rev: float,
+    sources: tuple[str, ...], orders: str, channel: str, prepare: Path | None, tacho: str | None, pulses_per_rev: float,
     speed: str | None, profile: str | None, scenario: str | None, strongest: float | None, clock: str,
     fixed: tuple[str, ...], bandwidth: str | None, start: str | None, stop: str | None, trigger: str | None,
     pre_trigger: str | None, target: Target,
 ) -> None:  # fmt: skip
-    """Track orders through a rate sweep in SOURCE, a recording, a run folder or a scenario: order
-    cuts, order map, maxima and the resonances that they cross.
+    """Track orders through a rate sweep in each SOURCE, a recording, a run folder or a scenario: order
+    cuts, order map, maxima and the resonances that they cross; of several, with one table of mean,
+    spread and outliers.
     """
     from microvib.io.sources import open_source
+    from microvib.reports.batch import batch_outcome
     from microvib.reports.order_tracking import order_outcome
+    from microvib.studies.batch import batch_of
     from microvib.studies.track import track_orders
     from microvib.testdata.section import Section
 
-    with progress_bar() as progress:
-        found = track_orders(
-            open_source(source, read_preparation(prepare)),
-            parse_orders(orders),
-            name=source,
-            channel=channel,
-            tacho=tacho,
-            pulses_per_rev=pulses_per_rev,
-            speed=speed,
-            profile=profile,
-            scenario=load_guide(scenario),
-            strongest=strongest,
-            clock=clock,
-            fixed=fixed,
-            bandwidth=bandwidth,
-            section=Section.stated(start, stop, trigger, pre_trigger),
-            progress=progress,
-        )
-    target.present(order_outcome(found))
+    asked, section = parse_orders(orders), Section.stated(start, stop, trigger, pre_trigger)
+    prepared, guide = read_preparation(prepare), load_guide(scenario)
+    found = []
+    for source in sources:
+        with progress_bar() as progress:
+            tracked = track_orders(
+                open_source(source, prepared),
+                asked,
+                name=source,
+                channel=channel,
+                tacho=tacho,
+                pulses_per_rev=pulses_per_rev,
+                speed=speed,
+                profile=profile,
+                scenario=guide,
+                strongest=strongest,
+                clock=clock,
+                fixed=fixed,
+                bandwidth=bandwidth,
+                section=section,
+                progress=progress,
+            )
+        found.append(tracked)
+    outcomes = [order_outcome(one) for one in found]
+    if len(found) == 1:
+        target.present(outcomes[0])
+    else:
+        target.present(batch_outcome(batch_of(sources, found), outcomes))
 
 
 def parse_orders(text: str) -> list[float]:

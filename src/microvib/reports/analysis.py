@@ -4,28 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
 
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
 from microvib.reports import figures
+from microvib.reports.analysis_units import (
+    CHANNEL_KINDS,
+    ENDINGS,
+    key_in_unit,
+    measure_in_unit,
+    table_in_unit,
+)
+from microvib.reports.bands import band_parts, bands_sentence
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.typography import file_name
 from microvib.results import (
     FREQUENCY,
+    TIME,
     TORQUE,
-    TORQUE_UNCERTAINTY,
     Column,
-    Measure,
     Table,
 )
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION_RATIO, Line, LineTable
 from microvib.studies.analyse import Analysis
-from microvib.testdata.channels import ACCELERATIONS
+from microvib.studies.bands import verdict_on
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -33,12 +42,6 @@ if TYPE_CHECKING:
 
 _MAX_NAMED = 8
 """Lines that a spectrum is wide enough for."""
-CHANNEL_KINDS = {"N": "a force", "N*m": "a torque"} | dict.fromkeys(
-    ACCELERATIONS, "an acceleration"
-)
-"""Words for what a channel is, by its unit."""
-_ENDINGS = {"N": "n", "N*m": "n_m", "m/s^2": "m_s2", "g": "g"}
-"""Endings of names of columns in files, by the unit."""
 _LINE_COLUMNS = (
     "line",
     "frequency_hz",
@@ -50,6 +53,10 @@ _LINE_COLUMNS = (
     "status",
 )
 """Keys of what is shown of a line."""
+
+
+_WATERFALL_ROWS = 8
+"""Stretches of a waterfall that a terminal shows."""
 
 
 @dataclass(frozen=True)
@@ -81,15 +88,16 @@ def analysis_outcome(a: Analysis) -> Outcome:
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
         f"Lines with uncertainties and spectra of {CHANNEL_KINDS[a.unit]}.",
-        "",
+        verdict_on(a.band_peaks),
         tuple(_facts(a)),
         (
             Part("", (Pairs(tuple(_about(a))), *spectrum)),
             Part("Orders of the electrical period", _orders(a), new_page=True),
             Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
             Part("Power spectral density", density),
-            Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
+            Part("Waterfall", (*picture("waterfall", a.waterfall, 2.9, "Waterfall"), _loudest(a))),
             Part("RMS in bands", (_bands(a),)),
+            *band_parts(a.band_peaks),
         ),
         other_files=_files(a),
     )
@@ -108,6 +116,8 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
     if a.table is not None:
         told_apart = f"{SEPARATION / a.recording.duration:.3g} Hz"
         yield "Resolution", f"lines are told apart, and from the mean, {told_apart} away"
+    if a.band_peaks:
+        yield "Peaks in bands", bands_sentence(a.band_peaks)
     for note in a.recording.notes_on(a.channel):
         if note:
             yield "Note", note
@@ -145,32 +155,25 @@ _LINES_CAPTION = (
 )
 
 
-def table_in_unit(table: Table, unit: str) -> Table:
-    """A table of torques as one of forces or accelerations, where the channel is one."""
-    return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
+@dataclass(frozen=True)
+class Loudest:
+    """The largest bin of a stretch of the waterfall."""
+
+    time: Annotated[float, Column("time_s", "middle of the stretch", TIME)]
+    frequency: Annotated[float, Column("frequency_hz", "largest bin", FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
 
 
-def _column_in_unit(column: Column, unit: str) -> Column:
-    measure = column.measure
-    if measure is None or measure not in (TORQUE, TORQUE_UNCERTAINTY):
-        return column
-    return replace(
-        column, key=_key_in_unit(column.key, unit), measure=measure_in_unit(measure, unit)
-    )
-
-
-def _key_in_unit(key: str, unit: str) -> str:
-    """The key of a column of torques, with the ending of another unit where it has that of a
-    torque.
-    """
-    if key.endswith("_n_m"):
-        return f"{key.removesuffix('_n_m')}_{_ENDINGS[unit]}"
-    return key
-
-
-def measure_in_unit(torque: Measure, unit: str) -> Measure:
-    """A measure of torques in thousandths of another unit of a channel."""
-    return replace(torque, unit=f"m{pretty(unit)}")
+def _loudest(a: Analysis) -> Table:
+    """The largest bin of each stretch of the waterfall, for a terminal: of many stretches some."""
+    w = a.waterfall
+    step = max(-(-w.time.size // _WATERFALL_ROWS), 1)
+    rows = []
+    for k in range(0, w.time.size, step):
+        i = int(np.argmax(w.amplitude[k, 1:])) + 1
+        rows.append(Loudest(float(w.time[k]), float(w.frequency[i]), float(w.amplitude[k, i])))
+    caption = "The largest bin of some of the stretches, in their order."
+    return table_in_unit(Table.of("", Loudest, rows, caption=caption), a.unit)
 
 
 def _bands(a: Analysis) -> Table:
@@ -183,7 +186,7 @@ def _bands(a: Analysis) -> Table:
 def _files(a: Analysis) -> dict[str, str]:
     """All lines, and the spectra."""
     centre, rms = a.density.third_octaves()
-    unit = _ENDINGS[a.unit]
+    unit = ENDINGS[a.unit]
     tables = {
         "spectrum": {
             "frequency_hz": a.spectrum.frequency,
@@ -203,7 +206,7 @@ def _files(a: Analysis) -> dict[str, str]:
 def _lines_file(table: LineTable) -> str:
     """All lines as CSV text, its header in the table's unit."""
     header, rest = lines_csv(table).split("\n", 1)
-    keys = [_key_in_unit(key, table.unit) for key in header.split(",")]
+    keys = [key_in_unit(key, table.unit) for key in header.split(",")]
     return "\n".join([",".join(keys), rest])
 
 

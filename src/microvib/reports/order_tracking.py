@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from microvib.reports import sheets
-from microvib.reports.analysis import CHANNEL_KINDS, measure_in_unit, table_in_unit
+from microvib.reports.analysis_units import CHANNEL_KINDS, measure_in_unit, table_in_unit
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Outcome, Pairs, Part, Picture
 from microvib.reports.sheets import COLOURS, GREY

@@ -109,12 +109,12 @@ def split_band(
 
 
 def _slope(x: np.ndarray, rate: float, edge: float, roll_off: float) -> np.ndarray:
-    """The part of ``x`` within ``roll_off`` of an edge, all of it, and of what is half as far beyond
-    some.
+    """The part of ``x`` within ``roll_off`` of an edge, all of it, and of what is up to half as far
+    beyond some.
     """
-    half = 0.5 * roll_off * edge
-    upper = min(edge * (1.0 + 1.5 * roll_off), 0.499 * rate)
-    return _low_pass(x, rate, upper, half) - _low_pass(x, rate, edge * (1 - 1.5 * roll_off), half)
+    half = 0.25 * roll_off * edge
+    upper = min(edge * (1.0 + 1.25 * roll_off), 0.499 * rate)
+    return _low_pass(x, rate, upper, half) - _low_pass(x, rate, edge * (1 - 1.25 * roll_off), half)
 
 
 def _low_pass(x: np.ndarray, rate: float, edge: float, half_width: float) -> np.ndarray:

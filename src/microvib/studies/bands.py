@@ -10,18 +10,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from microvib.analysis.accuracy import failed_invariants_reason
+from microvib.analysis.limits import Limit, judge
+from microvib.analysis.margins import Verdict
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.band_limits import BandLimit
 from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
 from microvib.results import COUNT, DECIBEL, SHARE, TIME, TORQUE, TORQUE_LIMIT, Column, Measure
 from microvib.signals.band_split import filter_reach, roll_off_for, split_band
+from microvib.signals.line_table import LineTable
 from microvib.testdata.recording import Recording, require_usable_channel
-from microvib.units import pretty
+from microvib.units import Si, pretty
 
+WORST_FIRST: tuple[Verdict, ...] = ("fail", "not judged", "pass")
 MIN_CYCLES = 5.0
 """Cycles of a band's lower edge, behind the filter's transients, below which it passes nothing."""
 ROLL_OFFS = (0.01, 0.5)
@@ -78,6 +84,20 @@ def no_gaps(low: float, high: float, limit: float) -> Sequence[str]:
     return ()
 
 
+def reasons_of_lines(
+    table: LineTable, scenario: Scenario | None, second: LineTable | None = None
+) -> dict[str, Any]:
+    """Reasons for ``judge_bands`` of simulated lines, for which a limit on each would not be judged
+    either: what a record does not settle, what other draws of noise make, what the integration leaves
+    open.
+    """
+
+    def gaps(low: float, high: float, limit: float) -> Sequence[str]:
+        return judge(table, Limit(Si(limit), Si(low), Si(high)), scenario, second).gaps
+
+    return {"gaps": gaps, "broken": failed_invariants_reason(table.broken, scenario)}
+
+
 def judge_bands(
     recording: Recording,
     limits: Sequence[BandLimit],
@@ -85,6 +105,7 @@ def judge_bands(
     *,
     roll_off: float | None = None,
     gaps: Gaps = no_gaps,
+    broken: str = "",
 ) -> tuple[BandPeak, ...]:
     """Judge the peak of a channel's time history in each band.
 
@@ -100,7 +121,9 @@ def judge_bands(
         Part of an edge's frequency, on both sides, within which filters fall from 1 to 0; without it
         0.2, or less where a band is narrow.
     gaps : callable, optional
-        Further reasons why a band is not judged.
+        Further reasons why a band passes nothing.
+    broken : str
+        Reason why no band is judged, such as invariants of a simulation that do not hold.
 
     Returns
     -------
@@ -125,26 +148,31 @@ def judge_bands(
                 f"bands: the limit from {limit.low:g} to {limit.high:g} Hz is in"
                 f" {pretty(limit.unit)}, and channel {name} is in {pretty(unit)}"
             )
-        found.append(_judged(recording, name, limit, roll_off, gaps))
+        found.append(_judged(recording, name, limit, roll_off, (gaps, broken)))
     return tuple(found)
 
 
-def verdict_on(peaks: Sequence[BandPeak]) -> str:
+def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | Literal[""]:
     """Verdict on all bands together: the worst of theirs; empty where there are none."""
     verdicts = {peak.verdict for peak in peaks}
-    for word in ("fail", "not judged", "pass"):
+    for word in WORST_FIRST:
         if word in verdicts:
             return word
     return ""
 
 
 def _judged(
-    recording: Recording, name: str, limit: BandLimit, asked: float | None, gaps: Gaps
+    recording: Recording,
+    name: str,
+    limit: BandLimit,
+    asked: float | None,
+    reasons: tuple[Gaps, str],
 ) -> BandPeak:
     rate = recording.sample_rate
     roll_off = roll_off_for(limit.low, limit.high) if asked is None else asked
     x = recording[name] - np.mean(recording[name])
-    blind = _blind_reason(recording, name, limit, roll_off)
+    gaps, broken = reasons
+    blind = broken or _blind_reason(recording, name, limit, roll_off)
     usable = (limit.high * (1.0 + roll_off)) < 0.5 * rate and not _narrow(limit, roll_off)
     history = split_band(x, rate, limit.low, limit.high, roll_off) if usable else None
     if history is None:
