@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from microvib.io.tables import rows_csv
 from microvib.reports import sheets
 from microvib.reports.analysis_units import columns_in_unit
 from microvib.reports.document import Text
-from microvib.reports.outcome import Part, Picture
+from microvib.reports.outcome import Outcome, Part, Picture
 from microvib.reports.sheets import BLUE, GREY, RED
 from microvib.results import Table
-from microvib.studies.bands import BandPeak
+from microvib.studies.bands import WORST_FIRST, BandPeak, verdict_on
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -34,6 +35,27 @@ def band_parts(peaks: Sequence[BandPeak]) -> list[Part]:
     """Parts of a report on the peaks of bands, one for each unit; none without bands."""
     units = list(dict.fromkeys(peak.unit for peak in peaks))
     return [_part([peak for peak in peaks if peak.unit == unit], unit, units) for unit in units]
+
+
+def with_bands(outcome: Outcome, peaks: Sequence[BandPeak]) -> Outcome:
+    """An outcome with its peaks in bands: their verdict counts, too, and its first page says so."""
+    if not peaks:
+        return outcome
+    verdicts = {outcome.verdict, verdict_on(peaks)}
+    worst = next(word for word in WORST_FIRST if word in verdicts)
+    first, *others = outcome.parts
+    said = Text(f"Peaks in bands: {bands_sentence(peaks)}.")
+    first = replace(first, items=(*first.items, said))
+    return replace(outcome, verdict=worst, parts=(first, *others, *band_parts(peaks)))
+
+
+def bands_files(peaks: Sequence[BandPeak]) -> dict[str, str]:
+    """CSV files of peaks in bands, by name."""
+    tables = [x for part in band_parts(peaks) for x in part.items if isinstance(x, Table)]
+    return {
+        f"{x.name}.csv": rows_csv([column.key for column in x.columns], x.file_rows())
+        for x in tables
+    }
 
 
 def bands_sentence(peaks: Sequence[BandPeak]) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,15 +50,21 @@ class BandHistory:
     @property
     def largest(self) -> float:
         """Peak that no filter of this roll-off exceeds."""
-        inner = np.abs(_finer(self.inner, self.top))
-        edges = np.repeat(_neighbourhood(self.edges), inner.size // self.edges.size)
+        inner, edges = self._fine
         step = self.top * self.edges.size / inner.size
         return float(np.max(inner + edges)) / math.cos(math.pi * step) + self.leak
 
     @property
     def least(self) -> float:
         """Peak that each filter of this roll-off reaches."""
-        return max(float(np.max(np.abs(self.inner) - self.edges)) - self.leak, 0.0)
+        inner, edges = self._fine
+        return max(float(np.max(inner - edges)) - self.leak, 0.0)
+
+    @cached_property
+    def _fine(self) -> tuple[np.ndarray, np.ndarray]:
+        """Magnitudes of the inner part between samples too, and the envelope of the edges there."""
+        inner = np.abs(_finer(self.inner, self.top))
+        return inner, np.repeat(_neighbourhood(self.edges), inner.size // self.edges.size)
 
 
 def roll_off_for(low: float, high: float) -> float:
@@ -97,15 +104,24 @@ def split_band(
 
     y = nominal(x)
     on_slopes, envelope = np.zeros(x.size), np.zeros(x.size)
+    tapered = _with_soft_ends(x, reach)
     for edge in (low, high):
         if edge > 0.0:
-            slope = _slope(x, rate, edge, roll_off)
+            slope = _slope(tapered, rate, edge, roll_off)
             on_slopes += slope
             envelope += _envelope(slope)
     inner = y - nominal(on_slopes)
     top = min(high * (1.0 + roll_off) / rate, 0.5)
     leak = LEAK * float(np.max(np.abs(x)))
     return BandHistory(reach, y[kept], inner[kept], envelope[kept], leak, top)
+
+
+def _with_soft_ends(x: np.ndarray, reach: int) -> np.ndarray:
+    """Samples that come up from zero and go back to it within the first and last ``reach``, which are
+    left out: the ends of a record would be heard at all frequencies.
+    """
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(reach) / max(reach, 1))
+    return np.asarray(x * np.concatenate([rise, np.ones(x.size - 2 * reach), rise[::-1]]))
 
 
 def _slope(x: np.ndarray, rate: float, edge: float, roll_off: float) -> np.ndarray:

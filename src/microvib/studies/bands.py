@@ -17,6 +17,8 @@ import numpy as np
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.limits import Limit, judge
 from microvib.analysis.margins import Verdict
+from microvib.analysis.run import RunResult
+from microvib.analysis.spectra import samples_of
 from microvib.errors import MicrovibError, OptionError
 from microvib.io.band_limits import BandLimit
 from microvib.model.record import PASSBAND
@@ -150,6 +152,28 @@ def judge_bands(
             )
         found.append(_judged(recording, name, limit, roll_off, (gaps, broken)))
     return tuple(found)
+
+
+def judge_bands_of_run(
+    result: RunResult, limits: Sequence[BandLimit], roll_off: float | None = None
+) -> tuple[BandPeak, ...]:
+    """Judge the peaks of a run's disturbance torque in bands, as ``judge_bands`` does those of a
+    recording; what keeps its lines from passing keeps bands from it, too.
+
+    OptionError where the run kept no motion, or its noise was drawn several times.
+    """
+    if not limits:
+        return ()
+    if result.motion is None:
+        raise OptionError("bands", "need the motion; leave lines_only out")
+    if result.table.seeds:
+        raise OptionError("bands", "are judged by one motion; leave seeds out")
+    x, rate, unit = samples_of(result.motion)
+    axis = "M" + result.scenario.array.drive_axis
+    recording = Recording({axis: x}, rate, {axis: unit}, result.scenario.title)
+    second = None if result.second is None else result.second.table
+    reasons = reasons_of_lines(result.table, result.scenario, second)
+    return judge_bands(recording, limits, axis, roll_off=roll_off, **reasons)
 
 
 def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | Literal[""]:
