@@ -96,7 +96,7 @@ def test_faults_outside_a_section_do_not_count():
 
 
 def test_sections_are_of_recordings():
-    with pytest.raises(OptionError, match="record.settle"):
+    with pytest.raises(OptionError, match=r"record\.settle"):
         analyse("state-1", section=Section.stated("1 s"))
 
 
@@ -125,7 +125,7 @@ def test_averages_against_their_definitions():
     assert at["exponential"] == pytest.approx(expected, rel=1e-6)
     with pytest.raises(SpectrumError, match="average: 'mean' is not known"):
         averaged_spectrum(x, RATE, "mean")
-    with pytest.raises(SpectrumError, match="overlap: 0.99"):
+    with pytest.raises(SpectrumError, match=r"overlap: 0\.99"):
         power_spectral_density(x, RATE, "1 Hz", overlap=0.99)
 
 
