@@ -49,7 +49,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=20)
     draws = parser.parse_args().draws
-    print("bandwidths [Hz]      RMS error: splines  Vold-Kalman   time [s]: splines  Vold-Kalman   within 2 u")
+    print(
+        "bandwidths [Hz]      RMS error: splines  Vold-Kalman   time [s]: splines  Vold-Kalman   within 2 u"
+    )
     for theirs, ours in PAIRS:
         rng = np.random.default_rng(1)
         squares, seconds, covered = np.zeros(2), np.zeros(2), []

@@ -23,26 +23,47 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class BandLimit:
-    """Largest magnitude that the time history of a channel may have in a band."""
+    """Largest magnitude that the time history of a channel may have in a band.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the band [Hz].
+    limit : float
+        The magnitude, in ``unit``.
+    unit : str
+        ``N``, ``N*m``, ``m/s^2`` or ``g``.
+    channel : str
+        Channel for which it holds; empty for the one that is analysed.
+    """
 
     low: float
-    """[Hz]."""
     high: float
-    """[Hz]."""
     limit: float
-    """In ``unit``."""
     unit: str
-    """``N``, ``N*m``, ``m/s^2`` or ``g``."""
     channel: str = ""
-    """Channel for which it holds; empty for the one that is analysed."""
 
 
-def read_band_limits(path: Path) -> tuple[BandLimit, ...]:
-    """Rows of a CSV file with ``low_hz``, ``high_hz``, a limit in the unit of its column, such as
-    ``limit_mn_m``, and perhaps ``channel``.
+def read_band_limits(path: Path | str) -> tuple[BandLimit, ...]:
+    """Read bands and their limits.
 
-    MicrovibError says which row is wrong.
+    Parameters
+    ----------
+    path : str or path
+        A CSV file with ``low_hz``, ``high_hz``, a limit in the unit of its column, such as
+        ``limit_mn_m``, and perhaps ``channel``.
+
+    Returns
+    -------
+    tuple of BandLimit
+        The bands, in the order of the rows.
+
+    Raises
+    ------
+    MicrovibError
+        Where the file cannot be read, or a row is wrong: says which.
     """
+    path = Path(path)
     known = ("low_hz", "high_hz", *_LIMITS, "channel")
     rows = dict_rows(path, known, what="bands with limits", needed=("low_hz", "high_hz"))
     return tuple(_limit(f"{path}, row {k}", row) for k, row in enumerate(rows, 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 _DECADES = 3.0
 """Decades of amplitude that maps show in colour."""
+_NAME_ROOM = 0.08
+"""Part of an axis that a name takes."""
 _MOST_CUTS = 8
 """Orders, the largest ones, that a picture has room for."""
 _MAXIMA_CAPTION = (
@@ -135,6 +137,14 @@ def _cuts_picture(found: OrderTracking) -> Picture:
     return Picture("order_cuts", draw, "Order cuts")
 
 
+def draw_orders(found: OrderTracking) -> Figure:
+    """Order cuts, and the waterfall with the paths of the orders below them."""
+    figure, axes = sheets.sheet(7.4, 2, 1)
+    draw_cuts(axes[0, 0], found)
+    draw_campbell(axes[1, 0], found)
+    return figure
+
+
 def _largest_cuts(found: OrderTracking) -> list[OrderCut]:
     """Cuts that a picture shows, ascending in order; the largest where there are many."""
     size = {id(one): float(np.max(np.where(one.known, one.amplitude, 0.0))) for one in found.cuts}
@@ -230,19 +240,31 @@ def draw_campbell(ax: Axes, found: OrderTracking) -> None:
         shown = np.where((one.finding == BEYOND) | (one.finding == NOT_SEPARABLE), np.nan, 1.0)
         along = one.time if in_time else one.speed
         ax.plot(one.frequency * shown, along, color="white", linewidth=0.6, linestyle=(0, (4, 3)))
-        at = int(0.97 * (one.time.size - 1))
-        if one.frequency[at] < top:
-            name = one.label
-            ax.annotate(
-                name,
-                (one.frequency[at], along[at]),
-                xytext=(0, -8),
-                textcoords="offset points",
-                fontsize=7,
-                ha="center",
-                bbox={"facecolor": "white", "edgecolor": GREY, "pad": 0.8, "linewidth": 0.4},
-            )
+    _name_paths(ax, _largest_cuts(found), in_time, top)
     ax.set(xlabel="frequency [Hz]", ylabel=label)
+
+
+def _name_paths(ax: Axes, cuts: Sequence[OrderCut], in_time: bool, top: float) -> None:
+    """Names near the ends of the paths of orders, in rows where paths are close to each other."""
+    ends: list[tuple[float, float, str]] = []
+    for one in cuts:
+        inside = np.flatnonzero(one.frequency < 0.97 * top)
+        at = inside[int(0.97 * (inside.size - 1))]
+        along = one.time if in_time else one.speed
+        ends.append((float(one.frequency[at]), float(along[at]), one.label))
+    taken: list[float] = []
+    for frequency, height, name in sorted(ends):
+        row = sum(abs(frequency - other) < _NAME_ROOM * top for other in taken)
+        taken.append(frequency)
+        ax.annotate(
+            name,
+            (frequency, height),
+            xytext=(0, -8 - 13 * row),
+            textcoords="offset points",
+            fontsize=7,
+            ha="center",
+            bbox={"facecolor": "white", "edgecolor": GREY, "pad": 0.8, "linewidth": 0.4},
+        )
 
 
 def _colours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: np.ndarray, unit: str) -> None:

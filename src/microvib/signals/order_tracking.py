@@ -270,41 +270,40 @@ def _floor_beside(
 ) -> np.ndarray:
     """Variance (K, m) of white noise as dense as the residual beside each component at the times ``t``.
 
-    It is a mean over frequencies, not a median: a line that is not tracked and crosses a component
-    raises the uncertainty of the latter.
+    Each component is turned back by its own phase, so that lines which follow it stay beside it, and
+    are not smeared over it by the sweep. The floor is a mean over frequencies, not a median: a line
+    that is not tracked and crosses a component raises the uncertainty of the latter.
     """
     segment = int(min(max(round(4.0 * rate / bandwidth), 16), residual.size))
-    hop = max(segment // 2, 1)
-    starts = np.arange(0, residual.size - segment + 1, hop)
+    starts = np.arange(0, residual.size - segment + 1, max(segment // 2, 1))
     window = np.hanning(segment + 1)[:-1]
-    frames = np.lib.stride_tricks.sliding_window_view(residual, segment)[starts]
-    power = np.empty((starts.size, segment // 2 + 1))
-    for k, frame in enumerate(frames):
-        power[k] = np.abs(np.fft.rfft(frame * window)) ** 2
-    power /= np.sum(window**2)
-    f = np.arange(segment // 2 + 1) * rate / segment
-    middle = (starts + 0.5 * segment) / rate
+    window /= np.sqrt(np.sum(window**2))
+    offset = np.fft.fftfreq(segment, 1.0 / rate)
+    close = np.abs(offset) < max(4.0 * bandwidth, 8.0 * rate / segment)
+    offset = offset[close]
     place = np.minimum(starts + segment // 2, phases.shape[1] - 2)
     where = (phases[:, place + 1] - phases[:, place]) * rate / (2.0 * np.pi)
     found = np.empty((len(phases), starts.size))
-    for k in range(len(phases)):
-        for j in range(starts.size):
-            found[k, j] = _mean_beside(f, power[j], where[:, j], k, bandwidth)
+    for k, phase in enumerate(phases):
+        turned = residual * np.exp(-1j * phase)
+        for j, start in enumerate(starts):
+            power = np.abs(np.fft.fft(turned[start : start + segment] * window)[close]) ** 2
+            found[k, j] = _mean_beside(offset + where[k, j], power, where[:, j], k, bandwidth)
+    middle = (starts + 0.5 * segment) / rate
     return np.array([np.interp(t, middle, row) for row in found])
 
 
 def _mean_beside(
     f: np.ndarray, power: np.ndarray, where: np.ndarray, k: int, bandwidth: float
 ) -> float:
-    """Mean power of the bins beside component ``k``, but for those near other components."""
+    """Mean power of the bins at ``f`` beside component ``k``, but for those near other components and
+    near zero frequency.
+    """
     distance = np.abs(f[:, None] - where)
-    own = distance[:, k]
     near, far = _BESIDE[0] * bandwidth, _BESIDE[1] * bandwidth
     clear = (np.min(distance, axis=1) > near) & (f > near)
-    beside = clear & (own < far)
-    if np.count_nonzero(beside) < 4 and np.any(clear):
-        nearest = np.argsort(np.where(clear, own, np.inf))[: min(8, np.count_nonzero(clear))]
-        return float(np.mean(power[nearest]))
-    if not np.any(beside):
-        return float(np.mean(power))
-    return float(np.mean(power[beside]))
+    beside = clear & (distance[:, k] < far)
+    for chosen in (beside, clear, distance[:, k] > near):
+        if np.count_nonzero(chosen) >= 4:
+            return float(np.mean(power[chosen]))
+    return float(np.mean(power))

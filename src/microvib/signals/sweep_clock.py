@@ -21,6 +21,9 @@ _GRID = 21
 _TERMS = 5
 """Polynomials, from a constant on, that a correction of the speed is made of."""
 _ROUNDS = 8
+_STRUCTURE = 0.25
+"""Turns by which a structure shifts the phase of an order over a sweep, as a standard uncertainty: half a
+turn where it crosses a resonance."""
 _SETTLED = 1e-4
 """Part of a revolution below which a round changes nothing."""
 _CYCLES = 12.0
@@ -166,12 +169,13 @@ def _speed_uncertainty(
     noise: np.ndarray, amplitude: np.ndarray, orders: Sequence[float], duration: float
 ) -> float:
     """Standard uncertainty [Hz] of the mean speed, of the orders together: that of the slope of a
-    line through their phases.
+    line through their phases, which a structure turns, too.
     """
     size = np.mean(np.abs(amplitude), axis=1)
     points = amplitude.shape[1] / 2.0
     phase = np.mean(noise, axis=1) / np.maximum(size, 1e-300) / np.sqrt(points)
     each = np.sqrt(12.0) * phase / (2.0 * np.pi * np.asarray(orders) * duration)
+    each = np.hypot(each, _STRUCTURE / (np.asarray(orders) * duration))
     return float(1.0 / np.sqrt(np.sum(each**-2.0)))
 
 

@@ -79,7 +79,7 @@ class Analysis:
 
 
 def analyse(  # noqa: PLR0913 - keyword options
-    source: Source | str | os.PathLike[str],
+    source: Source | Recording | str | os.PathLike[str],
     *,
     name: str = "",
     scenario: GivenScenario | None = None,
@@ -103,7 +103,7 @@ def analyse(  # noqa: PLR0913 - keyword options
 
     Parameters
     ----------
-    source : Scenario, RunFolder, Prepared, str or path
+    source : Scenario, RunFolder, Recording, Prepared, str or path
         What is analysed; a name is one that ``open_source`` takes.
     name : str
         What a scenario is called.
@@ -149,7 +149,7 @@ def analyse(  # noqa: PLR0913 - keyword options
         Where the source is too short, or its channel is neither a force, a torque nor an
         acceleration.
     """
-    opened = open_source(os.fspath(source)) if isinstance(source, (str, os.PathLike)) else source
+    opened = opened_source(source)
     guide = None if scenario is None else as_scenario(scenario)
     if section is not None:
         opened = _section_of(opened, section)
@@ -189,6 +189,15 @@ def analyse(  # noqa: PLR0913 - keyword options
             **_reasons_of(opened, guide, table),
         ),
     )
+
+
+def opened_source(source: Source | Recording | str | os.PathLike[str]) -> Source:
+    """A source of a name; a recording as one that needs no preparation."""
+    if isinstance(source, Recording):
+        return Prepared(source)
+    if isinstance(source, (str, os.PathLike)):
+        return open_source(os.fspath(source))
+    return source
 
 
 def _section_of(source: Source, section: Section) -> Prepared:

@@ -15,7 +15,7 @@ import numpy as np
 from microvib.analysis import spectra
 from microvib.errors import MicrovibError, OptionError, expect_list
 from microvib.io.recordings import Prepared
-from microvib.io.sources import RunFolder, Source, open_source
+from microvib.io.sources import RunFolder, Source
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import (
@@ -32,7 +32,7 @@ from microvib.signals.order_tracking import OrderError, Tracked, track_component
 from microvib.signals.spectrum import Waterfall
 from microvib.signals.sweep_clock import stretch_length
 from microvib.solve.integration import Progress
-from microvib.studies.analyse import torque_of
+from microvib.studies.analyse import opened_source, torque_of
 from microvib.studies.speed_reference import (
     Reference,
     named,
@@ -68,6 +68,8 @@ _ALIKE = 0.03
 """Part of a frequency within which peaks of several orders are at the same one."""
 _NEAR_MODE = 0.1
 """Part of a mode's frequency within which a resonance is named after it."""
+_NOTED = 0.05
+"""Part of a sweep, more than its two ends, from which an order that is not told has a note."""
 _AT_ENDS = 1.0
 """Knots at the ends of the record whose amplitudes make no maximum."""
 SWEEP_NOTE = (
@@ -189,7 +191,7 @@ class OrderTracking:
 
 
 def track_orders(  # noqa: PLR0913 - keyword options
-    source: Source | str | os.PathLike[str],
+    source: Source | Recording | str | os.PathLike[str],
     orders: Sequence[float],
     *,
     name: str = "",
@@ -213,7 +215,7 @@ def track_orders(  # noqa: PLR0913 - keyword options
 
     Parameters
     ----------
-    source : Scenario, RunFolder, Prepared, str or path
+    source : Scenario, RunFolder, Recording, Prepared, str or path
         Recording of a sweep, a run's folder, or a scenario that is simulated.
     orders : sequence of float
         Orders to track: cycles per revolution of the reference.
@@ -254,9 +256,20 @@ def track_orders(  # noqa: PLR0913 - keyword options
     MicrovibError
         Where a channel is missing or unfit, no reference or several are given, or the record is too
         short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import microvib as mv
+    >>> t = np.arange(3000) / 600.0
+    >>> x = 0.2 * np.cos(2.0 * np.pi * 4.0 * (10.0 * t + 3.0 * t**2))
+    >>> sweep = mv.Recording({"Mz": x}, 600.0, {"Mz": "N*m"}, "sweep")
+    >>> found = mv.track_orders(sweep, [1, 4], profile="0 s:10 Hz, 5 s:40 Hz")
+    >>> print(f"{found.cut(4).amplitude.mean():.3f} N m")
+    0.200 N m
     """
     tracked_orders = _checked(orders)
-    opened = open_source(os.fspath(source)) if isinstance(source, (str, os.PathLike)) else source
+    opened = opened_source(source)
     recording, own = _recording(opened, name, channel, progress)
     offset = 0.0
     if section is not None:
@@ -573,7 +586,7 @@ def _notes(
     """Sentences on orders that are not told apart, or are above the usable frequencies in part."""
     for cut in cuts:
         lost = cut.finding == NOT_SEPARABLE
-        if np.any(lost):
+        if np.mean(lost) > _NOTED:
             yield _not_separable(cut, cuts, lost, bandwidth, duration)
         beyond = cut.finding == BEYOND
         if np.any(beyond):
@@ -593,12 +606,13 @@ def _not_separable(
     nearest = min(gaps, key=lambda label: float(np.median(gaps[label])))
     gap = float(np.median(gaps[nearest]))
     speeds = cut.speed[lost]
-    from_what = nearest if nearest == "the mean" else f"order {nearest}".replace(" Hz", "")
+    from_what = nearest if nearest == "the mean" else f"order {nearest}"
     if nearest.endswith(" Hz"):
         from_what = f"the line at {nearest}"
     share = 100.0 * float(np.mean(lost))
+    what = f"the line at {cut.label}" if math.isnan(cut.order) else f"order {cut.label}"
     text = (
-        f"order {cut.label} is not separable from {from_what} at {speeds.min():.4g} to"
+        f"{what} is not separable from {from_what} at {speeds.min():.4g} to"
         f" {speeds.max():.4g} Hz of the reference, {share:.0f} % of the sweep"
     )
     needed = _BANDWIDTH * gap

@@ -72,7 +72,25 @@ class Trigger:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a record; from and to count from its first sample, or from a trigger."""
+    """A part of a record; its ends count from the first sample, or from a trigger.
+
+    ``Section.stated`` makes one of texts with units.
+
+    Parameters
+    ----------
+    start, stop : float, optional
+        Ends [s]; with a trigger, ``stop`` counts from it.
+    trigger : Trigger, optional
+        Level and slope of a channel that begin the section.
+    pre_trigger : float
+        Time [s] before the trigger that is kept, too.
+
+    Examples
+    --------
+    >>> import microvib as mv
+    >>> mv.Section.stated("2 s", "12 s")
+    Section(start=2.0, stop=12.0, trigger=None, pre_trigger=0.0)
+    """
 
     start: float | None = None
     stop: float | None = None
@@ -87,9 +105,27 @@ class Section:
         trigger: str | None = None,
         pre_trigger: GivenQuantity | None = None,
     ) -> Section | None:
-        """The section that options state; None where they state none.
+        """Make the section that options state.
 
-        OptionError where they contradict each other.
+        Parameters
+        ----------
+        start, stop : str or Si, optional
+            Ends, such as ``"2 s"``; with a trigger, ``stop`` counts from it.
+        trigger : str, optional
+            Channel, slope and level, such as ``"Mz > 5 mN*m"``, where it first rises through it, or
+            ``"Mz < -5 mN*m"``, where it falls.
+        pre_trigger : str or Si, optional
+            Time before the trigger that is kept, too.
+
+        Returns
+        -------
+        Section or None
+            None where nothing is stated.
+
+        Raises
+        ------
+        OptionError
+            Where the options contradict each other.
         """
         begin = None if start is None else float(quantity("from", start, "s"))
         end = None if stop is None else float(quantity("to", stop, "s"))
@@ -113,9 +149,22 @@ class Section:
         return cls(begin, end, None if trigger is None else Trigger.stated(trigger), lead)
 
     def cut(self, recording: Recording) -> tuple[Recording, float]:
-        """The section of a recording, and the time [s] of its first sample in the record.
+        """Cut the section out of a recording.
 
-        RecordingError where it is not within the record, or the trigger does not come.
+        Parameters
+        ----------
+        recording : Recording
+            The whole record.
+
+        Returns
+        -------
+        tuple of Recording and float
+            The section, and the time [s] of its first sample in the record.
+
+        Raises
+        ------
+        RecordingError
+            Where it is not within the record, or the trigger does not come.
         """
         zero, note = 0.0, ""
         begin = self.start or 0.0
