@@ -95,7 +95,7 @@ def test_a_clock_taken_as_stated_loses_what_one_that_is_found_does_not():
 
 def test_a_clock_that_is_not_near_the_profile_is_refused():
     noise = mv.Recording({"Mz": np.random.default_rng(1).normal(size=3001)}, 600.0, {"Mz": "N*m"})
-    with pytest.raises(MicrovibError, match="no order stands out within 2 %"):
+    with pytest.raises(MicrovibError, match="no order is above the noise floor within 2 %"):
         track_orders(Prepared(noise), [1.0, 4.0], profile=PROFILE)
 
 

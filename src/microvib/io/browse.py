@@ -151,7 +151,7 @@ def _folder() -> Path | None:
 
 
 def _kept_head(name: str) -> dict[str, Any] | None:
-    """What is kept of a recording's channels; None where nothing is."""
+    """Description of a recording's channels that is kept; None where nothing is."""
     folder = _folder()
     if folder is None:
         return None

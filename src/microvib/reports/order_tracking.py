@@ -44,7 +44,7 @@ _MAXIMA_CAPTION = (
     " change of the amplitude at half the bandwidth."
 )
 _RESONANCE_CAPTION = (
-    "Frequencies at which cuts of orders have peaks that stand out from their surroundings."
+    "Frequencies at which cuts of orders have peaks that are higher than their surroundings."
 )
 
 

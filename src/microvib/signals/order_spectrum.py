@@ -37,7 +37,7 @@ class OrderMap:
     amplitude: np.ndarray
     """0-to-peak amplitudes, (t, m)."""
     revolutions: int
-    """Of a stretch."""
+    """Revolutions of a stretch."""
     window: Window
     unit: str = "N*m"
 

@@ -59,7 +59,7 @@ class Spectrogram:
 
     @classmethod
     def of(cls, x: np.ndarray, rate: float, seconds: float) -> Spectrogram:
-        """Of stretches of so many ``seconds`` that overlap by three quarters."""
+        """Spectrogram of stretches of so many ``seconds`` that overlap by three quarters."""
         from scipy.ndimage import median_filter
 
         segment = int(np.clip(round(seconds * rate), 32, x.size))
@@ -96,7 +96,7 @@ def find_clock(
     x: np.ndarray, rate: float, speed: np.ndarray, orders: Sequence[float], tolerance: float
 ) -> FoundClock | None:
     """Revolutions over the record ``x`` (n,), whose ``speed`` (n,) [Hz] is stated to a relative
-    ``tolerance``; None where no order stands out.
+    ``tolerance``; None where no order is above the noise floor.
     """
     start = _on_grid(x, rate, speed, orders, tolerance)
     if start is None:
@@ -107,7 +107,8 @@ def find_clock(
 def _on_grid(
     x: np.ndarray, rate: float, speed: np.ndarray, orders: Sequence[float], tolerance: float
 ) -> np.ndarray | None:
-    """Speed (n,) [Hz] along which the orders stand out most; None where they do not."""
+    """Speed (n,) [Hz] along which the orders are highest over the noise floor; None where none is
+    above it."""
     gram = Spectrogram.of(x, rate, stretch_length(speed, rate, orders))
     at = np.clip((gram.time * rate).astype(int), 0, speed.size - 1)
     stated, u = speed[at], np.linspace(-1.0, 1.0, speed.size)
@@ -187,7 +188,7 @@ def revolutions(speed: np.ndarray, rate: float) -> np.ndarray:
 
 def follow_strongest(x: np.ndarray, rate: float, seconds: float) -> np.ndarray | None:
     """Frequency (n,) [Hz] of the strongest component, followed through the stretches of a
-    spectrogram of so many ``seconds``; None where nothing stands out.
+    spectrogram of so many ``seconds``; None where nothing is above the noise floor.
 
     The path through the bins has the largest sum of heights over the floor of all that move by few
     bins from stretch to stretch (dynamic programming); a smooth curve is laid through it.

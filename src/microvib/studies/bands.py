@@ -52,7 +52,7 @@ class BandPeak:
     largest: Annotated[float, Column("largest_n_m", "largest, any filter", TORQUE)]
     """Peak that no filter of this roll-off exceeds."""
     time: Annotated[float, Column("time_s", "at", TIME)]
-    """Of the peak, from the first sample."""
+    """Time of the peak, from the first sample."""
     roll_off: Annotated[float, Column("roll_off", "roll-off", SHARE)]
     """Part of an edge's frequency on both sides of it within which the filter falls from 1 to 0."""
     looked_at: Annotated[float, Column("looked_at_s", "looked at", TIME)]

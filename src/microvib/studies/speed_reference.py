@@ -247,7 +247,7 @@ def with_clock(
     """Reference of a stated ``speed`` (n,) [Hz]; its clock *found* in the samples ``x`` (n,), or as
     *stated*.
 
-    OrderError where no order stands out along the stated speed.
+    OrderError where no order is above the noise floor along the stated speed.
     """
     if clock not in CLOCKS:
         raise OptionError("clock", f"'{clock}' is not known; allowed are {', '.join(CLOCKS)}")
@@ -262,7 +262,7 @@ def with_clock(
     found = find_clock(x, rate, speed, orders, CLOCK_TOLERANCE)
     if found is None:
         raise OrderError(
-            f"no order stands out within {100.0 * CLOCK_TOLERANCE:g} % of {words}; check it, or take"
+            f"no order is above the noise floor within {100.0 * CLOCK_TOLERANCE:g} % of {words}; check it, or take"
             " it as it is with clock stated",
             remedy="clock",
         )
@@ -274,13 +274,15 @@ def of_strongest(
 ) -> Reference:
     """Reference by the record alone, whose strongest component is the order ``strongest``.
 
-    OrderError where nothing stands out.
+    OrderError where nothing is above the noise floor.
     """
     if not strongest > 0.0:
         raise OptionError("strongest", f"order {strongest:g} is not allowed; more than 0")
     ridge = follow_strongest(x, rate, seconds)
     if ridge is None:
-        raise OrderError("no component of the record stands out that could be followed")
+        raise OrderError(
+            "no component of the record is above the noise floor, which could be followed"
+        )
     speed = ridge / strongest
     found = refine_clock(x, rate, speed, speed, sorted({*orders, strongest}))
     words = f"the record's strongest component, taken for order {strongest:g}"

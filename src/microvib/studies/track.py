@@ -88,7 +88,7 @@ class CutPoint:
     amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
     uncertainty: Annotated[float, Column("amplitude_uncertainty_n_m", "±", TORQUE_UNCERTAINTY)]
     phase: Annotated[float, Column("phase_rad", "phase", PHASE)]
-    """That of a cosine, from the phase of the reference."""
+    """Phase of a cosine, from the phase of the reference."""
     finding: Annotated[str, Column("finding", "finding")]
 
 
@@ -103,9 +103,9 @@ class OrderCut:
     time: np.ndarray
     """Seconds from the first sample of the section, (m,)."""
     speed: np.ndarray
-    """Of the reference [Hz], (m,)."""
+    """Speed of the reference [Hz], (m,)."""
     frequency: np.ndarray
-    """Of the component [Hz], (m,)."""
+    """Frequency of the component [Hz], (m,)."""
     amplitude: np.ndarray
     """0-to-peak, (m,)."""
     uncertainty: np.ndarray
@@ -474,7 +474,7 @@ def _cut(
 
 
 def _peaks(cut: OrderCut, bandwidth: float) -> list[int]:
-    """Points at which a cut has peaks that stand out from their surroundings and from the noise."""
+    """Points at which a cut has peaks that are higher than their surroundings and than the noise."""
     from scipy.signal import find_peaks
 
     if math.isnan(cut.order):
