@@ -20,14 +20,14 @@ LONG = re.compile(r"pytest\.mark\.long|^pytestmark = PAGE", re.M)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Where nothing is named, what takes long is left to a command of its own; Ctrl-C works in what tests start.
+    """Where nothing is named, long tests and those of a release are left to commands of their own; Ctrl-C works in what tests start.
 
     Where the tests themselves were started in the background, the interrupt is ignored, which would be handed on.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.pop("COLUMNS", None)  # workers of xdist have it; tables are as wide as in a pipe
     if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
-        config.option.markexpr = "not long"
+        config.option.markexpr = "not long and not release"
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

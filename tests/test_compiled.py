@@ -435,7 +435,7 @@ def test_arrays_of_another_kind_are_refused(wrong):
         tone_kernel.floors(wrong, np.zeros(10, complex))
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_what_is_kept_is_what_numba_makes(state_1, tmp_path, monkeypatch):
     """To the last bit: of lanes (the filter), of tables, of friction; made for the processor that kept code is made for.
 
@@ -472,7 +472,7 @@ def noting(used, name, function):
     return lambda *arguments: used.append(name) or function(*arguments)
 
 
-@pytest.mark.long
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("triple", "names"),
     [

@@ -73,7 +73,7 @@ def of_other_code(drive: mv.Scenario, seed: int) -> mv.Recording:
     return mv.Recording({"Mz": torque + noise}, s.sample_rate, {"Mz": "N*m"}, "made")
 
 
-@pytest.mark.long
+@pytest.mark.release
 def test_detent_harmonic_and_phase_are_found_in_recordings_of_another_code() -> None:
     start = baseline().with_si(QUICK).with_(START)
     drive = start.with_(TRUTH)

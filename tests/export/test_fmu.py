@@ -277,7 +277,7 @@ def test_a_file_that_is_there_stays(tmp_path):
     assert (tmp_path / "a.fmu").read_text() == "mine"
 
 
-@pytest.mark.long
+@pytest.mark.release
 @pytest.mark.parametrize("version", [2, 3])
 def test_binaries_of_other_platforms_are_built(version, tmp_path):
     """Built, not run: format, and FMI's functions among the exported names."""

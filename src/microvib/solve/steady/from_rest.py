@@ -113,8 +113,6 @@ class RunFromRest:
         y = self.period.packed.state.y[None]
         if period is None:
             period = self.period
-        else:
-            period = period
         return period.from_command(y, period.turn([-self.made - ahead]), np.zeros_like(y))[0]
 
     def stick(self, ahead: int = 0) -> np.ndarray:
