@@ -99,6 +99,36 @@ def test_a_clock_that_is_not_near_the_profile_is_refused():
         track_orders(Prepared(noise), [1.0, 4.0], profile=PROFILE)
 
 
+@pytest.mark.parametrize(
+    "profile", ["0 s:40 Hz, 5 s:10 Hz", "0 s:12 Hz, 5 s:40 Hz", "0 s:10 Hz, 5 s:45 Hz"]
+)
+def test_a_wrong_profile_does_not_wander_to_other_orders(profile):
+    with pytest.raises(MicrovibError, match="no order is above the noise floor within 2 %"):
+        track_orders(chirp(1.004, 0.1), [1, 4], profile=profile)
+
+
+def test_orders_that_are_not_separable_do_not_pull_the_clock():
+    close = {4.0: 1.0, 4.02: 0.7, 6.0: 2.0}
+    found = track_orders(chirp(noise=0.02, orders=close), list(close), profile=PROFILE)
+    assert np.max(np.abs(found.reference.clock.correction)) < 5e-3
+
+
+def test_a_line_beyond_the_bandwidth_is_no_noise():
+    """Ten times as large, and twice the bandwidth away: what is beside it is told as well as ever."""
+    t = np.arange(3001) / 600.0
+    rng = np.random.default_rng(3)
+    x = np.cos(2.0 * np.pi * 50.0 * t) + 0.01 * rng.normal(size=t.size)
+    near = x + 10.0 * np.cos(2.0 * np.pi * 52.2 * t)
+    u = []
+    for samples in (x, near):
+        record = mv.Recording({"Mz": samples}, 600.0, {"Mz": "N*m"}, "r")
+        found = track_orders(record, [5], profile="0 s:10 Hz", clock="stated", bandwidth="1 Hz")
+        inner = slice(4, -4)
+        u.append(np.median(found.cuts[0].uncertainty[inner]))
+        assert np.max(np.abs(found.cuts[0].amplitude - 1.0)[inner]) < 0.1
+    assert u[1] < 0.1
+
+
 def test_a_vold_kalman_filter_finds_the_same():
     record = chirp(noise=0.05, seed=4)
     phases = 2.0 * np.pi * np.outer(list(CHIRP), record["turns"])

@@ -151,6 +151,13 @@ def test_one_record_of_many_that_falls_out_of_line():
     assert "order 7" not in by_name  # which is in the floor of all
 
 
+def test_a_record_that_is_given_twice_counts_twice():
+    found = [analyse(Prepared(record()), step_rate="32 Hz")] * 2
+    batch = batch_of(["a.csv", "a.csv"], found)
+    assert all(one.records == 2 for one in batch.spreads)
+    assert batch.names == ("a.csv", "a.csv (2)")
+
+
 def test_scatter_within_the_uncertainty_names_no_outlier():
     rng = np.random.default_rng(7)
     named = 0

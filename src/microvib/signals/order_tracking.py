@@ -31,8 +31,9 @@ _STRETCH = 24
 """Knots of a stretch whose covariance is computed at a time."""
 LOST_SEPARATION = 4.0
 """Times of the variance that a component would have by itself, from which it is *not separable*."""
-_BESIDE = (0.75, 3.0)
-"""Distance from a component, over the bandwidth, of what its floor is taken from."""
+_BESIDE = (0.75, 1.5, 3.0)
+"""Distances from a component, over the bandwidth: what is between the first two counts with its mean
+power, lines among it, what is up to the third with its median, as noise."""
 _PER_KNOT = 4
 """Points per knot at which amplitudes are given."""
 
@@ -271,8 +272,8 @@ def _floor_beside(
     """Variance (K, m) of white noise as dense as the residual beside each component at the times ``t``.
 
     Each component is turned back by its own phase, so that lines which follow it stay beside it, and
-    are not smeared over it by the sweep. The floor is a mean over frequencies, not a median: a line
-    that is not tracked and crosses a component raises the uncertainty of the latter.
+    are not smeared over it by the sweep. A line that is not tracked and crosses a component, or comes
+    close to it, raises the uncertainty of the latter.
     """
     segment = int(min(max(round(4.0 * rate / bandwidth), 16), residual.size))
     starts = np.arange(0, residual.size - segment + 1, max(segment // 2, 1))
@@ -288,22 +289,28 @@ def _floor_beside(
         turned = residual * np.exp(-1j * phase)
         for j, start in enumerate(starts):
             power = np.abs(np.fft.fft(turned[start : start + segment] * window)[close]) ** 2
-            found[k, j] = _mean_beside(offset + where[k, j], power, where[:, j], k, bandwidth)
+            found[k, j] = _power_beside(offset + where[k, j], power, where[:, j], k, bandwidth)
     middle = (starts + 0.5 * segment) / rate
     return np.array([np.interp(t, middle, row) for row in found])
 
 
-def _mean_beside(
+def _power_beside(
     f: np.ndarray, power: np.ndarray, where: np.ndarray, k: int, bandwidth: float
 ) -> float:
-    """Mean power of the bins at ``f`` beside component ``k``, but for those near other components and
-    near zero frequency.
+    """Power of the bins at ``f`` beside component ``k``, but for those near other components and near
+    zero frequency.
     """
     distance = np.abs(f[:, None] - where)
-    near, far = _BESIDE[0] * bandwidth, _BESIDE[1] * bandwidth
+    near, close, far = (part * bandwidth for part in _BESIDE)
     clear = (np.min(distance, axis=1) > near) & (f > near)
     beside = clear & (distance[:, k] < far)
     for chosen in (beside, clear, distance[:, k] > near):
         if np.count_nonzero(chosen) >= 4:
-            return float(np.mean(power[chosen]))
-    return float(np.mean(power))
+            break
+    else:
+        return float(np.mean(power))
+    floor = float(np.median(power[chosen])) / np.log(2.0)
+    closest = clear & (distance[:, k] < close)
+    if np.count_nonzero(closest) >= 3:
+        floor = max(floor, float(np.mean(power[closest])))
+    return floor

@@ -21,6 +21,10 @@ _GRID = 21
 _TERMS = 5
 """Polynomials, from a constant on, that a correction of the speed is made of."""
 _ROUNDS = 8
+_BEYOND = 2.2
+"""Times of the tolerance, of mean and slope together, beyond which a clock is not the stated one."""
+_MIN_SHARE = 0.5
+"""Part of the record in which an order must be above the noise, without which its clock is not found."""
 _STRUCTURE = 0.25
 """Turns by which a structure shifts the phase of an order over a sweep, as a standard uncertainty: half a
 turn where it crosses a resonance."""
@@ -41,7 +45,9 @@ class FoundClock:
     correction: np.ndarray
     """Speed found over the one stated, less 1, (n,)."""
     uncertainty: float
-    """Standard uncertainty of the speed over the speed, from the floor."""
+    """Standard uncertainty of the mean speed over the speed."""
+    share: float
+    """Part of the record in which an order is above the noise."""
 
 
 @dataclass(frozen=True)
@@ -96,12 +102,14 @@ def find_clock(
     x: np.ndarray, rate: float, speed: np.ndarray, orders: Sequence[float], tolerance: float
 ) -> FoundClock | None:
     """Revolutions over the record ``x`` (n,), whose ``speed`` (n,) [Hz] is stated to a relative
-    ``tolerance``; None where no order is above the noise floor.
+    ``tolerance`` in its mean and in its slope; None where no order is above the noise floor.
     """
     start = _on_grid(x, rate, speed, orders, tolerance)
     if start is None:
         return None
-    return refine_clock(x, rate, start, speed, orders)
+    found = refine_clock(x, rate, start, speed, orders)
+    lost = float(np.max(np.abs(found.correction))) > _BEYOND * tolerance
+    return None if lost or found.share < _MIN_SHARE else found
 
 
 def _on_grid(
@@ -136,7 +144,7 @@ def refine_clock(
     The correction of the speed is a polynomial over the record: the shifts of phase that a
     structure makes where an order crosses its resonance are not in it.
     """
-    speed, sigma = start, np.inf
+    speed, sigma, share = start, np.inf, 0.0
     gap = float(np.min(np.diff(np.unique([0.0, *orders]))) * np.percentile(start, 10.0))
     lowest = 4.0 * rate / x.size
     bandwidth = max(min(0.5 * gap, 8.0 / stretch_length(start, rate, orders)), lowest)
@@ -145,12 +153,15 @@ def refine_clock(
         phases = 2.0 * np.pi * np.outer(orders, phase)
         used = np.outer(orders, speed) < 0.5 * rate
         tracked = track_components(x, rate, phases, used, bandwidth)
+        share = float(np.mean(np.any(np.abs(tracked.amplitude) > 4.0 * tracked.noise, axis=0)))
         turned = tracked.amplitude[:, 1:] * np.conj(tracked.amplitude[:, :-1])
         step = float(tracked.time[1] - tracked.time[0])
         middle = 0.5 * (tracked.time[1:] + tracked.time[:-1])
         off = np.angle(turned) / (2.0 * np.pi * step * np.asarray(orders)[:, None])
         weight = np.abs(turned) * np.asarray(orders)[:, None] ** 2
-        weight = np.where(np.abs(turned) > (3.0 * tracked.noise[:, 1:]) ** 2, weight, 0.0)
+        told = tracked.separable[:, 1:] & tracked.separable[:, :-1]
+        told &= np.abs(turned) > (3.0 * tracked.noise[:, 1:]) ** 2
+        weight = np.where(told, weight, 0.0)
         if not np.any(weight):
             break
         u = 2.0 * middle * rate / x.size - 1.0
@@ -163,7 +174,7 @@ def refine_clock(
         if np.max(np.abs(np.cumsum(change))) / rate < _SETTLED:
             break
     relative = sigma / float(np.mean(speed))
-    return FoundClock(revolutions(speed, rate), speed / stated - 1.0, relative)
+    return FoundClock(revolutions(speed, rate), speed / stated - 1.0, relative, share)
 
 
 def _speed_uncertainty(

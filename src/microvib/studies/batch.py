@@ -75,6 +75,7 @@ def batch_of(names: Sequence[str], records: Sequence[Analysis | OrderTracking]) 
     units = {record.unit for record in records}
     if len(units) > 1:
         raise OptionError("channel", f"is in different units in these records: {', '.join(units)}")
+    names = _once_each(names)
     figures = tuple(figures_of(record) for record in records)
     every = dict.fromkeys(name for one in figures for name in one if one[name].seen)
     spreads = tuple(
@@ -84,6 +85,15 @@ def batch_of(names: Sequence[str], records: Sequence[Analysis | OrderTracking]) 
         for name in every
     )
     return Batch(tuple(names), records[0].channel, records[0].unit, figures, spreads)
+
+
+def _once_each(names: Sequence[str]) -> list[str]:
+    """Names of records; of a name that occurs several times, with a number."""
+    found: list[str] = []
+    for name in names:
+        k = sum(1 for before in names[: len(found)] if before == name)
+        found.append(f"{name} ({k + 1})" if k else name)
+    return found
 
 
 def figures_of(record: Analysis | OrderTracking) -> dict[str, Figure]:

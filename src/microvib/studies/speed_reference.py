@@ -285,6 +285,11 @@ def of_strongest(
         )
     speed = ridge / strongest
     found = refine_clock(x, rate, speed, speed, sorted({*orders, strongest}))
+    if found.share < 0.5:
+        raise OrderError(
+            "the strongest component could not be followed: it is above the noise in"
+            f" {100.0 * found.share:.0f} % of the record"
+        )
     words = f"the record's strongest component, taken for order {strongest:g}"
     return Reference(found.phase, slice(0, x.size), words, clock=found)
 
