@@ -59,6 +59,7 @@ NOT_RUN = {
     "one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
     "--recording table.csv": "a recording of the reader's own; tests/test_budget.py takes one",
     "--campaign batch --steady": "a campaign of the reader's own; tests/test_budget.py takes one",
+    "microvib analyse unit-1.uff": "recordings of the reader's own; tests/test_sections.py makes some",
     "microvib sensitivity my-drive.yaml": "the drive's ranges come from a data sheet; tests/test_sensitivity.py",
     "microvib profile my-drive.yaml": "a minute; tests/test_profiles.py runs the command",
     "microvib quiet": "minutes; tests/test_quiet.py and test_commands.py run it",

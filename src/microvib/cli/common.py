@@ -14,6 +14,7 @@ from microvib.cli.streams import echo
 from microvib.errors import OptionError
 
 if TYPE_CHECKING:
+    from microvib.io.band_limits import BandLimit
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Contents, Form
     from microvib.reports.outcome import Outcome
@@ -59,6 +60,45 @@ recording_options = options(
         type=PATH,
         metavar="FILE",
         help="How to prepare recordings: a YAML file with units, channels, response, cross_talk, axes, trimming, background.",
+    ),
+)
+section_options = options(
+    click.option(
+        "--from",
+        "start",
+        metavar="TIME",
+        help="Start of the section of the record, such as '2 s' [default: its start].",
+    ),
+    click.option(
+        "--to",
+        "stop",
+        metavar="TIME",
+        help="End of the section; after a trigger, time since it [default: the end of the record].",
+    ),
+    click.option(
+        "--trigger",
+        metavar="'CHANNEL > LEVEL'",
+        help="Begin the section where a channel first rises through a level, such as 'Mz > 5 mN*m'; < where it falls.",
+    ),
+    click.option(
+        "--pre-trigger", metavar="TIME", help="Time before the trigger that is kept, too."
+    ),
+)
+band_limit_options = options(
+    click.option(
+        "--bands",
+        "band_file",
+        type=PATH,
+        metavar="FILE",
+        help="Judge the peak of the time history in bands: a CSV file with low_hz, high_hz and limit_mn_m (or limit_n_m,"
+        " limit_n, limit_m_s2, limit_g).",
+    ),
+    click.option(
+        "--roll-off",
+        type=float,
+        metavar="PART",
+        help="Part of an edge's frequency, on both sides, within which the bands' filters fall from 1 to 0 [default: 0.2,"
+        " less for narrow bands].",
     ),
 )
 limit_options = options(
@@ -261,3 +301,14 @@ def read_preparation(file: Path | None) -> Preparation | None:
     if file is None:
         return None
     return load_preparation(file)
+
+
+def read_bands(file: Path | None, roll_off: float | None) -> tuple[BandLimit, ...]:
+    """Bands and limits of a file; none without one."""
+    from microvib.io.band_limits import read_band_limits
+
+    if file is None:
+        if roll_off is not None:
+            raise OptionError("roll_off", "is that of filters of bands; give bands", remedy="bands")
+        return ()
+    return read_band_limits(file)

@@ -10,10 +10,12 @@ import click
 from microvib.cli.common import (
     PATH,
     Target,
+    band_limit_options,
     harmonics_option,
     limit_options,
     load,
     parse_limit,
+    read_bands,
     report_options,
     set_option,
     with_precompilation,
@@ -66,11 +68,13 @@ _KINDS = (".html", ".pdf")  # files of a report
     help="Number of noise draws: mean, deviation and 95 % quantile of each line; a limit then applies to the quantile.",
 )
 @limit_options
+@band_limit_options
 @report_options
 @with_precompilation
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None, form: Form,
+    steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None,
+    band_file: Path | None, roll_off: float | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
     from microvib.io.writing import check_folder, free_folder
@@ -80,15 +84,18 @@ def run(
     if form.pdf and lines_only:
         raise OptionError("pdf", "--lines-only makes no report; leave one of them out")
     allowed = parse_limit(limit, band)
+    band_limits = read_bands(band_file, roll_off)
+    if band_limits and (lines_only or seeds):
+        raise OptionError("bands", "are judged by one motion; leave lines_only and seeds out")
     loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     if angles is not None or orbit:
-        if lines_only or seeds or allowed is not None:
+        if lines_only or seeds or allowed is not None or band_limits:
             option = "orbit" if orbit else "angles"
             raise OptionError(
                 option,
-                "cannot be combined with limit, lines_only or seeds; leave them out",
+                "cannot be combined with limit, bands, lines_only or seeds; leave them out",
             )
         (_run_orbit if orbit else _run_angles)(
             loaded, angles, harmonics, Target(out, overwrite, form)
@@ -97,7 +104,7 @@ def run(
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         _, outcome, files = run_to_folder(
             loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds or 0, limit=allowed,
-            form=form, progress=progress,
+            band_limits=band_limits, roll_off=roll_off, form=form, progress=progress,
         )  # fmt: skip
     echo(terminal_text(outcome))
     echo(f"Written: {', '.join(str(out / name) for name in files)}")

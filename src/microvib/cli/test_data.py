@@ -12,12 +12,15 @@ import click
 from microvib.cli.common import (
     PATH,
     Target,
+    band_limit_options,
     load,
     load_guide,
     parse_limit,
+    read_bands,
     read_preparation,
     recording_limit_options,
     recording_options,
+    section_options,
     set_option,
     target_options,
     with_precompilation,
@@ -29,7 +32,7 @@ from microvib.units import quantity
 
 
 @click.command()
-@click.argument("source")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
 @target_options("Folder for tables and report [default: print only].")
 @recording_options
 @click.option(
@@ -66,37 +69,74 @@ from microvib.units import quantity
     metavar="LOW:HIGH",
     help="Also give the RMS in this band, such as '0.5:5 Hz'.",
 )
+@click.option(
+    "--average",
+    type=click.Choice(["none", "linear", "peak-hold", "exponential"]),
+    default="none",
+    help="Average of amplitude spectra of stretches of 1 / resolution; none: one spectrum of all samples.",
+)
+@click.option(
+    "--overlap",
+    type=click.FloatRange(0.0, 0.95),
+    default=0.5,
+    help="Part of a stretch that the next one shares.",
+)
+@section_options
+@band_limit_options
 @recording_limit_options
 def analyse(
-    source: str, channel: str, prepare: Path | None, scenario: str | None, step_rate: str | None, steps_per_period: int,
-    window: Any, resolution: str | None, bands: tuple[str, ...], limit: str | None, limit_band: str | None, target: Target,
+    sources: tuple[str, ...], channel: str, prepare: Path | None, scenario: str | None, step_rate: str | None,
+    steps_per_period: int, window: Any, resolution: str | None, bands: tuple[str, ...], average: Any, overlap: float,
+    start: str | None, stop: str | None, trigger: str | None, pre_trigger: str | None, band_file: Path | None,
+    roll_off: float | None, limit: str | None, limit_band: str | None, target: Target,
 ) -> None:  # fmt: skip
-    """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a
-    recording; --limit judges the lines of a recording.
+    """Find lines with uncertainties, and spectra, in each SOURCE: a scenario, a run folder or a
+    recording; of several, with one table of mean, spread and outliers;
+    --limit judges the lines of recordings.
     """
     from microvib.io.sources import open_source
     from microvib.reports.analysis import analysis_outcome
+    from microvib.reports.batch import batch_outcome
     from microvib.studies.analyse import analyse as run_analysis
+    from microvib.studies.batch import batch_of
     from microvib.studies.recording_limits import judge_recording
+    from microvib.testdata.section import Section
 
-    allowed, judged = parse_limit(limit, limit_band, "limit_band"), None
-    opened, guide = open_source(source, read_preparation(prepare)), load_guide(scenario)
-    if allowed is not None:
-        judged = judge_recording(opened, allowed, channel=channel, scenario=guide)
-    with progress_bar() as progress:
-        analysis = run_analysis(
-            opened,
-            name=source,
-            scenario=guide,
-            channel=channel,
-            step_rate=step_rate,
-            steps_per_period=steps_per_period,
-            window=window,
-            resolution=resolution,
-            bands=bands,
-            progress=progress,
-        )
-    target.present(analysis_outcome(analysis, judged))
+    allowed = parse_limit(limit, limit_band, "limit_band")
+    section = Section.stated(start, stop, trigger, pre_trigger)
+    limits = read_bands(band_file, roll_off)
+    prepared, guide = read_preparation(prepare), load_guide(scenario)
+    if allowed is not None and section is not None:
+        raise OptionError("limit", "judges whole recordings; leave --from, --to and --trigger out")
+    found, outcomes = [], []
+    for source in sources:
+        opened, judged = open_source(source, prepared), None
+        if allowed is not None:
+            judged = judge_recording(opened, allowed, channel=channel, scenario=guide)
+        with progress_bar() as progress:
+            analysis = run_analysis(
+                opened,
+                name=source,
+                scenario=guide,
+                channel=channel,
+                step_rate=step_rate,
+                steps_per_period=steps_per_period,
+                window=window,
+                resolution=resolution,
+                bands=bands,
+                section=section,
+                average=average,
+                overlap=overlap,
+                band_limits=limits,
+                roll_off=roll_off,
+                progress=progress,
+            )
+        found.append(analysis)
+        outcomes.append(analysis_outcome(analysis, judged))
+    if len(found) == 1:
+        target.present(outcomes[0])
+    else:
+        target.present(batch_outcome(batch_of(sources, found), outcomes))
 
 
 @click.command()

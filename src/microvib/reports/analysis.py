@@ -5,14 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
 
 from microvib.analysis.background import BackgroundLine, mains_harmonic
 from microvib.analysis.limits import Judgement
+from microvib.analysis.margins import Verdict
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
 from microvib.reports import figures
+from microvib.reports.analysis_units import (
+    CHANNEL_KINDS,
+    ENDINGS,
+    key_in_unit,
+    measure_in_unit,
+    table_in_unit,
+)
+from microvib.reports.bands import band_parts, bands_sentence
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.run.first_page import verdict_facts
@@ -20,16 +31,15 @@ from microvib.reports.run.margins import margin_tables, margins_csv
 from microvib.reports.typography import file_name
 from microvib.results import (
     FREQUENCY,
+    TIME,
     TORQUE,
-    TORQUE_UNCERTAINTY,
     Column,
-    Measure,
     Table,
 )
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION_RATIO, Line, LineTable
 from microvib.studies.analyse import Analysis
-from microvib.testdata.channels import ACCELERATIONS
+from microvib.studies.bands import WORST_FIRST, verdict_on
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -37,10 +47,6 @@ if TYPE_CHECKING:
 
 _MAX_NAMED = 8
 """Lines that a spectrum is wide enough for."""
-_KINDS = {"N": "a force", "N*m": "a torque"} | dict.fromkeys(ACCELERATIONS, "an acceleration")
-"""Words for what a channel is, by its unit."""
-_ENDINGS = {"N": "n", "N*m": "n_m", "m/s^2": "m_s2", "g": "g"}
-"""Endings of names of columns in files, by the unit."""
 _LINE_COLUMNS = (
     "line",
     "frequency_hz",
@@ -54,6 +60,10 @@ _LINE_COLUMNS = (
     "status",
 )
 """Keys of what is shown of a line."""
+
+
+_WATERFALL_ROWS = 8
+"""Stretches of a waterfall that a terminal shows."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +98,8 @@ def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
     return Outcome(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
-        f"Lines with uncertainties and spectra of {_KINDS[a.unit]}.",
-        "" if judged is None else judged.verdict,
+        f"Lines with uncertainties and spectra of {CHANNEL_KINDS[a.unit]}.",
+        _verdict(a, judged),
         (*(() if judged is None else verdict_facts(judged)), *_facts(a)),
         (
             Part("", (Pairs(tuple(_about(a))), *spectrum)),
@@ -98,11 +108,21 @@ def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
             Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
             Part("Lines with the drive off", _of_background(a)),
             Part("Power spectral density", density),
-            Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
+            Part("Waterfall", (*picture("waterfall", a.waterfall, 2.9, "Waterfall"), _loudest(a))),
             Part("RMS in bands", (_bands(a),)),
+            *band_parts(a.band_peaks),
         ),
         other_files=_files(a) | ({} if judged is None else {"margins.csv": margins_csv(judged)}),
     )
+
+
+def _verdict(a: Analysis, judged: Judgement | None) -> Verdict | Literal[""]:
+    """The verdict on lines and bands: the worse of the two, empty without limits."""
+    found = {verdict_on(a.band_peaks), "" if judged is None else judged.verdict}
+    for each in WORST_FIRST:
+        if each in found:
+            return each
+    return ""
 
 
 def _against_limit(judged: Judgement | None) -> Iterator[Item]:
@@ -125,6 +145,8 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
     if a.table is not None:
         told_apart = f"{SEPARATION / a.recording.duration:.3g} Hz"
         yield "Resolution", f"lines are told apart, and from the mean, {told_apart} away"
+    if a.band_peaks:
+        yield "Peaks in bands", bands_sentence(a.band_peaks)
     for note in a.recording.notes_on(a.channel):
         if note:
             yield "Note", note
@@ -135,9 +157,7 @@ def _orders(a: Analysis) -> tuple[Table, ...]:
     if not a.orders:
         return ()
     return (
-        in_unit_of_channel(
-            Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit
-        ),
+        table_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),
     )
 
 
@@ -155,7 +175,7 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
     if a.orders and not shown:
         return ()
     found = _with_mains(Table.of("", Line, shown, caption=_LINES_CAPTION), shown, a)
-    return (in_unit_of_channel(found.only(_LINE_COLUMNS), a.unit),)
+    return (table_in_unit(found.only(_LINE_COLUMNS), a.unit),)
 
 
 def _of_background(a: Analysis) -> tuple[Item, ...]:
@@ -167,7 +187,7 @@ def _of_background(a: Analysis) -> tuple[Item, ...]:
     table = Table.of(
         "background", BackgroundLine, a.background_lines, brief=12, caption=_BACKGROUND_CAPTION
     )
-    return (in_unit_of_channel(table, a.unit),)
+    return (table_in_unit(table, a.unit),)
 
 
 _BACKGROUND_CAPTION = (
@@ -191,42 +211,38 @@ _LINES_CAPTION = (
 )
 
 
-def in_unit_of_channel(table: Table, unit: str) -> Table:
-    """A table of torques as one of forces or accelerations, where the channel is one."""
-    return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
+@dataclass(frozen=True)
+class Loudest:
+    """The largest bin of a stretch of the waterfall."""
+
+    time: Annotated[float, Column("time_s", "middle of the stretch", TIME)]
+    frequency: Annotated[float, Column("frequency_hz", "largest bin", FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
 
 
-def _column_in_unit(column: Column, unit: str) -> Column:
-    measure = column.measure
-    if measure is None or measure not in (TORQUE, TORQUE_UNCERTAINTY):
-        return column
-    return replace(column, key=_key_in_unit(column.key, unit), measure=_measure(measure, unit))
-
-
-def _key_in_unit(key: str, unit: str) -> str:
-    """The key of a column of torques, with the ending of another unit where it has that of a
-    torque.
-    """
-    if key.endswith("_n_m"):
-        return f"{key.removesuffix('_n_m')}_{_ENDINGS[unit]}"
-    return key
-
-
-def _measure(torque: Measure, unit: str) -> Measure:
-    return replace(torque, unit=f"m{pretty(unit)}")
+def _loudest(a: Analysis) -> Table:
+    """The largest bin of each stretch of the waterfall, for a terminal: of many stretches some."""
+    w = a.waterfall
+    step = max(-(-w.time.size // _WATERFALL_ROWS), 1)
+    rows = []
+    for k in range(0, w.time.size, step):
+        i = int(np.argmax(w.amplitude[k, 1:])) + 1
+        rows.append(Loudest(float(w.time[k]), float(w.frequency[i]), float(w.amplitude[k, i])))
+    caption = "The largest bin of some of the stretches, in their order."
+    return table_in_unit(Table.of("", Loudest, rows, caption=caption), a.unit)
 
 
 def _bands(a: Analysis) -> Table:
     bands = [BandRms(f"{low:g} to {high:g} Hz", rms) for low, high, rms in a.bands]
     bands.append(BandRms("whole record, about its mean", _rms(a)))
     caption = "RMS in 1/3-octave bands is in `third_octaves.csv`."
-    return in_unit_of_channel(Table.of("", BandRms, bands, caption=caption), a.unit)
+    return table_in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
 
 
 def _files(a: Analysis) -> dict[str, str]:
     """All lines, and the spectra."""
     centre, rms = a.density.third_octaves()
-    unit = _ENDINGS[a.unit]
+    unit = ENDINGS[a.unit]
     tables = {
         "spectrum": {
             "frequency_hz": a.spectrum.frequency,
@@ -246,12 +262,12 @@ def _files(a: Analysis) -> dict[str, str]:
 def _lines_file(table: LineTable) -> str:
     """All lines as CSV text, its header in the table's unit."""
     header, rest = lines_csv(table).split("\n", 1)
-    keys = [_key_in_unit(key, table.unit) for key in header.split(",")]
+    keys = [key_in_unit(key, table.unit) for key in header.split(",")]
     return "\n".join([",".join(keys), rest])
 
 
 def _facts(a: Analysis) -> Iterator[Fact]:
-    amplitude = _measure(TORQUE, a.unit)
+    amplitude = measure_in_unit(TORQUE, a.unit)
     for line in _largest(a)[:2]:
         where = f"{line.name} at {FREQUENCY.figure(line.frequency)}"
         yield Fact(amplitude.figure(line.amplitude), where)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from microvib.reports import sheets
-from microvib.reports.analysis import in_unit_of_channel
+from microvib.reports.analysis_units import table_in_unit
 from microvib.reports.document import Fact, Text
 from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
@@ -41,7 +41,7 @@ def repeatability_outcome(found: Repeatability) -> Outcome:
             )
             title = f"{channel}: lines of each run over their median"
             items = [
-                in_unit_of_channel(table, found.units_of[channel]),
+                table_in_unit(table, found.units_of[channel]),
                 Picture(
                     f"repeatability_{channel}",
                     lambda channel=channel: draw_runs(found, channel),  # type: ignore[misc]

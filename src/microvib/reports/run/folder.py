@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
+from microvib.io.band_limits import BandLimit
 from microvib.io.runs import (
     SECOND_MOTION,
     SEED_PEAKS,
@@ -26,6 +28,7 @@ from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.scenario import Scenario
+from microvib.reports.bands import bands_files, with_bands
 from microvib.reports.densities import densities_csv
 from microvib.reports.document import Form
 from microvib.reports.outcome import Outcome, report
@@ -34,6 +37,7 @@ from microvib.reports.run.outcome import run_outcome
 from microvib.signals.limit_curve import Limit
 from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
+from microvib.studies.bands import judge_bands_of_run
 
 
 def run_to_folder(  # noqa: PLR0913 - keyword options
@@ -45,6 +49,8 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     harmonics: int = 8,
     seeds: int = 0,
     limit: Limit | None = None,
+    band_limits: Sequence[BandLimit] = (),
+    roll_off: float | None = None,
     form: Form | None = None,
     progress: Progress | None = None,
 ) -> tuple[RunResult, Outcome, tuple[str, ...]]:
@@ -59,8 +65,9 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     result = run_scenario(
         scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress
     )
-    outcome = run_outcome(result, limit)
-    files = _contents(result, outcome, limit, form or Form(), begun)
+    peaks = judge_bands_of_run(result, band_limits, roll_off)
+    outcome = with_bands(run_outcome(result, limit), peaks)
+    files = _contents(result, outcome, limit, form or Form(), begun) | bands_files(peaks)
     write_folder(out, files, overwrite)
     return result, outcome, tuple(files)
 
