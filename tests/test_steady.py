@@ -443,6 +443,18 @@ def test_a_run_that_was_to_be_steady_and_is_not_says_so_first_and_advises_no_ste
     ]
 
 
+def test_a_drive_that_does_not_move_has_no_steady_state(state_1):
+    """Its torque is zero throughout, which nothing is relative to."""
+    held = {"coulomb": "0.006 N*m", "breakaway": "0.2 N*m"}
+    stuck = state_1.with_(
+        {f"motor.friction.{key}": value for key, value in held.items()}
+        | {"tracking.rate": "0.003 deg/s"}
+    )
+    state, why = find_steady(stuck)
+    assert state is None
+    assert "loss of synchronism" in why
+
+
 def test_the_common_period_that_is_too_long_is_named_with_what_makes_it_so(state_1):
     errors = [{"order": 7, "amplitude": 1e-5}, {"order": 3, "amplitude": 1e-5}]
     slow = {

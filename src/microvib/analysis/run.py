@@ -5,6 +5,7 @@ line, the page and a notebook.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,8 +22,10 @@ from microvib.analysis.accuracy import (
     with_known_error,
 )
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.limits import SECOND_WING, Judgement, judge
 from microvib.analysis.lines import (
     HARMONICS_RANGE,
+    find_lines,
     lines_of_motion,
     lines_of_steady_state,
 )
@@ -30,10 +33,12 @@ from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MAX_SEEDS, check_seeds, with_seeds
 from microvib.analysis.start import mode_has_decayed, record_gap
 from microvib.analysis.stream import lines_of_stream
-from microvib.errors import whole_number
+from microvib.errors import ChannelError, expect, whole_number
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.record import Start
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, with_start
+from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Invariants, Motion
@@ -62,6 +67,8 @@ class RunResult:
     """Result of the second wing's drive alone, where it is driven and more than lines of T_d
     was kept.
     """
+    judgement: Judgement | None = None
+    """Its lines against the limit that was given with the run."""
 
     @classmethod
     def of_motion(cls, motion: Motion, table: LineTable) -> RunResult:
@@ -87,6 +94,39 @@ class RunResult:
         if source is None or self.scenario.spacecraft is None:
             return None
         return hub_lines(source, self.table)
+
+    def judge(self, limit: Limit) -> Judgement:
+        """The lines of the run, those of a second wing's drive, and the loads that the limit has curves
+        for, against a limit.
+        """
+        if self.second is not None:
+            second: LineTable | None = self.second.table
+        else:
+            second = None if self.motion is None else lines_of_second(self.motion, self.table)
+        return judge(self.table, limit, self.scenario, second, self.load_lines(limit))
+
+    def load_lines(self, limit: Limit) -> dict[str, LineTable]:
+        """Lines of the loads on the spacecraft that a limit has curves for, by their channels, at a
+        second wing's interface, too; none of those that the run does not know.
+        """
+        source = self.state or self.motion
+        if source is None:
+            return {}
+        found = {}
+        for name in limit.loads:
+            for channel in (name, f"{name}{SECOND_WING}"):
+                with suppress(ChannelError):
+                    table = find_lines(source, channel, self.table.harmonics)
+                    found[channel] = self._as_steady(table)
+        return found
+
+    def _as_steady(self, table: LineTable) -> LineTable:
+        """Lines of another channel, without the modes that do not ring as the record began in the
+        steady state.
+        """
+        still = {line.name for line in self.table if line.status == TRANSIENT}
+        lines = (replace(x, status=TRANSIENT) if x.name in still else x for x in table)
+        return replace(table, lines=tuple(lines))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -132,6 +172,7 @@ def run_scenario(  # noqa: PLR0913 - keyword options
     harmonics: int = 8,
     lines_only: bool = False,
     seeds: int = 0,
+    limit: Limit | None = None,
     progress: Progress | None = None,
     drawn: Callable[[int], None] | None = None,
 ) -> RunResult:
@@ -150,6 +191,8 @@ def run_scenario(  # noqa: PLR0913 - keyword options
         Keep no motion: memory stays bounded however long the record.
     seeds : int
         Draws of the noise that are run besides, so that the table knows its lines over them.
+    limit : Limit, optional
+        Limit that the lines are judged by (``judgement``): one torque, or curves over frequency.
     progress : callable, optional
         Called as ``progress(done, total)``, with simulated seconds.
     drawn : callable, optional
@@ -176,7 +219,10 @@ def run_scenario(  # noqa: PLR0913 - keyword options
         progress(0.0, scenario.record.settle + scenario.record.duration)
     result = _solve_one(scenario, harmonics, lines_only, progress)
     if seeds:
-        return replace(result, table=with_seeds(result.table, scenario, seeds, drawn))
+        result = replace(result, table=with_seeds(result.table, scenario, seeds, drawn))
+    if limit is not None:
+        expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
+        return replace(result, judgement=result.judge(limit))
     return result
 
 

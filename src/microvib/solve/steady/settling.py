@@ -191,13 +191,15 @@ class Settling:
         """Whether the deviation from a motion that repeats with each period was shortened."""
         if self.decaying is None:
             return False
-        change = self._change(self.stretch * self.run.rows, 1)
-        return self.decaying.shortened(change / rms(self._torque))
+        change, size = self._change(self.stretch * self.run.rows, 1), rms(self._torque)
+        return size > 0.0 and self.decaying.shortened(change / size)
 
     def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
         """After how many periods of the command the ``last`` of the torque repeats, 0 where it does
         not; and its least change, over the RMS of the torque."""
         least, size = math.inf, rms(self._torque)
+        if size == 0.0:  # nothing moves yet, which repeats with any period
+            return 0, math.inf
         for multiple in multiples:
             at_once = self._change(last, multiple) / size
             least = min(least, at_once)
