@@ -29,7 +29,7 @@ _CRAFT_GROUPS = ("motor", "reducer", "friction", "array", "spacecraft")
 _KEPT = 4096
 """Crafts of which a source is kept, for the requirements that follow: some 0.1 MB each."""
 _KEPT_RANGES = 4
-"""The same of a wheel with a range of speeds: some 10 MB each."""
+"""Crafts of which a wheel with a range of speeds is kept: some 10 MB each."""
 
 
 def drawn_cases(results: Results) -> np.ndarray:
