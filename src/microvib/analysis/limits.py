@@ -31,6 +31,7 @@ from microvib.analysis.margins import (
     shared_amplitude_bound,
     unlisted_beside,
     unseen_ringing_modes,
+    worst_verdict,
 )
 from microvib.analysis.noise import noise_margins, noise_of_record, with_other_draws
 from microvib.analysis.start import (
@@ -93,10 +94,7 @@ class Judgement:
     @property
     def verdict(self) -> Verdict:
         """The verdict on all together."""
-        each = {self._own_verdict, *(one.verdict for one in self.loads)}
-        if "fail" in each:
-            return "fail"
-        return "not judged" if "not judged" in each else "pass"
+        return worst_verdict([self._own_verdict, *(one.verdict for one in self.loads)]) or "pass"
 
     @property
     def _own_verdict(self) -> Verdict:

@@ -5,7 +5,7 @@ to fail.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -22,6 +22,8 @@ from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTab
 from microvib.units import pretty
 
 Verdict = Literal["pass", "fail", "not judged"]
+NoVerdict = Literal[""]
+"""In place of a verdict where no limit was given."""
 MIN_RELATIVE_ERROR = 1e-3
 """Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table
 may know a larger one.
@@ -102,6 +104,15 @@ def line_range(
             ends = (mode.frequency, mode.fixed_frequency or mode.frequency)
             return min(low, *ends), max(high, *ends)
     return low, high
+
+
+def worst_verdict(verdicts: Iterable[Verdict | NoVerdict]) -> Verdict | NoVerdict:
+    """The verdict on several things together: *fail* where one fails, *pass* only where none is *not
+    judged*; empty where nothing was judged.
+    """
+    found = set(verdicts)
+    worst_first: tuple[Verdict, ...] = ("fail", "not judged", "pass")
+    return next((each for each in worst_first if each in found), "")
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from microvib.analysis.background import BackgroundLine, mains_harmonic
 from microvib.analysis.limits import Judgement
-from microvib.analysis.margins import Verdict
+from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
@@ -39,7 +39,7 @@ from microvib.results import (
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION_RATIO, Line, LineTable
 from microvib.studies.analyse import Analysis
-from microvib.studies.bands import WORST_FIRST, verdict_on
+from microvib.studies.bands import verdict_on
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -116,13 +116,10 @@ def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
     )
 
 
-def _verdict(a: Analysis, judged: Judgement | None) -> Verdict | Literal[""]:
+def _verdict(a: Analysis, judged: Judgement | None) -> Verdict | NoVerdict:
     """The verdict on lines and bands: the worse of the two, empty without limits."""
-    found = {verdict_on(a.band_peaks), "" if judged is None else judged.verdict}
-    for each in WORST_FIRST:
-        if each in found:
-            return each
-    return ""
+    of_lines: Verdict | NoVerdict = "" if judged is None else judged.verdict
+    return worst_verdict([verdict_on(a.band_peaks), of_lines])
 
 
 def _against_limit(judged: Judgement | None) -> Iterator[Item]:

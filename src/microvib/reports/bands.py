@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from microvib.analysis.margins import worst_verdict
 from microvib.io.tables import rows_csv
 from microvib.reports import sheets
 from microvib.reports.analysis_units import columns_in_unit
@@ -14,7 +15,7 @@ from microvib.reports.document import Text
 from microvib.reports.outcome import Outcome, Part, Picture
 from microvib.reports.sheets import BLUE, GREY, RED
 from microvib.results import Table
-from microvib.studies.bands import WORST_FIRST, BandPeak, verdict_on
+from microvib.studies.bands import BandPeak, verdict_on
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -41,8 +42,7 @@ def with_bands(outcome: Outcome, peaks: Sequence[BandPeak]) -> Outcome:
     """An outcome with its peaks in bands: their verdict counts, too, and its first page says so."""
     if not peaks:
         return outcome
-    verdicts = {outcome.verdict, verdict_on(peaks)}
-    worst = next(word for word in WORST_FIRST if word in verdicts)
+    worst = worst_verdict([outcome.verdict, verdict_on(peaks)])
     first, *others = outcome.parts
     said = Text(f"Peaks in bands: {bands_sentence(peaks)}.")
     first = replace(first, items=(*first.items, said))

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from microvib.analysis.margins import worst_verdict
 from microvib.reports import sheets
 from microvib.reports.analysis_units import table_in_unit
-from microvib.reports.outcome import Outcome, Pairs, Part, Picture, Verdict, text_files
+from microvib.reports.outcome import Outcome, Pairs, Part, Picture, text_files
 from microvib.reports.sheets import COLOURS, RED
 from microvib.reports.typography import file_name
 from microvib.results import TORQUE, Column, Table
-from microvib.studies.batch import MIN_RECORDS, OUTLIER, Batch, FigureSpread
+from microvib.signals.scatter import OUTLIER_RATIO
+from microvib.studies.batch import MIN_RECORDS, Batch, FigureSpread
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -25,8 +27,8 @@ _SHOWN = 24
 """Figures that a picture has room for."""
 _CAPTION = (
     "Mean and standard deviation over the records that have the figure. An outlier is further from the"
-    f" median than {OUTLIER:g} times the usual distance from it, and than that many uncertainties of one"
-    f" figure; of fewer than {MIN_RECORDS} records none is named."
+    f" median than {OUTLIER_RATIO:g} times a robust scale, of the scatter and of the figure's own"
+    f" uncertainty; of fewer than {MIN_RECORDS} records none is named."
 )
 
 
@@ -38,7 +40,7 @@ def batch_outcome(batch: Batch, outcomes: Sequence[Outcome]) -> Outcome:
         "Comparison of records",
         f"{count} records, channel {batch.channel}",
         f"{count} records, analysed alike: mean, spread and outliers of their figures.",
-        _worst([one.verdict for one in outcomes]),
+        worst_verdict(one.verdict for one in outcomes),
         (),
         (
             Part("", (Pairs(tuple(_about(batch, outcomes))),)),
@@ -47,13 +49,6 @@ def batch_outcome(batch: Batch, outcomes: Sequence[Outcome]) -> Outcome:
         files=(table_in_unit(_each(batch), batch.unit),),
         other_files=_files(batch.names, outcomes),
     )
-
-
-def _worst(verdicts: Sequence[Verdict]) -> Verdict:
-    for word in ("fail", "not judged", "pass"):
-        if word in verdicts:
-            return word
-    return ""
 
 
 def _about(batch: Batch, outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from microvib.analysis.limits import Judgement, judge
 from microvib.analysis.lines import lines_of_recording
-from microvib.analysis.margins import Verdict
+from microvib.analysis.margins import Verdict, worst_verdict
 from microvib.errors import MicrovibError
 from microvib.io.sources import Source
 from microvib.model.scenario import GivenScenario, as_scenario
@@ -51,12 +51,7 @@ class AcceptanceTest:
     @property
     def verdict(self) -> Verdict:
         """Fail where one run does; pass where all do; else not judged."""
-        verdicts = [run.verdict for run in self.runs]
-        if "fail" in verdicts:
-            return "fail"
-        if all(one == "pass" for one in verdicts):
-            return "pass"
-        return "not judged"
+        return worst_verdict(run.verdict for run in self.runs) or "not judged"
 
 
 def acceptance(  # noqa: PLR0913 - keyword options

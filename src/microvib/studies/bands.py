@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.limits import judge
-from microvib.analysis.margins import Verdict
+from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
 from microvib.analysis.run import RunResult
 from microvib.analysis.spectra import samples_of
 from microvib.errors import MicrovibError, OptionError
@@ -30,7 +30,6 @@ from microvib.signals.line_table import LineTable
 from microvib.testdata.recording import Recording, require_usable_channel
 from microvib.units import Si, pretty
 
-WORST_FIRST: tuple[Verdict, ...] = ("fail", "not judged", "pass")
 MIN_CYCLES = 5.0
 """Cycles of a band's lower edge, behind the filter's transients, below which it passes nothing."""
 ROLL_OFFS = (0.01, 0.5)
@@ -60,7 +59,7 @@ class BandPeak:
     """Length of the record behind the filter's transients."""
     cycles: Annotated[float, Column("cycles", "", COUNT)]
     """Cycles of the lower edge in it."""
-    verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
+    verdict: Annotated[Verdict, Column("verdict", "verdict", role="verdict")]
     why: Annotated[str, Column("why")]
     """Reason why it is not judged, a clause; empty where it is."""
     unit: str = "N*m"
@@ -177,13 +176,9 @@ def judge_bands_of_run(
     return judge_bands(recording, limits, axis, roll_off=roll_off, **reasons)
 
 
-def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | Literal[""]:
+def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | NoVerdict:
     """Verdict on all bands together: the worst of theirs; empty where there are none."""
-    verdicts = {peak.verdict for peak in peaks}
-    for word in WORST_FIRST:
-        if word in verdicts:
-            return word
-    return ""
+    return worst_verdict(peak.verdict for peak in peaks)
 
 
 def _judged(
@@ -216,7 +211,7 @@ def _row(
     figures: tuple[float, float, float, float],
     roll_off: float,
     looked_at: float,
-    verdict: tuple[str, str],
+    verdict: tuple[Verdict, str],
 ) -> BandPeak:
     peak, least, largest, time = figures
     return BandPeak(
@@ -238,7 +233,7 @@ def _row(
 
 def _verdict(
     limit: BandLimit, figures: tuple[float, float, float, float], blind: str, unseen: str
-) -> tuple[str, str]:
+) -> tuple[Verdict, str]:
     """Verdict and reason. What was not seen passes nothing; a peak above the limit is one all the
     same, unless the record does not show the loads of this band.
     """

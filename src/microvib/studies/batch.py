@@ -14,15 +14,12 @@ import numpy as np
 from microvib.analysis.orders import ABOVE_FLOOR
 from microvib.errors import OptionError
 from microvib.results import COUNT, SHARE, TORQUE, TORQUE_UNCERTAINTY, Column
+from microvib.signals.scatter import outliers
 from microvib.studies.analyse import Analysis
 from microvib.studies.track import OrderTracking
 
-OUTLIER = 3.5
-"""Times of the usual deviation from the median from which a record is named as an outlier."""
 MIN_RECORDS = 4
 """Records of a figure below which none is named as an outlier."""
-_NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +129,8 @@ def spread_of(name: str, figures: Mapping[str, Figure]) -> FigureSpread:
     """One figure over the records that have it."""
     of = list(figures)
     values = np.array([figures[each].value for each in of])
-    own = math.sqrt(float(np.mean([figures[each].uncertainty ** 2 for each in of])))
+    uncertainty = np.array([figures[each].uncertainty for each in of])
+    own = math.sqrt(float(np.mean(uncertainty**2)))
     mean = float(values.mean())
     deviation = float(values.std(ddof=1)) if values.size > 1 else math.nan
     low, high = int(np.argmin(values)), int(np.argmax(values))
@@ -147,17 +145,15 @@ def spread_of(name: str, figures: Mapping[str, Figure]) -> FigureSpread:
         of[low],
         float(values[high]),
         of[high],
-        _outliers(of, values, own),
+        _outliers(of, values, uncertainty),
     )
 
 
-def _outliers(names: Sequence[str], values: np.ndarray, own: float) -> str:
-    """Records far from the median, by the median of the distances from it and by what each figure is
-    known to.
-    """
+def _outliers(names: Sequence[str], values: np.ndarray, uncertainty: np.ndarray) -> str:
+    """Records far from the median, by the rule for repeated tests (``signals.scatter``)."""
     if values.size < MIN_RECORDS:
         return f"not told of {values.size}"
-    away = np.abs(values - np.median(values))
-    usual = max(_NORMAL * float(np.median(away)), own, 1e-9 * float(np.max(np.abs(values))))
-    far = [name for name, distance in zip(names, away, strict=True) if distance > OUTLIER * usual]
-    return ", ".join(far)
+    if not np.median(values) > 0.0:
+        return ""
+    far = outliers(values[None], uncertainty[None], [""] * values.size)[1][0]
+    return ", ".join(name for name, is_far in zip(names, far, strict=True) if is_far)
