@@ -185,7 +185,7 @@ def test_a_notch_narrower_than_the_frequency_is_known_is_neither_hit_nor_missed_
     for f in np.linspace(19.97, 20.03, 31):
         assert verdict(lines_of(line_at(f, 0.01, 0.01)), *notched) == "not judged"
         judged = judge(lines_of(line_at(f, 0.01, 0.01)), Limit.of_curves(curve_of(*notched)))
-        assert "where it may stand" in str(judged)
+        assert "within the uncertainty of its frequency" in str(judged)
         assert verdict(lines_of(line_at(f, 0.11, 0.01)), *notched) == "fail"  # above all of it
 
 

@@ -182,6 +182,6 @@ def test_plots_tables_and_drawings_are_taken_away(page: Any, tmp_path: Path) -> 
 def test_a_cell_that_would_be_a_formula_is_a_text(visit: Callable[..., Any]) -> None:
     page = visit()
     made = page.evaluate(
-        "() => import('/static/take_away.js').then(({ csvOf }) => csvOf([['=1+1', '-3.5', '−2', 'a,b', '@x', '-x']]))"
+        "() => import('/static/downloads.js').then(({ csvOf }) => csvOf([['=1+1', '-3.5', '−2', 'a,b', '@x', '-x']]))"
     )
     assert made == "'=1+1,-3.5,-2,\"a,b\",'@x,'-x\n"

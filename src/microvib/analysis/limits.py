@@ -368,14 +368,12 @@ def _judge_table(
     their passband, nor what other draws of the noise have there.
     """
     within = [x for x in table if curve.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
-    ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
     known = [x for x in within if math.isfinite(x.amplitude)]
-    each = (_margin(x, curve, table, ringing, scenario) for x in known)
+    unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     of_noise = noise_margins(table, curve, scenario) if of_torque else ()
     margins = sorted(
-        [*(_certainly_within(one, curve) for one in each), *of_noise], key=lambda m: m.factor
+        [*_line_margins(known, curve, table, scenario), *of_noise], key=lambda m: m.factor
     )
-    unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
     record = record_gap_of_table(table, scenario)
     gaps = [
         *([] if record is None else [record.why]),
@@ -396,6 +394,15 @@ def _judge_table(
     return Judgement(limit, tuple(margins), unknown, tuple(gaps))
 
 
+def _line_margins(
+    lines: Sequence[Line], curve: LimitCurve, table: LineTable, scenario: Scenario | None
+) -> Iterator[Margin]:
+    """Margins of lines of the table with known amplitudes."""
+    ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
+    for line in lines:
+        yield _certainly_within(_margin(line, curve, table, ringing, scenario), curve)
+
+
 def _margin(
     line: Line,
     limit: LimitCurve,
@@ -403,7 +410,7 @@ def _margin(
     ringing: Sequence[Line],
     scenario: Scenario | None,
 ) -> Margin:
-    """The margin of a line to the least that the limit allows where it may stand.
+    """The margin of a line to the strictest limit within its frequency uncertainty.
 
     It fails where it is above the most that is allowed there, too.
     """
@@ -418,7 +425,7 @@ def _margin(
     return _undecided(
         found,
         f"the limit goes from {1e3 * strict:.4g} to {1e3 * lenient:.4g} {unit} between"
-        f" {low:.6g} and {high:.6g} Hz, where it may stand",
+        f" {low:.6g} and {high:.6g} Hz, within the uncertainty of its frequency",
     )
 
 

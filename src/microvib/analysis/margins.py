@@ -75,7 +75,7 @@ def frequency_error_bound(frequency: Any, uncertainty: Any = 0.0) -> Any:
 def line_range(
     line: Line, table: LineTable, scenario: Scenario | None = None
 ) -> tuple[float, float]:
-    """Frequencies [Hz] between which a line may stand.
+    """Range of frequencies [Hz] that a line may have.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class Margin:
     why: str = ""
     """Why it is not judged, and what would have to change."""
     limit: float = math.nan
-    """The least that the limit allows where the line may stand [N m]."""
+    """The strictest limit within the uncertainty of the line's frequency [N m]."""
 
     @property
     def decibel(self) -> float:

@@ -32,7 +32,7 @@ FREQUENCY_TOLERANCE = 1e-6
 """Relative distance of frequencies up to which lines are of one frequency."""
 LEFT_OUT = "left_out"
 """Column of a table of lines that says what is not in it, so that whoever reads the table alone
-judges nothing by it that was not looked at.
+passes no requirement by lines that were not looked at.
 """
 _NOT_SOUGHT = (
     "lines that the run did not look for, which a budget of its scenario bounds (microvib budget)"

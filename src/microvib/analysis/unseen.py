@@ -84,14 +84,14 @@ class OutOfBandLines:
     falling: bool = False
     """Whether there may be lines above these, too, no larger than the last."""
     up_to: float = 0.0
-    """Frequency [Hz] between which and its own each of them may stand; 0 where it is known."""
+    """Other end of the range of frequencies [Hz] that each of them may have; 0 where it is known."""
 
     def may_exceed(self, limit: LimitCurve) -> np.ndarray:
-        """Which of them may be above the least that a limit allows where they may stand, (n,)."""
+        """Which of them may be above the strictest limit at the frequencies that they may have, (n,)."""
         return np.asarray(self.most > self.least_allowed(limit))
 
     def least_allowed(self, limit: LimitCurve) -> np.ndarray:
-        """The least that a limit allows where each of them may stand, (n,): about its frequency, and
+        """The strictest limit at the frequencies that each of them may have, (n,): about its own, and
         where there may be lines between these, up to both neighbours.
         """
         low, high = self.frequency.astype(float), self.frequency.astype(float)

@@ -83,23 +83,22 @@ def run(
 
     if form.pdf and lines_only:
         raise OptionError("pdf", "--lines-only makes no report; leave one of them out")
-    allowed = parse_limit(limit, band)
-    band_limits = read_bands(band_file, roll_off)
-    if band_limits and (lines_only or seeds):
+    allowed, band_limits = parse_limit(limit, band), read_bands(band_file, roll_off)
+    without_one_motion = lines_only or bool(seeds)
+    if band_limits and without_one_motion:
         raise OptionError("bands", "are judged by one motion; leave lines_only and seeds out")
     loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     if angles is not None or orbit:
-        if lines_only or seeds or allowed is not None or band_limits:
+        if without_one_motion or allowed is not None or band_limits:
             option = "orbit" if orbit else "angles"
             raise OptionError(
                 option,
                 "cannot be combined with limit, bands, lines_only or seeds; leave them out",
             )
-        (_run_orbit if orbit else _run_angles)(
-            loaded, angles, harmonics, Target(out, overwrite, form)
-        )
+        over_angles = _run_orbit if orbit else _run_angles
+        over_angles(loaded, angles, harmonics, Target(out, overwrite, form))
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         _, outcome, files = run_to_folder(

@@ -22,7 +22,7 @@ from microvib.reports.outcome import Item, Outcome, Pairs, Picture, report_table
 from microvib.reports.repeatability import repeatability_outcome
 from microvib.reports.typography import file_name
 from microvib.results import DECIBEL, LINE_FREQUENCY, TORQUE, Column, Table
-from microvib.studies.acceptance import AcceptanceTest, AcceptedRun
+from microvib.studies.acceptance import AcceptanceTest, JudgedRun
 from microvib.studies.compare import misread
 from microvib.text_tables import counted
 
@@ -160,7 +160,7 @@ def _parts(test: AcceptanceTest) -> tuple[NamedParts, list[NamedParts], dict[str
     return NamedParts("test.", items, facts), runs, outcomes
 
 
-def _run_parts(k: int, run: AcceptedRun, outcome: Outcome) -> NamedParts:
+def _run_parts(k: int, run: JudgedRun, outcome: Outcome) -> NamedParts:
     first = outcome.parts[0].items
     items: dict[str, tuple[Item, ...]] = {
         "about": tuple(x for x in first if isinstance(x, Pairs)),

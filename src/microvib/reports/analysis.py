@@ -180,7 +180,7 @@ def _of_background(a: Analysis) -> tuple[Item, ...]:
     if a.background is None:
         return ()
     if not a.background_lines:
-        return (Text("No line stands out of the background."),)
+        return (Text("With the drive off there is no line above the noise."),)
     table = Table.of(
         "background", BackgroundLine, a.background_lines, brief=12, caption=_BACKGROUND_CAPTION
     )
@@ -209,7 +209,7 @@ _LINES_CAPTION = (
 
 
 @dataclass(frozen=True)
-class Loudest:
+class WaterfallPeak:
     """The largest bin of a stretch of the waterfall."""
 
     time: Annotated[float, Column("time_s", "middle of the stretch", TIME)]
@@ -224,9 +224,11 @@ def _loudest(a: Analysis) -> Table:
     rows = []
     for k in range(0, w.time.size, step):
         i = int(np.argmax(w.amplitude[k, 1:])) + 1
-        rows.append(Loudest(float(w.time[k]), float(w.frequency[i]), float(w.amplitude[k, i])))
+        rows.append(
+            WaterfallPeak(float(w.time[k]), float(w.frequency[i]), float(w.amplitude[k, i]))
+        )
     caption = "The largest bin of some of the stretches, in their order."
-    return table_in_unit(Table.of("", Loudest, rows, caption=caption), a.unit)
+    return table_in_unit(Table.of("", WaterfallPeak, rows, caption=caption), a.unit)
 
 
 def _bands(a: Analysis) -> Table:

@@ -97,7 +97,7 @@ def _remarks(test: HammerTest) -> Iterator[str]:
         highest = test.responses.highest(name)
         if not own:
             yield (
-                f"{name}: no resonance stands out of the noise; recordings can be corrected up to"
+                f"{name}: no resonance rises above the noise; recordings can be corrected up to"
                 f" {highest:.4g} Hz, half of what the response covers."
             )
         elif not all(x.trusted for x in own):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from microvib.reports import sheets
@@ -16,6 +16,7 @@ from microvib.results import DIFFERENCE, SHARE, Table
 from microvib.studies.repeatability import RULE, LineScatter, Repeatability, RunDeviation
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SHOWN = 24
@@ -118,6 +119,17 @@ def _facts(found: Repeatability) -> Iterator[Fact]:
     yield Fact(str(sum(x.outlier for x in found.deviations)), "outliers")
 
 
+def _draw_run(ax: Axes, deviations: Mapping[float, RunDeviation], colour: str) -> None:
+    """Deviations of one run at their places, with uncertainties; outliers in rings."""
+    own = deviations.values()
+    part = [100.0 * x.part for x in own]
+    bars = [100.0 * x.uncertainty * (1.0 + x.part) / x.amplitude for x in own]
+    ax.errorbar([*deviations], part, bars, fmt="o", ms=3.5, color=colour, elinewidth=0.9)
+    rings = [(at, 100.0 * x.part) for at, x in deviations.items() if x.outlier]
+    if rings:
+        ax.plot(*zip(*rings, strict=True), "o", ms=9, mfc="none", color="k")
+
+
 def draw_runs(found: Repeatability, channel: str) -> Figure:
     """Largest lines of each run over their median, with uncertainties; a colour for each unit."""
     rows = [row for row in found.lines if row.channel == channel][:_DRAWN]
@@ -125,17 +137,11 @@ def draw_runs(found: Repeatability, channel: str) -> Figure:
     ax = axes[0, 0]
     place = {row.line: k for k, row in enumerate(rows)}
     colour = {unit: f"C{k}" for k, unit in enumerate(found.groups)}
-    count = len(found.runs)
     for j, run in enumerate(found.runs):
         own = [x for x in found.deviations if x.run == run.name and x.channel == channel]
-        own = [x for x in own if x.line in place]
-        at = [place[x.line] + 0.6 * ((j + 0.5) / count - 0.5) for x in own]
-        part = [100.0 * x.part for x in own]
-        bars = [100.0 * x.uncertainty * (1.0 + x.part) / x.amplitude for x in own]
-        ax.errorbar(at, part, bars, fmt="o", ms=3.5, color=colour[run.unit], elinewidth=0.9)
-        rings = [(a, p) for a, p, x in zip(at, part, own, strict=True) if x.outlier]
-        if rings:
-            ax.plot(*zip(*rings, strict=True), "o", ms=9, mfc="none", color="k")
+        aside = 0.6 * ((j + 0.5) / len(found.runs) - 0.5)
+        at = {place[x.line] + aside: x for x in own if x.line in place}
+        _draw_run(ax, at, colour[run.unit])
     for unit in found.groups:
         if unit:
             ax.plot([], [], "o", ms=3.5, color=colour[unit], label=unit)

@@ -109,7 +109,7 @@ def impact_response(
     x = np.asarray(force, dtype=float) - float(np.median(force))
     peaks, noise = _peaks(x, sample_rate)
     if not peaks:
-        raise ImpactError("the force has no blow that stands out of its noise")
+        raise ImpactError("the force channel has no blow above its noise")
     size = _block_samples(peaks, x.size, sample_rate, block)
     before = round(_BEFORE * size)
     blows, segments = [], []

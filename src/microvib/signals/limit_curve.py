@@ -235,16 +235,9 @@ def _check_points(frequency: Sequence[float], amplitude: Sequence[float]) -> Non
         raise OptionError(
             "limit", f"is no curve over frequency; 2 to {MOST_POINTS} points are expected"
         )
-    unlimited = set(amplitude) == {math.inf}
-    for f, a in zip(frequency, amplitude, strict=True):
-        if not a > 0.0 or (math.isinf(a) and not unlimited):
-            raise OptionError("limit", f"allows {a:g} at {f:g} Hz; a number above 0 is expected")
+    _check_amplitudes(frequency, amplitude)
+    _check_frequencies(frequency)
     for (f, a), (g, b) in pairwise(zip(frequency, amplitude, strict=True)):
-        if not f <= g:
-            raise OptionError(
-                "limit",
-                f"goes from {f:g} Hz to {g:g} Hz; frequencies that never fall are expected",
-            )
         if a != b and (not f > 0.0 or not math.isfinite(g)):
             raise OptionError(
                 "limit",
@@ -253,6 +246,26 @@ def _check_points(frequency: Sequence[float], amplitude: Sequence[float]) -> Non
             )
         if (f, a) == (g, b):
             raise OptionError("limit", f"has the point {f:g} Hz twice; leave one of them out")
+
+
+def _check_amplitudes(frequency: Sequence[float], amplitude: Sequence[float]) -> None:
+    """OptionError unless all are above 0, and all are finite or none is."""
+    unlimited = set(amplitude) == {math.inf}
+    for f, a in zip(frequency, amplitude, strict=True):
+        if not a > 0.0 or (math.isinf(a) and not unlimited):
+            raise OptionError("limit", f"allows {a:g} at {f:g} Hz; a number above 0 is expected")
+
+
+def _check_frequencies(frequency: Sequence[float]) -> None:
+    """OptionError unless they never fall, from 0 or more, and no more than two are alike, which are
+    neither the first nor the last.
+    """
+    for f, g in pairwise(frequency):
+        if not f <= g:
+            raise OptionError(
+                "limit",
+                f"goes from {f:g} Hz to {g:g} Hz; frequencies that never fall are expected",
+            )
     for f, g in zip(frequency, frequency[2:], strict=False):
         if f == g:
             raise OptionError(

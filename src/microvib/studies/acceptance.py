@@ -22,7 +22,7 @@ from microvib.studies.repeatability import RecordedRun, Repeatability, repeatabi
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptedRun:
+class JudgedRun:
     """One run: what it says, and how it stands against the limit."""
 
     run: RecordedRun
@@ -39,7 +39,7 @@ class AcceptedRun:
 class AcceptanceTest:
     """All runs of an acceptance test."""
 
-    runs: tuple[AcceptedRun, ...]
+    runs: tuple[JudgedRun, ...]
     channel: str
     limit: Limit | None
     repeatability: Repeatability | None
@@ -99,7 +99,7 @@ def acceptance(  # noqa: PLR0913 - keyword options
     if not runs:
         raise MicrovibError("no recording was given; an acceptance test needs one or more")
     guide = None if scenario is None else as_scenario(scenario)
-    accepted = []
+    judged_runs = []
     for run in runs:
         found = analyse(run.source, name=run.name, scenario=guide, channel=channel)
         judgement = None
@@ -107,7 +107,7 @@ def acceptance(  # noqa: PLR0913 - keyword options
             recording = run.source.recording
             table = lines_of_recording(recording, channel, guide, run.source.background)
             judgement = judge(table, limit, guide)
-        accepted.append(AcceptedRun(run, found, judgement))
+        judged_runs.append(JudgedRun(run, found, judgement))
     compared = None
     if reference is not None:
         names = (reference_name, runs[0].name)
@@ -122,4 +122,4 @@ def acceptance(  # noqa: PLR0913 - keyword options
     repeated = None
     if len(runs) > 1:
         repeated = repeatability(runs, scenario=guide, channels=[channel])
-    return AcceptanceTest(tuple(accepted), channel, limit, repeated, compared, hammer)
+    return AcceptanceTest(tuple(judged_runs), channel, limit, repeated, compared, hammer)

@@ -219,7 +219,7 @@ class RateCase:
         return BEYOND_LINEAR_MODEL
 
     def _is_above(self, curve: LimitCurve, overstated: float) -> bool:
-        """Whether a line is above the most that is allowed where it may stand."""
+        """Whether a line is above the most lenient limit within its frequency uncertainty."""
         return any(
             x.amplitude > overstated * curve.most_lenient(x.frequency - reach, x.frequency + reach)
             for x in self.lines
@@ -264,7 +264,7 @@ def _reach(line: RateLine) -> float:
 
 
 def _allowed(line: RateLine, curve: LimitCurve) -> float:
-    """The least that a curve allows where a line may stand [N m]."""
+    """The strictest limit within a line's frequency uncertainty [N m]."""
     reach = _reach(line)
     return float(curve.strictest(line.frequency - reach, line.frequency + reach))
 

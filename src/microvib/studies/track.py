@@ -72,6 +72,7 @@ _NOTED = 0.05
 """Part of a sweep, more than its two ends, from which an order that is not told has a note."""
 _AT_ENDS = 1.0
 """Knots at the ends of the record whose amplitudes make no maximum."""
+_ONE_REFERENCE = "give one of tacho, speed, profile, scenario, strongest"
 SWEEP_NOTE = (
     "a resonance that is passed quickly answers less, and later in the sweep, than a dwell on it"
 )
@@ -272,19 +273,16 @@ def track_orders(  # noqa: PLR0913 - keyword options
     opened = opened_source(source)
     recording, own = _recording(opened, name, channel, progress)
     offset = 0.0
+    if section is not None and not isinstance(opened, Prepared):
+        raise OptionError("from", "sections are of recordings; a run has its record's length")
     if section is not None:
-        if not isinstance(opened, Prepared):
-            raise OptionError("from", "sections are of recordings; a run has its record's length")
         recording, offset = section.cut(recording)
     require_usable_channel(recording, channel, acceleration=True)
-    given = [tacho, speed, profile, scenario, strongest]
-    if sum(one is not None for one in given) > 1:
-        raise OptionError(
-            "clock",
-            "several references are given; give one of tacho, speed, profile, scenario, strongest",
-        )
     guide = own if scenario is None else as_scenario(scenario)
     x, rate = recording[channel] - np.mean(recording[channel]), recording.sample_rate
+    given = [one for one in (tacho, speed, profile, scenario, strongest) if one is not None]
+    if len(given) > 1:
+        raise OptionError("clock", f"several references are given; {_ONE_REFERENCE}")
     if tacho is not None:
         reference = of_tacho(recording, tacho, pulses_per_rev)
     elif speed is not None:
@@ -300,10 +298,7 @@ def track_orders(  # noqa: PLR0913 - keyword options
         reference = with_clock(x, rate, stated, words, tracked_orders, kind)
         reference = named(reference, "electrical period")
     else:
-        raise OptionError(
-            "clock",
-            "no reference is given; give one of tacho, speed, profile, scenario, strongest",
-        )
+        raise OptionError("clock", f"no reference is given; {_ONE_REFERENCE}")
     lines = [float(quantity("fixed", one, "Hz", positive=True)) for one in fixed]
     if len(lines) + len(tracked_orders) > MAX_ORDERS:
         raise OptionError("orders", f"at most {MAX_ORDERS} orders and fixed lines are tracked")
@@ -492,10 +487,10 @@ def _peaks(cut: OrderCut, bandwidth: float) -> list[int]:
     return kept
 
 
-def _resonances(
-    peaks: list[tuple[OrderCut, int]], bandwidth: float, guide: Scenario | None
-) -> list[Resonance]:
-    """Frequencies at which peaks of orders are, ascending."""
+def _peaks_by_frequency(
+    peaks: list[tuple[OrderCut, int]], bandwidth: float
+) -> list[list[tuple[OrderCut, int]]]:
+    """Peaks of different orders that are at one frequency, together; ascending."""
     groups: list[list[tuple[OrderCut, int]]] = []
     for cut, i in sorted(peaks, key=lambda one: one[0].frequency[one[1]]):
         f = cut.frequency[i]
@@ -507,9 +502,16 @@ def _resonances(
                 groups[-1].append((cut, i))
                 continue
         groups.append([(cut, i)])
+    return groups
+
+
+def _resonances(
+    peaks: list[tuple[OrderCut, int]], bandwidth: float, guide: Scenario | None
+) -> list[Resonance]:
+    """Frequencies at which peaks of orders are, ascending."""
     modes = () if guide is None else coupled_modes(guide)
     found = []
-    for group in groups:
+    for group in _peaks_by_frequency(peaks, bandwidth):
         weights = np.array([cut.amplitude[i] for cut, i in group])
         f = float(np.average([cut.frequency[i] for cut, i in group], weights=weights))
         near_modes = [m for m in modes if abs(m.frequency / f - 1.0) < _NEAR_MODE]
@@ -547,22 +549,13 @@ def _maxima(
             )
             continue
         own = [i for one, i in peaks if one is cut]
-        ends = _AT_ENDS / bandwidth
-        inner = (cut.time > cut.time[0] + ends) & (cut.time < cut.time[-1] - ends) & cut.known
-        if not np.any(inner):
-            inner = cut.known
-        largest = int(np.argmax(np.where(inner, cut.amplitude, -1.0)))
+        largest = _largest(cut, bandwidth)
         for i in [largest, *(i for i in own if i != largest)]:
-            words = []
-            if i == largest:
-                words.append("largest")
-            if i in own:
-                words.append(_resonance_words(cut, i, resonances))
+            words = [_resonance_words(cut, i, resonances)] if i in own else []
             if cut.finding[i] == IN_FLOOR:
                 words.append(IN_FLOOR)
-            share = float(np.mean(cut.known))
-            if i == largest and share < 0.995:
-                words.append(f"of the {100.0 * share:.0f} % of the sweep where it is told")
+            if i == largest:
+                words = ["largest", *words, *_part_told(cut)]
             yield Maximum(
                 cut.label,
                 float(cut.amplitude[i]),
@@ -573,6 +566,23 @@ def _maxima(
                 float(np.mean(cut.amplitude[cut.known])) if i == largest else math.nan,
                 ", ".join(words),
             )
+
+
+def _largest(cut: OrderCut, bandwidth: float) -> int:
+    """Point with the largest known amplitude, not at the ends of the record where there is another."""
+    ends = _AT_ENDS / bandwidth
+    inner = (cut.time > cut.time[0] + ends) & (cut.time < cut.time[-1] - ends) & cut.known
+    if not np.any(inner):
+        inner = cut.known
+    return int(np.argmax(np.where(inner, cut.amplitude, -1.0)))
+
+
+def _part_told(cut: OrderCut) -> list[str]:
+    """Words for the part of the sweep in which the order is known; none where that is all of it."""
+    share = float(np.mean(cut.known))
+    if share < 0.995:
+        return [f"of the {100.0 * share:.0f} % of the sweep where it is told"]
+    return []
 
 
 def _resonance_words(cut: OrderCut, i: int, resonances: Sequence[Resonance]) -> str:

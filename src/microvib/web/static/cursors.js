@@ -2,7 +2,7 @@
 // What they read are the points that are drawn, in the units of the plot's axes.
 
 import { announce, h, number, s } from "./dom.js";
-import { copy, tsvOf } from "./take_away.js";
+import { copy, tsvOf } from "./downloads.js";
 import { keep, kept } from "./kept.js";
 import { table } from "./tables.js";
 

@@ -1,7 +1,7 @@
 // What all plots share: look, behaviour, and the window that is asked from the server on zoom.
 
 import { debounce, h } from "./dom.js";
-import { plotExports } from "./take_away.js";
+import { plotExports } from "./downloads.js";
 
 // Plotly is large: it is fetched when the form is there, or when something is to be drawn before that. Its first drawing, which
 // is its slowest, is of nothing.

@@ -4,7 +4,7 @@ import * as ab from "./ab.js";
 import { craftOf } from "./craft.js";
 import { announce, h, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
-import { drawingExports } from "./take_away.js";
+import { drawingExports } from "./downloads.js";
 import * as history from "./history.js";
 import * as limit from "./limit.js";
 import { exportMenu } from "./exports.js";

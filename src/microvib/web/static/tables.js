@@ -1,7 +1,7 @@
 // Tables that can be sorted, and whose values can be selected and copied.
 
 import { DASH, h } from "./dom.js";
-import { pictureExports, tableExports } from "./take_away.js";
+import { pictureExports, tableExports } from "./downloads.js";
 import { onUnits, shownColumn, shownWords } from "./measures.js";
 
 const words = ({ title, unit }) => (unit ? `${title} [${unit}]` : title);
