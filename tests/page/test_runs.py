@@ -29,6 +29,7 @@ from support.page import (
 
 import microvib as mv
 from microvib.analysis.limits import Limit, judge
+from microvib.export.targets import TARGETS
 from microvib.units import Si
 
 pytestmark = PAGE
@@ -160,3 +161,41 @@ def test_a_run_is_exported_to_other_tools(visit: Callable[..., Any], tmp_path: P
     assert coming.value.suggested_filename == "state-space.mat"
     coming.value.save_as(tmp_path / "a.mat")
     assert (tmp_path / "a.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
+
+
+def test_options_of_a_format_are_those_of_the_command(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Each has its field; what is chosen is in the file, and what is wrong is told in a sentence."""
+    page = visit(QUICK)
+    page.click("#go")
+    drawn(page, 1)
+    page.get_by_text("Export", exact=True).click()
+    menu = page.locator(".exports")
+    for target in TARGETS.values():
+        group = menu.get_by_role(
+            "group", name=f"Options of {target.name}", exact=True, include_hidden=True
+        )
+        keys = [option.key for option in target.offered]
+        found = group.locator("[name]").evaluate_all("all => all.map((one) => one.name)")
+        offered = not target.missing and target.name != "source-sheet"  # which this run cannot have
+        assert list(dict.fromkeys(found)) == (keys if offered else []), target.name
+    menu.get_by_label("Options of nastran").first.click()
+    options = menu.get_by_role("group", name="Options of nastran")
+    options.get_by_label("grid", exact=True).fill("4711", timeout=20_000)
+    options.get_by_label("units").select_option("mm-t-s")
+    options.get_by_label("lines").check()
+    link = menu.get_by_role("link", name="nastran (.bdf)")
+    with page.expect_download() as coming:
+        link.click()
+    assert coming.value.suggested_filename == "nastran.bdf"
+    coming.value.save_as(tmp_path / "a.bdf")
+    text = (tmp_path / "a.bdf").read_text()
+    assert "at grid point 4711" in text
+    assert "Units mm-t-s" in text
+    assert "RLOAD1" in text
+    assert "RANDPS" not in text
+    page.get_by_text("Export", exact=True).click()  # as it was left
+    options.get_by_label("grid", exact=True).fill("none", timeout=20_000)
+    link.click()
+    api.expect(page.locator("#alert")).to_contain_text("nastran: grid: 'none' is not allowed")

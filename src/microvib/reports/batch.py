@@ -11,10 +11,11 @@ import numpy as np
 
 from microvib.reports import sheets
 from microvib.reports.analysis_units import table_in_unit
-from microvib.reports.outcome import Outcome, Pairs, Part, Picture, Verdict, text_files
+from microvib.reports.outcome import Outcome, Pairs, Part, Picture, text_files
 from microvib.reports.sheets import COLOURS, RED
 from microvib.reports.typography import file_name
 from microvib.results import TORQUE, Column, Table
+from microvib.studies.bands import worst_of
 from microvib.studies.batch import MIN_RECORDS, OUTLIER, Batch, FigureSpread
 from microvib.units import pretty
 
@@ -38,7 +39,7 @@ def batch_outcome(batch: Batch, outcomes: Sequence[Outcome]) -> Outcome:
         "Comparison of records",
         f"{count} records, channel {batch.channel}",
         f"{count} records, analysed alike: mean, spread and outliers of their figures.",
-        _worst([one.verdict for one in outcomes]),
+        worst_of(*(one.verdict for one in outcomes)),
         (),
         (
             Part("", (Pairs(tuple(_about(batch, outcomes))),)),
@@ -49,17 +50,10 @@ def batch_outcome(batch: Batch, outcomes: Sequence[Outcome]) -> Outcome:
     )
 
 
-def _worst(verdicts: Sequence[Verdict]) -> Verdict:
-    for word in ("fail", "not judged", "pass"):
-        if word in verdicts:
-            return word
-    return ""
-
-
 def _about(batch: Batch, outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
     rows = []
     for k, (name, one) in enumerate(zip(batch.names, outcomes, strict=True), 1):
-        judged = f", bands: {one.verdict.replace('fail', 'FAIL')}" if one.verdict else ""
+        judged = f", {one.verdict.replace('fail', 'FAIL')}" if one.verdict else ""
         rows.append((f"Record {k}", f"{file_name(name)}, channel {batch.channel}{judged}"))
     return rows
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
-from microvib.analysis.limits import Limit, judge
+from microvib.analysis.limits import judge
 from microvib.analysis.margins import Verdict
 from microvib.analysis.run import RunResult
 from microvib.analysis.spectra import samples_of
@@ -25,6 +25,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.results import COUNT, DECIBEL, SHARE, TIME, TORQUE, TORQUE_LIMIT, Column, Measure
 from microvib.signals.band_split import filter_reach, roll_off_for, split_band
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import LineTable
 from microvib.testdata.recording import Recording, require_usable_channel
 from microvib.units import Si, pretty
@@ -178,7 +179,11 @@ def judge_bands_of_run(
 
 def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | Literal[""]:
     """Verdict on all bands together: the worst of theirs; empty where there are none."""
-    verdicts = {peak.verdict for peak in peaks}
+    return worst_of(*(peak.verdict for peak in peaks))
+
+
+def worst_of(*verdicts: str) -> Verdict | Literal[""]:
+    """The worst of some verdicts; empty where all are."""
     for word in WORST_FIRST:
         if word in verdicts:
             return word
