@@ -98,19 +98,18 @@ def analyse(
     from microvib.reports.analysis import analysis_outcome
     from microvib.reports.batch import batch_outcome
     from microvib.studies.analyse import analyse as run_analysis
+    from microvib.studies.analyse import section_of
     from microvib.studies.batch import batch_of
     from microvib.studies.recording_limits import judge_recording
     from microvib.testdata.section import Section
 
-    allowed = parse_limit(limit, limit_band, "limit_band")
     section = Section.stated(start, stop, trigger, pre_trigger)
     limits = read_bands(band_file, roll_off)
+    allowed = parse_limit(limit, limit_band, "limit_band")
     prepared, guide = read_preparation(prepare), load_guide(scenario)
-    if allowed is not None and section is not None:
-        raise OptionError("limit", "judges whole recordings; leave --from, --to and --trigger out")
     found, outcomes = [], []
     for source in sources:
-        opened, judged = open_source(source, prepared), None
+        opened, judged = section_of(open_source(source, prepared), section), None
         if allowed is not None:
             judged = judge_recording(opened, allowed, channel=channel, scenario=guide)
         with progress_bar() as progress:
@@ -124,7 +123,6 @@ def analyse(
                 window=window,
                 resolution=resolution,
                 bands=bands,
-                section=section,
                 average=average,
                 overlap=overlap,
                 band_limits=limits,

@@ -54,7 +54,7 @@ def batch_outcome(batch: Batch, outcomes: Sequence[Outcome]) -> Outcome:
 def _about(batch: Batch, outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
     rows = []
     for k, (name, one) in enumerate(zip(batch.names, outcomes, strict=True), 1):
-        judged = f", bands: {one.verdict.replace('fail', 'FAIL')}" if one.verdict else ""
+        judged = f", {one.verdict.replace('fail', 'FAIL')}" if one.verdict else ""
         rows.append((f"Record {k}", f"{file_name(name)}, channel {batch.channel}{judged}"))
     return rows
 

@@ -161,8 +161,7 @@ def analyse(  # noqa: PLR0913 - keyword options
     """
     opened = opened_source(source)
     guide = None if scenario is None else as_scenario(scenario)
-    if section is not None:
-        opened = _section_of(opened, section)
+    opened = section_of(opened, section)
     clock = _step_clock(opened, guide, channel, step_rate, steps_per_period)
     if isinstance(opened, Prepared) and (clock or _is_acceleration(opened.recording, channel)):
         recording, background, table, expected = _at_orders(opened, channel, guide, clock)
@@ -217,8 +216,10 @@ def opened_source(source: Source | Recording | str | os.PathLike[str]) -> Source
     return source
 
 
-def _section_of(source: Source, section: Section) -> Prepared:
-    """A section of a recording; OptionError for a simulated source."""
+def section_of(source: Source, section: Section | None) -> Source:
+    """A section of a recording, all of it without one; OptionError for a section of a simulation."""
+    if section is None:
+        return source
     if not isinstance(source, Prepared):
         raise OptionError(
             "from",
