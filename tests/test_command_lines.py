@@ -82,6 +82,7 @@ GIVEN: dict[str, dict[str, str]] = {
     "docs/howto/array.md": {"my-array.yaml": ARRAY, "my-drive.yaml": DRIVE},
     "docs/howto/export.md": {"my-drive.yaml": DRIVE}
     | {f"examples/{name}": text for name, text in CRAFT.items()},
+    "docs/howto/limit-curves.md": {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
     "docs/howto/pointing.md": CRAFT | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
     "docs/howto/quiet.md": {f"examples/{name}": text for name, text in CRAFT.items()},
@@ -101,9 +102,11 @@ def lines_of(page: str) -> list[str]:
 
 
 def printed(page: str) -> dict[str, str]:
-    """Files that a page prints: YAML that begins with its name as a comment."""
+    """Files that a page prints: YAML or CSV that begins with its name as a comment."""
     text = (ROOT / page).read_text("utf-8")
-    return dict(re.findall(r"^```yaml\n# (\S+\.yaml)$(.*?)^```$", text, re.M | re.S))
+    return dict(
+        re.findall(r"^```(?:yaml|text)\n# (\S+\.(?:yaml|csv))$\n(.*?)^```$", text, re.M | re.S)
+    )
 
 
 def fewer(text: str) -> str:

@@ -18,7 +18,7 @@ TYPE_CHECKING = False  # that of typing, whose import takes a tenth of the time 
 # none of it.
 _HOME = {
     "ChannelError": "errors",
-    "Limit": "analysis.limits",
+    "Limit": "signals.limit_curve",
     "LineError": "errors",
     "LineTable": "signals.line_table",
     "MicrovibError": "errors",
@@ -55,6 +55,7 @@ _HOME = {
     "psd": "analysis.spectra",
     "quiet": "studies.quiet.study",
     "rate_grid": "studies.rates",
+    "read_limit": "io.limit_files",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
     "read_source_sheet": "export.source_sheet",
@@ -86,7 +87,7 @@ _FORMER = {
 if TYPE_CHECKING:
     __version__: str
     from microvib.analysis.accuracy import accuracy
-    from microvib.analysis.limits import Limit, judge
+    from microvib.analysis.limits import judge
     from microvib.analysis.lines import find_lines
     from microvib.analysis.run import run_scenario
     from microvib.analysis.spectra import psd, spectrum, waterfall
@@ -103,6 +104,7 @@ if TYPE_CHECKING:
     from microvib.export.exporting import export_as
     from microvib.export.source_sheet import read_source_sheet
     from microvib.export.state_space import state_space
+    from microvib.io.limit_files import read_limit
     from microvib.io.named import catalog_names
     from microvib.io.new_scenario import new_scenario
     from microvib.io.recordings import read_recording
@@ -114,6 +116,7 @@ if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.reports.plots import plot
     from microvib.reports.run.folder import write_run
+    from microvib.signals.limit_curve import Limit
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate, simulate_many
@@ -170,6 +173,7 @@ __all__ = [
     "psd",
     "quiet",
     "rate_grid",
+    "read_limit",
     "read_recording",
     "read_run",
     "read_source_sheet",

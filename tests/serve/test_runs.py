@@ -147,6 +147,28 @@ def test_a_verdict_is_that_of_the_report(client, finished, motion):
     assert wrong.json()["key"] == "limit"
 
 
+def test_a_limit_over_frequency_is_the_text_of_its_table_and_never_a_file(
+    client, finished, motion, tmp_path
+):
+    from microvib.analysis.limits import judge
+    from microvib.io.limit_files import limit_from_text
+
+    table, text = mv.find_lines(motion), "frequency_hz,t_mnm\n1,8\n40,8\n60,80\n100,80\n"
+    query = {"limit": text, "band": "2:90 Hz"}
+    judged = judge(table, limit_from_text(text).within("2:90 Hz"), motion.scenario)
+    found = client.get(f"/api/runs/{finished}/verdict", params=query).json()
+    assert found["text"] == str(judged)
+    assert [point[0] for point in found["curve"]] == [2.0, 40.0, 60.0, 90.0]
+    assert [part["title"] for part in found["parts"]][2] == "Against the limit"
+    page = client.get(f"/api/runs/{finished}/files/report.html", params=query).text
+    assert "over frequency" in page
+    (tmp_path / "allowed.csv").write_text(text)
+    for wrong in (str(tmp_path / "allowed.csv"), "frequency_hz,t_mnm\n1,x\n2,5", "a\nb"):
+        refused = client.get(f"/api/runs/{finished}/verdict", params={"limit": wrong})
+        assert refused.status_code == 422
+        assert refused.json()["key"] == "limit"
+
+
 def test_jobs_that_are_asked_for(client, finished):
     assert [
         job["id"]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Contents, Form
     from microvib.reports.outcome import Outcome
+    from microvib.signals.limit_curve import Limit
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
@@ -63,11 +64,25 @@ recording_options = options(
 limit_options = options(
     click.option(
         "--limit",
-        metavar="TORQUE",
-        help="Largest line allowed, e.g. '10 mN*m': margins in the report.",
+        metavar="TORQUE|FILE",
+        help="Largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency: margins in the report.",
     ),
     click.option(
         "--band",
+        metavar="LOW:HIGH",
+        help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
+    ),
+)
+
+
+recording_limit_options = options(
+    click.option(
+        "--limit",
+        metavar="TORQUE|FILE",
+        help="Judge the recording's lines: largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency.",
+    ),
+    click.option(
+        "--limit-band",
         metavar="LOW:HIGH",
         help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
     ),
@@ -185,6 +200,21 @@ def target_options(
         return with_target
 
     return with_options
+
+
+def parse_limit(limit: str | None, band: str | None, key: str = "band") -> Limit | None:
+    """The limit of ``--limit`` and the option of its band, called ``key``: a torque, or a CSV file of
+    curves over frequency.
+    """
+    from microvib.io.limit_files import given_limit
+
+    try:
+        return given_limit(limit, band)
+    except OptionError as error:
+        if error.key != "band" or key == "band":
+            raise
+        problem = str(error).removeprefix("band: ")
+        raise OptionError(key, problem, remedy=error.remedy) from None
 
 
 def load(source: str, settings: tuple[str, ...]) -> Scenario:

@@ -14,7 +14,9 @@ from microvib.cli.common import (
     Target,
     load,
     load_guide,
+    parse_limit,
     read_preparation,
+    recording_limit_options,
     recording_options,
     set_option,
     target_options,
@@ -64,22 +66,28 @@ from microvib.units import quantity
     metavar="LOW:HIGH",
     help="Also give the RMS in this band, such as '0.5:5 Hz'.",
 )
+@recording_limit_options
 def analyse(
     source: str, channel: str, prepare: Path | None, scenario: str | None, step_rate: str | None, steps_per_period: int,
-    window: Any, resolution: str | None, bands: tuple[str, ...], target: Target,
+    window: Any, resolution: str | None, bands: tuple[str, ...], limit: str | None, limit_band: str | None, target: Target,
 ) -> None:  # fmt: skip
     """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a
-    recording.
+    recording; --limit judges the lines of a recording.
     """
     from microvib.io.sources import open_source
     from microvib.reports.analysis import analysis_outcome
     from microvib.studies.analyse import analyse as run_analysis
+    from microvib.studies.recording_limits import judge_recording
 
+    allowed, judged = parse_limit(limit, limit_band, "limit_band"), None
+    opened, guide = open_source(source, read_preparation(prepare)), load_guide(scenario)
+    if allowed is not None:
+        judged = judge_recording(opened, allowed, channel=channel, scenario=guide)
     with progress_bar() as progress:
         analysis = run_analysis(
-            open_source(source, read_preparation(prepare)),
+            opened,
             name=source,
-            scenario=load_guide(scenario),
+            scenario=guide,
             channel=channel,
             step_rate=step_rate,
             steps_per_period=steps_per_period,
@@ -88,7 +96,7 @@ def analyse(
             bands=bands,
             progress=progress,
         )
-    target.present(analysis_outcome(analysis))
+    target.present(analysis_outcome(analysis, judged))
 
 
 @click.command()
@@ -106,38 +114,38 @@ def analyse(
     metavar="LOW:HIGH",
     help="Compare only lines in this band, such as '0.5:200 Hz'.",
 )
+@recording_limit_options
 def compare(
-    a: str,
-    b: str,
-    channel: str,
-    prepare: Path | None,
-    scenario: str | None,
-    bands: tuple[str, ...],
-    target: Target,
-) -> None:
+    a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, bands: tuple[str, ...],
+    limit: str | None, limit_band: str | None, target: Target,
+) -> None:  # fmt: skip
     """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines,
     or the reference lines of a scenario (state-1:measured, state-1:model)."""
     from microvib.io.sources import open_source
     from microvib.reports.comparison import comparison_outcome
     from microvib.studies.compare import compare as run_comparison
+    from microvib.studies.recording_limits import judge_sides
 
-    prepared = read_preparation(prepare)
+    prepared, allowed = read_preparation(prepare), parse_limit(limit, limit_band, "limit_band")
     first = open_source(a, prepared)
     if a == b:
         second = first
     else:
         second = open_source(b, prepared)
+    guide = load_guide(scenario)
     with progress_bar() as progress:
         found = run_comparison(
             first,
             second,
             names=(a, b),
-            scenario=load_guide(scenario),
+            scenario=guide,
             channel=channel,
             bands=bands,
             progress=progress,
         )
-    target.present(comparison_outcome(*found))
+    drive = guide or found.a.scenario or found.b.scenario
+    judged = judge_sides((first, second), allowed, channel, drive)
+    target.present(comparison_outcome(*found, judged=judged))
 
 
 @click.command()
@@ -150,14 +158,20 @@ def compare(
 @click.option(
     "--seed", default=1, help="Seed of the noise; the same seed gives the same recording."
 )
+@recording_limit_options
 @with_precompilation
-def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
+def measure(
+    scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int,
+    limit: str | None, limit_band: str | None,
+) -> None:  # fmt: skip
     """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
     from microvib.io.recordings import check_output, write_recording
     from microvib.io.scenario_file import load_bench
     from microvib.studies.measure import measure as run_bench
+    from microvib.studies.recording_limits import judge_components
 
     check_output(output)
+    allowed = parse_limit(limit, limit_band, "limit_band")
     tested = load(scenario, settings)
     with progress_bar() as progress:
         recording = run_bench(tested, load_bench(bench), seed=seed, progress=progress)
@@ -166,6 +180,9 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
         echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
     for note in recording.notes_on(f"M{tested.array.drive_axis}"):
         echo(note)
+    if allowed is not None:
+        for judged in judge_components(recording, allowed, tested):
+            echo(str(judged))
     echo(
         f"The file does not say so: where it is analysed, bench: {bench} in the preparation file"
         " does (--prepare)."

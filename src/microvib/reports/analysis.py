@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
+from microvib.analysis.limits import Judgement
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
 from microvib.reports import figures
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
+from microvib.reports.run.first_page import verdict_facts
+from microvib.reports.run.margins import margin_tables, margins_csv
 from microvib.reports.typography import file_name
 from microvib.results import (
     FREQUENCY,
@@ -58,9 +61,9 @@ class BandRms:
     rms: Annotated[float, Column("rms", "RMS", TORQUE)]
 
 
-def analysis_outcome(a: Analysis) -> Outcome:
+def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
     """An analysis for those who read it: lines with uncertainties, amplitude spectrum, density,
-    waterfall, RMS in bands.
+    waterfall, RMS in bands; where a limit was given, the verdict on its lines.
     """
     reach = figures.spectrum_upper_end(_largest(a))
 
@@ -68,7 +71,7 @@ def analysis_outcome(a: Analysis) -> Outcome:
         """How a spectrum was made, and its picture."""
 
         def draw() -> Figure:
-            return figures.draw_spectral(made, pretty(a.unit), reach, height, a.table)
+            return figures.draw_spectral(made, pretty(a.unit), reach, height, a.table, judged)
 
         text = str(made)
         return (Text(f"{text[:1].upper()}{text[1:]}."), Picture(name, draw, title))
@@ -79,18 +82,26 @@ def analysis_outcome(a: Analysis) -> Outcome:
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
         f"Lines with uncertainties and spectra of {_KINDS[a.unit]}.",
-        "",
-        tuple(_facts(a)),
+        "" if judged is None else judged.verdict,
+        (*(() if judged is None else verdict_facts(judged)), *_facts(a)),
         (
             Part("", (Pairs(tuple(_about(a))), *spectrum)),
+            Part("Against the limit", tuple(_against_limit(judged))),
             Part("Orders of the electrical period", _orders(a), new_page=True),
             Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
             Part("Power spectral density", density),
             Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
             Part("RMS in bands", (_bands(a),)),
         ),
-        other_files=_files(a),
+        other_files=_files(a) | ({} if judged is None else {"margins.csv": margins_csv(judged)}),
     )
+
+
+def _against_limit(judged: Judgement | None) -> Iterator[Item]:
+    """The verdict by a limit, and the lines with the smallest margins."""
+    if judged is not None:
+        yield Text(str(judged))
+        yield from margin_tables(judged)
 
 
 def _about(a: Analysis) -> Iterator[tuple[str, str]]:

@@ -158,18 +158,21 @@ _NAME: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "zorder":
          "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.85}}  # fmt: skip
 _NAME_ANGLE = 35.0
 """Angle of names at points [deg]."""
+_BEYOND_AXES = 16.0
+"""How far a name may go beyond the axes [pt]."""
 _LETTER, _ROW_HEIGHT = 0.6, 1.25
 """Width of a letter and height of a row, over the size of the type."""
 
 
 def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> list[str]:
     """Name points (x, y, text, bold), the important ones first; a name that would lie on an earlier
-    one is left out.
+    one is left out, and one that is not bold where it would go beyond the axes on the right.
 
     The axes must have their limits. Returns the texts that found room.
     """
     angle = np.radians(-_NAME_ANGLE)
     along = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    right = ax.get_window_extent().x1 * 72.0 / ax.figure.dpi
     taken: list[np.ndarray] = []
     said = []
     for x, y, text, bold in names:
@@ -177,7 +180,10 @@ def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> li
         size = _NAME["fontsize"] * np.array(
             [_LETTER * max(map(len, rows)), _ROW_HEIGHT * len(rows)]
         )
-        low = along @ ax.transData.transform((x, y)) * 72.0 / ax.figure.dpi
+        place = ax.transData.transform((x, y)) * 72.0 / ax.figure.dpi
+        if not bold and place[0] + size[0] * np.cos(angle) > right + _BEYOND_AXES:
+            continue
+        low = along @ place
         box = np.array([low, low + size])
         if any(np.all(box[0] < other[1]) and np.all(other[0] < box[1]) for other in taken):
             continue

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 import os
 import time
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
 from microvib.io.runs import (
@@ -33,6 +31,7 @@ from microvib.reports.document import Form
 from microvib.reports.outcome import Outcome, report
 from microvib.reports.rendering import report_files
 from microvib.reports.run.outcome import run_outcome
+from microvib.signals.limit_curve import Limit
 from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
 
@@ -125,8 +124,9 @@ def _contents(
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     summed = run_summary(result, **total)
     # so that the report can be made again
-    summed["limit"] = None if limit is None else asdict(limit)
-    return files | run_texts(result, summed)
+    summed |= outcome.data
+    summed["limit"] = None if limit is None else limit.as_dict()
+    return files | run_texts(result, summed) | dict(outcome.other_files)
 
 
 def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
@@ -149,13 +149,13 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
     if of_hub is not None:
         if result.second is not None:
             files["lines_wing_2.csv"] = lines_csv(result.second.table)
-        files["loads.csv"] = rows_csv(*of_hub.loads_table())
+        files["loads.csv"] = rows_csv(*of_hub.loads_table(result.left_out))
         if result.motion is not None:
             files["densities.csv"] = densities_csv(result.motion)
         if of_hub.second is not None:
-            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(second=True))
+            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(result.left_out, second=True))
         if of_hub.los is not None:
-            files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
+            files["pointing.csv"] = rows_csv(*of_hub.pointing_table(result.left_out))
             summed = summed | {"pointing": of_hub.summary()}
     return files | {
         "scenario.yaml": dump_scenario(result.scenario),

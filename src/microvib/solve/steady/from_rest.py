@@ -124,6 +124,14 @@ class RunFromRest:
         self.period.put(x, stick)
         self.made = 0
 
+    def take_away(self, deviation: np.ndarray) -> None:
+        """Take a ``deviation`` (n,) off the state; shafts that stick stay where they are."""
+        y = self.period.packed.state.y
+        for angle, rate in ((kernel.TM, kernel.WM), (kernel.TL, kernel.WL)):
+            if y[rate] == 0.0:
+                deviation[[angle, rate]] = 0.0
+        y -= deviation
+
     def place(self) -> Checkpoint:
         """Where the run is."""
         return Checkpoint([part.copy() for part in self.period.packed.state], self.made)

@@ -545,7 +545,7 @@ def _gaps(
     for line in table:
         if line.status == "growing" and line.amplitude > _MIN_GROWING_RATIO * table.largest:
             yield open_gap(f"{line.name} grows within the record (increase record.settle)")
-    if not steady and (gap := record_gap(scenario, table.duration)):
+    if gap := record_gap(scenario, table.duration, steady=steady):
         yield open_gap(gap.why)
     for key, band in noise_bands(scenario).items():
         yield open_gap(

@@ -673,18 +673,12 @@ def ratio_to_curve(
     """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band;
     ``single_axis`` as in ``figure``.
     """
-    curve = r.curve or ()
-    f, allowed = (
-        np.log([getattr(point, name) for point in curve]) for name in ("frequency", "amplitude")
-    )
     size = {
         "x": amplitude[:, 0],
         "y": amplitude[:, 1],
         "radial": amplitude.max(axis=1) if single_axis else np.hypot(*amplitude.T),
     }[r.axis]
-    at = np.log(np.maximum(frequency, 1e-300))
-    counts = counts_in_band(r, frequency) & (at >= f[0]) & (at <= f[-1])
-    return np.where(counts, size / np.exp(np.interp(at, f, allowed)), 0.0)
+    return np.where(counts_in_band(r, frequency), size / r.allowed.at(frequency), 0.0)
 
 
 def _assess_by_curve(

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.lines import steady_lines
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
@@ -39,6 +38,7 @@ from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run_outcome
 from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import BELOW_FLOOR
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
@@ -153,10 +153,11 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
     return {
         "text": str(judged),
         "verdict": judged.verdict,
-        "gaps": judged.gaps,
-        "torque": limit.torque,
+        "gaps": judged.all_gaps,
+        "torque": limit.torque if math.isfinite(limit.torque) else None,
         "low": limit.low,
         "high": limit.high if math.isfinite(limit.high) else None,
+        "curve": None if limit.is_one_number else limit.as_dict().get("curve"),
         "margins": [{"line": m.line.name, "verdict": m.verdict} for m in judged.margins],
         "facts": page_facts(run_facts(result, judged)),
         "parts": [page_part(part) for part in judged_parts(result, judged) if part.items],

@@ -370,9 +370,12 @@ class Verdict(BaseModel):
     verdict: Literal["pass", "fail", "not judged"]
     gaps: list[str]
     """Gaps in the judgement, and why."""
-    torque: float
+    torque: float | None
+    """Least that is allowed anywhere; None where only loads are limited."""
     low: float
     high: float | None
+    curve: list[tuple[float, float]] | None
+    """Points of a limit over frequency [Hz], [N m]; None of one number."""
     margins: list[MarginOf]
     facts: list[dict[str, str]]
     """Leading figures of the run against the limit."""
