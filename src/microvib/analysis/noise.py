@@ -191,7 +191,7 @@ def _unexplained_by_noise(
 
 
 def _of_slow_noise(table: LineTable, limit: LimitCurve, scenario: Scenario) -> Iterator[Margin]:
-    """What noise that is slow beside the record may make where it shows nothing, where that may be
+    """Margin of what noise that is slow beside the record may make where it shows nothing, where that may be
     above the limit.
     """
     at = slow_noise_places(scenario, table.duration, (limit.low, limit.high))
@@ -237,7 +237,7 @@ def with_other_draws(
 
 
 def _added_by_other_draws(scenario: Scenario, duration: float, frequency: float) -> float:
-    """What other draws may add to a line at a ``frequency`` [Hz], or take from it [N m]."""
+    """Torque that other draws may add to a line at a ``frequency`` [Hz], or take from it [N m]."""
     at = np.array([frequency])
     direct = _IN_OTHER_DRAWS * _direct(scenario, duration, at)[0]
     return float(direct + slow_noise_bound(scenario, duration, at)[0])

@@ -83,7 +83,7 @@ class HubLines:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What is not among these lines, in words: in ``left_out`` of their tables."""
+        """Parts that are not among these lines, in words: in ``left_out`` of their tables."""
         drives = (self.scenario, self.scenario.driven_wing)
         keys = dict.fromkeys(
             key for drive in drives if drive is not None for key in noise_bands(drive)

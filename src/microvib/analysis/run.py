@@ -130,7 +130,7 @@ class RunResult:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What its lines do not show of the motion that lasts, in words: for the tables that others
+        """Parts of the lasting motion that its lines do not show, in words: for the tables that others
         may take for a source.
         """
         found = []

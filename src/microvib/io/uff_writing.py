@@ -14,7 +14,7 @@ import numpy as np
 
 from microvib.testdata.time_axis import snapped_rate
 
-FUNCTIONS = {"time": 1, "response": 4, "density": 9, "spectrum": 12}
+FUNCTIONS = {"time": 1, "response": 4, "coherence": 6, "density": 9, "spectrum": 12}
 """Numbers of the functions of dataset 58 that are written."""
 _TIME, _FREQUENCY = 17, 18
 _GENERAL = 1

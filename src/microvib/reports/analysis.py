@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
+from microvib.analysis.background import BackgroundLine, mains_harmonic
 from microvib.analysis.limits import Judgement
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
@@ -47,6 +48,8 @@ _LINE_COLUMNS = (
     "amplitude_n_m",
     "amplitude_uncertainty_n_m",
     "floor_n_m",
+    "background_n_m",
+    "mains",
     "origin",
     "status",
 )
@@ -71,7 +74,11 @@ def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
         """How a spectrum was made, and its picture."""
 
         def draw() -> Figure:
-            return figures.draw_spectral(made, pretty(a.unit), reach, height, a.table, judged)
+            drawing = figures.draw_spectral(made, pretty(a.unit), reach, height, a.table, judged)
+            if made is a.spectrum and a.background is not None:
+                marks = [(x.frequency, x.amplitude, bool(x.mains)) for x in a.background_lines]
+                figures.add_background(drawing.axes[0], a.background, marks)
+            return drawing
 
         text = str(made)
         return (Text(f"{text[:1].upper()}{text[1:]}."), Picture(name, draw, title))
@@ -89,6 +96,7 @@ def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
             Part("Against the limit", tuple(_against_limit(judged))),
             Part("Orders of the electrical period", _orders(a), new_page=True),
             Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
+            Part("Lines with the drive off", _of_background(a)),
             Part("Power spectral density", density),
             Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
             Part("RMS in bands", (_bands(a),)),
@@ -126,7 +134,11 @@ def _orders(a: Analysis) -> tuple[Table, ...]:
     """The orders of the electrical period, each with whether it is above the noise floor."""
     if not a.orders:
         return ()
-    return (_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),)
+    return (
+        in_unit_of_channel(
+            Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit
+        ),
+    )
 
 
 _ORDERS_CAPTION = (
@@ -142,8 +154,35 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
     shown = [line for line in a.table.notable() if not (a.orders and line.of_clock)]
     if a.orders and not shown:
         return ()
-    found = Table.of("", Line, shown, caption=_LINES_CAPTION)
-    return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
+    found = _with_mains(Table.of("", Line, shown, caption=_LINES_CAPTION), shown, a)
+    return (in_unit_of_channel(found.only(_LINE_COLUMNS), a.unit),)
+
+
+def _of_background(a: Analysis) -> tuple[Item, ...]:
+    """Lines of the background."""
+    if a.background is None:
+        return ()
+    if not a.background_lines:
+        return (Text("No line stands out of the background."),)
+    table = Table.of(
+        "background", BackgroundLine, a.background_lines, brief=12, caption=_BACKGROUND_CAPTION
+    )
+    return (in_unit_of_channel(table, a.unit),)
+
+
+_BACKGROUND_CAPTION = (
+    "The recording's largest amplitude within a part in a thousand of each line of the background. Where a"
+    " line of the drive is there, too, its background says whether it is judged."
+)
+
+
+def _with_mains(table: Table, lines: list[Line], a: Analysis) -> Table:
+    """The table with a column of the mains' harmonics that lines may be pick-up of, where any may."""
+    marks = [mains_harmonic(line.place, a.recording.duration) for line in lines]
+    if not any(marks):
+        return table
+    rows = tuple((*row, mark) for row, mark in zip(table.rows, marks, strict=True))
+    return replace(table, columns=(*table.columns, Column("mains", "mains?")), rows=rows)
 
 
 _LINES_CAPTION = (
@@ -152,7 +191,7 @@ _LINES_CAPTION = (
 )
 
 
-def _in_unit(table: Table, unit: str) -> Table:
+def in_unit_of_channel(table: Table, unit: str) -> Table:
     """A table of torques as one of forces or accelerations, where the channel is one."""
     return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
 
@@ -181,7 +220,7 @@ def _bands(a: Analysis) -> Table:
     bands = [BandRms(f"{low:g} to {high:g} Hz", rms) for low, high, rms in a.bands]
     bands.append(BandRms("whole record, about its mean", _rms(a)))
     caption = "RMS in 1/3-octave bands is in `third_octaves.csv`."
-    return _in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
+    return in_unit_of_channel(Table.of("", BandRms, bands, caption=caption), a.unit)
 
 
 def _files(a: Analysis) -> dict[str, str]:

@@ -235,7 +235,7 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
     if unusable:
         rest += (
             f" {count_text(len(unusable), 'line')} beyond the usable band of the force table or"
-            f" near its resonances{_names(unusable)}."
+            f" near its resonances, where it was not corrected, or in the background{_names(unusable)}."
         )
     unsteady = [r for r in of[UNJUDGED] if r.usable and not r.steady]
     if unsteady:

@@ -277,6 +277,31 @@ def draw_amplitudes(
     )
 
 
+def add_background(
+    ax: Axes, background: Spectrum, lines: Sequence[tuple[float, float, bool]]
+) -> None:
+    """The floor of a background's spectrum before that of a recording, and its ``lines``: frequency,
+    amplitude, and whether they are the mains'."""
+    from scipy.ndimage import median_filter
+
+    f = background.frequency
+    keep = (f > 0.0) & (f <= ax.get_xlim()[1])
+    floor = median_filter(background.amplitude, size=_FLOOR_BINS)[keep]
+    ax.semilogy(f[keep], 1e3 * floor, color="k", lw=1.0, label="floor with the drive off")
+    for mains, marker, label in (
+        (False, "x", "line with the drive off"),
+        (True, "^", "mains line with the drive off"),
+    ):
+        own = [(at, 1e3 * size) for at, size, is_mains in lines if is_mains == mains]
+        own = [(at, size) for at, size in own if at <= ax.get_xlim()[1]]
+        if own:
+            ax.plot(*zip(*own, strict=True), marker, color="k", ms=5, ls="", label=label, zorder=6)
+    ax.legend(loc="upper right", fontsize=7.5)
+
+
+_FLOOR_BINS = 101
+
+
 def _made_by(s: Spectrum) -> str:
     return f"{window_name(s.window)}, {s.samples / s.sample_rate:g} s, {s.resolution:.4g} Hz bins"
 

@@ -134,13 +134,13 @@ class _LinesOfPieces(NamedTuple):
 
     bins: np.ndarray
     values: np.ndarray
-    """What each adds to its bin of the first piece."""
+    """Contribution of each to its bin of the first piece."""
     turns: np.ndarray
     """By how much its phase turns with each sample [rad]."""
 
     @classmethod
     def of(cls, series: np.ndarray, comb: int, size: int, length: int) -> _LinesOfPieces:
-        """Of a period of ``size`` samples, in pieces of ``length``."""
+        """Make the lines of a period of ``size`` samples, in pieces of ``length``."""
         orders = np.arange(comb, series.size, comb)
         nearest = np.round(orders * _FINER * length / size).astype(int)
         bins = nearest[:, None] + np.arange(-_FINER, _FINER + 1)

@@ -45,7 +45,11 @@ NOISE_DRIVEN = (
 )
 BEYOND_USABLE = "beyond the usable band"  # status of a line that the force table is not used at
 NEAR_RESONANCE = "near a table resonance"  # status of a line that the force table distorts
-DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE)
+BEYOND_RESPONSE = "beyond the table's FRF"  # status of a line that could not be corrected
+DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE, BEYOND_RESPONSE)
+IN_BACKGROUND = "in the background"  # status of a line that is there with the drive off, too
+NOT_THE_DRIVES = (*DISTORTED, IN_BACKGROUND)
+"""Statuses of lines that are seen and not judged as the drive's."""
 _DETECTED_STATUSES = ("ok", "decaying", "growing", NOISE_DRIVEN)
 """Statuses of detected lines, whose values were estimated."""
 
@@ -112,7 +116,9 @@ class Line(LineKindProperties):
     """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
     decay_uncertainty: Annotated[float, Column("decay_uncertainty_per_s", measure=DECAY)] = math.nan
     status: Annotated[str, Column("status", "status")] = ""
-    background: Annotated[float, Column("background_n_m", measure=TORQUE)] = math.nan
+    background: Annotated[float, Column("background_n_m", "background", TORQUE_UNCERTAINTY)] = (
+        math.nan
+    )
     """Amplitude of the background recording at this frequency; nan without one."""
     noise_mean: Annotated[float, Column("noise_mean_n_m", measure=TORQUE)] = math.nan
     """Amplitude that noise alone gives the line, by the linearised drive: its mean over draws; nan
@@ -414,7 +420,7 @@ class LineTable:
     rest: ResidualPeaks | None = field(default=None, compare=False)
     """Residual peaks; None where they were not determined."""
     pieces: ResidualPeaks | None = field(default=None, compare=False)
-    """Of a steady state, amplitudes in pieces of its period that are larger than its lines about them;
+    """Amplitudes in pieces of the period of a steady state that are larger than its lines about them;
     None where nothing changes slowly within it.
     """
     excess: tuple[Excess, ...] = field(default=(), compare=False)

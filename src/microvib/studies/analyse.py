@@ -9,6 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis import spectra
+from microvib.analysis.background import (
+    BackgroundLine,
+    background_notes,
+    lines_of_background,
+)
 from microvib.analysis.lines import (
     CLOCK_TOLERANCE,
     lines_of_recording,
@@ -31,6 +36,7 @@ from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source, open_source
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.signals.line_fit import with_background
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
@@ -66,6 +72,10 @@ class Analysis:
     waterfall: Waterfall
     bands: tuple[tuple[float, float, float], ...]
     """Lower and upper end [Hz] of the bands asked for, and their RMS."""
+    background: Spectrum | None = None
+    """Amplitude spectrum of the background, where there is one."""
+    background_lines: tuple[BackgroundLine, ...] = ()
+    """Lines of the background, the largest first."""
     orders: tuple[OrderLine, ...] = ()
     """Orders of the electrical period, where a step clock was stated, or the channel is an
     acceleration and the scenario has one.
@@ -140,8 +150,12 @@ def analyse(  # noqa: PLR0913 - keyword options
         found = table.clock_ratio
     recording.load_or_acceleration(channel)  # which refuses what is none of them
     density = spectra.psd(recording, channel, resolution, window)
+    of_background = None
     if background is not None:
         density = density.less(spectra.psd(background, channel, Si(density.resolution), window))
+        of_background = spectra.spectrum(background, channel, window)
+        for note in background_notes(recording, background, channel, table):
+            recording = recording.noted(note)
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -153,6 +167,8 @@ def analyse(  # noqa: PLR0913 - keyword options
         density=density,
         waterfall=spectra.waterfall(recording, channel, resolution, window),
         bands=tuple((low, high, density.band_rms(low, high)) for low, high in map(band, bands)),
+        background=of_background,
+        background_lines=lines_of_background(recording, background, channel, table),
         orders=_orders(table, recording[channel]) if clock else (),
     )
 
@@ -201,6 +217,8 @@ def _at_orders(
         table = lines_without_clock(recording, channel)
         return recording.noted(NO_CLOCK_NOTE), prepared.background, table, expected
     table = lines_at_orders(recording, channel, clock)
+    if prepared.background is not None:
+        table = with_background(table, prepared.background[channel])
     if table.clock_ratio is None:
         recording = recording.noted(
             f"no order of {clock.electrical_frequency:.6g} Hz is above the noise floor within"

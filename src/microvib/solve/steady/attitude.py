@@ -1,4 +1,4 @@
-"""What attitude control still swings of a start, told from two states of a run, so that it need not
+"""Swing of attitude control that a start leaves, told from two states of a run, so that it need not
 be waited for.
 
 The torque by which a run is taken for settled hardly knows of it: the modes of attitude control are

@@ -1,4 +1,4 @@
-"""What the table of a budget's lines leaves out of each source, in words.
+"""Parts that the table of a budget's lines leaves out of each source, in words.
 
 A budget knows more of a source than lines: ranges that they pass, densities, what was not looked at
 and how large that may be at most. Whoever takes ``lines.csv`` for a source of another budget has the
@@ -34,7 +34,7 @@ def left_out_of_lines(contributions: Sequence[Contribution], angles: int = 0) ->
 
 
 def _left_out(one: Contribution) -> Iterator[str]:
-    """What the lines of a source do not say of it."""
+    """Parts of a source that its lines do not say."""
     if one.alternatives or one.sweep is not None:
         yield f"other speeds ({one.how}, of which one is listed)"
     if one.density is not None:

@@ -257,7 +257,7 @@ def _of_lines(
     if chosen == LOS_COLUMNS:
         relative_error = _stated_errors(path, rows, sizes)
     if left_out:  # what is not there may have changed what is
-        relative_error = relative_error + _doubt_of_marked(rows)
+        relative_error = relative_error + _tolerance_of_marked(rows)
     rings = None
     if "settled" in rows[0]:  # as a budget's own lines.csv says it
         rings = np.array(
@@ -283,7 +283,7 @@ def _stated_errors(path: Path, rows: list[dict[str, str]], sizes: np.ndarray) ->
     return np.array(ends)
 
 
-def _doubt_of_marked(rows: list[dict[str, str]]) -> np.ndarray:
+def _tolerance_of_marked(rows: list[dict[str, str]]) -> np.ndarray:
     """Part by which lines may be smaller, (2, k, 1), beside others that are left out: all of it,
     but where the table says how small they may be.
     """
