@@ -199,3 +199,16 @@ def test_options_of_a_format_are_those_of_the_command(
     options.get_by_label("grid", exact=True).fill("none", timeout=20_000)
     link.click()
     api.expect(page.locator("#alert")).to_contain_text("nastran: grid: 'none' is not allowed")
+
+
+def test_a_limit_over_frequency_is_pasted(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    run(page)
+    table = "frequency [Hz],torque [mN m]\n1,100\n40,100\n60,1\n400,1\n"
+    verdict = limit(page, table)
+    api.expect(verdict).to_contain_text("FAIL")
+    curve = "document.querySelector('#spectrum-plot').data.find((one) => one.name === 'limit')"
+    until(page, f"Boolean({curve})")
+    points = page.evaluate(f"() => [{curve}.x, {curve}.y]")
+    assert points[0] == [1, 40, 60, 400]
+    assert points[1] == pytest.approx([0.1, 0.1, 0.001, 0.001])

@@ -101,6 +101,7 @@ async function show(shown, spectra) {
   const named = shown.length <= NAMES;
   const traces = shown.flatMap((run, k) => [{ ...curve(run, spectra[k]), showlegend: named }, ...(view.channel === "T_d" ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...referenceDots(shown));
+  traces.push(...limitCurve(view.channel === "T_d" ? verdictOf(shown.at(-1)) : null));
   const measured = String(area());
   await draw(plot, traces, layout(shown, spectra));
   if (measured !== String(area())) await draw(plot, traces, layout(shown, spectra)); // names have their places in pixels
@@ -237,7 +238,7 @@ function names(run, axes, limit) {
   const turn = ({ line }) => (first.includes(line) ? first.indexOf(line) : first.length);
   inside.sort((a, b) => turn(a) - turn(b) || rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
   const dots = inside.map((line) => about(axes.right(line.frequency_hz), axes.down(line.amplitude_n_m), 4));
-  if (limit) {
+  if (isOneNumber(limit)) {
     const y = axes.down(limit.torque);
     dots.push({ left: axes.width - 100, right: axes.width, top: y - 15, bottom: y }); // its name
     dots.push({ left: 0, right: axes.width, top: y - 2, bottom: y + 2 });
@@ -309,15 +310,33 @@ const span = ({ low, high }, axes) => [
   Math.min(high === null ? axes.width : axes.right(high), axes.width) / axes.width,
 ];
 
+/** A limit over frequency; in a mode of its own, so that no cursor takes it for a spectrum. */
+function limitCurve(limit) {
+  if (!limit?.curve) return [];
+  return [
+    {
+      x: limit.curve.map(([f]) => f),
+      y: limit.curve.map(([, torque]) => axis.y(torque)),
+      name: "limit",
+      mode: "lines+markers",
+      line: { color: LIMIT, width: 2 },
+      marker: { color: LIMIT, size: 4 },
+      hovertemplate: `limit<br>%{x:.5g} Hz<br>%{y:.4g} ${axis.printed}<extra></extra>`,
+    },
+  ];
+}
+
+const isOneNumber = (limit) => Boolean(limit) && limit.torque !== null && !limit.curve;
+
 function limitLine(limit, axes) {
-  if (!limit) return [];
+  if (!isOneNumber(limit)) return [];
   const [x0, x1] = span(limit, axes);
   const line = { color: LIMIT, width: 2 };
   return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: axis.y(limit.torque), y1: axis.y(limit.torque), line }] : [];
 }
 
 function limitName(limit, axes) {
-  if (!limit) return [];
+  if (!isOneNumber(limit)) return [];
   const [x0, x1] = span(limit, axes);
   const text = `limit ${inUnits(limit.torque, "N*m", 3)}`;
   const font = { size: SIZE, color: LIMIT };
