@@ -80,6 +80,10 @@ DONE = {
     "schema": ["schema"],
     "budget": ["budget", "craft.yaml", *SHORT],
     "docs": ["docs", "--path"],
+    "track": ["track", "old.csv", "--orders", "1", "--profile", "0 s:53.01 Hz, 2 s:53.01 Hz", "--clock", "stated"],
+    "repeatability": ["repeatability", "A=old.csv", "A=again.csv"],
+    "hammer": ["hammer", "Mz@1m=blows.csv", "--mounted-mass", "0 kg"],
+    "acceptance": ["acceptance", "A=old.csv", "A=again.csv", "--template", "report.md", "--out", "accepted"],
     "export": ["export", "old", "--as", "mat", "-o", "exported.mat"],
     "export --list": ["export", "--list"],
 }
@@ -137,6 +141,10 @@ REFUSED = {
     "new": (["new", "study.yaml"], "already exists"),
     "sensitivity": (["sensitivity", "state-1"], "no value of this scenario has a range"),
     "budget": (["budget", "state-1"], "spacecraft: missing"),
+    "track": (["track", "old.csv", "--orders", "1"], "no reference is given"),
+    "repeatability": (["repeatability", "A=old.csv"], "repeatability needs two or more"),
+    "hammer": (["hammer", "Mz=blows.csv", "--mounted-mass", "0 kg"], "a torque needs a lever arm"),
+    "acceptance": (["acceptance", "A=old.csv", "--template", "nowhere.md", "--out", "a"], "nowhere.md"),
     "quiet": (["quiet", "state-1", "--lever", "spring"], "lever spring: is none"),
     "export": (["export", "state-1", "--as", "matlab", "-o", "a.mat"], "--as matlab: is not known"),
 }

@@ -13,12 +13,13 @@ from microvib.cli.common import (
     Target,
     limit_options,
     load_guide,
+    parse_limit,
     read_preparation,
     recording_options,
     target_options,
 )
 from microvib.cli.progress import progress_bar
-from microvib.errors import OptionError
+from microvib.errors import MicrovibError, OptionError
 from microvib.units import quantity
 
 if TYPE_CHECKING:
@@ -91,22 +92,19 @@ def _parse_hits(given: str) -> tuple[str, float, str]:
     """Component, lever arm [m] and file of LOAD[@ARM]=FILE."""
     found = _LOAD.fullmatch(given)
     if found is None:
-        raise OptionError(
-            "hits",
+        raise MicrovibError(
             f"'{given}' is not allowed; LOAD=FILE is expected, such as Fz=up.uff or Mz@0.2m=twist.uff",
         )
     load, arm, file = found.groups()
     if load.startswith("F"):
         if arm is not None:
-            raise OptionError("hits", f"'{given}': a force has no lever arm; leave @{arm} out")
+            raise MicrovibError(f"'{given}': a force has no lever arm; leave @{arm} out")
         return load, 1.0, file
     if arm is None:
-        raise OptionError(
-            "hits", f"'{given}': a torque needs a lever arm, such as {load}@0.2m={file}"
-        )
+        raise MicrovibError(f"'{given}': a torque needs a lever arm, such as {load}@0.2m={file}")
     length = quantity(f"{load}, lever arm", arm, "m")
     if length == 0.0:
-        raise OptionError("hits", f"'{given}': a lever arm of 0 m makes no torque")
+        raise MicrovibError(f"'{given}': a lever arm of 0 m makes no torque")
     return load, length, file
 
 
@@ -148,8 +146,8 @@ def _read_runs(runs: tuple[str, ...], preparation: Preparation | None) -> list[R
 
     parsed = [_parse_run(given) for given in runs]
     if len({bool(unit) for unit, _ in parsed}) > 1:
-        raise OptionError(
-            "runs", "some have a unit and some have none; give a unit to all, UNIT=FILE, or to none"
+        raise MicrovibError(
+            "some recordings have a unit and some have none; give a unit to all, UNIT=FILE, or to none"
         )
     return [RecordedRun(file, read_prepared(file, preparation), unit) for unit, file in parsed]
 
@@ -207,7 +205,6 @@ def acceptance(
         read_template,
         read_words,
     )
-    from microvib.signals.limit_curve import Limit
     from microvib.studies.acceptance import acceptance as run_acceptance
 
     if target.out is None:
@@ -229,7 +226,7 @@ def acceptance(
             _read_runs(runs, preparation),
             scenario=load_guide(scenario),
             channel=channel,
-            limit=Limit.of(limit, band),
+            limit=parse_limit(limit, band),
             reference=None if reference is None else open_source(reference, preparation),
             reference_name=reference or "",
             hammer=table,

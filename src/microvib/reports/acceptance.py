@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from microvib.analysis.limits import Judgement
 from microvib.errors import MicrovibError, did_you_mean
 from microvib.reports import document, sheets
 from microvib.reports.analysis import analysis_outcome
@@ -20,8 +19,9 @@ from microvib.reports.document import Block, Contents, Fact, Section, Text
 from microvib.reports.hammer import hammer_outcome
 from microvib.reports.outcome import Item, Outcome, Pairs, Picture, report_table, text_files
 from microvib.reports.repeatability import repeatability_outcome
+from microvib.reports.run.margins import margin_tables
 from microvib.reports.typography import file_name
-from microvib.results import DECIBEL, LINE_FREQUENCY, TORQUE, Column, Table
+from microvib.results import DECIBEL, Column, Table
 from microvib.studies.acceptance import AcceptanceTest, JudgedRun
 from microvib.studies.compare import misread
 from microvib.text_tables import counted
@@ -33,19 +33,6 @@ LARGEST_TEMPLATE = 1_000_000
 """Bytes of the largest template that is read."""
 _MARK = re.compile(r"\x02([^\x03]*)\x03")
 """Mark that a part leaves in the rendered text."""
-_MOST_MARGINS = 12
-
-
-@dataclass(frozen=True)
-class MarginRow:
-    """A line against the limit."""
-
-    line: Annotated[str, Column("line", "line")]
-    frequency: Annotated[float, Column("frequency_hz", "frequency", LINE_FREQUENCY)]
-    amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
-    margin: Annotated[float, Column("margin_db", "margin", DECIBEL)]
-    verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
-    why: Annotated[str, Column("why", "why")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,22 +159,13 @@ def _run_parts(k: int, run: JudgedRun, outcome: Outcome) -> NamedParts:
         "bands": _items_of(outcome, "RMS in bands"),
     }
     if run.judgement is not None:
-        items["limit"] = _margins(run.judgement)
+        items["limit"] = (Text(str(run.judgement)), *margin_tables(run.judgement))
     facts = {"name": file_name(run.run.name), "unit": run.run.unit, "verdict": run.verdict}
     return NamedParts(f"run {k}.", items, facts)
 
 
 def _items_of(outcome: Outcome, title: str) -> tuple[Item, ...]:
     return next((tuple(part.shown) for part in outcome.parts if part.title == title), ())
-
-
-def _margins(judgement: Judgement) -> tuple[Item, ...]:
-    """The verdict and the smallest margins."""
-    rows = [
-        MarginRow(x.line.name, x.line.place, x.amplitude, x.decibel, x.verdict, x.why)
-        for x in judgement.margins[:_MOST_MARGINS]
-    ]
-    return (Text(str(judgement)), *((Table.of("", MarginRow, rows),) if rows else ()))
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from microvib.analysis.limits import Judgement, judge
-from microvib.analysis.lines import lines_of_recording
+from microvib.analysis.limits import Judgement
 from microvib.analysis.margins import Verdict, worst_verdict
 from microvib.errors import MicrovibError
 from microvib.io.sources import Source
@@ -18,6 +17,7 @@ from microvib.solve.integration import Progress
 from microvib.studies.analyse import Analysis, analyse
 from microvib.studies.compare import Comparison, compare
 from microvib.studies.hammer import HammerTest
+from microvib.studies.recording_limits import judge_recording
 from microvib.studies.repeatability import RecordedRun, Repeatability, repeatability
 
 
@@ -104,9 +104,7 @@ def acceptance(  # noqa: PLR0913 - keyword options
         found = analyse(run.source, name=run.name, scenario=guide, channel=channel)
         judgement = None
         if limit is not None:
-            recording = run.source.recording
-            table = lines_of_recording(recording, channel, guide, run.source.background)
-            judgement = judge(table, limit, guide)
+            judgement = judge_recording(run.source, limit, channel=channel, scenario=guide)
         judged_runs.append(JudgedRun(run, found, judgement))
     compared = None
     if reference is not None:

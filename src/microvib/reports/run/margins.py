@@ -25,7 +25,7 @@ _FORCE = Measure("mN", 1e-3, "#.4g")
 
 @dataclass(frozen=True)
 class MarginRow:
-    """A line beside what is allowed where it stands; SI units."""
+    """A line and its limit; SI units."""
 
     component: Annotated[str, Column("component", "of")]
     line: Annotated[str, Column("line", "line")]
@@ -77,7 +77,7 @@ def margin_items(judged: Judgement) -> Iterator[Item]:
         return
     yield from margin_tables(judged)
     yield Text(
-        "The limit is the least that is allowed within what the line's frequency is known to; between"
+        "The limit is the strictest within the uncertainty of the line's frequency; between"
         " points of the curve it is straight on logarithmic scales."
     )
 
