@@ -114,6 +114,28 @@ def test_runs_are_kept_overlaid_and_removed(visit: Callable[..., Any]) -> None:
     api.expect(page.locator(".chip")).to_have_count(1)
 
 
+def test_a_run_that_is_started_while_the_page_loads_is_chosen_and_kept(
+    visit: Callable[..., Any],
+) -> None:
+    """Run can be pressed before the other tabs' scripts are there."""
+    page, held = visit(QUICK), []
+    run(page)
+    page.route("**/angles.js*", lambda route: held.append(route))
+    page.reload(wait_until="commit")
+    page.wait_for_selector("#go:enabled")
+    page.click("#go")
+    drawn(page, 2)
+    assert held
+    assert page.locator("html[data-ready]").count() == 0
+    for route in held:
+        route.continue_()
+    page.wait_for_selector("html[data-ready]")
+    api.expect(page.locator("#run .facts")).to_be_visible()
+    assert float(amplitude(page, "drive_1")) > 1.0
+    page.reload()
+    drawn(page, 2)
+
+
 def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     run(page)

@@ -206,11 +206,11 @@ makeForm();
 makeRun($("#run"));
 listen();
 scenario.tell(); // what was heard before there was a form
+runs.restore(); // before another can be started, which is then chosen and kept beside them
 for (const button of [$("#go"), $("#five")]) button.disabled = false; // until now there was nothing to run
 await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
 await makeOthers();
 scenario.tell();
 openTab(tabs.find((tab) => tab.id === kept("tab")) ?? tabs[0]);
-runs.restore();
 document.documentElement.dataset.ready = "";
 (window.requestIdleCallback ?? setTimeout)(() => loadPlotly().catch((error) => announce(error.message, { error: true })));
