@@ -15,6 +15,8 @@ PAGES = [
     *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md")),
 ]
 
+RUN_ELSEWHERE = {"docs/howto/acceptance-test.md": "tests/test_acceptance.py"}
+"""Pages with a test of their own, which runs their lines as they stand."""
 SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],
     "--angles 0:180:15": [*SHORT, "--angles", "0:180:90"],
@@ -131,7 +133,7 @@ def words_of(line: str) -> list[str]:
     [
         pytest.param(page, marks=() if page == "README.md" else pytest.mark.long)
         for page in PAGES
-        if lines_of(page)
+        if lines_of(page) and page not in RUN_ELSEWHERE
     ],
 )
 def test_the_lines_of_a_page_run_as_printed(page, tmp_path):

@@ -116,7 +116,7 @@ def test_entries_are_renamed_found_deleted_and_brought_back(
         api.expect(page.locator(".chip .name span")).to_have_text("first light")
         row(page, "first light").get_by_role("button", name="Delete").click()
         page.get_by_role("button", name="Undo", exact=True).wait_for()
-        assert row(page, "first light").count() == 0
+        api.expect(row(page, "first light")).to_have_count(0)
         until(page, "document.querySelectorAll('.chip').length === 0")
         page.get_by_role("button", name="Undo", exact=True).click()
         row(page, "first light").get_by_role("button", name="Open").click()
