@@ -5,11 +5,15 @@ from __future__ import annotations
 import gc
 import os
 import re
+import shutil
 import signal
+import tempfile
 from pathlib import Path
 
 # As the command line does: matrices are small here, and threads of BLAS wait for each other at the cost of other tests.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# The page's library, which servers of tests must not share with this user's.
+os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="microvib-tests-")
 
 import pytest
 from support.scenarios import baseline
@@ -28,6 +32,10 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("COLUMNS", None)  # workers of xdist have it; tables are as wide as in a pipe
     if config.args_source is not config.ArgsSource.ARGS and not config.option.markexpr:
         config.option.markexpr = "not long and not release"
+
+
+def pytest_unconfigure() -> None:
+    shutil.rmtree(os.environ["XDG_DATA_HOME"], ignore_errors=True)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -15,6 +15,8 @@ PAGES = [
     *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md")),
 ]
 
+RUN_ELSEWHERE = {"docs/howto/acceptance-test.md": "tests/test_acceptance.py"}
+"""Pages with a test of their own, which runs their lines as they stand."""
 SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],
     "--angles 0:180:15": [*SHORT, "--angles", "0:180:90"],
@@ -59,6 +61,7 @@ NOT_RUN = {
     "one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
     "--recording table.csv": "a recording of the reader's own; tests/test_budget.py takes one",
     "--campaign batch --steady": "a campaign of the reader's own; tests/test_budget.py takes one",
+    "microvib analyse unit-1.uff": "recordings of the reader's own; tests/test_sections.py makes some",
     "microvib sensitivity my-drive.yaml": "the drive's ranges come from a data sheet; tests/test_sensitivity.py",
     "microvib profile my-drive.yaml": "a minute; tests/test_profiles.py runs the command",
     "microvib quiet": "minutes; tests/test_quiet.py and test_commands.py run it",
@@ -82,6 +85,7 @@ GIVEN: dict[str, dict[str, str]] = {
     "docs/howto/array.md": {"my-array.yaml": ARRAY, "my-drive.yaml": DRIVE},
     "docs/howto/export.md": {"my-drive.yaml": DRIVE}
     | {f"examples/{name}": text for name, text in CRAFT.items()},
+    "docs/howto/limit-curves.md": {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
     "docs/howto/pointing.md": CRAFT | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
     "docs/howto/quiet.md": {f"examples/{name}": text for name, text in CRAFT.items()},
@@ -101,9 +105,11 @@ def lines_of(page: str) -> list[str]:
 
 
 def printed(page: str) -> dict[str, str]:
-    """Files that a page prints: YAML that begins with its name as a comment."""
+    """Files that a page prints: YAML or CSV that begins with its name as a comment."""
     text = (ROOT / page).read_text("utf-8")
-    return dict(re.findall(r"^```yaml\n# (\S+\.yaml)$(.*?)^```$", text, re.M | re.S))
+    return dict(
+        re.findall(r"^```(?:yaml|text)\n# (\S+\.(?:yaml|csv))$\n(.*?)^```$", text, re.M | re.S)
+    )
 
 
 def fewer(text: str) -> str:
@@ -127,7 +133,7 @@ def words_of(line: str) -> list[str]:
     [
         pytest.param(page, marks=() if page == "README.md" else pytest.mark.long)
         for page in PAGES
-        if lines_of(page)
+        if lines_of(page) and page not in RUN_ELSEWHERE
     ],
 )
 def test_the_lines_of_a_page_run_as_printed(page, tmp_path):

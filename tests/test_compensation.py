@@ -176,6 +176,39 @@ def test_a_record_of_a_part_of_the_cycle_judges_no_line():
     assert judge(short, limit, s).verdict == "not judged"
 
 
+def weak_compensation(amplitude: float, **record: float) -> mv.Scenario:
+    """Compensation of the first order that changes the rate by 4.85e-4 for each arcsecond of its
+    amplitude [arcsec].
+    """
+    changes = {
+        "driver.compensation": [{"order": 1, "amplitude": math.radians(amplitude / 3600.0)}],
+        "driver.microsteps": 64,
+        "record.settle": 60.0,
+        "record.duration": 8.0,
+    }
+    return baseline().with_si(changes | {f"record.{key}": value for key, value in record.items()})
+
+
+def test_compensation_counts_by_how_far_it_shifts_the_highest_line_of_a_record():
+    shifted = weak_compensation(1.9)
+    assert "driver.compensation (order 1)" in record_gap(shifted, 8.0).why
+    assert record_gap(weak_compensation(0.12), 8.0) is not None  # by 0.67 bins
+    assert record_gap(weak_compensation(0.12), 4.0) is None
+    assert record_gap(weak_compensation(1.9, sample_rate=64.0, duration=4.0), 4.0) is None
+    assert record_gap(shifted, 130.0) is None
+
+
+def test_a_line_that_compensation_moves_into_a_narrow_band_is_not_passed_before():
+    """Its rate changes by less than a thousandth, and a high line by many bins."""
+    s = weak_compensation(1.9)
+    table = mv.find_lines(mv.simulate(s, channels=("T_d",)))
+    line = max((x for x in table if x.seen and 630.0 < x.place < 650.0), key=lambda x: x.amplitude)
+    for low, high in ((line.place - 0.6, line.place - 0.3), (line.place + 0.3, line.place + 0.6)):
+        judged = judge(table, limit_of(0.5 * line.amplitude, low, high), s)
+        assert judged.verdict == "not judged"
+        assert "driver.compensation (order 1) repeats after 60 s" in str(judged)
+
+
 def test_a_scenario_with_compensation_is_written_read_and_changed(tmp_path):
     s = smooth(**COMPENSATION)
     (tmp_path / "drive.yaml").write_text(dump_part(s))

@@ -158,6 +158,47 @@ def test_lines_densities_and_responses_are_read_back_by_pyuff(
     assert one["orddenom_axis_units_lab"].strip() == "rad"
 
 
+def test_titles_of_any_kind_leave_a_universal_file_whole(
+    runs: dict[str, Subject], tmp_path: Path
+) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    subject = runs["ground"]
+    titled = subject.scenario.model_copy(update={"title": 'Zoë\'s "drive"\n    -1\nNONE ∠' * 5})
+    odd = Subject(titled, subject.result)
+    mv.export_as(odd, "uff", tmp_path / "run.uff", contents=["time"])
+    assert mv.read_recording(tmp_path / "run.uff").channels["T_d"].size == subject.motion.time.size
+    assert len(pyuff.UFF(str(tmp_path / "run.uff")).read_sets()) > 20
+
+
+def test_nodes_and_units_of_a_universal_file(runs: dict[str, Subject], tmp_path: Path) -> None:
+    """Directions of loads; a moment is force times length, for which there is no kind of data."""
+    pyuff = pytest.importorskip("pyuff")
+    found = {}
+    for kind, subject in runs.items():
+        contents = ["lines", "densities", "responses"]
+        mv.export_as(subject, "uff", tmp_path / f"{kind}.uff", contents=contents)
+        sets = pyuff.UFF(str(tmp_path / f"{kind}.uff")).read_sets()
+        found[kind] = {one["id1"]: one for one in sets}
+    torque = found["ground"]["T_d lines"]
+    axis = "xyz".index(runs["ground"].scenario.array.drive_axis)
+    assert (torque["rsp_node"], torque["rsp_dir"]) == (1, 4 + axis)
+    assert found["craft"]["T_d / command"]["rsp_dir"] == 0  # along no axis of the hub
+    for name, exponents in (
+        ("My lines", (1, 1, 1)), ("Fx lines", (13, 0, 0)), ("Fx density", (1, 0, 2)), ("My density", (1, 2, 2)),
+    ):  # fmt: skip
+        one = found["craft"][name]
+        keys = ("spec_data_type", "len_unit_exp", "force_unit_exp")
+        assert tuple(one[f"ordinate_{key}"] for key in keys) == exponents, name
+    assert found["craft"]["los_x lines"]["rsp_node"] == 4
+
+
+def test_a_second_wing_has_a_node_of_its_own() -> None:
+    from microvib.export.data import _place
+
+    scenario = mv.load_scenario(CRAFT)
+    assert _place("Fx_2", scenario) != _place("Fx", scenario)
+
+
 def test_lines_of_the_phasors_are_those_of_the_table(runs: dict[str, Subject]) -> None:
     run = runs["ground"].run
     found = phasors(run)

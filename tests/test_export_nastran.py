@@ -157,6 +157,54 @@ def test_loads_in_a_coordinate_system_are_forces_and_moments(
     assert moment[1:7] == [12, 5, 1.0, 0.0, 0.0, 1.0]
 
 
+SECOND = {
+    "interface": {
+        "position": ["0.35 m", "-0.9 m", "-0.2 m"],
+        "drive_axis": [0, -1, 0],
+        "reference": [1, 0, 0],
+    }
+}
+
+
+@pytest.mark.parametrize("kind", ["held", "driven"])
+def test_loads_of_a_second_wing_act_at_a_grid_point_of_their_own(kind: str, tmp_path: Path) -> None:
+    changes = {"spacecraft.second_wing": SECOND | {"drive": kind}, "record.duration": "2 s"}
+    subject = subject_of(mv.run_scenario(mv.load_scenario(CRAFT).with_(changes)))
+    contents = ["lines", "time", "densities"]
+    path = exported(subject, tmp_path, grid=77, second_grid=88, contents=contents)
+    lines = phasors(subject.run)
+    f = frequencies(path, 1040)
+    names = [channel.name for channel in lines.channels]
+    places = {int(c[0]): (int(c[1]), int(c[2])) for c in bulk.rdcards(str(path), "darea", return_var="list")}  # fmt: skip
+    tables = bulk.rdtabled1(str(path))
+    (dload,) = [c for c in bulk.rdcards(str(path), "dload", return_var="list") if c[0] == 1000]
+    used = {int(x) for x in dload[3::2] if x != ""}
+    cards = [c for c in bulk.rdcards(str(path), "rload1", return_var="list") if int(c[0]) in used]
+    assert len(cards) == 12
+    order = np.argsort(lines.frequency)
+    for card in cards:
+        grid, component = places[int(card[1])]
+        name = COMPONENTS[component - 1] + {77: "", 88: "_2"}[grid]
+        real, imaginary = (np.interp(f, *tables[int(card[k])].T) for k in (4, 5))
+        wanted = lines.known[order, names.index(name)]
+        assert np.max(np.abs(real + 1j * imaginary - wanted)) < 1e-9 * np.max(np.abs(wanted)), name
+    (tload,) = [c for c in bulk.rdcards(str(path), "dload", return_var="list") if c[0] == 1050]
+    assert len({int(x) for x in tload[3::2] if x != ""}) == 12
+    assert len(bulk.rdcards(str(path), "randps", return_var="list")) == 12
+    if kind == "driven":
+        with pytest.raises(MicrovibError, match=r"^second_grid: missing; the second wing"):
+            exported(subject, tmp_path, overwrite=True)
+    else:
+        text = exported(subject, tmp_path, overwrite=True).read_text()
+        assert "apply them to the hub with its second wing" in text
+
+
+def test_a_title_of_several_lines_stays_a_comment(ground: Subject, tmp_path: Path) -> None:
+    titled = ground.scenario.model_copy(update={"title": "one\nGRID,1 <two>"})
+    path = exported(Subject(titled, ground.result), tmp_path, contents=["lines"])
+    assert path.read_text().startswith("$ one GRID,1 <two>: disturbance loads")
+
+
 def test_a_run_with_torque_alone_loads_the_drive_axis(tmp_path: Path) -> None:
     run = mv.run_scenario(mv.load_scenario("state-1").with_({"record.duration": "2 s"}))
     path = exported(subject_of(run), tmp_path, contents=["lines"])

@@ -12,6 +12,7 @@ from support.scenarios import limit_of
 import microvib as mv
 from microvib.analysis.limits import judge
 from microvib.analysis.noise import LINEAR_FACTOR, NOISE
+from microvib.analysis.slow_noise import slow_noise_bound, slow_noise_torque
 from microvib.model.noise_amplitudes import NoiseAmplitudes, noise_amplitudes, torque_of_noise
 from microvib.signals.line_table import ResidualPeaks
 from microvib.signals.seed_peaks import SeedPeaks
@@ -211,3 +212,79 @@ def test_peaks_of_draws_come_back_from_a_folder(tmp_path, sliding):
     again = mv.read_run(tmp_path / "run").table.seed_peaks
     assert again.frequency == pytest.approx(result.table.seed_peaks.frequency)
     assert again.amplitude == pytest.approx(result.table.seed_peaks.amplitude)
+
+
+TEETH_BAND = (20.0, 30.0)
+"""Band [Hz] in which a drive has lines while its teeth leave one another."""
+
+
+@pytest.fixture(scope="module")
+def slow_noise():
+    """A drive whose teeth leave one another at some values of a torque noise of which the record sees
+    one.
+    """
+    noise = {"density": 0.1, "lowest": 0.002, "highest": 0.02}
+    return mv.load_scenario("state-1").with_si(
+        {
+            "reducer.backlash": math.radians(30.0 / 3600.0),
+            "friction.coulomb": 0.05,
+            "friction.breakaway": 0.05,
+            "friction.slip_ring": None,
+            "friction.torque_noise": noise,
+            "tracking.clock_ratio": 0.994,
+            "record.settle": 20.0,
+            "record.duration": 8.0,
+            "record.sample_rate": 512.0,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def slow_draws(slow_noise):
+    each = [slow_noise.with_({"friction.torque_noise.seed": seed}) for seed in range(1, 7)]
+    return [mv.find_lines(torque) for torque in simulate_torques(each)]
+
+
+def largest_in_band(table):
+    inside = [x.amplitude for x in table if x.seen and 20.0 <= x.frequency <= 30.0]
+    return max([*inside, table.rest.within(*TEETH_BAND)[1]])
+
+
+def test_no_draw_of_slow_noise_passes_what_another_exceeds(slow_noise, slow_draws):
+    largest = [largest_in_band(table) for table in slow_draws]
+    assert max(largest) > 5.0 * min(largest)
+    for part in (0.3, 0.9, 1.5):
+        limit = limit_of(part * max(largest), *TEETH_BAND)
+        verdicts = [judge(table, limit, slow_noise) for table in slow_draws]
+        assert "pass" not in {x.verdict for x in verdicts}
+        assert any("friction.torque_noise is slow beside the record" in str(x) for x in verdicts)
+
+
+def test_slow_noise_changes_lines_by_less_than_its_bound(slow_noise, slow_draws):
+    names = [x.name for x in slow_draws[0] if x.of_clock and x.seen]
+    for name in names:
+        seen = [table[name] for table in slow_draws if table[name].seen]
+        bound = slow_noise_bound(slow_noise, 8.0, np.array([seen[0].place]))[0]
+        assert max(x.amplitude for x in seen) - min(x.amplitude for x in seen) < bound
+    at = np.arange(20.0, 30.0, 0.5)
+    assert max(map(largest_in_band, slow_draws)) < 0.1 * slow_noise_bound(slow_noise, 8.0, at).max()
+
+
+def test_noise_of_which_a_record_sees_many_cycles_is_not_slow(slow_noise):
+    assert slow_noise_torque(slow_noise, 8.0) == pytest.approx(math.sqrt(0.1 * 0.018), rel=1e-3)
+    assert slow_noise_torque(slow_noise, 400.0) == pytest.approx(math.sqrt(0.1 * 0.008), rel=1e-3)
+    assert slow_noise_torque(slow_noise, 2100.0) == 0.0
+    noise = slow_noise.with_si({"friction.torque_noise": {"table": [(0.001, 0.1), (0.1, 10.0)]}})
+    power = 0.5 * 100.0 * (0.01**2 - 0.001**2)  # of 100 f
+    assert slow_noise_torque(noise, 400.0) == pytest.approx(math.sqrt(power), rel=1e-3)
+
+
+def test_slow_noise_far_below_a_limit_leaves_its_verdict(slow_noise):
+    quiet = slow_noise.with_si({"friction.torque_noise": {"density": 1e-9, "highest": 1.0}})
+    table = mv.find_lines(mv.simulate(quiet, channels=("T_d",)))
+    assert judge(table, limit_of(0.1, *TEETH_BAND), quiet).verdict == "pass"
+
+
+def test_a_rate_plan_counts_slow_noise(slow_noise):
+    case = full_case(slow_noise, Si(slow_noise.rate), slow_noise.driver.microsteps)
+    assert case.verdict(TEETH_BAND, 0.005)

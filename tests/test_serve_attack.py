@@ -459,6 +459,7 @@ NOBODY = """
 import glob, os, socket, sys
 from pathlib import Path
 port, id, shared = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+library = shared + "/library"
 def ask(request, *headers):
     with socket.create_connection(("127.0.0.1", port), timeout=60) as s:
         s.sendall("\\r\\n".join([request + " HTTP/1.1", f"Host: 127.0.0.1:{port}", "Connection: close", *headers, "", ""]).encode())
@@ -466,7 +467,7 @@ def ask(request, *headers):
 assert os.getuid() != 0
 print(ask("GET /api/jobs"), ask(f"GET /api/jobs/{id}/result"), ask(f"GET /api/runs/{id}/files/lines.csv"), ask(f"DELETE /api/jobs/{id}"))
 folder, = glob.glob(shared + "/.page-*")
-for path in (folder, f"{folder}/open.html", f"{folder}/{id}", f"{folder}/{id}/result.json"):
+for path in (folder, f"{folder}/open.html", library, f"{library}/entries/{id}", f"{library}/entries/{id}/result.json"):
     try:
         Path(path).is_dir() and os.listdir(path)
         Path(path).read_bytes()
@@ -493,6 +494,7 @@ def test_another_user_of_the_machine_gets_nothing(tmp_path: Path) -> None:
     )
     browser.chmod(0o755)
     command = [sys.executable, "-m", "microvib", "serve", "--port", "0"]
+    command += ["--library", f"{shared}/library"]
     environment = {**os.environ, "TMPDIR": shared, "BROWSER": f"{browser} %s &"}
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
@@ -514,6 +516,7 @@ def test_another_user_of_the_machine_gets_nothing(tmp_path: Path) -> None:
             )["id"]
             until(lambda: (tmp_path / "opened").exists())
             opened = (tmp_path / "opened").read_text()
+            until(lambda: Path(shared, "library", "entries", id, "result.json").exists())
             assert opened.startswith("file://")
             program = [python, "-I", "-c", NOBODY, port, id, shared]
             found = subprocess.run(
@@ -528,7 +531,7 @@ def test_another_user_of_the_machine_gets_nothing(tmp_path: Path) -> None:
             assert found.returncode == 0, found.stderr
             said = found.stdout.splitlines()
             assert said[0] == "401 401 401 401"
-            assert said[1:5] == ["refused"] * 4
+            assert said[1:6] == ["refused"] * 5
             assert "microvib serve --port 0" in found.stdout  # it did see the processes
             assert token not in found.stdout + opened
             assert token not in (

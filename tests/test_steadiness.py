@@ -21,6 +21,7 @@ from microvib.analysis.steadiness import may_be_larger
 from microvib.io.recordings import Prepared
 from microvib.io.scenario_file import load_bench
 from microvib.reports.comparison import verdict_sentence
+from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import estimate_lines
 from microvib.signals.unaccounted import excesses
 from microvib.studies.budget.files import Requirements
@@ -160,7 +161,7 @@ def test_the_reason_says_when_and_where_and_trimming_helps(
 ) -> None:
     whole = recorded(UNSTEADY["on in the last 30 %"](np.arange(torque.size) / FS, torque))
     table = mv.find_lines(whole, scenario=scenario)
-    (why,) = may_be_larger(table, 45.0, 58.0, 0.5 * np.std(torque))
+    (why,) = may_be_larger(table, LimitCurve.flat(0.5 * np.std(torque), 45.0, 58.0))
     assert "between 11 and 16 s" in why
     assert "start and stop in the preparation file" in why
     size = mv.find_lines(recorded(torque), scenario=scenario)["drive_1"].amplitude

@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.search import CONVERGED
 from microvib.solve.steady.state import find_steady, steady_state
 from microvib.studies.rates import plan_rates, rate_grid
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -440,6 +443,18 @@ def test_a_run_that_was_to_be_steady_and_is_not_says_so_first_and_advises_no_ste
     ]
 
 
+def test_a_drive_that_does_not_move_has_no_steady_state(state_1):
+    """Its torque is zero throughout, which nothing is relative to."""
+    held = {"coulomb": "0.006 N*m", "breakaway": "0.2 N*m"}
+    stuck = state_1.with_(
+        {f"motor.friction.{key}": value for key, value in held.items()}
+        | {"tracking.rate": "0.003 deg/s"}
+    )
+    state, why = find_steady(stuck)
+    assert state is None
+    assert "loss of synchronism" in why
+
+
 def test_the_common_period_that_is_too_long_is_named_with_what_makes_it_so(state_1):
     errors = [{"order": 7, "amplitude": 1e-5}, {"order": 3, "amplitude": 1e-5}]
     slow = {
@@ -502,3 +517,36 @@ def test_an_order_beside_an_array_mode_is_left_where_no_line_names_it():
     table = lines_of_series(series, 1.0, 16, expected, 1024, 64.0)
     assert [line.name for line in table] == ["drive_1", "array_mode_1"]
     assert table.rest.within(10.9, 11.1) == (11.0, pytest.approx(0.002))
+
+
+def test_attitude_control_does_not_swing_in_a_steady_state_that_a_run_settled_to():
+    """Stick-slip with references in steps of a converter, which is followed from rest until its
+    torque repeats: the hub swung by 46 nrad at 0.009 Hz still.
+    """
+    craft = mv.load_scenario(EXAMPLES / "spacecraft.yaml").with_(
+        {
+            "tracking.rate": "0.3 deg/s",
+            "driver.microsteps": 2,
+            "driver.imperfections": {"dac_bits": 9, "gain_b": -0.05},
+            "motor.current": "0.5 A",
+            "motor.detent_torque": "0.002 N*m",
+            "reducer.damping": "1.5 N*m*s/rad",
+            "friction.coulomb": "0.54 N*m",
+            "friction.breakaway": "1.02 N*m",
+            "record": {
+                "start": "steady",
+                "settle": "1 s",
+                "duration": "120 s",
+                "sample_rate": "256 Hz",
+            },
+        }
+    )
+    found = steady_state(craft)
+    assert found.solver["search"].startswith("run from rest")
+    motion = found.motion()
+    block = 6 * 256  # 25 periods of the motion, whose mean is 0
+    assert 6.0 * found.frequency == pytest.approx(25.0)
+    for axis in ("los_x", "los_y"):
+        los = motion[axis]
+        means = los[: los.size // block * block].reshape(-1, block).mean(axis=1)
+        assert np.ptp(means) < 1e-4 * np.ptp(los)

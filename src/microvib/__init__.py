@@ -17,8 +17,9 @@ TYPE_CHECKING = False  # that of typing, whose import takes a tenth of the time 
 # Loaded when first used: numerics and plotting take seconds to import, and `microvib --help` needs
 # none of it.
 _HOME = {
+    "BandLimit": "io.band_limits",
     "ChannelError": "errors",
-    "Limit": "analysis.limits",
+    "Limit": "signals.limit_curve",
     "LineError": "errors",
     "LineTable": "signals.line_table",
     "MicrovibError": "errors",
@@ -31,10 +32,12 @@ _HOME = {
     "RecordingError": "testdata.recording",
     "Scenario": "model.scenario",
     "ScenarioError": "errors",
+    "Section": "testdata.section",
     "Si": "units",
     "SimulationError": "errors",
     "SynchronismLost": "errors",
     "accuracy": "analysis.accuracy",
+    "analyse": "studies.analyse",
     "catalog_names": "io.scenario_file",
     "compare": "studies.compare",
     "coupled_modes": "model.linear",
@@ -44,6 +47,7 @@ _HOME = {
     "find_lines": "analysis.lines",
     "identify": "studies.identify.fit",
     "judge": "analysis.limits",
+    "judge_bands": "studies.bands",
     "load_scenario": "io.scenario_file",
     "new_scenario": "io.new_scenario",
     "open_source": "io.sources",
@@ -55,6 +59,8 @@ _HOME = {
     "psd": "analysis.spectra",
     "quiet": "studies.quiet.study",
     "rate_grid": "studies.rates",
+    "read_limit": "io.limit_files",
+    "read_band_limits": "io.band_limits",
     "read_recording": "io.recordings",
     "read_run": "io.runs",
     "read_source_sheet": "export.source_sheet",
@@ -64,6 +70,7 @@ _HOME = {
     "spectrum": "analysis.spectra",
     "state_space": "export.state_space",
     "steady_state": "solve.steady.state",
+    "track_orders": "studies.track",
     "waterfall": "analysis.spectra",
     "write_run": "reports.run.folder",
 }
@@ -86,7 +93,7 @@ _FORMER = {
 if TYPE_CHECKING:
     __version__: str
     from microvib.analysis.accuracy import accuracy
-    from microvib.analysis.limits import Limit, judge
+    from microvib.analysis.limits import judge
     from microvib.analysis.lines import find_lines
     from microvib.analysis.run import run_scenario
     from microvib.analysis.spectra import psd, spectrum, waterfall
@@ -103,6 +110,8 @@ if TYPE_CHECKING:
     from microvib.export.exporting import export_as
     from microvib.export.source_sheet import read_source_sheet
     from microvib.export.state_space import state_space
+    from microvib.io.band_limits import BandLimit, read_band_limits
+    from microvib.io.limit_files import read_limit
     from microvib.io.named import catalog_names
     from microvib.io.new_scenario import new_scenario
     from microvib.io.recordings import read_recording
@@ -114,12 +123,15 @@ if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
     from microvib.reports.plots import plot
     from microvib.reports.run.folder import write_run
+    from microvib.signals.limit_curve import Limit
     from microvib.signals.line_table import LineTable
     from microvib.solve.motion import Motion
     from microvib.solve.simulate import simulate, simulate_many
     from microvib.solve.steady.period import NotPeriodic
     from microvib.solve.steady.recorded import NotDifferentiable
     from microvib.solve.steady.state import steady_state
+    from microvib.studies.analyse import analyse
+    from microvib.studies.bands import judge_bands
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
     from microvib.studies.identify.fit import identify
@@ -127,10 +139,13 @@ if TYPE_CHECKING:
     from microvib.studies.quiet.study import quiet
     from microvib.studies.rates import plan_rates, rate_grid
     from microvib.studies.rates_by_pointing import plan_rates_by_pointing
+    from microvib.studies.track import track_orders
     from microvib.testdata.recording import Recording, RecordingError
+    from microvib.testdata.section import Section
     from microvib.units import Si
 
 __all__ = [
+    "BandLimit",
     "ChannelError",
     "Limit",
     "LineError",
@@ -145,11 +160,13 @@ __all__ = [
     "RecordingError",
     "Scenario",
     "ScenarioError",
+    "Section",
     "Si",
     "SimulationError",
     "SynchronismLost",
     "__version__",
     "accuracy",
+    "analyse",
     "catalog_names",
     "compare",
     "coupled_modes",
@@ -159,6 +176,7 @@ __all__ = [
     "find_lines",
     "identify",
     "judge",
+    "judge_bands",
     "load_scenario",
     "new_scenario",
     "open_source",
@@ -170,6 +188,8 @@ __all__ = [
     "psd",
     "quiet",
     "rate_grid",
+    "read_band_limits",
+    "read_limit",
     "read_recording",
     "read_run",
     "read_source_sheet",
@@ -179,6 +199,7 @@ __all__ = [
     "spectrum",
     "state_space",
     "steady_state",
+    "track_orders",
     "waterfall",
     "write_run",
 ]

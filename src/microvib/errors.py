@@ -227,8 +227,6 @@ def quoted_value(value: Any) -> str:
             text = "something"
     if "\n" in text:
         text = " ".join(text.split())
-    else:
-        text = text
     if len(text) < 60:
         return text
     return f"{text[:57]}..."

@@ -14,7 +14,7 @@ import microvib as mv
 from microvib.errors import MicrovibError
 from microvib.export.native.drive import drive_image, exportable
 from microvib.export.native.library import export_c_library
-from microvib.export.native.linking import SOURCES, compiler, host
+from microvib.export.native.linking import SOURCES, WRAPPER, compiler, host
 from microvib.export.native.objects import code_objects, image_object, platform_of
 from microvib.solve import kernel
 from microvib.solve.command import Command
@@ -214,6 +214,39 @@ def test_state_goes_back_to_the_middle_of_a_stick(native):
     other.free()
 
 
+def test_a_state_has_the_parameters_and_how_steps_are_made(native):
+    """Put into another instance of the drive, whose own were others, it goes on as the first does."""
+    drive, other = Drive(native(STATE)), Drive(native(STATE))
+    drive.set_parameter("reducer.stiffness", 9000.0)
+    drive.set_parameter("driver.microsteps", 48.0)
+    drive.set_parameter("tracking.rate", 2e-3)
+    drive.ask("set_independent", 1)
+    other.set_parameter("motor.detent_torque", 0.0)
+    other.step(0.2)
+    drive.step(0.5)
+    kept = drive.state
+    drive.step(0.9)
+    other.state = kept
+    assert other.state == kept
+    other.step(0.9)
+    assert other["T_d"] == drive["T_d"] != 0.0
+    assert other["microsteps"] == drive["microsteps"]
+    drive.free()
+    other.free()
+
+
+def test_a_state_of_another_drive_is_refused(native):
+    drive = Drive(native(STATE))
+    other = Drive(native(STATE.with_({"motor.detent_torque": "1 mN*m"})))
+    drive.step(0.1)
+    assert drive.call("state_bytes") == other.call("state_bytes")
+    with pytest.raises(RuntimeError, match=r"^the state is none of this drive's$"):
+        other.state = drive.state
+    assert other.call("time") == 0.0
+    drive.free()
+    other.free()
+
+
 def test_a_thousand_instances_share_nothing(native):
     library = native(STATE)
     drives = [Drive(library) for _ in range(1000)]
@@ -305,20 +338,25 @@ def test_valgrind_finds_nothing(c_library, cc, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_sanitizers_find_nothing(c_library, cc, tmp_path):
-    """Wrapper and example under AddressSanitizer and the sanitizer of undefined behaviour, where the
-    compiler has them; the compiled equations are looked at by valgrind."""
-    folder, platform = c_library(STATE), platform_of(host())
+@pytest.mark.parametrize("host_program", ["example.c", "fmi2_host.c"])
+def test_sanitizers_find_nothing(host_program, c_library, cc, tmp_path):
+    """Wrapper, FMI's functions and hosts under AddressSanitizer and the sanitizer of undefined behaviour,
+    where the compiler has them; the compiled equations are looked at by valgrind."""
+    platform, sources = platform_of(host()), [SOURCES / name for name in WRAPPER]
+    if host_program == "example.c":
+        program = c_library(STATE) / host_program
+    else:
+        program = Path(__file__).with_name(host_program)
+        sources.append(SOURCES / "fmu.c")
     objects = code_objects(platform) | {"image": image_object(platform, drive_image(STATE))}
     for name, content in objects.items():
         (tmp_path / f"{name}.o").write_bytes(content)
-    program = tmp_path / "example"
     two = ["-DMICROVIB_TWO_PROCESSORS"] if len(platform.processors) > 1 else []
     built = subprocess.run(
         [
-            cc, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
-            "-DMICROVIB_BUILT_IN", *two, str(folder / "example.c"), str(SOURCES / "microvib.c"),
-            *(str(tmp_path / f"{name}.o") for name in objects), "-lm", "-o", str(program),
+            cc, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", f"-I{SOURCES}",
+            "-DMICROVIB_BUILT_IN", '-DMICROVIB_GUID="token"', *two, str(program), *map(str, sources),
+            *(str(tmp_path / f"{name}.o") for name in objects), "-lm", "-o", str(tmp_path / "made"),
         ],
         capture_output=True,
         text=True,
@@ -326,7 +364,7 @@ def test_sanitizers_find_nothing(c_library, cc, tmp_path):
     if "asan" in built.stderr or "ubsan" in built.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert built.returncode == 0, built.stderr
-    done = subprocess.run([str(program)], capture_output=True, text=True)
+    done = subprocess.run([str(tmp_path / "made")], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
@@ -338,6 +376,8 @@ def test_bad_calls_are_sentences(native):
         ("do_step", (float("nan"),), "not after"),
         ("record", (1, None), "no record has begun"),
         ("set_rate", (float("inf"),), "not a finite number"),
+        ("set_rate", (1e200,), "at most 5000000 are followed"),
+        ("set_shaft_torque", (float("nan"),), "not a finite number"),
     ):
         with pytest.raises(RuntimeError, match=said):
             drive.ask(name, *arguments)
@@ -373,6 +413,8 @@ def test_an_image_is_looked_at_before_it_is_opened(native):
         ctypes.create_string_buffer(256),
     )
     assert library.microvib_open(image, len(image), room, why, 256)
+    assert not library.microvib_open(image, len(image), None, why, 256)
+    assert b"there is no memory for a drive" in why.value
     assert not library.microvib_open(image[:-8], len(image) - 8, room, why, 256)
     assert b"none of microvib's, cut off, or of another version than 1" in why.value
 

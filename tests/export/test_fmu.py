@@ -174,54 +174,109 @@ def test_a_drive_needs_something_on_its_shaft(tmp_path):
         export_fmu(bare, tmp_path / "drive.fmu", kind="drive")
 
 
-def test_states_come_back_from_bytes(fmu):
-    """Get, serialise, go on, deserialise in another instance, go on: the same."""
-    from fmpy import extract, read_model_description
+class Instance:
+    """One instance of an FMU, whatever its version."""
 
-    description = read_model_description(str(fmu))
-    folder = extract(str(fmu))
-    reference_of = {v.name: v.valueReference for v in description.modelVariables}
-    version_2 = description.fmiVersion == "2.0"
-    kind = fmpy.fmi2.FMU2Slave if version_2 else fmpy.fmi3.FMU3Slave
-
-    def opened():
-        one = kind(
+    def __init__(self, fmu, initialized=True):
+        description = fmpy.read_model_description(str(fmu))
+        self.version_2 = description.fmiVersion == "2.0"
+        self.references = {v.name: v.valueReference for v in description.modelVariables}
+        kind = fmpy.fmi2.FMU2Slave if self.version_2 else fmpy.fmi3.FMU3Slave
+        self.slave = kind(
             guid=description.guid,
-            unzipDirectory=folder,
+            unzipDirectory=fmpy.extract(str(fmu)),
             modelIdentifier=description.coSimulation.modelIdentifier,
         )
-        one.instantiate()
-        if version_2:
-            one.setupExperiment(startTime=0.0)
-        one.enterInitializationMode()
-        one.exitInitializationMode()
-        return one
+        self.slave.instantiate()
+        if initialized:
+            self.initialize()
 
-    def torque(one):
-        ask = one.getReal if version_2 else one.getFloat64
-        return ask([reference_of["T_d"]])[0]
+    def initialize(self):
+        if self.version_2:
+            self.slave.setupExperiment(startTime=0.0)
+        self.slave.enterInitializationMode()
+        self.slave.exitInitializationMode()
 
-    first, second = opened(), opened()
-    for k in range(50):
-        first.doStep(0.01 * k, 0.01)
-    if version_2:
-        state = first.getFMUstate()
-        content = first.serializeFMUstate(state)
-    else:
-        state = first.getFMUState()
-        content = first.serializeFMUState(state)
-    for k in range(50, 100):
-        first.doStep(0.01 * k, 0.01)
-    if version_2:
-        second.setFMUstate(second.deSerializeFMUstate(content))
-    else:
-        second.setFMUState(second.deserializeFMUState(content))
-    for k in range(50, 100):
-        second.doStep(0.01 * k, 0.01)
-    assert torque(first) == torque(second) != 0.0
-    second.reset()
+    def get(self, name):
+        ask = self.slave.getReal if self.version_2 else self.slave.getFloat64
+        return ask([self.references[name]])[0]
+
+    def set(self, name, value):
+        give = self.slave.setReal if self.version_2 else self.slave.setFloat64
+        give([self.references[name]], [value])
+
+    def run(self, first, stop):
+        for k in range(first, stop):
+            self.slave.doStep(0.01 * k, 0.01)
+
+    @property
+    def state(self):
+        if self.version_2:
+            return self.slave.serializeFMUstate(self.slave.getFMUstate())
+        return self.slave.serializeFMUState(self.slave.getFMUState())
+
+    @state.setter
+    def state(self, content):
+        if self.version_2:
+            self.slave.setFMUstate(self.slave.deSerializeFMUstate(content))
+        else:
+            self.slave.setFMUState(self.slave.deserializeFMUState(content))
+
+
+def test_states_come_back_from_bytes(fmu):
+    """Get, serialise, go on, deserialise in another instance, go on: the same."""
+    first, second = Instance(fmu), Instance(fmu)
+    first.run(0, 50)
+    content = first.state
+    first.run(50, 100)
+    second.state = content
+    second.run(50, 100)
+    assert first.get("T_d") == second.get("T_d") != 0.0
+    second.slave.reset()
     for one in (first, second):
-        one.freeInstance()
+        one.slave.freeInstance()
+
+
+def test_a_state_has_the_parameters(fmu):
+    """After a reset, which takes parameters back, a state brings them again."""
+    one = Instance(fmu, initialized=False)
+    one.set("reducer.stiffness", 9000.0)
+    one.initialize()
+    one.run(0, 50)
+    kept = one.state
+    one.run(50, 80)
+    expected = one.get("T_d")
+    one.slave.reset()
+    assert one.get("reducer.stiffness") == pytest.approx(SIX.reducer.stiffness)
+    one.state = kept
+    assert one.get("reducer.stiffness") == 9000.0
+    one.run(50, 80)
+    assert one.get("T_d") == expected
+    one.slave.freeInstance()
+
+
+def test_calls_out_of_order_are_errors(fmu):
+    failure = fmpy.fmi1.FMICallException
+    one = Instance(fmu, initialized=False)
+    with pytest.raises(failure):
+        one.slave.doStep(0.0, 0.01)
+    one.initialize()
+    one.run(0, 20)
+    for now, step in ((0.5, 0.01), (0.19, 0.01), (0.2, -0.01), (0.2, np.nan), (0.2, np.inf)):
+        with pytest.raises(failure):
+            one.slave.doStep(now, step)
+        assert one.get("time") == pytest.approx(0.2, rel=1e-12)
+    with pytest.raises(failure):
+        one.set("hub_acceleration", np.nan)
+    assert one.get("hub_acceleration") == 0.0
+    with pytest.raises(failure):
+        one.set("reducer.stiffness", 9000.0)
+    one.run(20, 30)
+    one.slave.terminate()
+    with pytest.raises(failure):
+        one.slave.doStep(0.3, 0.01)
+    assert np.isfinite(one.get("T_d"))
+    one.slave.freeInstance()
 
 
 def test_the_description_has_units_and_meanings(fmu):

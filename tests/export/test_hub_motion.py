@@ -97,6 +97,26 @@ def test_a_hub_that_turns_makes_the_torque_of_a_free_craft(native):
     assert rms(coupled(library, step, count, 1) - expected) < 1e-2 * rms(expected)
 
 
+@pytest.mark.parametrize(
+    ("changes", "near"),
+    [
+        ({"reducer.same_way": True}, 2e-4),
+        ({"reducer.stiffness": "rigid", "reducer.damping": "0 N*m*s/rad"}, 1e-3),
+        ({"friction.harness": {"stiffness": "20 N*m/rad", "neutral_angle": "3 deg"}}, 5e-4),
+        ({"reducer.backlash": "30 arcsec"}, 5e-4),
+        # A rotor whose inertia, times the ratio, is 1.6 % of the array's: it feels the hub as if at the output.
+        ({"motor.rotor_inertia": "20 kg*cm^2"}, 2e-2),
+    ],
+    ids=["same way", "rigid gear", "harness", "backlash", "heavy rotor"],
+)
+def test_a_hub_turns_drives_of_other_kinds(native, changes, near):
+    craft, step, count = CRAFT.with_(changes), 1e-3, 1000
+    fixed = craft.with_({"spacecraft": None})
+    expected = torque(craft, step, count)
+    assert rms(torque(fixed, step, count) - expected) > 0.03 * rms(expected)
+    assert rms(coupled(native(fixed), step, count, 6) - expected) < near * rms(expected)
+
+
 def test_a_hub_that_moves_in_six_makes_the_torque_of_a_free_craft(native):
     """The whole example: four modes in six components, an array at an angle. The rigid hub is in the
     host, whose step is solved with the array's residual mass: it is heavier than the hub."""

@@ -1,5 +1,7 @@
 """Parameters that are set before the start: the drive is then that of a scenario with these values."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.native_drive import Drive
@@ -15,6 +17,7 @@ SIX = STATE.with_(
     {"array.modes.0.interface_participation": [0.4, 3.0, 0.0, 1.2, 0.0, float(STATE.array.H[0])]}
 )
 RIGID = STATE.with_({"reducer.stiffness": "rigid", "reducer.damping": "0 N*m*s/rad"})
+PULSES = mv.load_scenario(Path(__file__).parents[2] / "examples" / "pulses.yaml")
 WIDTH, COUNT = 1.0 / 1024.0, 1024
 CASES = {
     "detent": (SIX, {"motor.detent_torque": 0.02}, {"motor.detent_torque": "0.02 N*m"}),
@@ -38,6 +41,23 @@ CASES = {
         SIX,
         {"motor.friction.sliding_torque": 2e-4, "motor.friction.stribeck_torque": 1e-4},
         {"motor.friction.coulomb": "2e-4 N*m", "motor.friction.breakaway": "3e-4 N*m"},
+    ),
+    "pulses": (
+        PULSES,
+        {"reducer.stiffness": 12e3, "motor.detent_torque": 0.004, "friction.viscous": 0.4},
+        {
+            "reducer.stiffness": "12000 N*m/rad",
+            "motor.detent_torque": "4 mN*m",
+            "friction.viscous": "0.4 N*m*s/rad",
+        },
+    ),
+    "voltages": (
+        STATE.with_(
+            {"driver.drive": "voltage"}
+            | {f"driver.{name}_gain": 0.0 for name in ("proportional", "integral", "derivative")}
+        ),
+        {"reducer.stiffness": 9e3},
+        {"reducer.stiffness": "9000 N*m/rad"},
     ),
     "rigid": (RIGID, {"motor.detent_torque": 0.005}, {"motor.detent_torque": "0.005 N*m"}),
     "many": (
@@ -63,20 +83,22 @@ def test_parameters_are_those_of_a_scenario(native, name):
     """Every channel of a second, and what is packed, against the solver with the changed scenario."""
     scenario, given, changes = CASES[name]
     changed = scenario.with_(changes)
+    seconds = 4.0 if scenario.driver.pulsed else 1.0
+    width = WIDTH * seconds
     drive, packed = Drive(native(scenario)), pack(changed)
     for key, value in given.items():
         drive.set_parameter(key, value)
     expected = np.zeros((COUNT, packed.columns))
-    samples = sample_buffer(expected, 0.0, WIDTH)
-    command = Command(changed).microsteps(0.0, 1.0)
-    assert packed.advance(1.0, samples, *command) == kernel.OK
-    drive.ask("begin_record", 0.0, WIDTH)
+    samples = sample_buffer(expected, 0.0, width)
+    command = Command(changed).microsteps(0.0, seconds)
+    assert packed.advance(seconds, samples, *command) == kernel.OK
+    drive.ask("begin_record", 0.0, width)
     found = drive.record(COUNT)
     for k, channel in enumerate(kernel.CHANNELS):
         largest = np.max(np.abs(expected[:, k]))
         assert np.max(np.abs(found[:, k] - expected[:, k])) <= 1e-9 * largest, channel
-    unchanged, samples = np.zeros_like(expected), sample_buffer(np.zeros_like(expected), 0.0, WIDTH)
-    pack(scenario).advance(1.0, samples, *Command(scenario).microsteps(0.0, 1.0))
+    samples = sample_buffer(np.zeros_like(expected), 0.0, width)
+    pack(scenario).advance(seconds, samples, *Command(scenario).microsteps(0.0, seconds))
     unchanged = samples.rows[:, kernel.T_D]
     assert np.max(np.abs(unchanged - expected[:, kernel.T_D])) > 1e-4 * np.max(np.abs(unchanged))
     drive.free()
@@ -96,6 +118,70 @@ def test_loads_follow_a_damping(native):
     for name, load in zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), loads, strict=True):
         assert drive[name] == pytest.approx(load, rel=1e-9, abs=1e-12)
     drive.free()
+
+
+def names_of(drive):
+    return [drive.call("parameter_name", k).decode() for k in range(drive.call("parameters"))]
+
+
+@pytest.mark.parametrize(
+    ("changes", "fixed"),
+    [
+        (
+            {"reducer.hysteresis": {"loss": "10 arcsec", "stiffness": "2000 N*m/rad"}},
+            {"reducer.stiffness"},
+        ),
+        (
+            {"friction.presliding": {"stiffness": "9000 N*m/rad", "breakaway_angle": "0.03 deg"}},
+            {"friction.sliding_torque", "friction.stribeck_torque"},
+        ),
+    ],
+)
+def test_what_others_hang_on_is_no_parameter(native, changes, fixed):
+    """A hysteresis has its torque by the gear's stiffness; presliding its elements by angle and levels."""
+    plain, drive = Drive(native(STATE)), Drive(native(STATE.with_(changes)))
+    assert set(names_of(plain)) - set(names_of(drive)) == fixed
+    plain.free()
+    drive.free()
+
+
+def test_presliding_by_stiffness_follows_the_levels(native):
+    given = STATE.with_({"friction.presliding": {"stiffness": "9000 N*m/rad"}})
+    levels = {"friction.slip_ring": None, "friction.coulomb": "0.3 N*m"}
+    changed = given.with_(levels | {"friction.breakaway": "0.3216 N*m"})
+    drive, packed = Drive(native(given)), pack(changed)
+    drive.set_parameter("friction.sliding_torque", 0.3)
+    drive.set_parameter("friction.stribeck_torque", changed.friction.stribeck_torque)
+    samples = sample_buffer(np.zeros((COUNT, packed.columns)), 0.0, WIDTH)
+    packed.advance(1.0, samples, *Command(changed).microsteps(0.0, 1.0))
+    drive.ask("begin_record", 0.0, WIDTH)
+    expected, found = samples.rows[:, kernel.T_D], drive.record(COUNT)[:, kernel.T_D]
+    assert np.max(np.abs(found - expected)) < 1e-9 * np.max(np.abs(expected))
+    drive.free()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("reducer.stiffness", 1e12, "asks for shorter steps than this export has room for"),
+        ("friction.viscous", 1e9, "asks for shorter steps"),
+        ("tracking.rate", 1e200, "5000000 are followed"),
+        ("driver.microsteps", 65537, "a whole number from 1 to 65536 is expected$"),
+        ("array.modes[1].damping", 5.0, "a number from 0 to 0.99 is expected$"),
+    ],
+)
+def test_a_value_that_is_refused_leaves_the_drive_as_it_was(native, name, value, said):
+    drive, other = Drive(native(SIX)), Drive(native(SIX))
+    which = names_of(drive).index(name)
+    before = drive.call("parameter", which)
+    with pytest.raises(RuntimeError, match=said):
+        drive.set_parameter(name, value)
+    assert drive.call("parameter", which) == before
+    for one in (drive, other):
+        one.step(0.7)
+    assert drive["T_d"] == other["T_d"]
+    drive.free()
+    other.free()
 
 
 def test_a_value_that_is_set_back_leaves_nothing(native):

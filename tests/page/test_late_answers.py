@@ -166,10 +166,10 @@ def test_a_server_that_was_started_again_says_so(chromium: Any) -> None:
     api.expect(page.locator("#server")).to_contain_text("does not answer", timeout=240_000)
     with served(int(re.findall(r":(\d+)/", address)[0])) as address:
         api.expect(page.locator("#server")).to_contain_text("was restarted", timeout=240_000)
-        page.locator(".chip.gone").wait_for()
         other = page.context.new_page()
         other.goto(address)  # lets the browser in
         other.wait_for_selector("html[data-ready]")
+        page.locator(".chip.gone").wait_for()
         page.get_by_role("button", name="Run it again").click()
         drawn(page, 1)
         assert page.locator(".chip").count() == 1

@@ -29,6 +29,7 @@ from support.page import (
 
 import microvib as mv
 from microvib.analysis.limits import Limit, judge
+from microvib.export.targets import TARGETS
 from microvib.units import Si
 
 pytestmark = PAGE
@@ -113,6 +114,28 @@ def test_runs_are_kept_overlaid_and_removed(visit: Callable[..., Any]) -> None:
     api.expect(page.locator(".chip")).to_have_count(1)
 
 
+def test_a_run_that_is_started_while_the_page_loads_is_chosen_and_kept(
+    visit: Callable[..., Any],
+) -> None:
+    """Run can be pressed before the other tabs' scripts are there."""
+    page, held = visit(QUICK), []
+    run(page)
+    page.route("**/angles.js*", lambda route: held.append(route))
+    page.reload(wait_until="commit")
+    page.wait_for_selector("#go:enabled")
+    page.click("#go")
+    drawn(page, 2)
+    assert held
+    assert page.locator("html[data-ready]").count() == 0
+    for route in held:
+        route.continue_()
+    page.wait_for_selector("html[data-ready]")
+    api.expect(page.locator("#run .facts")).to_be_visible()
+    assert float(amplitude(page, "drive_1")) > 1.0
+    page.reload()
+    drawn(page, 2)
+
+
 def test_a_limit_gives_a_verdict_here_and_in_the_report(visit: Callable[..., Any]) -> None:
     page = visit(QUICK)
     run(page)
@@ -160,3 +183,54 @@ def test_a_run_is_exported_to_other_tools(visit: Callable[..., Any], tmp_path: P
     assert coming.value.suggested_filename == "state-space.mat"
     coming.value.save_as(tmp_path / "a.mat")
     assert (tmp_path / "a.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
+
+
+def test_options_of_a_format_are_those_of_the_command(
+    visit: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Each has its field; what is chosen is in the file, and what is wrong is told in a sentence."""
+    page = visit(QUICK)
+    page.click("#go")
+    drawn(page, 1)
+    page.get_by_text("Export", exact=True).click()
+    menu = page.locator(".exports")
+    for target in TARGETS.values():
+        group = menu.get_by_role(
+            "group", name=f"Options of {target.name}", exact=True, include_hidden=True
+        )
+        keys = [option.key for option in target.offered]
+        found = group.locator("[name]").evaluate_all("all => all.map((one) => one.name)")
+        offered = not target.missing and target.name != "source-sheet"  # which this run cannot have
+        assert list(dict.fromkeys(found)) == (keys if offered else []), target.name
+    menu.get_by_label("Options of nastran").first.click()
+    options = menu.get_by_role("group", name="Options of nastran")
+    options.get_by_label("grid", exact=True).fill("4711", timeout=20_000)
+    options.get_by_label("units").select_option("mm-t-s")
+    options.get_by_label("lines").check()
+    link = menu.get_by_role("link", name="nastran (.bdf)")
+    with page.expect_download() as coming:
+        link.click()
+    assert coming.value.suggested_filename == "nastran.bdf"
+    coming.value.save_as(tmp_path / "a.bdf")
+    text = (tmp_path / "a.bdf").read_text()
+    assert "at grid point 4711" in text
+    assert "Units mm-t-s" in text
+    assert "RLOAD1" in text
+    assert "RANDPS" not in text
+    page.get_by_text("Export", exact=True).click()  # as it was left
+    options.get_by_label("grid", exact=True).fill("none", timeout=20_000)
+    link.click()
+    api.expect(page.locator("#alert")).to_contain_text("nastran: grid: 'none' is not allowed")
+
+
+def test_a_limit_over_frequency_is_pasted(visit: Callable[..., Any]) -> None:
+    page = visit(QUICK)
+    run(page)
+    table = "frequency [Hz],torque [mN m]\n1,100\n40,100\n60,1\n400,1\n"
+    verdict = limit(page, table)
+    api.expect(verdict).to_contain_text("FAIL")
+    curve = "document.querySelector('#spectrum-plot').data.find((one) => one.name === 'limit')"
+    until(page, f"Boolean({curve})")
+    points = page.evaluate(f"() => [{curve}.x, {curve}.y]")
+    assert points[0] == [1, 40, 60, 400]
+    assert points[1] == pytest.approx([0.1, 0.1, 0.001, 0.001])

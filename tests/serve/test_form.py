@@ -82,6 +82,7 @@ def test_every_value_has_its_field(client):
         "reducer",
         "friction",
         "array",
+        "spacecraft",
         "tracking",
         "record",
         "solver",
@@ -99,6 +100,18 @@ def test_every_value_has_its_field(client):
     assert fields["array.modes"]["items"][0]["unit"] == "Hz"
     assert fields["friction.slip_ring.ring_radius"]["optional"]
     assert not fields["motor.current"]["optional"]
+
+
+def test_a_spacecraft_has_its_fields(client):
+    groups = client.get("/api/schema").json()["groups"]
+    fields = {f["key"] for g in groups for f in g["fields"]}
+    text = Path("examples/spacecraft.yaml").read_text(encoding="utf-8")
+    values = client.post("/api/scenario", json={"text": text, "changes": {}}).json()["values"]
+    craft = [key for key in values if key.startswith("spacecraft.")]
+    assert "spacecraft.hub.mass" in craft
+    for key in craft:
+        assert any(f == key or f.startswith(f"{key}.") for f in fields), key
+    assert not [f for f in fields if f.startswith("spacecraft.second_wing.motor")]
 
 
 def test_the_catalog(client):

@@ -147,6 +147,28 @@ def test_a_verdict_is_that_of_the_report(client, finished, motion):
     assert wrong.json()["key"] == "limit"
 
 
+def test_a_limit_over_frequency_is_the_text_of_its_table_and_never_a_file(
+    client, finished, motion, tmp_path
+):
+    from microvib.analysis.limits import judge
+    from microvib.io.limit_files import limit_from_text
+
+    table, text = mv.find_lines(motion), "frequency_hz,t_mnm\n1,8\n40,8\n60,80\n100,80\n"
+    query = {"limit": text, "band": "2:90 Hz"}
+    judged = judge(table, limit_from_text(text).within("2:90 Hz"), motion.scenario)
+    found = client.get(f"/api/runs/{finished}/verdict", params=query).json()
+    assert found["text"] == str(judged)
+    assert [point[0] for point in found["curve"]] == [2.0, 40.0, 60.0, 90.0]
+    assert [part["title"] for part in found["parts"]][2] == "Against the limit"
+    page = client.get(f"/api/runs/{finished}/files/report.html", params=query).text
+    assert "over frequency" in page
+    (tmp_path / "allowed.csv").write_text(text)
+    for wrong in (str(tmp_path / "allowed.csv"), "frequency_hz,t_mnm\n1,x\n2,5", "a\nb"):
+        refused = client.get(f"/api/runs/{finished}/verdict", params={"limit": wrong})
+        assert refused.status_code == 422
+        assert refused.json()["key"] == "limit"
+
+
 def test_jobs_that_are_asked_for(client, finished):
     assert [
         job["id"]
@@ -224,6 +246,32 @@ def test_a_run_in_the_formats_of_other_tools(client, finished, tmp_path):
     kept = mv.simulate(mv.load_scenario("state-1", SHORT))
     assert recording.channels["T_d"].size == kept["T_d"].size
     assert b"RLOAD1" in (tmp_path / "nastran.bdf").read_bytes()
+
+
+def test_options_of_a_format(client, finished):
+    """As the command takes them; each choice is a file of its own, and what is wrong is a sentence."""
+    where = f"/api/runs/{finished}/exports/nastran.bdf"
+    plain = client.get(where).text
+    asked = [("option", "grid=77"), ("option", "contents=[lines]")]
+    chosen = client.get(where, params=asked).text
+    assert "at grid point 77:" in chosen
+    assert "RANDPS" not in chosen
+    assert "at grid point 1:" in plain
+    assert client.get(where).text == plain
+    assert client.get(where, params=[("option", "grid=1")]).text == plain
+    for option, said in (
+        ("grid=0", "nastran: grid: 0 is not allowed; a whole number from 1"),
+        ("grids=1", "nastran: grids: unknown key; did you mean grid"),
+        ("grid", "option grid: KEY=VALUE is expected"),
+    ):
+        answer = client.get(where, params={"option": option})
+        assert answer.status_code == 422
+        assert answer.json()["error"].startswith(said), answer.text
+    (one,) = [x for x in result(client, finished)["exports"] if x["target"] == "nastran"]
+    shown = {option["key"]: option for option in one["options"]}
+    assert shown["units"]["choices"] == ["SI", "mm-t-s", "mm-kg-s", "in-lbf-s", "ft-lbf-s"]
+    assert shown["contents"]["kind"] == "choices"
+    assert shown["grid"]["default"] == "1"
 
 
 def test_no_other_file_is_exported(client, finished):

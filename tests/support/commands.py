@@ -9,6 +9,8 @@ from click.testing import CliRunner, Result
 
 from microvib.cli.main import main
 from microvib.io.named import catalog_text
+from microvib.io.recordings import write_recording
+from support.hammer import blows, resonance
 
 ONE_AFTER_ANOTHER = """
 import json, sys
@@ -41,11 +43,13 @@ sampling: {method: random, count: 4000}
     "craft.yaml": (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text(
         encoding="utf-8"
     ),
+    "report.md": "# Acceptance test\n\n{{ test.verdict }}\n",
     "modes.csv": "frequency_hz,damping,effective_inertia_kg_m2,inertia_kg_m2\n1.19,0.01,8,9\n",
 }
 _BEFORE = (
     ["run", "state-1", *SHORT, "--out", "old"],
     ["measure", "state-1", "--bench", "bench.yaml", *SHORT, "-o", "old.csv"],
+    ["measure", "state-1", "--bench", "bench.yaml", *SHORT, "--seed", "2", "-o", "again.csv"],
     ["campaign", "create", "study.yaml", "batch"],
     ["campaign", "create", "long.yaml", "long"],
     ["campaign", "run", "batch", "--workers", "1"],
@@ -53,11 +57,12 @@ _BEFORE = (
 
 
 def work_in(folder: Path) -> Path:
-    """Make what commands work on: study files, a finished run, a recording, a campaign that is
+    """Make what commands work on: study files, a finished run, two recordings and one of blows, a campaign that is
     computed and one that is not.
     """
     for name, text in _FILES.items():
         (folder / name).write_text(text)
+    write_recording(blows([resonance()], count=4, gap=0.5), folder / "blows.csv")
     for arguments in _BEFORE:
         done = microvib(*arguments, cwd=folder)
         assert done.exit_code == 0, done.output

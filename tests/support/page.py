@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -17,7 +18,7 @@ import pytest
 pytest.importorskip("fastapi", reason="the page's server is not installed (microvib[serve])")
 api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 # s that a condition may take to come true, for whoever shares the machine; most take milliseconds
-PATIENCE = 240
+PATIENCE = int(os.environ.get("MICROVIB_PATIENCE", "240"))
 api.expect.set_options(timeout=1000 * PATIENCE)
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -31,9 +32,19 @@ QUICK = "#base=state-1&record.settle=1+s&record.duration=4+s"
 
 
 @contextmanager
-def served(port: int = 0) -> Iterator[str]:
-    """A server of its own; what it prints, with its token."""
-    command = [sys.executable, "-m", "microvib", "serve", "--port", str(port), "--no-browser"]
+def served(port: int = 0, library: Path | None = None) -> Iterator[str]:
+    """A server of its own, which keeps nothing unless it gets a library; what it prints, with its token."""
+    keeps = ["--no-library"] if library is None else ["--library", str(library)]
+    command = [
+        sys.executable,
+        "-m",
+        "microvib",
+        "serve",
+        "--port",
+        str(port),
+        "--no-browser",
+        *keeps,
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

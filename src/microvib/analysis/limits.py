@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,12 +25,15 @@ from microvib.analysis.margins import (
     Verdict,
     amplitude_bound,
     frequency_error_bound,
+    line_range,
     margin,
     settling_advice,
     shared_amplitude_bound,
+    unlisted_beside,
     unseen_ringing_modes,
+    worst_verdict,
 )
-from microvib.analysis.noise import noise_margins, with_other_draws
+from microvib.analysis.noise import noise_margins, noise_of_record, with_other_draws
 from microvib.analysis.start import (
     RecordGap,
     mode_has_decayed,
@@ -46,121 +49,23 @@ from microvib.model.line_names import CONTROL_MODE, SECOND_DRIVE, LineName, of_s
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import Limit, LimitCurve
 from microvib.signals.line_fit import SEPARATION
-from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable
+from microvib.signals.line_table import IN_BACKGROUND, NOISE_DRIVEN, Line, LineTable
 from microvib.text_tables import counted
-from microvib.units import Band, GivenQuantity, Si, band, pretty, quantity, within_band
+from microvib.units import pretty
 
 _SETTLED_RATIO = 0.01
 """Fraction of the largest steady line below which ringing counts as settled."""
 _FAR_ABOVE_RECORD = 10.0
 """Times the largest line of a record above which a limit is passed although modes that the record
 does not resolve may ring."""
+SECOND_WING = "_2"
+"""Ending of the channels of loads at a second wing's interface."""
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
-_FULL_BAND = Si(0.0), Si(math.inf)
-"""The band of all frequencies [Hz]."""
-
-
-@dataclass(frozen=True, init=False)
-class Limit:
-    """Largest amplitude, 0-to-peak, that a line of a torque may have between two frequencies.
-
-    Parameters
-    ----------
-    torque : str or Si
-        The amplitude, such as ``"10 mN*m"``.
-    low, high : str or Si, optional
-        Ends of the band in which it holds, such as ``"0.5 Hz"`` and ``"150 Hz"``; without them it
-        holds at all frequencies.
-
-    Raises
-    ------
-    OptionError
-        For a bare number, and for what is no limit or band.
-
-    Examples
-    --------
-    >>> import microvib as mv
-    >>> mv.Limit("10 mN*m", "0.5 Hz", "150 Hz")
-    Limit of 10 mN m from 0.5 to 150 Hz
-    """
-
-    torque: float
-    low: float
-    high: float
-
-    def __init__(
-        self,
-        torque: GivenQuantity,
-        low: GivenQuantity = _FULL_BAND[0],
-        high: GivenQuantity = _FULL_BAND[1],
-    ) -> None:
-        object.__setattr__(self, "torque", quantity("torque", torque, "N*m", positive=True))
-        for name, end in zip(("low", "high"), band((low, high)), strict=True):
-            object.__setattr__(self, name, end)
-
-    @classmethod
-    def of(cls, limit: GivenQuantity | None, ends: Band | None) -> Limit | None:
-        """Make the limit that a torque and the band state in which it holds.
-
-        Parameters
-        ----------
-        limit : str, Si or None
-            Largest amplitude, such as ``"10 mN*m"``; None for no limit.
-        ends : str or pair, optional
-            The band, ``"0.5:150 Hz"`` or both ends.
-
-        Returns
-        -------
-        Limit or None
-            None without a limit.
-
-        Raises
-        ------
-        OptionError
-            For a band without a limit, and for what is no limit or band.
-        """
-        if limit is None:
-            if ends is not None:
-                raise OptionError(
-                    "band",
-                    "is the band of a limit; give the limit too, such as '10 mN*m'",
-                    remedy="limit",
-                )
-            return None
-        torque = quantity("limit", limit, "N*m", positive=True)
-        return cls(torque, *(() if ends is None else band(ends)))
-
-    def __repr__(self) -> str:
-        return f"Limit of {1e3 * self.torque:.4g} mN m {self.band or 'at all frequencies'}"
-
-    @property
-    def band(self) -> str:
-        """The band in words; empty if the limit holds for all frequencies."""
-        if math.isfinite(self.high):
-            return f"from {self.low:g} to {self.high:g} Hz"
-        if self.low > 0.0:
-            return f"from {self.low:g} Hz"
-        return ""
-
-    def holds(self, frequency: float, tolerance: float = 0.0) -> bool:
-        """Tell whether the limit holds at a frequency; the ends of the band belong to it.
-
-        Parameters
-        ----------
-        frequency : float
-            Frequency [Hz].
-        tolerance : float
-            To what it is known [Hz].
-
-        Returns
-        -------
-        bool
-            Whether the frequency may lie in the band.
-        """
-        return within_band(frequency, self.low, self.high, tolerance)
+_SECOND_UNKNOWN = "the second wing's drive, whose lines are not here (leave --lines-only out)"
 
 
 @dataclass(frozen=True)
@@ -169,7 +74,7 @@ class Judgement:
     judged.
 
     The limit is passed only if everything in its band was looked at, and failed if a line is above
-    it.
+    it. Where loads have limits of their own, they count as well.
     """
 
     limit: Limit
@@ -180,25 +85,44 @@ class Judgement:
     """Ranges of the band that were not judged, why, and what would have to change; a sentence without a
     stop each.
     """
+    component: str = ""
+    """Load on the spacecraft that the lines are of, such as ``Fx``; empty for the torque about the drive
+    axis."""
+    loads: tuple[Judgement, ...] = ()
+    """Judgements of each load that has a limit of its own."""
 
     @property
     def verdict(self) -> Verdict:
         """The verdict on all together."""
+        return worst_verdict([self._own_verdict, *(one.verdict for one in self.loads)]) or "pass"
+
+    @property
+    def _own_verdict(self) -> Verdict:
         if self.above:
             return "fail"
-        if self.gaps:
-            return "not judged"
-        return "pass"
+        return "not judged" if self.gaps else "pass"
+
+    @property
+    def each(self) -> tuple[Judgement, ...]:
+        """Judgements by one curve each: of the torque, and of each load."""
+        own = replace(self, loads=())
+        return (*([] if self.limit.curve is None and not self.component else [own]), *self.loads)
 
     @property
     def above(self) -> int:
-        """How many lines are above the limit."""
+        """How many lines are above the limit; of loads each has its own."""
         return sum(m.fails for m in self.margins)
 
     @property
     def worst(self) -> Margin | None:
         """The smallest margin that is judged; None without one."""
         return next((m for m in self.margins if m.verdict != "not judged"), None)
+
+    @property
+    def all_gaps(self) -> tuple[str, ...]:
+        """Gaps of the torque, and of loads with their names in front."""
+        of_loads = (f"{one.component}: {gap}" for one in self.loads for gap in one.gaps)
+        return (*self.gaps, *of_loads)
 
     def of(self, line: Line) -> Margin | None:
         """Margin of one line; None where it was not judged."""
@@ -208,38 +132,87 @@ class Judgement:
         return f"{self}\n  {counted(len(self.margins), 'line')} judged, {len(self.unknown)} without an amplitude"
 
     def __str__(self) -> str:
-        if self.limit.band:
-            band = f" {self.limit.band}"
+        return " ".join(one._sentences() for one in self.each)
+
+    def _sentences(self) -> str:
+        """Verdict by one curve, in words."""
+        limit, band = self.limit, ""
+        if limit.band:
+            band = f" {limit.band}"
+        if limit.is_one_number:
+            head = f"Limit {limit.words}{band}: "
         else:
-            band = ""
-        head = f"Limit {1e3 * self.limit.torque:.4g} mN m{band}: "
+            head = f"Limit{self._of_what()} {self.allowed} over frequency{band}: "
         if not self.margins and not self.gaps:
-            return f"{head}pass; there is no line{band}."
+            return f"{head}pass; there is no line{band}.{self._beyond()}"
         if self.above:
             verdict = f"FAIL, {self.above} of {len(self.margins)} lines above"
         else:
-            verdict = self.verdict
-        return f"{head}{verdict}{self._worst()}.{self.not_judged()}"
+            verdict = self._own_verdict
+        return f"{head}{verdict}{self._worst()}.{self.not_judged()}{self._beyond()}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of amplitudes as people read them: ``mN m``, or of a force ``mN``."""
+        return "mN" if self.component.startswith("F") else "mN m"
+
+    @property
+    def curve(self) -> LimitCurve | None:
+        """The curve that these lines are judged by."""
+        if self.component:
+            return self.limit.loads[self.component.removesuffix(SECOND_WING)]
+        return self.limit.curve
+
+    def _of_what(self) -> str:
+        return f" of {self.component}" if self.component else ""
+
+    @property
+    def allowed(self) -> str:
+        """Amplitudes that the curve allows, in words."""
+        assert self.curve is not None
+        least, most = 1e3 * self.curve.least, 1e3 * self.curve.most
+        if least == most:
+            return f"{least:.4g} {self.unit}"
+        return f"{least:.4g} to {most:.4g} {self.unit}"
+
+    def _beyond(self) -> str:
+        """That a curve limits nothing beyond its ends; empty for one number, which says where it
+        holds."""
+        if self.limit.is_one_number or self.curve is None:
+            return ""
+        ends = [f"below {self.curve.low:g} Hz"] if self.curve.low > 0.0 else []
+        if math.isfinite(self.curve.high):
+            ends.append(f"above {self.curve.high:g} Hz")
+        return f" Nothing is limited {' and '.join(ends)}." if ends else ""
 
     def not_judged(self, most: int = 3) -> str:
         """Ranges and lines not judged, as a sentence; empty if there is nothing."""
-        if not self.gaps:
+        if not self.all_gaps:
             return ""
-        if len(self.gaps) > most:
-            more = f"; and {len(self.gaps) - most} more"
+        if len(self.all_gaps) > most:
+            more = f"; and {len(self.all_gaps) - most} more"
         else:
             more = ""
-        return f" Not judged: {'; '.join(self.gaps[:most])}{more}."
+        return f" Not judged: {'; '.join(self.all_gaps[:most])}{more}."
 
     def _worst(self) -> str:
         worst = self.worst
         if worst is None or math.isinf(worst.factor):
             return ""
-        if self.verdict != "not judged":
+        if self._own_verdict != "not judged":
             what = "smallest margin"
         else:
             what = "smallest margin judged"
-        return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({worst.line.name})"
+        return f"; {what} {worst.decibel:+.1f} dB, factor {worst.factor:.3g} ({self.where(worst)})"
+
+    def where(self, one: Margin) -> str:
+        """The line of a margin, and with a curve where it is and what is allowed there."""
+        if self.limit.is_one_number:
+            return one.line.name
+        return (
+            f"{one.line.name} at {one.line.place:.5g} Hz, where {1e3 * one.limit:.4g} {self.unit}"
+            " are allowed"
+        )
 
 
 def judge(
@@ -247,6 +220,7 @@ def judge(
     limit: Limit,
     scenario: GivenScenario | None = None,
     second: LineTable | None = None,
+    loads: Mapping[str, LineTable] | None = None,
 ) -> Judgement:
     """Judge every line of a table against a limit, also those too small for a report, and what the
     table does not list.
@@ -268,6 +242,9 @@ def judge(
     second : LineTable, optional
         Lines of the second wing's drive where the scenario has one that is driven, which are judged
         too.
+    loads : mapping of LineTable, optional
+        Lines of loads on the spacecraft by their channels, ``"Fx"`` to ``"Mz"``, which a limit with
+        curves of its own for them judges (``RunResult.load_lines``).
 
     Returns
     -------
@@ -300,22 +277,113 @@ def judge(
             " expected",
         )
     table = with_known_error(table)
-    within = [x for x in table if limit.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
-    ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
+    judged = Judgement(limit, (), ())
+    if limit.curve is not None:
+        judged = _judge_table(table, limit, limit.curve, scenario)
+        if scenario is not None and scenario.driven_wing is not None:
+            judged = _combine_drives(judged, second, scenario.driven_wing.alone)
+    if not limit.loads:
+        return judged
+    of_loads = _judged_loads(limit, table, loads or {}, scenario)
+    return replace(judged, loads=tuple(of_loads))
+
+
+def judge_channel(table: LineTable, limit: Limit, component: str = "") -> Judgement:
+    """Judge the lines of one channel of a recording against a limit.
+
+    Parameters
+    ----------
+    table : LineTable
+        Its lines, of a torque or a force.
+    limit : Limit
+        The limit: of that load, or without one of the torque about the drive axis.
+    component : str
+        The load that the channel is, ``Fx`` to ``Mz``.
+
+    Returns
+    -------
+    Judgement
+        The verdict. Nothing beyond the recording's passband is judged.
+
+    Raises
+    ------
+    OptionError
+        Where the limit has none for this channel.
+    """
+    if component in limit.loads:
+        alone = Limit.of_curves(None, {component: limit.loads[component]}, limit.source)
+        found = _judge_table(table, alone, limit.loads[component], None)
+        return replace(found, component=component)
+    if limit.curve is None or table.unit != "N*m":
+        what = f"{component} [{pretty(table.unit)}]".strip()
+        known = ", ".join([*([] if limit.curve is None else ["the torque"]), *limit.loads])
+        raise OptionError("limit", f"has nothing for the channel {what}; it limits {known}")
+    alone = Limit.of_curves(limit.curve, {}, limit.source)
+    return _judge_table(table, alone, limit.curve, None)
+
+
+def _judged_loads(
+    limit: Limit, table: LineTable, loads: Mapping[str, LineTable], scenario: Scenario | None
+) -> Iterator[Judgement]:
+    """The loads that have limits of their own, by their lines; of a craft with two wings, those of
+    either interface.
+    """
+    for name, curve in limit.loads.items():
+        alone = Limit.of_curves(None, {name: curve}, limit.source)
+        there = [each for each in (name, f"{name}{SECOND_WING}") if each in loads]
+        for each in there:
+            lines = replace(loads[each], own_error=table.own_error, find_error=None)
+            found = _judge_table(lines, alone, curve, scenario, of_torque=False)
+            yield replace(found, component=each)
+        if there:
+            continue
+        if _is_drive_torque(name, scenario):
+            yield replace(_judge_table(table, alone, curve, scenario), component=name)
+            continue
+        gap = (
+            "no load of this name is known of the run (an array with participation in six"
+            " components is expected, and the motion or the steady state, not its lines only)"
+        )
+        yield Judgement(alone, (), (), (gap,), component=name)
+
+
+def _is_drive_torque(name: str, scenario: Scenario | None) -> bool:
+    """Whether a load is the torque about the drive axis itself: on a base that is fixed."""
+    if scenario is None or scenario.spacecraft is not None:
+        return False
+    return name == f"M{scenario.array.drive_axis}"
+
+
+def _judge_table(
+    table: LineTable,
+    limit: Limit,
+    curve: LimitCurve,
+    scenario: Scenario | None,
+    *,
+    of_torque: bool = True,
+) -> Judgement:
+    """The lines of one channel against a curve.
+
+    Models bound the torque about the drive axis only: of other channels nothing is known beyond
+    their passband, nor what other draws of the noise have there.
+    """
+    within = [x for x in table if curve.holds(*_frequency_with_bound(x)) and x.status != TRANSIENT]
     known = [x for x in within if math.isfinite(x.amplitude)]
-    each = (_margin(x, limit, table, ringing, scenario) for x in known)
-    of_noise = noise_margins(table, limit.torque, (limit.low, limit.high), scenario)
-    margins = sorted(
-        [*(_certainly_within(one, limit) for one in each), *of_noise], key=lambda m: m.factor
-    )
     unknown = tuple(x for x in within if not math.isfinite(x.amplitude))
+    of_noise = noise_margins(table, curve, scenario) if of_torque else ()
+    margins = sorted(
+        [*_line_margins(known, curve, table, scenario), *of_noise], key=lambda m: m.factor
+    )
     record = record_gap_of_table(table, scenario)
     gaps = [
         *([] if record is None else [record.why]),
         *(m.why for m in margins if m.verdict == "not judged"),
-        *_hidden_line_gaps(unknown, limit, scenario),
-        *_record_gaps(table, limit, scenario),
+        *_hidden_line_gaps(unknown, curve, table, scenario),
+        *_record_gaps(table, curve, scenario),
+        *_above_passband(table, curve, scenario if of_torque else None),
     ]
+    if not of_torque and noise_of_record(scenario, table) is not None:
+        gaps.append("what noise of the friction makes of it in other draws")
     why = failed_invariants_reason(table.broken, scenario) or unknown_error_reason(table, scenario)
     if why:
         gaps = [why, *gaps]
@@ -323,55 +391,103 @@ def judge(
         margins = [_undecided(m, reason) for m in margins]
     if record is not None:
         margins = [_unless_overstated(m, record) for m in margins]
-    judged = Judgement(limit, tuple(margins), unknown, tuple(gaps))
-    if scenario is None or scenario.driven_wing is None:
-        return judged
-    return _combine_drives(judged, second, scenario.driven_wing.alone)
+    return Judgement(limit, tuple(margins), unknown, tuple(gaps))
+
+
+def _line_margins(
+    lines: Sequence[Line], curve: LimitCurve, table: LineTable, scenario: Scenario | None
+) -> Iterator[Margin]:
+    """Margins of lines of the table with known amplitudes."""
+    ringing = [x for x in table if x.status in ("decaying", NOISE_DRIVEN)]
+    for line in lines:
+        yield _certainly_within(_margin(line, curve, table, ringing, scenario), curve)
 
 
 def _margin(
     line: Line,
-    limit: Limit,
+    limit: LimitCurve,
     table: LineTable,
     ringing: Sequence[Line],
     scenario: Scenario | None,
 ) -> Margin:
-    """The margin of a line, undecided where other draws of the noise may change it, or the force
-    table does not show it as it is.
+    """The margin of a line to the strictest limit within its frequency uncertainty.
+
+    It fails where it is above the most that is allowed there, too.
     """
-    found = margin(line, limit.torque, table, ringing, scenario)
-    found = with_other_draws(found, limit.torque, table, scenario)
+    low, high = line_range(line, table, scenario)
+    strict, lenient = limit.strictest(low, high), limit.most_lenient(low, high)
+    found = _margin_to(line, strict, table, ringing, scenario)
+    if not found.fails or lenient == strict:
+        return found
+    if _margin_to(line, lenient, table, ringing, scenario).fails:
+        return found
+    unit = f"m{pretty(table.unit)}"
+    return _undecided(
+        found,
+        f"the limit goes from {1e3 * strict:.4g} to {1e3 * lenient:.4g} {unit} between"
+        f" {low:.6g} and {high:.6g} Hz, within the uncertainty of its frequency",
+    )
+
+
+def _margin_to(
+    line: Line,
+    most: float,
+    table: LineTable,
+    ringing: Sequence[Line],
+    scenario: Scenario | None,
+) -> Margin:
+    """The margin of a line to one amplitude, undecided where other draws of the noise may change it,
+    or the force table does not show it as it is.
+    """
+    found = margin(line, most, table, ringing, scenario)
+    found = with_other_draws(found, most, table, scenario)
+    if line.status == IN_BACKGROUND:
+        return _margin_in_background(line, most)
     why = undecided_reason(line)
     if why:
         return _undecided(found, why)
     return found
 
 
+def _margin_in_background(line: Line, allowed: float) -> Margin:
+    """The margin of what the drive may have in a line of the background: the recorded amplitude and the
+    background's, which may cancel in part, with three standard uncertainties. It never fails.
+    """
+    most = line.amplitude + line.background + 3.0 * line.amplitude_uncertainty
+    found = Margin(line, most, allowed / most, "pass", "", allowed)
+    if most <= allowed:
+        return found
+    return _undecided(found, line.status)
+
+
 def _hidden_line_gaps(
-    unknown: Sequence[Line], limit: Limit, scenario: Scenario | None
+    unknown: Sequence[Line], limit: LimitCurve, table: LineTable, scenario: Scenario | None
 ) -> Iterator[str]:
     """Lines without an amplitude that may be above the limit."""
     for line in unknown:
-        if not (mode_has_decayed(line, scenario) or _is_negligible(line, limit)):
+        most = limit.strictest(*line_range(line, table, scenario))
+        if not (mode_has_decayed(line, scenario) or _is_negligible(line, most)):
             yield f"{line.name} ({line.status})"
 
 
-def _record_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
+def _record_gaps(table: LineTable, limit: LimitCurve, scenario: Scenario | None) -> Iterator[str]:
     """Gaps that a record leaves besides its lines."""
     yield from _residual_peak_gaps(table, limit, scenario)
+    yield from _piece_gaps(table, limit, scenario)
     yield from _beside_band_gaps(table, limit, scenario)
+    if not limit.is_flat:
+        yield from filter(None, (unlisted_beside(x, limit, table, scenario) for x in table))
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
-    yield from may_be_larger(table, limit.low, limit.high, limit.torque)
+    yield from may_be_larger(table, limit)
     yield from unusable_gaps(table, limit.low, limit.high)
     if scenario is not None and scenario.rate is None:
         yield (
             "lines of the step clock, because the rate changes during the record (use a record at"
             " constant rate)"
         )
-    yield from _above_passband(table, limit, scenario)
 
 
 def _undecided(margin: Margin, why: str) -> Margin:
@@ -411,10 +527,9 @@ def _frequency_with_bound(line: Line) -> tuple[float, float]:
 def _combine_drives(first: Judgement, table: LineTable | None, scenario: Scenario) -> Judgement:
     """The judgement of two drives on one craft, the second's lines called so."""
     if table is None:
-        return replace(
-            first, gaps=(*first.gaps, "the second wing's drive, whose lines are not here")
-        )
-    second = judge(table, first.limit, scenario)
+        return replace(first, gaps=(*first.gaps, _SECOND_UNKNOWN))
+    assert first.limit.curve is not None
+    second = _judge_table(with_known_error(table), first.limit, first.limit.curve, scenario)
 
     def called(line: Line) -> Line:
         return replace(line, name=of_second_wing(line.name))
@@ -448,11 +563,10 @@ def transient_warnings(table: LineTable, scenario: Scenario) -> list[str]:
 
 
 def record_gap_of_table(table: LineTable, scenario: Scenario | None) -> RecordGap | None:
-    """Reason why the record of a table does not show the lines of tracking; None in a steady state."""
-    if any(x.status == TRANSIENT for x in table):
-        return None
+    """Reason why the record of a table, or its steady state, does not show the lines of tracking."""
+    steady = any(x.status == TRANSIENT for x in table)
     simulated = table.clock_ratio_uncertainty == 0.0
-    return record_gap(scenario, table.duration, simulated=simulated)
+    return record_gap(scenario, table.duration, simulated=simulated, steady=steady)
 
 
 def part_of_cycle_note(table: LineTable, scenario: Scenario | None) -> str:
@@ -493,28 +607,35 @@ def _noise_line_note(line: Line, table: LineTable) -> str:
     return f"{line.name}: {ONE_DRAW};{alone} --seeds N runs others."
 
 
-def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
+def _residual_peak_gaps(
+    table: LineTable, limit: LimitCurve, scenario: Scenario | None
+) -> list[str]:
     """Peaks above the limit that are not lines of the table."""
     if table.rest is None:
         return ["no search was made for lines outside the table"]
-    frequency, amplitude = table.rest.within(limit.low, limit.high)
-    peak = f"up to {1e3 * amplitude:.4g} mN m at {frequency:.5g} Hz"
+    frequency, amplitude, most = table.rest.nearest_to(limit)
+    unit = f"m{pretty(table.unit)}"
+    peak = f"up to {1e3 * amplitude:.4g} {unit} at {frequency:.5g} Hz"
+    if not limit.is_flat:
+        peak = f"{peak}, about which {1e3 * most:.4g} {unit} are allowed"
     more = "more members of each family, --harmonics N, or a longer record.duration"
     told = []
-    if amplitude > limit.torque:
+    if amplitude > most:
         told.append(f"unexplained peaks, {peak} ({more})")
-    elif table.rest.factor * amplitude > limit.torque:
+    elif table.rest.factor * amplitude > most:
         told.append(
             f"unexplained peaks, {peak}, where a line may have {table.rest.factor:g} times as much"
             f" ({more})"
         )
-    if told and (varies := intermittency_cause(scenario, table)):
+    in_time = not any(x.status == TRANSIENT for x in table)
+    if told and in_time and (varies := intermittency_cause(scenario)):
         told = [
             f"lines of a part of the time, as {varies} changes the drive, and peaks without a line,"
-            f" up to {1e3 * table.rest.factor * amplitude:.4g} mN m at {frequency:.5g} Hz"
+            f" up to {1e3 * table.rest.factor * amplitude:.4g} {unit} at {frequency:.5g} Hz"
         ]
     lowest = float(table.rest.frequency.min(initial=math.inf))
-    if limit.low < lowest and ABOVE_PASSBAND_FACTOR * table.rest.slow > limit.torque:
+    slow = ABOVE_PASSBAND_FACTOR * table.rest.slow
+    if limit.low < lowest and slow > limit.strictest(limit.low, lowest):
         if math.isfinite(lowest):
             ends = f"below {lowest:.3g} Hz"
         else:
@@ -525,19 +646,37 @@ def _residual_peak_gaps(table: LineTable, limit: Limit, scenario: Scenario | Non
     return told
 
 
-def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None) -> Iterator[str]:
+def _piece_gaps(table: LineTable, limit: LimitCurve, scenario: Scenario | None) -> Iterator[str]:
+    """Amplitudes above the limit in pieces of a steady state's period."""
+    if table.pieces is None:
+        return
+    frequency, amplitude, most = table.pieces.nearest_to(limit)
+    if amplitude > most:
+        varies = intermittency_cause(scenario)
+        cause = f", as {varies} changes the drive" if varies else ""
+        yield (
+            f"lines of a part of the time{cause}, up to {1e3 * amplitude:.4g} mN m at"
+            f" {frequency:.5g} Hz in a piece of the steady state's cycle"
+        )
+
+
+def _beside_band_gaps(
+    table: LineTable, limit: LimitCurve, scenario: Scenario | None
+) -> Iterator[str]:
     """Lines above the limit beside its band, which may hide others in the band: the record is too
     short to tell them apart.
     """
     if table.rest is None:
         return
+    reach = table.rest.resolution
     beside = [(max(limit.low - x.place, x.place - limit.high), x) for x in table]
     near = [
         (apart, x)
         for apart, x in beside
-        if 0.0 < apart < table.rest.resolution
+        if 0.0 < apart < reach
         and not limit.holds(*_frequency_with_bound(x))
-        and shared_amplitude_bound(x, table, scenario) > limit.torque
+        and shared_amplitude_bound(x, table, scenario)
+        > limit.strictest(x.place - reach, x.place + reach)
     ]
     if near:
         apart, line = min(near, key=lambda one: one[0])
@@ -548,7 +687,7 @@ def _beside_band_gaps(table: LineTable, limit: Limit, scenario: Scenario | None)
 
 
 def _unresolved_ringing_gaps(
-    table: LineTable, limit: Limit, scenario: Scenario | None
+    table: LineTable, limit: LimitCurve, scenario: Scenario | None
 ) -> Iterator[str]:
     """Modes that may ring, slower than the record resolves, where there is friction: it makes other
     lines of their motion, which come and go with it.
@@ -557,7 +696,7 @@ def _unresolved_ringing_gaps(
         return
     if max(scenario.friction.largest_torque, scenario.motor.friction.largest_torque) == 0.0:
         return
-    if limit.torque > _FAR_ABOVE_RECORD * table.largest:
+    if limit.least > _FAR_ABOVE_RECORD * table.largest:
         return
     for mode in unseen_ringing_modes(table, scenario, _STRONG_RINGING_EFOLDINGS):
         # Attitude control hardly moves the shaft against its friction.
@@ -570,15 +709,15 @@ def _unresolved_ringing_gaps(
             )
 
 
-def _growing_line_gaps(table: LineTable, limit: Limit) -> Iterator[str]:
+def _growing_line_gaps(table: LineTable, limit: LimitCurve) -> Iterator[str]:
     """Lines outside the band that grow: nothing bounds their multiples, which grow with them."""
     for x in table:
         outside = not limit.holds(*_frequency_with_bound(x))
-        if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.torque:
+        if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.least:
             yield f"lines caused by {x.name}, which grows within the record (increase record.settle)"
 
 
-def _certainly_within(one: Margin, limit: Limit) -> Margin:
+def _certainly_within(one: Margin, limit: LimitCurve) -> Margin:
     """The margin of a line; of an unlisted one above the limit that was found outside the band and
     may be in it, not judged.
     """
@@ -594,7 +733,7 @@ def _certainly_within(one: Margin, limit: Limit) -> Margin:
     return replace(one, verdict="not judged", why=why)
 
 
-def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -> list[str]:
+def _above_passband(table: LineTable, limit: LimitCurve, scenario: Scenario | None) -> list[str]:
     """Gap above the highest frequency examined."""
     top = PASSBAND * table.sample_rate
     if limit.high <= top:
@@ -603,9 +742,9 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
     if scenario is None:
         return [f"lines above {start:.4g} Hz (increase record.sample_rate)"]
     large = [
-        (one, np.flatnonzero(one.most > limit.torque))
+        (one, np.flatnonzero(above))
         for one in out_of_band_lines(scenario, table, start, limit.high)
-        if np.any(one.most > limit.torque)
+        if np.any(above := one.may_exceed(limit))
     ]
     if not large:
         return []
@@ -622,6 +761,6 @@ def _above_passband(table: LineTable, limit: Limit, scenario: Scenario | None) -
     ]
 
 
-def _is_negligible(line: Line, limit: Limit) -> bool:
+def _is_negligible(line: Line, most: float) -> bool:
     """Whether a line that others hide is small all the same."""
-    return line.status.startswith("not separable") and amplitude_bound(line) <= limit.torque
+    return line.status.startswith("not separable") and amplitude_bound(line) <= most

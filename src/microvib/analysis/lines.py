@@ -52,8 +52,8 @@ from microvib.model.scenario import (
 )
 from microvib.model.slow_variations import slow_variations
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
-from microvib.signals.fourier_lines import TRANSIENT, lines_of_series, order_of
-from microvib.signals.intermittent import intermittent_peaks
+from microvib.signals.fourier_lines import lines_of_series, order_of
+from microvib.signals.intermittent import intermittent_peaks, peaks_of_period
 from microvib.signals.line_fit import (
     NOT_SEPARABLE,
     SEPARATION,
@@ -61,7 +61,14 @@ from microvib.signals.line_fit import (
     lines_at_known_clock,
     with_background,
 )
-from microvib.signals.line_table import BELOW_FLOOR, DISTORTED, NOISE_DRIVEN, Line, LineTable
+from microvib.signals.line_table import (
+    BELOW_FLOOR,
+    DISTORTED,
+    NOISE_DRIVEN,
+    Line,
+    LineTable,
+    ResidualPeaks,
+)
 from microvib.signals.tones import HannSpectrum
 from microvib.solve.batch import Torque, torque_from_rest
 from microvib.solve.integration import Progress, method_of, simulate_from_rest
@@ -346,7 +353,8 @@ def simulated_lines(
     """Lines of a simulated torque, as ``lines_of_samples``, of which those that are ``expected`` are
     known (``expected_in``).
     """
-    table = estimate_lines(x, sample_rate, expected)
+    # A simulation's clock is known also where no line of it is seen.
+    table = replace(estimate_lines(x, sample_rate, expected), clock_ratio_uncertainty=0.0)
     table = _with_noise_statistics(table, scenario, expected, disturbance)
     ringing = {mode.name for mode in coupled_modes(scenario) if may_still_ring(mode, scenario)}
     settled = time_to_settle(scenario)
@@ -391,11 +399,36 @@ def _with_intermittent_peaks(table: LineTable, x: np.ndarray, scenario: Scenario
     return replace(table, rest=rest.with_peaks(frequency, amplitude / rest.factor))
 
 
-def intermittency_cause(scenario: Scenario | None, table: LineTable) -> str:
-    """Key of what changes the drive slowest in a table of samples; empty where nothing does, and in a steady
-    state.
+def _with_peaks_of_pieces(table: LineTable, series: np.ndarray, state: SteadyState) -> LineTable:
+    """Lines of the Fourier ``series`` of a steady state, with peaks of pieces of its period where
+    something changes the drive slowly within it.
     """
-    if scenario is None or any(x.status == TRANSIENT for x in table):
+    scenario = state.scenario
+    if not slow_variations(scenario):
+        return table
+    comb = _orders_of_electrical_period(state)
+    if comb <= 1:
+        return table
+    shortest = 2.0 / (comb * state.frequency)
+    found = peaks_of_period(series, state.frequency, comb, shortest)
+    return replace(table, pieces=ResidualPeaks.of(*found))
+
+
+def _orders_of_electrical_period(state: SteadyState) -> int:
+    """How often the electrical period, or else a full step, goes into the period of a steady state; 0
+    where neither does.
+    """
+    driver, motor = state.scenario.driver, state.scenario.motor
+    electrical = driver.beats * driver.microsteps
+    for part in (electrical, electrical // motor.full_steps):
+        if part and state.microsteps % part == 0:
+            return state.microsteps // part
+    return 0
+
+
+def intermittency_cause(scenario: Scenario | None) -> str:
+    """Key of what changes the drive slowest; empty where nothing does."""
+    if scenario is None:
         return ""
     return next((one.what for one in slow_variations(scenario)), "")
 
@@ -851,7 +884,7 @@ def lines_of_steady_state(state: SteadyState, channel: str, harmonics: int) -> L
         series, state.frequency, state.microsteps, expected, record.samples, record.sample_rate
     )
     if channel == "T_d":
-        table = with_spread(state, table)
+        table = with_spread(state, _with_peaks_of_pieces(table, series, state))
     return replace(
         table,
         unit=unit_of(channel),

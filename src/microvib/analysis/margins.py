@@ -5,7 +5,7 @@ to fail.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -16,10 +16,14 @@ from microvib.model.expected import distance_to_clock_line
 from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import CANCELLED, SEPARATION
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable, SeedLine
+from microvib.units import pretty
 
 Verdict = Literal["pass", "fail", "not judged"]
+NoVerdict = Literal[""]
+"""In place of a verdict where no limit was given."""
 MIN_RELATIVE_ERROR = 1e-3
 """Least relative error of an amplitude from integration and line fit (docs/numerics.md); a table
 may know a larger one.
@@ -68,6 +72,49 @@ def frequency_error_bound(frequency: Any, uncertainty: Any = 0.0) -> Any:
     )
 
 
+def line_range(
+    line: Line, table: LineTable, scenario: Scenario | None = None
+) -> tuple[float, float]:
+    """Range of frequencies [Hz] that a line may have.
+
+    Parameters
+    ----------
+    line : Line
+        The line.
+    table : LineTable
+        The lines of its record.
+    scenario : Scenario, optional
+        The drive. Its modes lie between their coupled and their clamped frequencies, as the shaft
+        sticks for a part of the time.
+
+    Returns
+    -------
+    tuple of float
+        Lowest and highest frequency [Hz].
+    """
+    at = line.place
+    off = float(frequency_error_bound(at, line.frequency_uncertainty))
+    if line.status == NOISE_DRIVEN:  # other draws have it elsewhere in the mode's width
+        off += (table.rest.resolution if table.rest else 0.0) + np.nan_to_num(line.decay) / math.pi
+    low, high = at - off, at + off
+    if scenario is None or not line.is_mode or line.status == "ok":
+        return low, high
+    for mode in coupled_modes(scenario):
+        if mode.name == line.name:
+            ends = (mode.frequency, mode.fixed_frequency or mode.frequency)
+            return min(low, *ends), max(high, *ends)
+    return low, high
+
+
+def worst_verdict(verdicts: Iterable[Verdict | NoVerdict]) -> Verdict | NoVerdict:
+    """The verdict on several things together: *fail* where one fails, *pass* only where none is *not
+    judged*; empty where nothing was judged.
+    """
+    found = set(verdicts)
+    worst_first: tuple[Verdict, ...] = ("fail", "not judged", "pass")
+    return next((each for each in worst_first if each in found), "")
+
+
 @dataclass(frozen=True)
 class Margin:
     """One line against the limit."""
@@ -81,6 +128,8 @@ class Margin:
     verdict: Verdict
     why: str = ""
     """Why it is not judged, and what would have to change."""
+    limit: float = math.nan
+    """The strictest limit within the uncertainty of the line's frequency [N m]."""
 
     @property
     def decibel(self) -> float:
@@ -111,7 +160,33 @@ def margin(
         judged = judged._replace(verdict="not judged", why=why)
     factor = most / judged.amplitude if judged.amplitude > 0.0 else math.inf
     why = f"{line.name} ({judged.why})" if judged.verdict == "not judged" else ""
-    return Margin(line, judged.amplitude, factor, judged.verdict, why)
+    return Margin(line, judged.amplitude, factor, judged.verdict, why, most)
+
+
+def unlisted_beside(
+    line: Line, curve: LimitCurve, table: LineTable, scenario: Scenario | None
+) -> str:
+    """Reason why a line may hide another one that is above the limit: within the record's resolution
+    the limit is stricter than where the line stands, and the line, with what it is not told apart
+    from, is above that; empty where it is not so.
+
+    With one number as limit, that line is judged by it itself.
+    """
+    if table.rest is None or not table.rest.resolution > 0.0:
+        return ""
+    low, high = line_range(line, table, scenario)
+    reach = table.rest.resolution
+    here, about = curve.strictest(low, high), curve.strictest(low - reach, high + reach)
+    if not about < here or not curve.holds(line.place, high - line.place):
+        return ""
+    if line.seen and line.amplitude > here:  # which is above the limit itself
+        return ""
+    if not shared_amplitude_bound(line, table, scenario) > about:
+        return ""
+    return (
+        f"lines within {reach:.3g} Hz of {line.name} at {line.place:.5g} Hz, where the limit falls"
+        f" to {1e3 * about:.4g} m{pretty(table.unit)}, masked by it; increase record.duration"
+    )
 
 
 class _Judged(NamedTuple):
@@ -196,12 +271,15 @@ def _judge_beside_ringing(
 
 
 def _parted_by_ringing(line: Line, table: LineTable, scenario: Scenario | None) -> float:
-    """Sum of the unlisted lines about a line of the clock [N m], while a mode may ring.
+    """Sum of the unlisted lines about a line of the clock [N m], while a mode may ring, which none
+    does in a steady state.
 
     Friction, backlash and hysteresis part a line into side lines by what rings; as that dies away
     they go back into it.
     """
     if scenario is None or not line.of_clock or not scenario.driving_frequency:
+        return 0.0
+    if any(x.status == TRANSIENT for x in table):
         return 0.0
     if not any(may_still_ring(mode, scenario) for mode in coupled_modes(scenario)):
         return 0.0

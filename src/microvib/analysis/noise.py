@@ -16,6 +16,10 @@ import numpy as np
 
 from microvib.analysis.margins import MIN_RELATIVE_ERROR, ONE_DRAW, SEEDS_NEEDED, Margin
 from microvib.analysis.seeds import QUANTILE, quantile_bounds
+from microvib.analysis.slow_noise import (
+    slow_noise_bound,
+    slow_noise_places,
+)
 from microvib.model.driven import RAYLEIGH_P95, noise_bands
 from microvib.model.noise_amplitudes import (
     NoiseAmplitudes,
@@ -26,7 +30,8 @@ from microvib.model.noise_amplitudes import (
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
-from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable, ResidualPeaks
+from microvib.signals.limit_curve import LimitCurve
+from microvib.signals.line_table import NOISE_DRIVEN, Line, LineTable, ResidualPeaks, part_ends
 from microvib.signals.seed_peaks import SeedPeaks
 
 NOISE = "noise"
@@ -42,6 +47,8 @@ assumed. Draws of a shaft that always slides have the quantile itself (tests/tes
 _IN_OTHER_DRAWS = math.sqrt(2.0) * RAYLEIGH_P95
 """Root mean squares of noise at a line by which 95 % of other draws differ from one at most: each
 has noise of its own."""
+_REACH_IN_BINS = 3.0
+"""Bins on either side of a bin that what stands in it may be away, with a Hann window."""
 _REMEDY = f"of one run --seeds {SEEDS_NEEDED + 1} judges by draws"
 _NEGLIGIBLE_TORQUE = 0.01
 """Part of the friction up to which noise changes no line of the clock by much."""
@@ -61,36 +68,62 @@ def noise_of_record(scenario: Scenario | None, table: LineTable) -> Scenario | N
 
 
 def noise_margins(
-    table: LineTable, most: float, band: tuple[float, float], scenario: Scenario | None
+    table: LineTable, limit: LimitCurve, scenario: Scenario | None
 ) -> Iterator[Margin]:
-    """Margins of what noise makes beside the lines within a ``band`` [Hz] to a limit [N m]."""
+    """Margins of what noise makes beside the lines to a limit [N m]."""
     noisy = noise_of_record(scenario, table)
     if noisy is None:
         return
-    amplitudes, peaks = noise_amplitudes(noisy, table.duration, *band), table.seed_peaks
+    band, peaks = (limit.low, limit.high), table.seed_peaks
+    amplitudes = noise_amplitudes(noisy, table.duration, *band)
     if peaks is not None and _bounds_by_draws(table):
         top = PASSBAND * table.sample_rate
-        if band[0] < top:
-            yield _by_draws(peaks, amplitudes, most, (band[0], min(band[1], top)), table)
+        seen = limit.within(0.0, top)
+        if seen is not None:
+            yield _by_draws(peaks, amplitudes, seen, table)
         if band[1] <= top:
             return
         amplitudes = noise_amplitudes(noisy, table.duration, max(top, band[0]), band[1])
     else:
-        yield from _unexplained_by_noise(table, most, band, noisy)
+        yield from _unexplained_by_noise(table, limit, noisy)
+        yield from _of_slow_noise(table, limit, noisy)
     if amplitudes.frequency.size:
-        yield _by_closed_form(amplitudes, most, table, noisy)
+        yield _by_closed_form(amplitudes, limit, table, noisy)
+
+
+def _referred(
+    amplitudes: NoiseAmplitudes, limit: LimitCurve, duration: float
+) -> tuple[NoiseAmplitudes, np.ndarray]:
+    """Amplitudes over what is allowed at each, times the least of all that is allowed: by these the
+    largest of all bins is judged against that least; and what is allowed (n,) [N m].
+
+    A bin sees what stands within some others beside it, and may stand for several.
+    """
+    reach = (_REACH_IN_BINS + amplitudes.number) / duration
+    allowed = limit.strictest(amplitudes.frequency - reach, amplitudes.frequency + reach)
+    share = limit.least / allowed
+    return replace(amplitudes, mean_square=amplitudes.mean_square * share**2), allowed
+
+
+def _loudest(referred: NoiseAmplitudes, allowed: np.ndarray) -> tuple[float, float]:
+    """Frequency [Hz] of the bin that is nearest to its limit, and what is allowed there [N m]."""
+    k = int(np.argmax(referred.mean_square))
+    return float(referred.frequency[k]), float(allowed[k])
 
 
 def _by_closed_form(
-    amplitudes: NoiseAmplitudes, most: float, table: LineTable, scenario: Scenario
+    amplitudes: NoiseAmplitudes, limit: LimitCurve, table: LineTable, scenario: Scenario
 ) -> Margin:
     """The margin of what the linearised drive says."""
-    quantile, at = amplitudes.quantile(), amplitudes.loudest
+    referred, allowed = _referred(amplitudes, limit, table.duration)
+    (at, most), least = _loudest(referred, allowed), limit.least
+    share = referred.quantile() / least
+    quantile = referred.quantile() * (most / least)
     line = _noise_line(at, quantile)
-    if LINEAR_FACTOR * quantile <= most:
-        return Margin(line, quantile, _factor(most, quantile), "pass")
+    if LINEAR_FACTOR * referred.quantile() <= least:
+        return Margin(line, quantile, _factor(most, quantile), "pass", limit=most)
     keys = " and ".join(noise_bands(scenario))
-    if quantile > most:
+    if share > 1.0:
         slides = "if the shaft always slides"
     else:
         slides = f"and where the shaft sticks at times it may be {LINEAR_FACTOR:g} times that"
@@ -99,56 +132,85 @@ def _by_closed_form(
         f" {table.duration:g} s is above {1e3 * quantile:.4g} mN m, most likely at {at:.4g} Hz,"
         f" {slides}; {_REMEDY})"
     )
-    return Margin(line, quantile, _factor(most, quantile), "not judged", why)
+    return Margin(line, quantile, _factor(most, quantile), "not judged", why, most)
 
 
 def _by_draws(
-    peaks: SeedPeaks,
-    amplitudes: NoiseAmplitudes,
-    most: float,
-    band: tuple[float, float],
-    table: LineTable,
+    peaks: SeedPeaks, amplitudes: NoiseAmplitudes, limit: LimitCurve, table: LineTable
 ) -> Margin:
     """The margin of the largest amplitude in the band over many draws."""
-    highest, certain = peaks.largest(*band)
+    least, band = limit.least, (limit.low, limit.high)
+    low, high = part_ends(peaks.frequency)
+    strict = peaks.over(limit.strictest(low, high) / least)
+    bin_width = 1.0 / table.duration
+    places = peaks.frequency - bin_width, peaks.frequency + bin_width
+    lenient = peaks.over(limit.most_lenient(*places) / least)
+    highest, certain = strict.largest(*band)[0], lenient.largest(*band)[1]
     error = max(MIN_RELATIVE_ERROR, table.own_error)
-    p95 = float(np.quantile(highest, QUANTILE))
     upper = quantile_bounds(np.sort(highest))[1]
     lower = quantile_bounds(np.sort(certain))[0]
-    line = _noise_line(peaks.typical_frequency(*band), p95)
+    at = strict.typical_frequency(*band)
+    most = min(float(limit.strictest(at - bin_width, at + bin_width)), limit.most)
+    scale = most / least
+    p95 = float(np.quantile(highest, QUANTILE)) * scale
+    line = _noise_line(at, p95)
     factor = _factor(most, p95)
-    if upper * (1.0 + error) <= most:
-        return Margin(line, p95, factor, "pass")
+    if upper * (1.0 + error) <= least:
+        return Margin(line, p95, factor, "pass", limit=most)
     told = (
         f"{NOISE} (95 % quantile of the largest amplitude beside the clock's lines, between"
-        f" {1e3 * lower:.4g} and {1e3 * upper:.4g} mN m"
+        f" {1e3 * lower * scale:.4g} and {1e3 * upper * scale:.4g} mN m"
     )
-    if lower * (1.0 - error) <= most:
+    if lower * (1.0 - error) <= least:
         why = f"{told}; more seeds than {peaks.draws})"
-        return Margin(line, p95, factor, "not judged", why)
-    if amplitudes.quantile() <= most:
+        return Margin(line, p95, factor, "not judged", why, most)
+    if _referred(amplitudes, limit, table.duration)[0].quantile() <= least:
         why = f"{told}, larger than the noise accounts for; increase record.settle)"
-        return Margin(line, p95, factor, "not judged", why)
-    return Margin(line, p95, factor, "fail")
+        return Margin(line, p95, factor, "not judged", why, most)
+    return Margin(line, p95, factor, "fail", limit=most)
 
 
 def _unexplained_by_noise(
-    table: LineTable, most: float, band: tuple[float, float], scenario: Scenario
+    table: LineTable, limit: LimitCurve, scenario: Scenario
 ) -> Iterator[Margin]:
     """The largest peak of one draw that noise may have made by changing lines, where it may be above
     the limit in others.
     """
-    if table.rest is None or is_negligible(scenario, table.duration, most):
+    if table.rest is None or is_negligible(scenario, table.duration, limit.least):
         return
-    at, size = _beyond_direct(table.rest, scenario, table.duration, band)
-    k = int(np.argmax(size)) if size.size else 0
-    if size.size and ONE_DRAW_FACTOR * size[k] > most:
+    at, size, allowed = _beyond_direct(table.rest, scenario, table.duration, limit)
+    k = int(np.argmax(size / allowed)) if size.size else 0
+    if size.size and ONE_DRAW_FACTOR * size[k] > allowed[k]:
+        most = float(allowed[k])
         why = (
             f"{NOISE} (one draw of many has a peak without a line of {1e3 * size[k]:.4g} mN m at"
             f" {at[k]:.4g} Hz; {_REMEDY})"
         )
         line = _noise_line(float(at[k]), float(size[k]))
-        yield Margin(line, line.amplitude, _factor(most, line.amplitude), "not judged", why)
+        yield Margin(line, line.amplitude, _factor(most, line.amplitude), "not judged", why, most)
+
+
+def _of_slow_noise(table: LineTable, limit: LimitCurve, scenario: Scenario) -> Iterator[Margin]:
+    """Margin of what noise that is slow beside the record may make where it shows nothing, where that may be
+    above the limit.
+    """
+    at = slow_noise_places(scenario, table.duration, (limit.low, limit.high))
+    bound = slow_noise_bound(scenario, table.duration, at)
+    if not np.any(bound > 0.0):
+        return
+    # Between two places it is no larger than at one of them: both count to the neighbours.
+    beside = np.concatenate([at[:1], at, at[-1:]])
+    allowed = np.minimum(limit.strictest(beside[:-2], beside[2:]), limit.most)
+    k = int(np.argmax(bound / allowed))
+    most = float(allowed[k])
+    if bound[k] > most:
+        why = (
+            f"{NOISE} (friction.torque_noise is slow beside the record, which sees one value of it;"
+            f" others may change the drive, and lines by up to {1e3 * bound[k]:.4g} mN m, at"
+            f" {at[k]:.4g} Hz; {_REMEDY}, or a longer record.duration)"
+        )
+        line = _noise_line(float(at[k]), float(bound[k]))
+        yield Margin(line, line.amplitude, _factor(most, line.amplitude), "not judged", why, most)
 
 
 def with_other_draws(
@@ -168,10 +230,17 @@ def with_other_draws(
             return _unlisted_by_draws(found, most, table)
         return _unlisted_of_one_draw(found, most, table, noisy)
     if line.of_clock and found.verdict != "not judged" and not _bounds_by_draws(table):
-        added = _IN_OTHER_DRAWS * _direct(noisy, table.duration, np.array([line.place]))[0]
+        added = _added_by_other_draws(noisy, table.duration, line.place)
         if abs(line.amplitude - most) <= added and found.amplitude > 0.0:
             return _not_judged(found, f"noise changes it from draw to draw; {_REMEDY}")
     return found
+
+
+def _added_by_other_draws(scenario: Scenario, duration: float, frequency: float) -> float:
+    """Torque that other draws may add to a line at a ``frequency`` [Hz], or take from it [N m]."""
+    at = np.array([frequency])
+    direct = _IN_OTHER_DRAWS * _direct(scenario, duration, at)[0]
+    return float(direct + slow_noise_bound(scenario, duration, at)[0])
 
 
 def _unlisted_by_draws(found: Margin, most: float, table: LineTable) -> Margin:
@@ -211,12 +280,16 @@ def _unlisted_of_one_draw(
         largest = line.amplitude + _IN_OTHER_DRAWS * direct
         if line.amplitude <= CERTAIN_FACTOR * direct:
             largest = RAYLEIGH_P95 * direct
+        largest += float(slow_noise_bound(scenario, table.duration, np.array([line.place]))[0])
         if largest <= most:
             return replace(found, verdict="pass", why="")
         return _not_judged(found, f"{ONE_DRAW}; {_REMEDY}")
-    if found.verdict != "pass" or ONE_DRAW_FACTOR * line.amplitude <= most:
+    slow = float(slow_noise_bound(scenario, table.duration, np.array([line.place]))[0])
+    if found.verdict == "fail" and line.amplitude - slow <= most:
+        return _not_judged(found, f"noise changes it from draw to draw; {_REMEDY}")
+    if found.verdict != "pass" or ONE_DRAW_FACTOR * line.amplitude + slow <= most:
         return found
-    if is_negligible(scenario, table.duration, most):
+    if slow == 0.0 and is_negligible(scenario, table.duration, most):
         return found
     return _not_judged(found, f"one draw of many, as noise may have made it; {_REMEDY}")
 
@@ -235,27 +308,46 @@ def changed_line_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[
     draw bounds it: of unlisted lines, and of peaks without one.
     """
     noisy = noise_of_record(scenario, table)
-    if noisy is None or _changes_little(noisy):
+    if noisy is None:
+        return
+    yield from _slow_noise_bounds(table, noisy)
+    if _changes_little(noisy):
         return
     for line in table:
         if line.kind == "other" and line.status == "ok":
             yield line.place, ONE_DRAW_FACTOR * line.amplitude
     if table.rest is not None:
-        at, size = _beyond_direct(table.rest, noisy, table.duration, (0.0, math.inf))
+        anything = LimitCurve.flat(1.0)
+        at, size, _ = _beyond_direct(table.rest, noisy, table.duration, anything)
         yield from zip(at.tolist(), (ONE_DRAW_FACTOR * size).tolist(), strict=True)
 
 
-def _beyond_direct(
-    rest: ResidualPeaks, scenario: Scenario, duration: float, band: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and amplitudes [N m] of peaks within a ``band`` [Hz] that are larger than noise
-    makes directly, (n,) each.
+def _slow_noise_bounds(table: LineTable, scenario: Scenario) -> Iterator[tuple[float, float]]:
+    """Frequencies [Hz] and upper bounds [N m] of lines with what slow noise may add to them, and of
+    what it may make beside them.
     """
-    low, high = band[0] - rest.resolution, band[1] + rest.resolution
+    seen = [line for line in table if line.seen]
+    places = slow_noise_places(scenario, table.duration, (0.0, math.inf))
+    at = np.concatenate([places, [line.place for line in seen]])
+    added = slow_noise_bound(scenario, table.duration, at)
+    if np.any(added > 0.0):
+        size = np.concatenate([np.zeros(places.size), [line.amplitude for line in seen]])
+        yield from zip(at.tolist(), (size + added).tolist(), strict=True)
+
+
+def _beyond_direct(
+    rest: ResidualPeaks, scenario: Scenario, duration: float, limit: LimitCurve
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and amplitudes [N m] of peaks within the range of a limit that are larger than
+    noise makes directly, and what it allows there [N m], (n,) each.
+    """
+    low, high = limit.low - rest.resolution, limit.high + rest.resolution
     inside = (rest.frequency >= low) & (rest.frequency <= high)
-    at, size = rest.frequency[inside], rest.amplitude[inside]
+    at, size, allowed = (
+        x[inside] for x in (rest.frequency, rest.amplitude, rest.least_allowed(limit))
+    )
     beyond = size > CERTAIN_FACTOR * _direct(scenario, duration, at)
-    return at[beyond], size[beyond]
+    return at[beyond], size[beyond], allowed[beyond]
 
 
 def _changes_little(scenario: Scenario) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from microvib.model.coupling import line_of_sight_noise_spectrum
+from microvib.model.driven import noise_bands
 from microvib.model.line_names import LineName
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
@@ -29,6 +30,13 @@ NOISE_LABEL = "torque noise"
 """Name of the output friction's noise in a ranking."""
 FREQUENCY_TOLERANCE = 1e-6
 """Relative distance of frequencies up to which lines are of one frequency."""
+LEFT_OUT = "left_out"
+"""Column of a table of lines that says what is not in it, so that whoever reads the table alone
+passes no requirement by lines that were not looked at.
+"""
+_NOT_SOUGHT = (
+    "lines that the run did not look for, which a budget of its scenario bounds (microvib budget)"
+)
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,20 @@ class HubLines:
         if los is None:
             return ()
         return los.windows
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Parts that are not among these lines, in words: in ``left_out`` of their tables."""
+        drives = (self.scenario, self.scenario.driven_wing)
+        keys = dict.fromkeys(
+            key for drive in drives if drive is not None for key in noise_bands(drive)
+        )
+        return (*(f"{key}, which makes a density" for key in keys), _NOT_SOUGHT)
+
+    @property
+    def settled(self) -> list[bool]:
+        """Which lines belong to the settled motion: they neither ring nor are driven by noise."""
+        return [name not in (*self.rings, *self.driven) for name in self.names]
 
     @cached_property
     def amplitude(self) -> np.ndarray:
@@ -232,8 +254,13 @@ class HubLines:
             },
         }  # fmt: skip
 
-    def loads_table(self, *, second: bool = False) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface."""
+    def loads_table(
+        self, left_out: Sequence[str] = (), *, second: bool = False
+    ) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of ``loads.csv``; ``second`` those of the second wing's interface.
+
+        What is ``left_out`` besides what these lines know of is said in each row.
+        """
         found = self.second if second else self.loads
         assert found is not None
         header = [
@@ -242,14 +269,16 @@ class HubLines:
             *LOAD_COLUMNS,
             *(f"{name.lower()}_phase_rad" for name in COMPONENTS),
         ]
-        return header, [
-            [name, float(f), *np.abs(values).tolist(), *np.angle(values).tolist()]
-            for name, f, values in zip(self.names, self.frequency, found, strict=True)
-        ]
+        if self.second is not None:
+            left_out = ("loads at the interface of the other wing", *left_out)
+        columns = np.hstack([np.abs(found), np.angle(found)])
+        return self._with_what_is_left_out(header, columns, left_out)
 
-    def pointing_table(self) -> tuple[list[str], list[list[Any]]]:
+    def pointing_table(self, left_out: Sequence[str] = ()) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of ``pointing.csv``: amplitudes and phases, then the rms of each line in
-        each metric and window.
+        each metric and window, whether it is settled, and what is left out.
+
+        What is ``left_out`` besides what these lines know of is said in each row.
         """
         assert self.los is not None
         header = ["line", "frequency_hz", *LOS_COLUMNS, "los_x_phase_rad", "los_y_phase_rad"]
@@ -258,8 +287,19 @@ class HubLines:
             for metric in METRICS:
                 header += [f"{metric}_{_window_label(window)}_{axis}_rad" for axis in "xy"]
                 columns.append(np.sqrt(self.mean_squares(metric, window)))
-        rows = zip(self.names, self.frequency, np.hstack(columns), strict=True)
-        return header, [[name, float(f), *row.tolist()] for name, f, row in rows]
+        return self._with_what_is_left_out(header, np.hstack(columns), left_out)
+
+    def _with_what_is_left_out(
+        self, header: list[str], columns: np.ndarray, left_out: Sequence[str]
+    ) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of a table of these lines, whose last columns say which are settled and
+        what is left out; in each row, since rows are sorted and taken out.
+        """
+        said = "; ".join(dict.fromkeys((*left_out, *self.left_out)))
+        rows = zip(self.names, self.frequency, columns, self.settled, strict=True)
+        return [*header, "settled", LEFT_OUT], [
+            [name, float(f), *row.tolist(), settled, said] for name, f, row, settled in rows
+        ]
 
 
 def noise_spectrum_of_wings(scenario: Scenario) -> tuple[np.ndarray, np.ndarray] | None:

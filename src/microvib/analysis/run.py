@@ -5,6 +5,7 @@ line, the page and a notebook.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,24 +15,30 @@ from microvib.analysis.accuracy import (
     Accuracy,
     add_error_estimate,
     error_of_motion,
+    failed_invariants_reason,
     read_error_estimate,
     steady_accuracy,
     with_integration_error,
     with_known_error,
 )
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.limits import SECOND_WING, Judgement, judge
 from microvib.analysis.lines import (
     HARMONICS_RANGE,
+    find_lines,
     lines_of_motion,
     lines_of_steady_state,
 )
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.seeds import MAX_SEEDS, check_seeds, with_seeds
+from microvib.analysis.start import mode_has_decayed, record_gap
 from microvib.analysis.stream import lines_of_stream
-from microvib.errors import whole_number
+from microvib.errors import ChannelError, expect, whole_number
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.record import Start
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, with_start
+from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import LineTable
 from microvib.solve.integration import Progress, simulate_from_rest
 from microvib.solve.motion import Invariants, Motion
@@ -60,6 +67,8 @@ class RunResult:
     """Result of the second wing's drive alone, where it is driven and more than lines of T_d
     was kept.
     """
+    judgement: Judgement | None = None
+    """Its lines against the limit that was given with the run."""
 
     @classmethod
     def of_motion(cls, motion: Motion, table: LineTable) -> RunResult:
@@ -86,6 +95,70 @@ class RunResult:
             return None
         return hub_lines(source, self.table)
 
+    def judge(self, limit: Limit) -> Judgement:
+        """The lines of the run, those of a second wing's drive, and the loads that the limit has curves
+        for, against a limit.
+        """
+        if self.second is not None:
+            second: LineTable | None = self.second.table
+        else:
+            second = None if self.motion is None else lines_of_second(self.motion, self.table)
+        return judge(self.table, limit, self.scenario, second, self.load_lines(limit))
+
+    def load_lines(self, limit: Limit) -> dict[str, LineTable]:
+        """Lines of the loads on the spacecraft that a limit has curves for, by their channels, at a
+        second wing's interface, too; none of those that the run does not know.
+        """
+        source = self.state or self.motion
+        if source is None:
+            return {}
+        found = {}
+        for name in limit.loads:
+            for channel in (name, f"{name}{SECOND_WING}"):
+                with suppress(ChannelError):
+                    table = find_lines(source, channel, self.table.harmonics)
+                    found[channel] = self._as_steady(table)
+        return found
+
+    def _as_steady(self, table: LineTable) -> LineTable:
+        """Lines of another channel, without the modes that do not ring as the record began in the
+        steady state.
+        """
+        still = {line.name for line in self.table if line.status == TRANSIENT}
+        lines = (replace(x, status=TRANSIENT) if x.name in still else x for x in table)
+        return replace(table, lines=tuple(lines))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Parts of the lasting motion that its lines do not show, in words: for the tables that others
+        may take for a source.
+        """
+        found = []
+        if self.second is None and self.scenario.driven_wing is not None:
+            found.append(f"what the record of {SECOND_DRIVE} tells of it")
+        for drive in self.drives.values():
+            steady = drive.state is not None
+            gap = record_gap(drive.scenario.alone, drive.table.duration, steady=steady)
+            found += [gap.why] if gap else []
+            if drive.scenario.rate is None:
+                found.append("lines of a rate that changes within the record")
+            growing = [line.name for line in drive.table if line.status == "growing"]
+            found += [f"{', '.join(growing)}, which grows within the record"] if growing else []
+            if not steady and (unknown := drive._unknown_lines()):
+                found.append(f"{', '.join(unknown)}, which could not be estimated")
+            broken = failed_invariants_reason(drive.table.broken, drive.scenario)
+            found += [broken] if broken else []
+        return tuple(found)
+
+    def _unknown_lines(self) -> list[str]:
+        """Expected lines that its record does not tell and that may be there."""
+        unknown = () if self.hub is None else self.hub.unknown
+        return [
+            line.name
+            for line in self.table
+            if line.name in unknown and not mode_has_decayed(line, self.scenario)
+        ]
+
     @property
     def accuracy(self) -> Accuracy | None:
         """How far the integration may be off; None where that is not known."""
@@ -99,6 +172,7 @@ def run_scenario(  # noqa: PLR0913 - keyword options
     harmonics: int = 8,
     lines_only: bool = False,
     seeds: int = 0,
+    limit: Limit | None = None,
     progress: Progress | None = None,
     drawn: Callable[[int], None] | None = None,
 ) -> RunResult:
@@ -117,6 +191,8 @@ def run_scenario(  # noqa: PLR0913 - keyword options
         Keep no motion: memory stays bounded however long the record.
     seeds : int
         Draws of the noise that are run besides, so that the table knows its lines over them.
+    limit : Limit, optional
+        Limit that the lines are judged by (``judgement``): one torque, or curves over frequency.
     progress : callable, optional
         Called as ``progress(done, total)``, with simulated seconds.
     drawn : callable, optional
@@ -143,7 +219,10 @@ def run_scenario(  # noqa: PLR0913 - keyword options
         progress(0.0, scenario.record.settle + scenario.record.duration)
     result = _solve_one(scenario, harmonics, lines_only, progress)
     if seeds:
-        return replace(result, table=with_seeds(result.table, scenario, seeds, drawn))
+        result = replace(result, table=with_seeds(result.table, scenario, seeds, drawn))
+    if limit is not None:
+        expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
+        return replace(result, judgement=result.judge(limit))
     return result
 
 

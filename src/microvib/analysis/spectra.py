@@ -8,7 +8,7 @@ import numpy as np
 
 from microvib.errors import ChannelError, SimulationError, expect, expect_channel
 from microvib.signals import spectrum as spectra
-from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
+from microvib.signals.spectrum import Average, Density, Spectrum, Waterfall, Window
 from microvib.solve.batch import Torque
 from microvib.solve.motion import Motion, scalar_channel, unit_of
 from microvib.testdata.recording import Recording, check_samples
@@ -79,11 +79,28 @@ def spectrum(source: Sampled, channel: str = "", window: Window = "rectangular")
     return replace(spectra.amplitude_spectrum(x, rate, window), unit=unit)
 
 
+def averaged_spectrum(
+    source: Sampled,
+    average: Average,
+    channel: str = "",
+    resolution: GivenQuantity | None = None,
+    window: Window = "hann",
+    overlap: float = 0.5,
+) -> Spectrum:
+    """One amplitude spectrum of the stretches of a channel, *linear*, *peak-hold* or *exponential*
+    (``signals.spectrum.averaged_spectrum``); with *none* that of all its samples at once.
+    """
+    x, rate, unit = samples_of(source, channel)
+    made = spectra.averaged_spectrum(x, rate, average, resolution, window, overlap)
+    return replace(made, unit=unit)
+
+
 def psd(
     source: Sampled,
     channel: str = "",
     resolution: GivenQuantity | None = None,
     window: Window = "hann",
+    overlap: float = 0.5,
 ) -> Density:
     """Estimate the one-sided power spectral density of a channel (Welch).
 
@@ -98,6 +115,8 @@ def psd(
         Distance between bins, such as ``"0.5 Hz"``.
     window : {"rectangular", "hann", "flat-top"}
         Window of each stretch.
+    overlap : float
+        Part of a stretch that the next one shares, up to 0.95.
 
     Returns
     -------
@@ -112,7 +131,7 @@ def psd(
         Where a recording's samples are no measurement.
     """
     x, rate, unit = samples_of(source, channel)
-    return replace(spectra.power_spectral_density(x, rate, resolution, window), unit=unit)
+    return replace(spectra.power_spectral_density(x, rate, resolution, window, overlap), unit=unit)
 
 
 def waterfall(
@@ -120,6 +139,7 @@ def waterfall(
     channel: str = "",
     resolution: GivenQuantity | None = None,
     window: Window = "hann",
+    overlap: float = 0.5,
 ) -> Waterfall:
     """Estimate amplitude spectra of successive stretches of a channel.
 
@@ -134,6 +154,8 @@ def waterfall(
         Distance between bins, such as ``"0.5 Hz"``; a stretch is 1/``resolution`` long.
     window : {"rectangular", "hann", "flat-top"}
         Window of each stretch.
+    overlap : float
+        Part of a stretch that the next one shares, up to 0.95.
 
     Returns
     -------
@@ -148,4 +170,4 @@ def waterfall(
         Where a recording's samples are no measurement.
     """
     x, rate, unit = samples_of(source, channel)
-    return replace(spectra.waterfall(x, rate, resolution, window), unit=unit)
+    return replace(spectra.waterfall(x, rate, resolution, window, overlap), unit=unit)

@@ -23,6 +23,7 @@ from microvib.model.slow_variations import (
     slow_variations,
     unseen_variations,
 )
+from microvib.model.tracking import HeldRate
 from microvib.model.turning import (
     GROWN_EFOLDINGS,
     TurningDrive,
@@ -228,16 +229,21 @@ class RecordGap:
 
 
 def record_gap(
-    scenario: Scenario | None, duration: float, *, simulated: bool = True
+    scenario: Scenario | None, duration: float, *, simulated: bool = True, steady: bool = False
 ) -> RecordGap | None:
     """Reason why a record of ``duration`` [s] does not show the lines of tracking; None where it does.
 
-    The array does not turn yet; the motion is not yet the lasting one; the record is shorter than
-    two full steps, of which a slow drive may slip but once in each; or it holds less than two cycles
-    of something that changes the drive more slowly. Limits, budgets, rate plans and campaigns all
-    ask here. Of a recording that is not ``simulated`` the start is not known.
+    The command has rates that the record does not see; the array does not turn yet; the motion is
+    not yet the lasting one; the record is shorter than two full steps, of which a slow drive may slip
+    but once in each; or it holds less than two cycles of something that changes the drive more
+    slowly. Limits, budgets, rate plans and campaigns all ask here. Of a recording that is not
+    ``simulated`` the start is not known; in a ``steady`` state only the rates are asked for.
     """
     if scenario is None:
+        return None
+    if simulated and (unseen := unseen_rates_gap(scenario)):
+        return unseen
+    if steady:
         return None
     if simulated and (held := not_moving_reason(scenario)):
         return RecordGap(held, turns=False)
@@ -258,6 +264,46 @@ def record_gap(
         f" two (record.duration >= {rounded_up(wanted)} s)",
         turns=True,
     )
+
+
+def unseen_rates_gap(scenario: Scenario) -> RecordGap | None:
+    """Reason why a record at one rate does not show the lines of a profile that holds others; None
+    where it holds none.
+
+    Ramps, and legs that last less than a cycle of the slowest mode, are parts of a start or a stop,
+    as the steps of a shaped one are, unless they go faster than the record does. A leg at rest makes
+    no lines.
+    """
+    recorded = scenario.rate
+    if recorded is None or scenario.tracking.profile is None:
+        return None
+    cycle = max((1.0 / mode.frequency for mode in _shaft_modes(scenario)), default=0.0)
+    for one in scenario.tracking.held_rates():
+        faster = abs(one.rate) > abs(recorded)
+        lasts = one.passed if faster else one.lasts
+        if one.rate not in (0.0, recorded) and lasts > cycle:
+            return RecordGap(_unseen_rate_reason(scenario, one, recorded), turns=recorded != 0.0)
+    return None
+
+
+def _unseen_rate_reason(scenario: Scenario, unseen: HeldRate, recorded: float) -> str:
+    """Why lines of a rate that a profile holds are not seen, and what to do."""
+    record = scenario.record
+    if recorded != 0.0:
+        at = f"is at {_in_degrees(recorded)}"
+    elif unseen.start > record.settle:
+        at = "begins before the array turns"
+    else:
+        at = "has the array at rest"
+    return (
+        f"lines at {_in_degrees(unseen.rate)}, which tracking.profile holds from"
+        f" {unseen.start:.6g} s on: the record, from {record.settle:g} to"
+        f" {record.settle + record.duration:g} s, {at} (tracking.rate, a run for each)"
+    )
+
+
+def _in_degrees(rate: float) -> str:
+    return f"{math.degrees(rate):.4g} deg/s"
 
 
 def _unseen_variation_reason(slow: SlowVariation, scenario: Scenario) -> str:
@@ -324,8 +370,11 @@ def _oscillation(turning: TurningDrive) -> str:
 
 def _ringing_modes(scenario: Scenario) -> list[CoupledMode]:
     """Modes that the start may make ring; attitude control hardly moves the shaft."""
+    return [mode for mode in _shaft_modes(scenario) if mode.decay > 0.0]
+
+
+def _shaft_modes(scenario: Scenario) -> list[CoupledMode]:
+    """Modes but for attitude control's."""
     return [
-        mode
-        for mode in coupled_modes(scenario)
-        if mode.decay > 0.0 and LineName.parse(mode.name).family != CONTROL_MODE
+        mode for mode in coupled_modes(scenario) if LineName.parse(mode.name).family != CONTROL_MODE
     ]

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from microvib.signals.clock import near_mains
+from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import NO_ORDER
 from microvib.signals.line_table import Line, LineTable
 from microvib.signals.unaccounted import Excess, excesses, joined
@@ -41,14 +42,16 @@ def with_excess(table: LineTable, x: np.ndarray) -> LineTable:
     return replace(table, excess=excesses(x, table.sample_rate, counted, seen))
 
 
-def may_be_larger(table: LineTable, low: float, high: float, limit: float) -> Iterator[str]:
-    """Sentences on bands between two frequencies [Hz] in which lines may be above the ``limit``, as
-    nothing steady is.
+def may_be_larger(table: LineTable, limit: LimitCurve) -> Iterator[str]:
+    """Sentences on bands in which lines may be above the ``limit``, as nothing steady is: above the
+    least that it allows in such a band.
     """
     above = [
         one
         for one in table.excess
-        if one.high >= low and one.low <= high and _largest(table, one) > limit
+        if one.high >= limit.low
+        and one.low <= limit.high
+        and _largest(table, one) > limit.strictest(one.low, one.high)
     ]
     for group in joined(above):
         yield max(group, key=lambda one: one.rms).sentence()

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR
+from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, CLOCK_UNCERTAINTY
 from microvib.analysis.start import may_still_ring
 from microvib.model.commanded_torque import commanded_torque, spring_orders
 from microvib.model.drive_matrices import coordinates
@@ -34,6 +34,7 @@ from microvib.model.linear import (
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_table import LineTable
 
 EXTRAPOLATION_FACTOR = 3.0
@@ -82,6 +83,27 @@ class OutOfBandLines:
     """Whether there may be lines between these, no larger than their neighbours."""
     falling: bool = False
     """Whether there may be lines above these, too, no larger than the last."""
+    up_to: float = 0.0
+    """Other end of the range of frequencies [Hz] that each of them may have; 0 where it is known."""
+
+    def may_exceed(self, limit: LimitCurve) -> np.ndarray:
+        """Which of them may be above the strictest limit at the frequencies that they may have, (n,)."""
+        return np.asarray(self.most > self.least_allowed(limit))
+
+    def least_allowed(self, limit: LimitCurve) -> np.ndarray:
+        """The strictest limit at the frequencies that each of them may have, (n,): about its own, and
+        where there may be lines between these, up to both neighbours.
+        """
+        low, high = self.frequency.astype(float), self.frequency.astype(float)
+        if self.between and low.size:
+            low = np.concatenate([low[:1], self.frequency[:-1]])
+            high = np.concatenate([self.frequency[1:], high[-1:]])
+        if self.falling and high.size:
+            high[-1] = math.inf
+        if self.up_to:
+            low, high = np.minimum(low, self.up_to), np.maximum(high, self.up_to)
+        about = CLOCK_UNCERTAINTY * self.frequency
+        return np.asarray(limit.strictest(low - about, high + about))
 
     def within(self, low: float, high: float) -> OutOfBandLines:
         """Lines between two frequencies [Hz], which are included."""
@@ -121,7 +143,8 @@ def out_of_band_lines(
         return
     for mode in modes:
         if mode.damping > 0.0 and may_still_ring(mode, scenario):
-            yield _unbounded(f"ringing of {mode.name}", mode.frequency)
+            ringing = _unbounded(f"ringing of {mode.name}", mode.frequency)
+            yield replace(ringing, up_to=mode.fixed_frequency or 0.0)
 
 
 def nonlinear_torque_bounds(

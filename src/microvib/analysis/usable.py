@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from microvib.signals.line_table import (
+    BEYOND_RESPONSE,
     BEYOND_USABLE,
     DISTORTED,
     NEAR_RESONANCE,
@@ -28,8 +29,9 @@ _MOST_NAMED = 6
 def with_force_table(table: LineTable, recording: Recording, channel: str) -> LineTable:
     """Lines of a recording's channel with what is known of its force table.
 
-    A line outside the usable band or near a resonance is marked and counts as not estimated. Of the
-    others, what the table's resonances change goes into the uncertainties: nothing is corrected.
+    A line outside the usable band, near a resonance, or where readings could not be corrected is marked
+    and counts as not estimated. Of the others, what the table's resonances change, or how well its
+    response is known that readings were corrected by, goes into the uncertainties.
     """
     known = recording.table
     if known is None or channel not in known.made_of:
@@ -47,13 +49,14 @@ def _with_bias(line: Line, known: ForceTable, channel: str) -> Line:
     if not low <= line.frequency <= high:
         return replace(line, status=BEYOND_USABLE)
     if known.objection(channel, line.frequency):
-        return replace(line, status=NEAR_RESONANCE)
-    bias = known.amplitude_ratio(channel, line.frequency) - 1.0
-    lag = known.lag(channel, line.frequency)
+        return replace(line, status=BEYOND_RESPONSE if known.corrected else NEAR_RESONANCE)
+    there = (channel, line.frequency, line.amplitude)
     return replace(
         line,
-        amplitude_uncertainty=math.hypot(line.amplitude_uncertainty, bias * line.amplitude),
-        phase_uncertainty=math.hypot(line.phase_uncertainty, lag),
+        amplitude_uncertainty=math.hypot(
+            line.amplitude_uncertainty, known.amplitude_uncertainty(*there)
+        ),
+        phase_uncertainty=math.hypot(line.phase_uncertainty, known.phase_uncertainty(*there)),
     )
 
 
@@ -62,12 +65,17 @@ def force_table_notes(table: LineTable, recording: Recording, channel: str) -> I
     known = recording.table
     if known is None:
         return
-    near = [line for line in table if line.status == NEAR_RESONANCE]
+    near = [line for line in table if line.status in (NEAR_RESONANCE, BEYOND_RESPONSE)]
     for line in sorted(near, key=lambda x: (x.kind == "other", -x.amplitude))[:_MOST_TOLD]:
         why = known.objection(channel, line.frequency)
         yield f"{line.name} at {line.frequency:.5g} Hz is not judged: {why}"
     if len(near) > _MOST_TOLD:
-        yield f"{len(near) - _MOST_TOLD} further lines near the table's resonances are not judged"
+        where = (
+            "where the table was not corrected"
+            if known.corrected
+            else "near the table's resonances"
+        )
+        yield f"{len(near) - _MOST_TOLD} further lines {where} are not judged"
     beyond = [line for line in table if line.status == BEYOND_USABLE]
     if beyond:
         names = ", ".join(line.name for line in beyond[:_MOST_NAMED])

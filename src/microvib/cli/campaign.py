@@ -18,7 +18,9 @@ from microvib.text_tables import counted
 
 if TYPE_CHECKING:
     from microvib.reports.document import Form
+    from microvib.signals.limit_curve import LimitCurve
     from microvib.studies.campaign.folder import Campaign
+    from microvib.studies.campaign.study_file import Study
 
 _STATUS_INTERVAL = 15.0  # seconds between two lines of progress where there is no terminal
 
@@ -186,7 +188,11 @@ def merge(folder: Path) -> None:
 
 @campaign.command()
 @folder_argument
-@click.option("--limit", metavar="TORQUE", help="Largest line allowed [default: the study's].")
+@click.option(
+    "--limit",
+    metavar="TORQUE|FILE",
+    help="Largest line allowed, or a CSV file of a curve over frequency [default: the study's].",
+)
 @click.option(
     "--band", metavar="LOW:HIGH", help="Consider only lines in this band [default: the study's]."
 )
@@ -199,22 +205,37 @@ def report(folder: Path, limit: str | None, band: str | None, form: Form) -> Non
     from microvib.studies.campaign.results import merge as merge_chunks
     from microvib.studies.campaign.results import open_results
     from microvib.units import band as ends
-    from microvib.units import quantity
 
     opened = _opened(folder)
     study = opened.design.study
-    if limit is None:
-        most = study.limit
-    else:
-        most = quantity("limit", limit, "N*m", positive=True)
     text = band or study.band
     within = ends(text) if text else (0.0, float("inf"))
+    most = _report_limit(opened.design.study, limit, within)
     merge_chunks(opened)
     summary = summarise(open_results(opened), most, within)
     Target(folder / "report", True, form).present(campaign_outcome(summary))
     if (worst := summary.worst_case) is not None:
         again = f"microvib campaign case {shlex.quote(str(folder))} {worst} --out worst.yaml"
         echo(f"To recompute the worst case: {again}")
+
+
+def _report_limit(
+    study: Study, limit: str | None, within: tuple[float, float]
+) -> float | LimitCurve | None:
+    """The limit that a report judges by, one amplitude [N m] or a curve: the one given, or else the
+    study's.
+    """
+    from microvib.io.limit_files import given_limit
+    from microvib.signals.limit_curve import in_band
+    from microvib.studies.campaign.design import limit_of
+
+    asked = limit_of(study) if limit is None else given_limit(limit)
+    if asked is None:
+        return None
+    curve = asked.torque_curve("a campaign")
+    if asked.is_one_number:
+        return curve.least
+    return in_band(curve, within)
 
 
 @campaign.command()

@@ -14,9 +14,11 @@ from microvib.cli.streams import echo
 from microvib.errors import OptionError
 
 if TYPE_CHECKING:
+    from microvib.io.band_limits import BandLimit
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Contents, Form
     from microvib.reports.outcome import Outcome
+    from microvib.signals.limit_curve import Limit
     from microvib.testdata.preparation import Preparation
 
 Command = Callable[..., None]
@@ -60,14 +62,67 @@ recording_options = options(
         help="How to prepare recordings: a YAML file with units, channels, response, cross_talk, axes, trimming, background.",
     ),
 )
+section_options = options(
+    click.option(
+        "--from",
+        "start",
+        metavar="TIME",
+        help="Start of the section of the record, such as '2 s' [default: its start].",
+    ),
+    click.option(
+        "--to",
+        "stop",
+        metavar="TIME",
+        help="End of the section; after a trigger, time since it [default: the end of the record].",
+    ),
+    click.option(
+        "--trigger",
+        metavar="'CHANNEL > LEVEL'",
+        help="Begin the section where a channel first rises through a level, such as 'Mz > 5 mN*m'; < where it falls.",
+    ),
+    click.option(
+        "--pre-trigger", metavar="TIME", help="Time before the trigger that is kept, too."
+    ),
+)
+band_limit_options = options(
+    click.option(
+        "--bands",
+        "band_file",
+        type=PATH,
+        metavar="FILE",
+        help="Judge the peak of the time history in bands: a CSV file with low_hz, high_hz and limit_mn_m (or limit_n_m,"
+        " limit_n, limit_m_s2, limit_g).",
+    ),
+    click.option(
+        "--roll-off",
+        type=float,
+        metavar="PART",
+        help="Part of an edge's frequency, on both sides, within which the bands' filters fall from 1 to 0 [default: 0.2,"
+        " less for narrow bands].",
+    ),
+)
 limit_options = options(
     click.option(
         "--limit",
-        metavar="TORQUE",
-        help="Largest line allowed, e.g. '10 mN*m': margins in the report.",
+        metavar="TORQUE|FILE",
+        help="Largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency: margins in the report.",
     ),
     click.option(
         "--band",
+        metavar="LOW:HIGH",
+        help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
+    ),
+)
+
+
+recording_limit_options = options(
+    click.option(
+        "--limit",
+        metavar="TORQUE|FILE",
+        help="Judge the recording's lines: largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency.",
+    ),
+    click.option(
+        "--limit-band",
         metavar="LOW:HIGH",
         help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
     ),
@@ -187,6 +242,21 @@ def target_options(
     return with_options
 
 
+def parse_limit(limit: str | None, band: str | None, key: str = "band") -> Limit | None:
+    """The limit of ``--limit`` and the option of its band, called ``key``: a torque, or a CSV file of
+    curves over frequency.
+    """
+    from microvib.io.limit_files import given_limit
+
+    try:
+        return given_limit(limit, band)
+    except OptionError as error:
+        if error.key != "band" or key == "band":
+            raise
+        problem = str(error).removeprefix("band: ")
+        raise OptionError(key, problem, remedy=error.remedy) from None
+
+
 def load(source: str, settings: tuple[str, ...]) -> Scenario:
     """Scenario of a file or catalog name, with ``--set KEY=VALUE`` applied; unusual values
     is said on standard error.
@@ -231,3 +301,14 @@ def read_preparation(file: Path | None) -> Preparation | None:
     if file is None:
         return None
     return load_preparation(file)
+
+
+def read_bands(file: Path | None, roll_off: float | None) -> tuple[BandLimit, ...]:
+    """Bands and limits of a file; none without one."""
+    from microvib.io.band_limits import read_band_limits
+
+    if file is None:
+        if roll_off is not None:
+            raise OptionError("roll_off", "is that of filters of bands; give bands", remedy="bands")
+        return ()
+    return read_band_limits(file)

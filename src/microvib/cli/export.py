@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -62,6 +61,7 @@ def export(
         check_file_name,
         check_subject,
         options_of,
+        typed_options,
         write_subject,
     )
     from microvib.export.subject import Subject, subject_of
@@ -80,7 +80,7 @@ def export(
     found = target_of(target)
     if pdf:
         _check_pdf(found.name)
-    options = options_of(found, _pairs(given))
+    options = options_of(found, typed_options(given))
     path = check_file_name(found, output or Path(Path(source).stem + found.endings[0]), overwrite)
     if Path(source).is_dir():
         if settings:
@@ -124,18 +124,6 @@ def _write_pages(sheet: Path, overwrite: bool) -> None:
     out = sheet.with_suffix(".pdf")
     write_file(out, pdf(source_sheet_document(read_source_sheet(sheet))), overwrite=overwrite)
     echo(f"Written: {out}")
-
-
-def _pairs(given: tuple[str, ...]) -> dict[str, Any]:
-    from microvib.io.scenario_file import parse_value
-
-    found = {}
-    for text in given:
-        key, equals, value = text.partition("=")
-        if not equals or not key.strip():
-            raise OptionError("option", "KEY=VALUE is expected, such as contents=[lines]", text)
-        found[key.strip()] = parse_value(value)
-    return found
 
 
 def _listing() -> str:

@@ -30,7 +30,9 @@ try:
         sensitivity,
         serve,
         structures,
+        table_tests,
         test_data,
+        track,
         validation,
     )
     from microvib.cli.streams import status_of
@@ -101,8 +103,9 @@ def main() -> None:
 
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
+    track.track,
     validation.validate, validation.statements, rates.rates, profile.profile, margin.margin, campaign.campaign,
-    structures.modes, structures.sas,
+    structures.modes, structures.sas, table_tests.hammer, table_tests.repeatability, table_tests.acceptance,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
     quiet.quiet, export.export,
 ):  # fmt: skip

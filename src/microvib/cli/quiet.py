@@ -95,6 +95,7 @@ def quiet(scenario: str, settings: tuple[str, ...], target: Target, **given: Any
     """Find what to change in SCENARIO's drive so that it is quieter, in the worst of many drawn cases
     and from several starts.
     """
+    from microvib.io.limit_files import is_limit_file
     from microvib.reports.quiet import quiet_outcome
     from microvib.studies.quiet.study import Constraints
     from microvib.studies.quiet.study import quiet as search
@@ -106,6 +107,14 @@ def quiet(scenario: str, settings: tuple[str, ...], target: Target, **given: Any
         _factors(given.pop("factors")),
         math.inf if lag is None else quantity("lag", lag, "rad", positive=True, example="deg"),
     )
+    if is_limit_file(limit):
+        raise OptionError(
+            "limit",
+            "is the largest value of what is made small; a curve over frequency is given as the"
+            " objective, which counts the lines over it",
+            limit,
+            remedy="objective",
+        )
     allowed = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     best = _BestSoFar()
     with progress_bar("searching", "settings") as progress, best:

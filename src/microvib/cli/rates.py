@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from microvib.cli.common import PATH, Target, load, set_option, target_options
+from microvib.cli.common import PATH, Target, load, parse_limit, set_option, target_options
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 from microvib.units import Si, quantity
@@ -40,7 +40,11 @@ MIN_CASES_FOR_PROCESSES = 40
     metavar="N,N,...",
     help="Microsteps per full step to compare [default: the scenario's].",
 )
-@click.option("--limit", metavar="TORQUE", help="Largest line allowed, e.g. '10 mN*m'.")
+@click.option(
+    "--limit",
+    metavar="TORQUE|FILE",
+    help="Largest line allowed, e.g. '10 mN*m', or a CSV file of a curve over frequency.",
+)
 @click.option(
     "--band", metavar="LOW:HIGH", help="Consider only lines in this band, e.g. '0.5:5 Hz'."
 )
@@ -109,12 +113,13 @@ def rates(
             raise OptionError("linear", "has no line of sight; leave it out with requirement")
         target.present(_by_pointing(loaded, grid, counts, requirement, sources, judge, workers))
         return
+    allowed = parse_limit(limit, None)
     with progress_bar("solving", "cases") as progress:
         plan = plan_rates(
             loaded,
             grid,
             counts,
-            limit=limit,
+            limit=allowed,
             band=band,
             linear=linear,
             keep_away=away,

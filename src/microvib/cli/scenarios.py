@@ -10,9 +10,12 @@ import click
 from microvib.cli.common import (
     PATH,
     Target,
+    band_limit_options,
     harmonics_option,
     limit_options,
     load,
+    parse_limit,
+    read_bands,
     report_options,
     set_option,
     with_precompilation,
@@ -22,9 +25,9 @@ from microvib.cli.streams import echo
 from microvib.errors import OptionError, OutputError
 
 if TYPE_CHECKING:
-    from microvib.analysis.limits import Limit
     from microvib.model.scenario import Scenario
     from microvib.reports.document import Form
+    from microvib.signals.limit_curve import Limit
 
 _KINDS = (".html", ".pdf")  # files of a report
 
@@ -65,39 +68,42 @@ _KINDS = (".html", ".pdf")  # files of a report
     help="Number of noise draws: mean, deviation and 95 % quantile of each line; a limit then applies to the quantile.",
 )
 @limit_options
+@band_limit_options
 @report_options
 @with_precompilation
 def run(
     scenario: str, settings: tuple[str, ...], out: Path | None, overwrite: bool, lines_only: bool, harmonics: int,
-    steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None, form: Form,
+    steady: bool, angles: str | None, orbit: bool, seeds: int | None, limit: str | None, band: str | None,
+    band_file: Path | None, roll_off: float | None, form: Form,
 ) -> None:  # fmt: skip
     """Simulate SCENARIO (a file, or a catalog name) and write motion, lines, summary and report."""
-    from microvib.analysis.limits import Limit
     from microvib.io.writing import check_folder, free_folder
     from microvib.reports.outcome import terminal_text
     from microvib.reports.run.folder import run_to_folder
 
     if form.pdf and lines_only:
         raise OptionError("pdf", "--lines-only makes no report; leave one of them out")
-    allowed = Limit.of(limit, band)
+    allowed, band_limits = parse_limit(limit, band), read_bands(band_file, roll_off)
+    without_one_motion = lines_only or bool(seeds)
+    if band_limits and without_one_motion:
+        raise OptionError("bands", "are judged by one motion; leave lines_only and seeds out")
     loaded = load(scenario, (*settings, "record.start=steady") if steady else settings)
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     if angles is not None or orbit:
-        if lines_only or seeds or allowed is not None:
+        if without_one_motion or allowed is not None or band_limits:
             option = "orbit" if orbit else "angles"
             raise OptionError(
                 option,
-                "cannot be combined with limit, lines_only or seeds; leave them out",
+                "cannot be combined with limit, bands, lines_only or seeds; leave them out",
             )
-        (_run_orbit if orbit else _run_angles)(
-            loaded, angles, harmonics, Target(out, overwrite, form)
-        )
+        over_angles = _run_orbit if orbit else _run_angles
+        over_angles(loaded, angles, harmonics, Target(out, overwrite, form))
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         _, outcome, files = run_to_folder(
             loaded, out, overwrite=overwrite, lines_only=lines_only, harmonics=harmonics, seeds=seeds or 0, limit=allowed,
-            form=form, progress=progress,
+            band_limits=band_limits, roll_off=roll_off, form=form, progress=progress,
         )  # fmt: skip
     echo(terminal_text(outcome))
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
@@ -240,23 +246,30 @@ def _check(targets: list[Path], form: Form, again: bool) -> None:
             )
 
 
-def _limit(
-    kept: tuple[float, float, float] | None, limit: str | None, band: str | None
-) -> Limit | None:
+def _limit(kept: Limit | None, limit: str | None, band: str | None) -> Limit | None:
     """Limit and band: those given, and otherwise those of the run."""
-    from microvib.analysis.limits import Limit
-    from microvib.units import Si
-    from microvib.units import band as ends
-
     if limit == "none":
         if band is not None:
             raise OptionError(
                 "band", "is the band of a limit; it cannot be combined with --limit none"
             )
         return None
-    asked = Limit.of(limit, None if kept else band)
     if kept is None:
-        return asked
-    return Limit(
-        Si(asked.torque if asked else kept[0]), *(map(Si, kept[1:]) if band is None else ends(band))
-    )
+        return parse_limit(limit, band)
+    if limit is None:
+        return _rebanded(kept, band)
+    asked = parse_limit(limit, None)
+    if band is None and asked is not None and asked.is_one_number and kept.is_one_number:
+        return asked.in_band_of(kept)
+    return parse_limit(limit, band)
+
+
+def _rebanded(kept: Limit, band: str | None) -> Limit:
+    """The limit of a run in a band: one number in any, a curve in its part there."""
+    from microvib.signals.limit_curve import Limit
+    from microvib.units import Si
+    from microvib.units import band as ends
+
+    if band is None or not kept.is_one_number:
+        return kept.within(band)
+    return Limit(Si(kept.torque), *ends(band))

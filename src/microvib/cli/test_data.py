@@ -12,10 +12,15 @@ import click
 from microvib.cli.common import (
     PATH,
     Target,
+    band_limit_options,
     load,
     load_guide,
+    parse_limit,
+    read_bands,
     read_preparation,
+    recording_limit_options,
     recording_options,
+    section_options,
     set_option,
     target_options,
     with_precompilation,
@@ -27,7 +32,7 @@ from microvib.units import quantity
 
 
 @click.command()
-@click.argument("source")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
 @target_options("Folder for tables and report [default: print only].")
 @recording_options
 @click.option(
@@ -64,31 +69,72 @@ from microvib.units import quantity
     metavar="LOW:HIGH",
     help="Also give the RMS in this band, such as '0.5:5 Hz'.",
 )
+@click.option(
+    "--average",
+    type=click.Choice(["none", "linear", "peak-hold", "exponential"]),
+    default="none",
+    help="Average of amplitude spectra of stretches of 1 / resolution; none: one spectrum of all samples.",
+)
+@click.option(
+    "--overlap",
+    type=click.FloatRange(0.0, 0.95),
+    default=0.5,
+    help="Part of a stretch that the next one shares.",
+)
+@section_options
+@band_limit_options
+@recording_limit_options
 def analyse(
-    source: str, channel: str, prepare: Path | None, scenario: str | None, step_rate: str | None, steps_per_period: int,
-    window: Any, resolution: str | None, bands: tuple[str, ...], target: Target,
+    sources: tuple[str, ...], channel: str, prepare: Path | None, scenario: str | None, step_rate: str | None,
+    steps_per_period: int, window: Any, resolution: str | None, bands: tuple[str, ...], average: Any, overlap: float,
+    start: str | None, stop: str | None, trigger: str | None, pre_trigger: str | None, band_file: Path | None,
+    roll_off: float | None, limit: str | None, limit_band: str | None, target: Target,
 ) -> None:  # fmt: skip
-    """Find lines with uncertainties, and spectra, in SOURCE: a scenario, a run folder or a
-    recording.
+    """Find lines with uncertainties, and spectra, in each SOURCE: a scenario, a run folder or a
+    recording; of several, with one table of mean, spread and outliers;
+    --limit judges the lines of recordings.
     """
     from microvib.io.sources import open_source
     from microvib.reports.analysis import analysis_outcome
+    from microvib.reports.batch import batch_outcome
     from microvib.studies.analyse import analyse as run_analysis
+    from microvib.studies.analyse import section_of
+    from microvib.studies.batch import batch_of
+    from microvib.studies.recording_limits import judge_recording
+    from microvib.testdata.section import Section
 
-    with progress_bar() as progress:
-        analysis = run_analysis(
-            open_source(source, read_preparation(prepare)),
-            name=source,
-            scenario=load_guide(scenario),
-            channel=channel,
-            step_rate=step_rate,
-            steps_per_period=steps_per_period,
-            window=window,
-            resolution=resolution,
-            bands=bands,
-            progress=progress,
-        )
-    target.present(analysis_outcome(analysis))
+    section = Section.stated(start, stop, trigger, pre_trigger)
+    limits = read_bands(band_file, roll_off)
+    allowed = parse_limit(limit, limit_band, "limit_band")
+    prepared, guide = read_preparation(prepare), load_guide(scenario)
+    found, outcomes = [], []
+    for source in sources:
+        opened, judged = section_of(open_source(source, prepared), section), None
+        if allowed is not None:
+            judged = judge_recording(opened, allowed, channel=channel, scenario=guide)
+        with progress_bar() as progress:
+            analysis = run_analysis(
+                opened,
+                name=source,
+                scenario=guide,
+                channel=channel,
+                step_rate=step_rate,
+                steps_per_period=steps_per_period,
+                window=window,
+                resolution=resolution,
+                bands=bands,
+                average=average,
+                overlap=overlap,
+                band_limits=limits,
+                roll_off=roll_off,
+                progress=progress,
+            )
+        found.append(analysis)
+        outcomes.append(analysis_outcome(analysis, judged))
+    if len(found) == 1:
+        target.present(outcomes[0])
+    else:
+        target.present(batch_outcome(batch_of(sources, found), outcomes))
 
 
 @click.command()
@@ -106,38 +152,38 @@ def analyse(
     metavar="LOW:HIGH",
     help="Compare only lines in this band, such as '0.5:200 Hz'.",
 )
+@recording_limit_options
 def compare(
-    a: str,
-    b: str,
-    channel: str,
-    prepare: Path | None,
-    scenario: str | None,
-    bands: tuple[str, ...],
-    target: Target,
-) -> None:
+    a: str, b: str, channel: str, prepare: Path | None, scenario: str | None, bands: tuple[str, ...],
+    limit: str | None, limit_band: str | None, target: Target,
+) -> None:  # fmt: skip
     """Compare the lines of A and B, each of them a scenario, run folder, recording, table of lines,
     or the reference lines of a scenario (state-1:measured, state-1:model)."""
     from microvib.io.sources import open_source
     from microvib.reports.comparison import comparison_outcome
     from microvib.studies.compare import compare as run_comparison
+    from microvib.studies.recording_limits import judge_sides
 
-    prepared = read_preparation(prepare)
+    prepared, allowed = read_preparation(prepare), parse_limit(limit, limit_band, "limit_band")
     first = open_source(a, prepared)
     if a == b:
         second = first
     else:
         second = open_source(b, prepared)
+    guide = load_guide(scenario)
     with progress_bar() as progress:
         found = run_comparison(
             first,
             second,
             names=(a, b),
-            scenario=load_guide(scenario),
+            scenario=guide,
             channel=channel,
             bands=bands,
             progress=progress,
         )
-    target.present(comparison_outcome(*found))
+    drive = guide or found.a.scenario or found.b.scenario
+    judged = judge_sides((first, second), allowed, channel, drive)
+    target.present(comparison_outcome(*found, judged=judged))
 
 
 @click.command()
@@ -150,14 +196,20 @@ def compare(
 @click.option(
     "--seed", default=1, help="Seed of the noise; the same seed gives the same recording."
 )
+@recording_limit_options
 @with_precompilation
-def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int) -> None:
+def measure(
+    scenario: str, settings: tuple[str, ...], bench: str, output: Path, seed: int,
+    limit: str | None, limit_band: str | None,
+) -> None:  # fmt: skip
     """Predict what a six-component force table records of SCENARIO, and write it as a recording."""
     from microvib.io.recordings import check_output, write_recording
     from microvib.io.scenario_file import load_bench
     from microvib.studies.measure import measure as run_bench
+    from microvib.studies.recording_limits import judge_components
 
     check_output(output)
+    allowed = parse_limit(limit, limit_band, "limit_band")
     tested = load(scenario, settings)
     with progress_bar() as progress:
         recording = run_bench(tested, load_bench(bench), seed=seed, progress=progress)
@@ -166,6 +218,9 @@ def measure(scenario: str, settings: tuple[str, ...], bench: str, output: Path, 
         echo(f"{name}: RMS about the mean {x.std():.4g} {recording.units[name]}")
     for note in recording.notes_on(f"M{tested.array.drive_axis}"):
         echo(note)
+    if allowed is not None:
+        for judged in judge_components(recording, allowed, tested):
+            echo(str(judged))
     echo(
         f"The file does not say so: where it is analysed, bench: {bench} in the preparation file"
         " does (--prepare)."

@@ -105,6 +105,18 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microvib"
 
 
+def own_folder(name: str) -> Path | None:
+    """Folder ``name`` among this user's caches, made where it is missing; None where it cannot be made,
+    or others can write to it.
+    """
+    folder = cache_folder() / name
+    with contextlib.suppress(OSError, RuntimeError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if _trusted(folder.parent) and _trusted(folder):
+            return folder
+    return None
+
+
 def _trusted(path: Path) -> bool:
     """Whether what is there was put there by this user: on Windows, where the folder is, nobody
     else may write.

@@ -28,13 +28,16 @@ from microvib.io.tables import package_versions
 from microvib.io.uff_writing import FUNCTIONS, Dataset58, Even, Place, write_datasets
 from microvib.model.part import Part
 from microvib.model.rigid import COMPONENTS
+from microvib.model.scenario import Scenario
+from microvib.solve.channels import LINE_OF_SIGHT
 
 Content = Literal["time", "lines", "densities", "responses"]
 CONTENTS: tuple[Content, ...] = get_args(Content)
 MAT_FORMAT = "microvib run 1"
 """Name and version of the fields that are written."""
-_INTERFACE, _SHAFT = 1, 2
-"""Nodes of datasets 58: the interface point; the drive's shaft."""
+_INTERFACE, _SHAFT, _SECOND_INTERFACE, _INSTRUMENT = 1, 2, 3, 4
+"""Nodes of datasets 58: the interface point; the drive's shaft; the second wing's interface point; the
+point of the line of sight."""
 
 
 class DataOptions(Part):
@@ -74,16 +77,24 @@ def write_uff(subject: Subject, path: Path, options: Any) -> None:
     """Write binary datasets 58: time histories, lines as complex spectra, densities, responses."""
     sets: list[Dataset58] = []
     for part in _chosen(subject, options.contents):
-        sets += _UFF[type(part)](part, subject.scenario.title)
+        sets += _UFF[type(part)](part, subject.scenario)
     write_datasets(path, sets)
 
 
-def _place(name: str) -> Place:
-    """Node and direction of a channel: loads and motions of the interface by their axis."""
+def _place(name: str, scenario: Scenario) -> Place:
+    """Node and direction of a channel: loads and motions of an interface by their axis, the disturbance
+    torque by the drive axis where that is one of the axes.
+    """
+    if name in LINE_OF_SIGHT:
+        return Place(_INSTRUMENT, 0)
+    if name in ("T_d", "T_d_force"):
+        along = "xyz".index(scenario.array.drive_axis) + 4 if scenario.spacecraft is None else 0
+        return Place(_INTERFACE, along)
     stem = name.removeprefix("base_").removeprefix("hub_").removeprefix("interface_")
+    node = _SECOND_INTERFACE if stem.endswith("_2") else _INTERFACE
     component = stem.removesuffix("_2")
     if component in COMPONENTS:
-        return Place(_INTERFACE, COMPONENTS.index(component) + 1)
+        return Place(node, COMPONENTS.index(component) + 1)
     motions = ("ax", "ay", "az", "arx", "ary", "arz"), ("ux", "uy", "uz", "rx", "ry", "rz")
     for names in motions:
         if stem in names:
@@ -91,36 +102,38 @@ def _place(name: str) -> Place:
     return Place(_SHAFT, 0)
 
 
-def _time_sets(part: TimeHistories, title: str) -> list[Dataset58]:
-    at = Even(part.start, 1.0 / part.sample_rate)
+def _time_sets(part: TimeHistories, scenario: Scenario) -> list[Dataset58]:
+    at, title = Even(part.start, 1.0 / part.sample_rate), scenario.title
     return [
-        Dataset58(c.name, FUNCTIONS["time"], x, at, c.unit, title, _place(c.name))
+        Dataset58(c.name, FUNCTIONS["time"], x, at, c.unit, title, _place(c.name, scenario))
         for c, x in zip(part.channels, part.values, strict=True)
     ]
 
 
-def _line_sets(part: Phasors, title: str) -> list[Dataset58]:
-    spectrum, f = FUNCTIONS["spectrum"], part.frequency
+def _line_sets(part: Phasors, scenario: Scenario) -> list[Dataset58]:
+    spectrum, f, title = FUNCTIONS["spectrum"], part.frequency, scenario.title
     return [
-        Dataset58(f"{c.name} lines", spectrum, values, f, c.unit, title, _place(c.name))
+        Dataset58(f"{c.name} lines", spectrum, values, f, c.unit, title, _place(c.name, scenario))
         for c, values in zip(part.channels, part.known.T, strict=True)
     ]
 
 
-def _density_sets(part: Densities, title: str) -> list[Dataset58]:
-    density, f = FUNCTIONS["density"], part.frequency
+def _density_sets(part: Densities, scenario: Scenario) -> list[Dataset58]:
+    density, f, title = FUNCTIONS["density"], part.frequency, scenario.title
     return [
-        Dataset58(f"{c.name} density", density, x, f, f"({c.unit})^2/Hz", title, _place(c.name))
+        Dataset58(
+            f"{c.name} density", density, x, f, f"({c.unit})^2/Hz", title, _place(c.name, scenario)
+        )
         for c, x in zip(part.channels, part.values, strict=True)
     ]
 
 
-def _response_sets(part: FrequencyResponses, title: str) -> list[Dataset58]:
+def _response_sets(part: FrequencyResponses, scenario: Scenario) -> list[Dataset58]:
     system, response = part.system, FUNCTIONS["response"]
     return [
         Dataset58(
-            f"{seen.name} / {fed.name}", response, part.values[:, o, i], part.frequency, seen.unit, title,
-            _place(seen.name), _place(fed.name), fed.unit,
+            f"{seen.name} / {fed.name}", response, part.values[:, o, i], part.frequency, seen.unit,
+            scenario.title, _place(seen.name, scenario), _place(fed.name, scenario), fed.unit,
         )
         for i, fed in enumerate(system.inputs)
         for o, seen in enumerate(system.outputs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from microvib.errors import MicrovibError, OptionError, OutputError, expect_path
 from microvib.export.subject import Progress, Subject, subject_of
 from microvib.export.targets import Target, target_of
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
+from microvib.io.scenario_file import parse_value
 from microvib.io.writing import real_path, write_file
 from microvib.model.part import Part
 from microvib.model.sentences import validate_part
@@ -101,6 +102,20 @@ def check_subject(target: Target, subject: Subject) -> None:
     refusal = target.refuses(subject.scenario)
     if refusal:
         raise MicrovibError(refusal)
+
+
+def typed_options(texts: Sequence[str]) -> dict[str, Any]:
+    """Options that are typed as KEY=VALUE; OptionError where one is not, or stands twice."""
+    found = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        key = key.strip()
+        if not equals or not key:
+            raise OptionError("option", "KEY=VALUE is expected, such as contents=[lines]", text)
+        if key in found:
+            raise OptionError("option", f"{key} is given twice; once is expected", text)
+        found[key] = parse_value(value)
+    return found
 
 
 def options_of(target: Target, given: Mapping[str, Any]) -> Part:

@@ -27,6 +27,7 @@ from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.part import Part
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import Scenario
+from microvib.solve.channels import SECOND_LOADS
 from microvib.structures.deck import UNIT_SYSTEMS, UnitSystem
 
 Content = Literal["lines", "time", "densities", "superelement"]
@@ -38,6 +39,8 @@ _EDGE = 1e-4
 """Relative width of the edge of the first bin of a density."""
 _MOST_IDS = 200
 """Numbers of sets and tables that a file takes, from the first on."""
+_IDS_OF_WING = 100
+"""Numbers from those of one wing to those of the next."""
 
 
 class NastranOptions(Part):
@@ -49,6 +52,13 @@ class NastranOptions(Part):
         " fixed base alone the superelement",
     )
     grid: int = Field(default=1, ge=1, le=99_999_999, description="grid point of the interface")
+    second_grid: int | None = Field(
+        default=None,
+        ge=1,
+        le=99_999_999,
+        description="grid point of a second wing's interface; its loads are left out without it, which"
+        " only a held one allows",
+    )
     coordinate_system: int | None = Field(
         default=None,
         ge=0,
@@ -150,9 +160,9 @@ class _Deck:
         self._wide, self.text = wide, io.StringIO()
 
     def comment(self, *lines: str) -> None:
-        """Write comments, a line each."""
+        """Write comments, a line each, whatever breaks of lines a text has."""
         for line in lines:
-            self.text.write(f"$ {line}\n")
+            self.text.write(f"$ {' '.join(line.split())}\n")
 
     def card(self, name: str, *fields: Any) -> None:
         """Write a card; an empty text is an empty field."""
@@ -188,21 +198,41 @@ def _number(text: str) -> float:
 
 @dataclass(frozen=True)
 class _Loads:
-    """Components that act, their places among the six, and their factors into the deck's units."""
+    """Loads of a wing at its grid point: numbers, channels, their places among the six components, and
+    their factors into the deck's units."""
 
+    ids: _Ids
+    grid: int
     names: tuple[str, ...]
     components: tuple[int, ...]
     factors: np.ndarray
 
     @classmethod
-    def of(cls, scenario: Scenario, names: Sequence[str], units: UnitSystem) -> _Loads:
+    def of_wings(
+        cls, scenario: Scenario, names: Sequence[str], options: NastranOptions
+    ) -> tuple[_Loads, ...]:
+        """Loads of the wings whose channels have these names; MicrovibError where a second wing that
+        is driven has no grid point.
+        """
         chosen: tuple[str, ...] = COMPONENTS
         places: tuple[int, ...] = tuple(range(6))
         if not set(COMPONENTS) <= set(names):  # T_d alone is known
             chosen, places = ("T_d",), (3 + "xyz".index(scenario.array.drive_axis),)
-        force, moment = load_factors(units)
+        force, moment = load_factors(options.units)
         factors = np.array([force if place < 3 else moment for place in places])
-        return cls(chosen, places, factors)
+        first = cls(_Ids(options.first_id), options.grid, chosen, places, factors)
+        if not set(SECOND_LOADS) <= set(names):
+            return (first,)
+        if options.second_grid is not None:
+            ids = _Ids(options.first_id + _IDS_OF_WING)
+            second = cls(ids, options.second_grid, tuple(SECOND_LOADS), places, factors)
+            return (first, second)
+        if scenario.driven_wing is not None:
+            raise MicrovibError(
+                "second_grid: missing; the second wing is driven, and its loads need the number of a"
+                " grid point"
+            )
+        return (first,)
 
     def columns(self, names: Sequence[str], values: np.ndarray) -> np.ndarray:
         """Columns of these loads among ``values`` (k, channels), in the deck's units."""
@@ -221,23 +251,22 @@ def write_nastran(subject: Subject, path: Path, options: Any) -> None:
     Raises
     ------
     MicrovibError
-        Where the superelement is asked for and the array has no mass properties, or pyyeti is not
-        installed.
+        Where the superelement is asked for and the array has no mass properties, a driven second wing
+        has no grid point, or pyyeti is not installed.
     """
-    deck, ids, scenario = _Deck(options.field == "large"), _Ids(options.first_id), subject.scenario
+    deck, scenario = _Deck(options.field == "large"), subject.scenario
     chosen = options.contents or tuple(_without_asking(scenario))
-    _comment_on_all(deck, subject, options)
     lines = phasors(subject.run)
-    names = [channel.name for channel in lines.channels]
-    loads = _Loads.of(scenario, names, options.units)
+    wings = _Loads.of_wings(scenario, [channel.name for channel in lines.channels], options)
+    _comment_on_all(deck, subject, options)
     if {"lines", "time", "densities"} & set(chosen):
-        _write_places(deck, ids, loads, options)
+        _write_places(deck, wings, options)
     if "lines" in chosen:
-        _write_lines(deck, ids, loads, lines, coupled_modes(scenario))
+        _write_lines(deck, wings, lines, coupled_modes(scenario))
     if "time" in chosen:
-        _write_histories(deck, ids, loads, subject)
+        _write_histories(deck, wings, subject)
     if "densities" in chosen:
-        _write_densities(deck, ids, loads, densities(subject.motion))
+        _write_densities(deck, wings, densities(subject.motion))
     if "superelement" in chosen:
         _write_superelement(
             deck, source_at_interface(scenario, options.drive == "powered"), options
@@ -262,7 +291,7 @@ def _comment_on_all(deck: _Deck, subject: Subject, options: NastranOptions) -> N
     else:
         kind = (
             "loads of drive and array as coupled to their hub, in hub axes",
-            "apply them to the bare hub, without drive and array",
+            _receiver_in_words(scenario, options),
         )
     length, mass = UNIT_SYSTEMS[options.units]
     deck.comment(
@@ -274,22 +303,41 @@ def _comment_on_all(deck: _Deck, subject: Subject, options: NastranOptions) -> N
     )
 
 
-def _write_places(deck: _Deck, ids: _Ids, loads: _Loads, options: NastranOptions) -> None:
-    """Unit loads at the grid point, a set each."""
-    for k, place in enumerate(loads.components):
-        if options.coordinate_system is None:
-            deck.card("DAREA", ids.place(k), options.grid, place + 1, 1.0)
-            continue
-        along = [float(place % 3 == axis) for axis in range(3)]
-        name = "FORCE" if place < 3 else "MOMENT"
-        deck.card(name, ids.place(k), options.grid, options.coordinate_system, 1.0, *along)
+def _receiver_in_words(scenario: Scenario, options: NastranOptions) -> str:
+    """Where loads of a coupled run belong."""
+    craft = scenario.spacecraft
+    if craft is None or craft.second_wing is None:
+        return "apply them to the bare hub, without drive and array"
+    if options.second_grid is None:
+        return "apply them to the hub with its second wing, without this drive and its array"
+    return (
+        f"those of the second wing act at grid point {options.second_grid}; apply both to the bare hub,"
+        " without drives and arrays"
+    )
+
+
+def _write_places(deck: _Deck, wings: Sequence[_Loads], options: NastranOptions) -> None:
+    """Unit loads at the grid points, a set each."""
+    for wing in wings:
+        for k, place in enumerate(wing.components):
+            if options.coordinate_system is None:
+                deck.card("DAREA", wing.ids.place(k), wing.grid, place + 1, 1.0)
+                continue
+            along = [float(place % 3 == axis) for axis in range(3)]
+            name = "FORCE" if place < 3 else "MOMENT"
+            deck.card(name, wing.ids.place(k), wing.grid, options.coordinate_system, 1.0, *along)
+
+
+def _sets_of(wings: Sequence[_Loads], number: Callable[[_Ids, int], int]) -> list[float]:
+    """Factors and sets of a DLOAD: all loads of all wings."""
+    return [x for wing in wings for k in range(len(wing.names)) for x in (1.0, number(wing.ids, k))]
 
 
 def _write_lines(
-    deck: _Deck, ids: _Ids, loads: _Loads, lines: Phasors, modes: Sequence[CoupledMode]
+    deck: _Deck, wings: Sequence[_Loads], lines: Phasors, modes: Sequence[CoupledMode]
 ) -> None:
-    names = [channel.name for channel in lines.channels]
-    f, values = _merged(deck.rounded(lines.frequency), loads.columns(names, lines.known))
+    names, ids = [channel.name for channel in lines.channels], wings[0].ids
+    f = np.unique(deck.rounded(lines.frequency))
     if not f.size:
         raise MicrovibError("this run has no lines; there is nothing to write as RLOAD1")
     deck.comment(
@@ -298,29 +346,13 @@ def _write_lines(
     deck.comment(
         f"FREQUENCY = {ids.frequencies} has the lines and no more, DLOAD = {ids.load(-1)}."
     )
-    each = [number for k in range(len(loads.names)) for number in (1.0, ids.load(k))]
-    deck.card("DLOAD", ids.load(-1), 1.0, *each)
-    x, at = _triangles(f)
-    for k, name in enumerate(loads.names):
-        deck.comment(name)
-        deck.card(
-            "RLOAD1",
-            ids.load(k),
-            ids.place(k),
-            "",
-            "",
-            ids.table(k, False),
-            ids.table(k, True),
-            "LOAD",
-        )
-        for imaginary, part in ((False, values[:, k].real), (True, values[:, k].imag)):
-            y = np.zeros(x.size)
-            y[at] = part
-            deck.table("TABLED1", ids.table(k, imaginary), x, y)
+    deck.card("DLOAD", ids.load(-1), 1.0, *_sets_of(wings, _Ids.load))
+    for wing in wings:
+        _write_loads_by_frequency(deck, wing, lines.frequency, wing.columns(names, lines.known))
     deck.comment("Lines")
     for one, frequency, forced in zip(lines.names, lines.frequency, lines.of_clock, strict=True):
         rings = "" if forced else ", not of the clock: it may ring and die away"
-        deck.comment(f"  {one}: {frequency:.9g} Hz{rings}")
+        deck.comment(f"{one}: {frequency:.9g} Hz{rings}")
     _write_frequencies(deck, ids.frequencies, f)
     points = sorted(
         {
@@ -335,6 +367,23 @@ def _write_lines(
     )
     deck.comment("for transfer functions by unit loads; the lines have no load there.")
     _write_frequencies(deck, ids.half_power, np.unique(deck.rounded(np.array(points))))
+
+
+def _write_loads_by_frequency(
+    deck: _Deck, wing: _Loads, frequency: np.ndarray, values: np.ndarray
+) -> None:
+    """RLOAD1 of each load of a wing, with its tables, by lines at ``frequency`` (k,)."""
+    ids = wing.ids
+    f, merged = _merged(deck.rounded(frequency), values)
+    x, at = _triangles(f)
+    for k, name in enumerate(wing.names):
+        deck.comment(name)
+        real, imaginary = ids.table(k, False), ids.table(k, True)
+        deck.card("RLOAD1", ids.load(k), ids.place(k), "", "", real, imaginary, "LOAD")
+        for number, part in ((real, merged[:, k].real), (imaginary, merged[:, k].imag)):
+            y = np.zeros(x.size)
+            y[at] = part
+            deck.table("TABLED1", number, x, y)
 
 
 def _write_frequencies(deck: _Deck, number: int, f: np.ndarray) -> None:
@@ -360,47 +409,46 @@ def _triangles(f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, 2 + 3 * np.arange(f.size)
 
 
-def _write_histories(deck: _Deck, ids: _Ids, loads: _Loads, subject: Subject) -> None:
-    motion = subject.motion
+def _write_histories(deck: _Deck, wings: Sequence[_Loads], subject: Subject) -> None:
+    motion, ids = subject.motion, wings[0].ids
     rate, count = motion.sample_rate, motion.time.size
-    values = np.column_stack([motion[name] for name in loads.names]) * loads.factors
     deck.comment(
         "",
         f"Histories: DLOAD = {ids.in_time(-1)}, TSTEP = {ids.steps}; time begins with the record.",
     )
-    each = [number for k in range(len(loads.names)) for number in (1.0, ids.in_time(k))]
-    deck.card("DLOAD", ids.in_time(-1), 1.0, *each)
+    deck.card("DLOAD", ids.in_time(-1), 1.0, *_sets_of(wings, _Ids.in_time))
     t = np.arange(count + 2) / rate
-    for k, name in enumerate(loads.names):
-        deck.comment(name)
-        deck.card("TLOAD1", ids.in_time(k), ids.place(k), "", "LOAD", ids.time_table(k))
-        deck.table("TABLED1", ids.time_table(k), t, np.append(values[:, k], [0.0, 0.0]))
+    for wing in wings:
+        for k, name in enumerate(wing.names):
+            values, number = motion[name] * wing.factors[k], wing.ids.time_table(k)
+            deck.comment(name)
+            deck.card("TLOAD1", wing.ids.in_time(k), wing.ids.place(k), "", "LOAD", number)
+            deck.table("TABLED1", number, t, np.append(values, [0.0, 0.0]))
     deck.card("TSTEP", ids.steps, count - 1, 1.0 / rate, 1)
 
 
-def _write_densities(deck: _Deck, ids: _Ids, loads: _Loads, found: Densities) -> None:
-    f = found.frequency[1:]
+def _write_densities(deck: _Deck, wings: Sequence[_Loads], found: Densities) -> None:
+    f, ids = found.frequency[1:], wings[0].ids
     names = [channel.name for channel in found.channels]
+    subcases = sum(len(wing.names) for wing in wings)
     deck.comment(
         "",
-        f"Densities, one-sided: RANDOM = {ids.random}; subcases 1 to {len(loads.names)} with the unit loads below.",
+        f"Densities, one-sided: RANDOM = {ids.random}; subcases 1 to {subcases} with the unit loads below.",
         f"Bins of {f[0]:g} Hz ({found.window} window); a line is a peak of that width, whose area is its mean square.",
         "Loads count as unrelated: their cross densities are left out.",
     )
+    edge = 0.5 * f[0]  # of the first bin
     ends = np.array([f[-1] + f[0], f[-1] + 2.0 * f[0]])
-    for k, name in enumerate(loads.names):
-        deck.comment(f"{name}: subcase {k + 1}, DLOAD = {ids.unit_load(k)}")
-        deck.card("RLOAD1", ids.unit_load(k), ids.place(k), "", "", ids.unit_table, "", "LOAD")
-        deck.card("RANDPS", ids.random, k + 1, k + 1, 1.0, 0.0, ids.density_table(k))
-        values = found.values[names.index(name)][1:] * loads.factors[k] ** 2
-        edge = 0.5 * f[0]  # of the first bin
-        x = np.concatenate([[0.0, (1.0 - _EDGE) * edge, edge], f, ends])
-        deck.table(
-            "TABRND1",
-            ids.density_table(k),
-            x,
-            np.concatenate([[0.0, 0.0, values[0]], values, [0.0, 0.0]]),
-        )
+    x = np.concatenate([[0.0, (1.0 - _EDGE) * edge, edge], f, ends])
+    each = [(wing, k) for wing in wings for k in range(len(wing.names))]
+    for subcase, (wing, k) in enumerate(each, 1):
+        name, own = wing.names[k], wing.ids
+        deck.comment(f"{name}: subcase {subcase}, DLOAD = {own.unit_load(k)}")
+        deck.card("RLOAD1", own.unit_load(k), own.place(k), "", "", ids.unit_table, "", "LOAD")
+        deck.card("RANDPS", ids.random, subcase, subcase, 1.0, 0.0, own.density_table(k))
+        values = found.values[names.index(name)][1:] * wing.factors[k] ** 2
+        y = np.concatenate([[0.0, 0.0, values[0]], values, [0.0, 0.0]])
+        deck.table("TABRND1", own.density_table(k), x, y)
     deck.table("TABLED1", ids.unit_table, np.array([0.0, 2.0 * f[-1]]), np.ones(2))
 
 

@@ -46,14 +46,16 @@ LOAD_UNITS = "N, N, N, N*m, N*m, N*m"
 MASS_UNITS = "kg, kg*m, kg*m^2"
 SIGNS = (
     "Blocked loads act on the spacecraft at the interface point. x(t) = Re(X exp(2 pi j f t)), 0-to-peak, with t = 0"
-    " at the first sample of the record. Coupled to a hub of apparent mass AM_hub: a = (AM_hub + AM)^-1 F_b,"
+    " at the first sample of the record. Coupled to a hub of apparent mass AM_hub: (AM_hub + AM) a = F_b,"
     " load on the hub F = F_b - AM a."
 )
 POINT = "the interface point: that of array.rigid_body and interface_participation of the scenario"
 VALIDITY = (
-    "Blocked loads are those of a run on a fixed base: the interface's motion does not act back on steps and"
-    " friction but through the linear apparent mass. Lines that are not of the clock ring at other frequencies"
-    " on a spacecraft and are not to be coupled. Uncertainty by integration and by the ranges of parameters is"
+    "Blocked loads are those of a run on a fixed base: the interface's motion does not act back on the drive's"
+    " detent torque, steps and friction but through the linear apparent mass. A detent torque turns motion at one"
+    " line into torque a full-step frequency beside it, which is left out of small full-step lines. Lines that"
+    " are not of the clock ring at other frequencies on a spacecraft and are not to be coupled. Uncertainty by"
+    " integration and by the ranges of parameters is"
     " given; that of the model is not."
 )
 

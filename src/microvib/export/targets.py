@@ -12,7 +12,8 @@ from microvib.errors import OptionError, did_you_mean, missing_library
 from microvib.export.data import CsvOptions, DataOptions, write_csv, write_mat, write_uff
 from microvib.export.nastran import NastranOptions, write_nastran
 from microvib.export.native.files import (
-    FmuOptions,
+    Fmu2Options,
+    Fmu3Options,
     LibraryOptions,
     not_exportable,
     write_c_library,
@@ -41,6 +42,19 @@ class NoOptions(Part):
 
 
 @dataclass(frozen=True)
+class Option:
+    """An option of a target, as its declaration has it."""
+
+    key: str
+    default: str
+    """As it is typed behind ``KEY=``; empty for none."""
+    meaning: str
+    kind: Literal["choice", "choices", "number", "text"]
+    """One of the choices, a list of them, a whole number, or any text."""
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Target:
     """A format of another tool, and the function that writes it."""
 
@@ -66,13 +80,39 @@ class Target:
             return ""
         return missing_library(ModuleNotFoundError(name=self.library))
 
+    @property
+    def offered(self) -> tuple[Option, ...]:
+        """Its options."""
+        schema = self.options.model_json_schema().get("properties", {})
+        return tuple(
+            _option(key, self.options.model_fields[key].default, told)
+            for key, told in schema.items()
+        )
+
     def option_lines(self) -> list[str]:
         """Its options: key, default and meaning, a line each."""
-        fields = self.options.model_fields.items()
-        return [f"{key}={_shown(field.default)}: {field.description}" for key, field in fields]
+        return [f"{one.key}={one.default}: {one.meaning}" for one in self.offered]
 
 
-def _shown(value: Any) -> str:
+def _option(key: str, default: Any, told: dict[str, Any]) -> Option:
+    """An option by its default and what the schema tells of it."""
+    alternatives = [one for one in told.get("anyOf", [told]) if one.get("type") != "null"]
+    (own,) = alternatives
+    listed = own.get("items", own).get("enum", ())
+    kind: Literal["choice", "choices", "number", "text"] = "text"
+    if own.get("type") == "integer":
+        kind = "number"
+    elif own.get("type") == "array":
+        kind = "choices"
+    elif listed:
+        kind = "choice"
+    return Option(key, _typed(default), told.get("description", ""), kind, tuple(listed))
+
+
+def _typed(value: Any) -> str:
+    """A value as it is typed."""
+    if value is None:
+        return ""
     if isinstance(value, tuple):
         return "[" + ", ".join(map(str, value)) + "]"
     return str(value)
@@ -137,7 +177,7 @@ TARGETS: dict[str, Target] = {
             "scenario",
             (".fmu",),
             write_fmu2,
-            FmuOptions,
+            Fmu2Options,
         ),
         Target(
             "fmu3",
@@ -145,7 +185,7 @@ TARGETS: dict[str, Target] = {
             "scenario",
             (".fmu",),
             write_fmu3,
-            FmuOptions,
+            Fmu3Options,
         ),
         Target(
             "c",

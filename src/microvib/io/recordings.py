@@ -18,6 +18,7 @@ from microvib.io.formats import READERS
 from microvib.io.measured import Hints
 from microvib.io.named import read_text
 from microvib.io.scenario_file import load_bench
+from microvib.io.table_responses import read_table_response
 from microvib.io.tables import dict_rows
 from microvib.io.uff_writing import FUNCTIONS, Dataset58, Even, Place, write_datasets
 from microvib.io.writing import write_file
@@ -106,7 +107,13 @@ def load_preparation(path: Path | str) -> Preparation:
         background = None
     else:
         background = str(files.under("background").path(preparation.background))
-    return preparation.model_copy(update={"response": chain, "background": background})
+    frf = preparation.table_frf
+    if frf is not None and frf.file is not None:
+        where = files.under("table_frf.file").path(frf.file)
+        frf = frf.model_copy(update={"measured": read_table_response(where)})
+    return preparation.model_copy(
+        update={"response": chain, "background": background, "table_frf": frf}
+    )
 
 
 def _with_table(stage: Stage, files: FileAccess) -> Stage:

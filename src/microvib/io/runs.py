@@ -25,6 +25,7 @@ from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
 from microvib.results import Column, Table, columns_of
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import Line, LineTable, ResidualPeaks, SeedLine
 from microvib.signals.seed_peaks import SeedPeaks
 from microvib.solve.channels import CHANNELS, MODAL, TIME, Channel
@@ -46,8 +47,8 @@ class Run:
     motion: Motion
     table: LineTable
     versions: dict[str, str]
-    limit: tuple[float, float, float] | None = None
-    """Largest amplitude, 0-to-peak [N m], that a line may have between two frequencies [Hz]."""
+    limit: Limit | None = None
+    """Limit that the lines were judged by."""
     unchecked: str = ""
     """Sentence on a folder that does not tell whether its files are those of the run; else empty."""
 
@@ -148,6 +149,10 @@ def summary(
         "slow_n_m": rest.slow,
         "resolution_hz": rest.resolution,
     }
+    pieces = table.pieces and {
+        "frequency_hz": table.pieces.frequency.tolist(),
+        "amplitude_n_m": table.pieces.amplitude.tolist(),
+    }
     return {
         "title": scenario.title,
         "source": scenario.source,
@@ -157,6 +162,7 @@ def summary(
         "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
         "doubts": list(scenario.unusual_values()),
         "left_by_lines": left,
+        "larger_in_pieces": pieces,
         "own_error": _known_error(table),
         "broken_invariants": list(table.broken),
         "harmonics": table.harmonics,
@@ -210,7 +216,7 @@ def read_run(folder: Path | str) -> Run:
         said = json.loads(path.read_text(encoding="utf-8"))
         first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
         digest, versions, record = (said[key] for key in ("scenario_sha256", "versions", "record"))
-        limit = _limit(said.get("limit"))
+        limit = None if said.get("limit") is None else Limit.from_dict(said["limit"])
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(
@@ -223,10 +229,10 @@ def read_run(folder: Path | str) -> Run:
     if other is not None:
         motion = replace(motion, second_wing=_motion(folder / SECOND_MOTION, other, second))
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
-        left = said.get("left_by_lines")
+        left, pieces = said.get("left_by_lines"), said.get("larger_in_pieces")
         table = LineTable(
             _lines(path), said.get("clock_ratio_found"), 0.0, record["samples"], record["sample_rate_hz"],
-            rest=left and _rest(left),
+            rest=left and _rest(left), pieces=pieces and _rest(pieces),
             own_error=_error_of(said.get("own_error")), broken=tuple(said.get("broken_invariants", first[0].broken)),
             harmonics=said.get("harmonics", 8),
             seeds=_seeds(folder / "seeds.csv"),
@@ -301,14 +307,6 @@ def _expected(path: Path, what: str) -> Iterator[Path]:
         yield path
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise MicrovibError(f"{path}: is not {what}") from None
-
-
-def _limit(data: dict[str, float | None] | None) -> tuple[float, float, float] | None:
-    """Torque and band of a limit; a band that is open above has no number there."""
-    if data is None:
-        return None
-    torque, low, high = (data[key] for key in ("torque", "low", "high"))
-    return float(torque or math.nan), float(low or 0.0), math.inf if high is None else float(high)
 
 
 def _lines(path: Path) -> tuple[Line, ...]:

@@ -106,6 +106,11 @@ def csv_rows(path: Path, kind: type[MicrovibError]) -> list[list[str]]:
         return _cells(lines)
 
 
+def text_rows(text: str) -> list[list[str]]:
+    """Rows of a CSV table that is given as text."""
+    return _cells(plain_lines(text))
+
+
 def _cells(lines: Iterable[str]) -> list[list[str]]:
     """Cells of a table by rows, as they were before they were guarded against spreadsheets."""
     return [[unescape_formula(cell) for cell in row] for row in csv.reader(lines)]

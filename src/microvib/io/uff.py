@@ -39,6 +39,7 @@ class _Dataset:
     label: str
     function: int
     response: tuple[str, int, int]  # name of the entity, node, direction
+    reference: tuple[str, int, int]
     kind: int
     points: int
     even: bool
@@ -46,6 +47,7 @@ class _Dataset:
     step: float
     abscissa: tuple[int, str, str]  # kind, label, unit
     unit: str
+    reference_unit: str
     values: np.ndarray
 
     @property
@@ -82,6 +84,57 @@ def read_uff(path: Path, hints: Hints) -> Recording:
     return recording_of(
         [_column(s, name) for s, name in zip(sets, names, strict=True)], hints, [*against, *turn]
     )
+
+
+RESPONSE, COHERENCE = 4, 6
+"""Numbers of the functions of dataset 58 that a response of a table is made of."""
+
+
+@dataclass(frozen=True)
+class FrequencyFunction:
+    """A function over frequency in a universal file."""
+
+    label: str
+    function: int
+    response: int
+    """Direction, 1 to 6 for x y z and rotations about them, with its sign; 0 where none is given."""
+    reference: int
+    unit: str
+    reference_unit: str
+    frequency: np.ndarray
+    """[Hz], (m,)."""
+    values: np.ndarray
+    """Real or complex, (m,)."""
+
+
+def read_functions(path: Path) -> list[FrequencyFunction]:
+    """Frequency response functions and coherences among the datasets 58 of a file; RecordingError where
+    it is broken.
+    """
+    data = path.read_bytes()
+    if not data.rstrip().endswith(_DELIMITER):
+        raise RecordingError("is truncated, or no UFF; its last dataset does not end with -1")
+    found = []
+    for s in _datasets(data):
+        if s.function not in (RESPONSE, COHERENCE):
+            continue
+        if s.even:
+            f, values = s.start + s.step * np.arange(s.points), s.values[: s.points]
+        else:
+            f, values = np.real(s.values[::2][: s.points]), s.values[1::2][: s.points]
+        found.append(
+            FrequencyFunction(
+                s.label,
+                s.function,
+                s.response[2],
+                s.reference[2],
+                s.unit,
+                s.reference_unit,
+                f,
+                values,
+            )
+        )
+    return found
 
 
 def _names(sets: list[_Dataset]) -> list[str]:
@@ -200,7 +253,7 @@ def _field(text: str, first: int, size: int, kind: type = int) -> float:
 
 def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dataset, int]:
     """One dataset, and where what follows its end begins."""
-    dof, form, x, y = header[5], header[6], header[7], header[8]
+    dof, form, x, y, per = header[5], header[6], header[7], header[8], header[9]
     (kind, points, spacing), (start, step) = _data_form(form)
     if kind not in (2, 4, 5, 6):
         raise RecordingError(
@@ -222,13 +275,14 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
         values = table[:, -2] + 1j * table[:, -1]
         if spacing != 1:
             values = np.column_stack([table[:, 0], values]).ravel()
-    function, response = _response(dof)
+    function, response, reference = _ends(dof)
     abscissa = (int(_field(x, 0, 10)), _label(x, 25), _label(x, 46))
     return (
         _Dataset(
             label,
             function,
             response,
+            reference,
             kind,
             points,
             spacing == 1,
@@ -236,6 +290,7 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
             step,
             abscissa,
             _label(y, 46),
+            _label(per, 46),
             values,
         ),
         at,
@@ -254,17 +309,21 @@ def _data_form(text: str) -> tuple[tuple[int, int, int], tuple[float, float]]:
         return (int(words[0]), int(words[1]), int(words[2])), (float(words[3]), float(words[4]))
 
 
-def _response(text: str) -> tuple[int, tuple[str, int, int]]:
-    """Function, and name, node and direction of its response."""
+_Place = tuple[str, int, int]
+
+
+def _ends(text: str) -> tuple[int, _Place, _Place]:
+    """Function, and name, node and direction of its response and of its reference."""
     try:
-        return int(_field(text, 0, 5)), (
-            text[31:41].strip(),
-            int(_field(text, 41, 10)),
-            int(_field(text, 51, 4)),
+        return (
+            int(_field(text, 0, 5)),
+            (text[31:41].strip(), int(_field(text, 41, 10)), int(_field(text, 51, 4))),
+            (text[56:66].strip(), int(_field(text, 66, 10)), int(_field(text, 76, 4))),
         )
     except ValueError:
         words = text.split()
-        return int(words[0]), (words[4], int(words[5]), int(words[6]))
+        reference = (words[7], int(words[8]), int(words[9])) if len(words) > 9 else ("", 0, 0)
+        return int(words[0]), (words[4], int(words[5]), int(words[6])), reference
 
 
 def _label(text: str, first: int) -> str:

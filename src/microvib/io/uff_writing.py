@@ -14,14 +14,24 @@ import numpy as np
 
 from microvib.testdata.time_axis import snapped_rate
 
-FUNCTIONS = {"time": 1, "response": 4, "density": 9, "spectrum": 12}
+FUNCTIONS = {"time": 1, "response": 4, "coherence": 6, "density": 9, "spectrum": 12}
 """Numbers of the functions of dataset 58 that are written."""
 _TIME, _FREQUENCY = 17, 18
-_KINDS = {"N": 13, "N*m": 9, "m": 8, "m/s^2": 12, "": 0}
-"""Numbers of the kinds of data on axes by their units: force, excitation force for a moment, displacement,
-acceleration; 1 for the rest.
-"""
 _GENERAL = 1
+_KINDS = {
+    "": (0, 0, 0),
+    "N": (13, 0, 0),
+    "m": (8, 0, 0),
+    "m/s^2": (12, 0, 0),
+    "N*m": (_GENERAL, 1, 1),
+    "J": (_GENERAL, 1, 1),
+    "(N)^2/Hz": (_GENERAL, 0, 2),
+    "(N*m)^2/Hz": (_GENERAL, 2, 2),
+}
+"""Kinds of data on axes by their units: number of the kind (excitation force, displacement, acceleration),
+and of a general kind, by which there is none for moments, the exponents of length and force. The rest is
+general and without either.
+"""
 _LITTLE_ENDIAN, _IEEE = 1, 2
 _HEADER_LINES = 11
 _LABEL, _TITLE = 20, 80
@@ -69,9 +79,8 @@ class Dataset58:
         numbers = self._numbers().astype("<f8").tobytes()
         first = f"    58b{_LITTLE_ENDIAN:6d}{_IEEE:6d}{_HEADER_LINES:12d}{len(numbers):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
         lines = [f"{-1:6d}", first, *self._header()]
-        return (
-            "".join(f"{line:<80}\n" for line in lines).encode() + numbers + f"\n{-1:6d}\n".encode()
-        )
+        head = "".join(f"{line:<80}\n" for line in lines)
+        return head.encode("ascii", "replace") + numbers + f"\n{-1:6d}\n".encode()
 
     @property
     def _even(self) -> bool:
@@ -102,19 +111,19 @@ class Dataset58:
         kind = 6 if np.iscomplexobj(self.values) else 4
         start, step = self._header_step()
         if isinstance(self.along, Even):
-            abscissa = _axis(_TIME, "Time", "s")
+            abscissa = _axis((_TIME, 0, 0), "Time", "s")
         else:
-            abscissa = _axis(_FREQUENCY, "Frequency", "Hz")
+            abscissa = _axis((_FREQUENCY, 0, 0), "Frequency", "Hz")
         return [
             self.name[:_TITLE],
-            self.title[-_TITLE:] or "microvib",
+            " ".join(self.title.split())[:_TITLE] or "microvib",
             *("NONE",) * 3,
             f"{self.function:5d}{0:10d}{0:5d}{0:10d} {_at(self.response)} {_at(self.reference)}",
             f"{kind:10d}{self.values.size:10d}{int(self._even):10d}{start:13.5e}{step:13.5e}{0.0:13.5e}",
             abscissa,
             _axis(_kind(self.unit), self.name, self.unit),
             _axis(_kind(self.reference_unit), "", self.reference_unit),
-            _axis(0, "", ""),
+            _axis(_kind(""), "", ""),
         ]
 
     def _header_step(self) -> tuple[float, float]:
@@ -128,15 +137,15 @@ def _at(place: Place) -> str:
     return f"{'NONE':<10}{place.node:10d}{place.direction:4d}"
 
 
-def _kind(unit: str) -> int:
-    return _KINDS.get(unit, _GENERAL)
+def _kind(unit: str) -> tuple[int, int, int]:
+    """Kind of data of a unit, and exponents of length and force."""
+    return _KINDS.get(unit, (_GENERAL, 0, 0))
 
 
-def _axis(kind: int, label: str, unit: str) -> str:
+def _axis(kind: tuple[int, int, int], label: str, unit: str) -> str:
     """An axis: kind of data, exponents of length, force and temperature, label and unit."""
-    return (
-        f"{kind:10d}{0:5d}{0:5d}{0:5d} {label[:_LABEL] or 'NONE':<20} {unit[:_LABEL] or 'NONE':<20}"
-    )
+    number, length, force = kind
+    return f"{number:10d}{length:5d}{force:5d}{0:5d} {label[:_LABEL] or 'NONE':<20} {unit[:_LABEL] or 'NONE':<20}"
 
 
 def write_datasets(path: Path, sets: Iterable[Dataset58]) -> None:

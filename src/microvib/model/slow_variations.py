@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.model.driver import Driver
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 
 CYCLES_SEEN = 2.0
@@ -29,6 +30,10 @@ _WHOLE_CYCLES = 0.99
 NEGLIGIBLE_SHARE = 1e-3
 """Part of the rate, or of the friction, below which a change counts for nothing: the least relative
 error of lines.
+"""
+_NEGLIGIBLE_SHIFT = 0.5
+"""Bins of a record by which compensation may shift lines of the step clock and count for nothing: a
+line that drifts by so much over a record reads 1 % too small at most.
 """
 _ROUGHNESS_SIGMAS = 3.0
 """Standard deviations of a roughness that count as its change."""
@@ -53,12 +58,14 @@ class SlowVariation:
     """Part of the rate, or of the friction, by which it changes."""
 
 
-def slow_variations(scenario: Scenario) -> list[SlowVariation]:
+def slow_variations(scenario: Scenario, duration: float | None = None) -> list[SlowVariation]:
     """Changes of the drive over longer than a full step, the longest first, without those that
-    amount to nothing; none where the rate is not constant, or zero.
+    amount to nothing in a record of ``duration`` [s], or the scenario's; none where the rate is not
+    constant, or zero.
 
     An error of the gear changes the rate of the output by its slope, its compensation that of the
-    rotor, friction over the angle the friction by its amplitude. Of each the longest cycle counts:
+    rotor, friction over the angle the friction by its amplitude. Compensation shifts lines of the
+    step clock, too, and the higher they are the more. Of each the longest cycle counts:
     that of its order, or the beat of one of its first multiples with what else the drive has over its
     angle, which it meets at other angles from cycle to cycle.
     """
@@ -68,7 +75,7 @@ def slow_variations(scenario: Scenario) -> list[SlowVariation]:
     full_step = electrical / scenario.motor.full_steps
     harmonics = [
         *_significant(_errors_of_gear(scenario)),
-        *_significant(_compensation(scenario)),
+        *_significant(_compensation(scenario), _negligible_compensation(scenario, duration)),
         *_significant(_friction_over_angle(scenario)),
     ]
     found = [
@@ -86,7 +93,7 @@ def unseen_variations(scenario: Scenario, duration: float) -> list[SlowVariation
     the longest first.
     """
     seen = duration / (_WHOLE_CYCLES * CYCLES_SEEN)
-    return [one for one in slow_variations(scenario) if one.cycle > seen]
+    return [one for one in slow_variations(scenario, duration) if one.cycle > seen]
 
 
 class _Harmonic(NamedTuple):
@@ -100,11 +107,23 @@ class _Harmonic(NamedTuple):
     """Part of the rate, or of the friction, by which it changes."""
 
 
-def _significant(found: Iterable[_Harmonic]) -> list[_Harmonic]:
-    """Harmonics of one kind, but for those of the slowest that together are negligible."""
+def _negligible_compensation(scenario: Scenario, duration: float | None) -> float:
+    """Part of the rate up to which compensation counts for nothing: it hardly shifts the highest line
+    of a record.
+    """
+    record = scenario.record
+    lasts = record.duration if duration is None else duration
+    bins = PASSBAND * record.sample_rate * lasts
+    return min(NEGLIGIBLE_SHARE, _NEGLIGIBLE_SHIFT / bins)
+
+
+def _significant(
+    found: Iterable[_Harmonic], negligible: float = NEGLIGIBLE_SHARE
+) -> list[_Harmonic]:
+    """Harmonics of one kind, but for those of the slowest that together are ``negligible``."""
     kept = sorted(found, key=lambda one: one.order)
     shares = np.cumsum([one.share for one in kept])
-    return kept[int(np.searchsorted(shares, NEGLIGIBLE_SHARE, side="right")) :]
+    return kept[int(np.searchsorted(shares, negligible, side="right")) :]
 
 
 def _errors_of_gear(scenario: Scenario) -> Iterator[_Harmonic]:

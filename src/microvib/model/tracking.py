@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -36,6 +36,19 @@ class Leg(Part):
         ]
         | None
     ) = None
+
+
+class HeldRate(NamedTuple):
+    """A rate that a command holds for a time."""
+
+    start: float
+    """When the command reaches it [s]."""
+    rate: float
+    """[rad/s]."""
+    lasts: float
+    """How long it is held [s]; infinite where to the end."""
+    passed: float
+    """How long it is held, and ramped to and from [s]."""
 
 
 class Tracking(Part):
@@ -100,6 +113,18 @@ class Tracking(Part):
                 times.append(now)
                 rates.append(rate)
         return np.array(times), np.array(rates)
+
+    def held_rates(self) -> list[HeldRate]:
+        """Rates that the command reaches, in order; they carry the clock ratio."""
+        legs = self.profile or (Leg(rate=float(self.rate or 0.0)),)
+        found, now = [], 0.0
+        for leg, after in zip(legs, (*legs[1:], None), strict=True):
+            now += leg.ramp
+            lasts = math.inf if leg.hold is None else leg.hold
+            passed = leg.ramp + lasts + (after.ramp if after else 0.0)
+            found.append(HeldRate(now, leg.rate * self.clock_ratio, lasts, passed))
+            now += lasts
+        return found
 
     def constant_rate(self, start: float, stop: float) -> float | None:
         """The one rate [rad/s] between two times [s], or None where the rate changes."""

@@ -7,25 +7,39 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
+
+from microvib.analysis.background import BackgroundLine, mains_harmonic
+from microvib.analysis.limits import Judgement
+from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
 from microvib.analysis.orders import OrderLine
 from microvib.io.runs import lines_csv
 from microvib.io.tables import columns_csv
 from microvib.reports import figures
+from microvib.reports.analysis_units import (
+    CHANNEL_KINDS,
+    ENDINGS,
+    key_in_unit,
+    measure_in_unit,
+    table_in_unit,
+)
+from microvib.reports.bands import band_parts, bands_sentence
 from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
+from microvib.reports.run.first_page import verdict_facts
+from microvib.reports.run.margins import margin_tables, margins_csv
 from microvib.reports.typography import file_name
 from microvib.results import (
     FREQUENCY,
+    TIME,
     TORQUE,
-    TORQUE_UNCERTAINTY,
     Column,
-    Measure,
     Table,
 )
 from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import DETECTION_RATIO, Line, LineTable
 from microvib.studies.analyse import Analysis
-from microvib.testdata.channels import ACCELERATIONS
+from microvib.studies.bands import verdict_on
 from microvib.units import pretty
 
 if TYPE_CHECKING:
@@ -33,10 +47,6 @@ if TYPE_CHECKING:
 
 _MAX_NAMED = 8
 """Lines that a spectrum is wide enough for."""
-_KINDS = {"N": "a force", "N*m": "a torque"} | dict.fromkeys(ACCELERATIONS, "an acceleration")
-"""Words for what a channel is, by its unit."""
-_ENDINGS = {"N": "n", "N*m": "n_m", "m/s^2": "m_s2", "g": "g"}
-"""Endings of names of columns in files, by the unit."""
 _LINE_COLUMNS = (
     "line",
     "frequency_hz",
@@ -44,10 +54,16 @@ _LINE_COLUMNS = (
     "amplitude_n_m",
     "amplitude_uncertainty_n_m",
     "floor_n_m",
+    "background_n_m",
+    "mains",
     "origin",
     "status",
 )
 """Keys of what is shown of a line."""
+
+
+_WATERFALL_ROWS = 8
+"""Stretches of a waterfall that a terminal shows."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +74,9 @@ class BandRms:
     rms: Annotated[float, Column("rms", "RMS", TORQUE)]
 
 
-def analysis_outcome(a: Analysis) -> Outcome:
+def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
     """An analysis for those who read it: lines with uncertainties, amplitude spectrum, density,
-    waterfall, RMS in bands.
+    waterfall, RMS in bands; where a limit was given, the verdict on its lines.
     """
     reach = figures.spectrum_upper_end(_largest(a))
 
@@ -68,7 +84,11 @@ def analysis_outcome(a: Analysis) -> Outcome:
         """How a spectrum was made, and its picture."""
 
         def draw() -> Figure:
-            return figures.draw_spectral(made, pretty(a.unit), reach, height, a.table)
+            drawing = figures.draw_spectral(made, pretty(a.unit), reach, height, a.table, judged)
+            if made is a.spectrum and a.background is not None:
+                marks = [(x.frequency, x.amplitude, bool(x.mains)) for x in a.background_lines]
+                figures.add_background(drawing.axes[0], a.background, marks)
+            return drawing
 
         text = str(made)
         return (Text(f"{text[:1].upper()}{text[1:]}."), Picture(name, draw, title))
@@ -78,19 +98,35 @@ def analysis_outcome(a: Analysis) -> Outcome:
     return Outcome(
         "Analysis report",
         f"Analysis of {file_name(a.name)}, channel {a.channel}",
-        f"Lines with uncertainties and spectra of {_KINDS[a.unit]}.",
-        "",
-        tuple(_facts(a)),
+        f"Lines with uncertainties and spectra of {CHANNEL_KINDS[a.unit]}.",
+        _verdict(a, judged),
+        (*(() if judged is None else verdict_facts(judged)), *_facts(a)),
         (
             Part("", (Pairs(tuple(_about(a))), *spectrum)),
+            Part("Against the limit", tuple(_against_limit(judged))),
             Part("Orders of the electrical period", _orders(a), new_page=True),
             Part("Other lines" if a.orders else "Lines", _lines(a), new_page=not a.orders),
+            Part("Lines with the drive off", _of_background(a)),
             Part("Power spectral density", density),
-            Part("Waterfall", picture("waterfall", a.waterfall, 2.9, "Waterfall")),
+            Part("Waterfall", (*picture("waterfall", a.waterfall, 2.9, "Waterfall"), _loudest(a))),
             Part("RMS in bands", (_bands(a),)),
+            *band_parts(a.band_peaks),
         ),
-        other_files=_files(a),
+        other_files=_files(a) | ({} if judged is None else {"margins.csv": margins_csv(judged)}),
     )
+
+
+def _verdict(a: Analysis, judged: Judgement | None) -> Verdict | NoVerdict:
+    """The verdict on lines and bands: the worse of the two, empty without limits."""
+    of_lines: Verdict | NoVerdict = "" if judged is None else judged.verdict
+    return worst_verdict([verdict_on(a.band_peaks), of_lines])
+
+
+def _against_limit(judged: Judgement | None) -> Iterator[Item]:
+    """The verdict by a limit, and the lines with the smallest margins."""
+    if judged is not None:
+        yield Text(str(judged))
+        yield from margin_tables(judged)
 
 
 def _about(a: Analysis) -> Iterator[tuple[str, str]]:
@@ -106,6 +142,8 @@ def _about(a: Analysis) -> Iterator[tuple[str, str]]:
     if a.table is not None:
         told_apart = f"{SEPARATION / a.recording.duration:.3g} Hz"
         yield "Resolution", f"lines are told apart, and from the mean, {told_apart} away"
+    if a.band_peaks:
+        yield "Peaks in bands", bands_sentence(a.band_peaks)
     for note in a.recording.notes_on(a.channel):
         if note:
             yield "Note", note
@@ -115,7 +153,9 @@ def _orders(a: Analysis) -> tuple[Table, ...]:
     """The orders of the electrical period, each with whether it is above the noise floor."""
     if not a.orders:
         return ()
-    return (_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),)
+    return (
+        table_in_unit(Table.of("orders", OrderLine, a.orders, caption=_ORDERS_CAPTION), a.unit),
+    )
 
 
 _ORDERS_CAPTION = (
@@ -131,8 +171,35 @@ def _lines(a: Analysis) -> tuple[Table, ...]:
     shown = [line for line in a.table.notable() if not (a.orders and line.of_clock)]
     if a.orders and not shown:
         return ()
-    found = Table.of("", Line, shown, caption=_LINES_CAPTION)
-    return (_in_unit(found.only(_LINE_COLUMNS), a.unit),)
+    found = _with_mains(Table.of("", Line, shown, caption=_LINES_CAPTION), shown, a)
+    return (table_in_unit(found.only(_LINE_COLUMNS), a.unit),)
+
+
+def _of_background(a: Analysis) -> tuple[Item, ...]:
+    """Lines of the background."""
+    if a.background is None:
+        return ()
+    if not a.background_lines:
+        return (Text("With the drive off there is no line above the noise."),)
+    table = Table.of(
+        "background", BackgroundLine, a.background_lines, brief=12, caption=_BACKGROUND_CAPTION
+    )
+    return (table_in_unit(table, a.unit),)
+
+
+_BACKGROUND_CAPTION = (
+    "The recording's largest amplitude within a part in a thousand of each line of the background. Where a"
+    " line of the drive is there, too, its background says whether it is judged."
+)
+
+
+def _with_mains(table: Table, lines: list[Line], a: Analysis) -> Table:
+    """The table with a column of the mains' harmonics that lines may be pick-up of, where any may."""
+    marks = [mains_harmonic(line.place, a.recording.duration) for line in lines]
+    if not any(marks):
+        return table
+    rows = tuple((*row, mark) for row, mark in zip(table.rows, marks, strict=True))
+    return replace(table, columns=(*table.columns, Column("mains", "mains?")), rows=rows)
 
 
 _LINES_CAPTION = (
@@ -141,42 +208,40 @@ _LINES_CAPTION = (
 )
 
 
-def _in_unit(table: Table, unit: str) -> Table:
-    """A table of torques as one of forces or accelerations, where the channel is one."""
-    return replace(table, columns=tuple(_column_in_unit(x, unit) for x in table.columns))
+@dataclass(frozen=True)
+class WaterfallPeak:
+    """The largest bin of a stretch of the waterfall."""
+
+    time: Annotated[float, Column("time_s", "middle of the stretch", TIME)]
+    frequency: Annotated[float, Column("frequency_hz", "largest bin", FREQUENCY)]
+    amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
 
 
-def _column_in_unit(column: Column, unit: str) -> Column:
-    measure = column.measure
-    if measure is None or measure not in (TORQUE, TORQUE_UNCERTAINTY):
-        return column
-    return replace(column, key=_key_in_unit(column.key, unit), measure=_measure(measure, unit))
-
-
-def _key_in_unit(key: str, unit: str) -> str:
-    """The key of a column of torques, with the ending of another unit where it has that of a
-    torque.
-    """
-    if key.endswith("_n_m"):
-        return f"{key.removesuffix('_n_m')}_{_ENDINGS[unit]}"
-    return key
-
-
-def _measure(torque: Measure, unit: str) -> Measure:
-    return replace(torque, unit=f"m{pretty(unit)}")
+def _loudest(a: Analysis) -> Table:
+    """The largest bin of each stretch of the waterfall, for a terminal: of many stretches some."""
+    w = a.waterfall
+    step = max(-(-w.time.size // _WATERFALL_ROWS), 1)
+    rows = []
+    for k in range(0, w.time.size, step):
+        i = int(np.argmax(w.amplitude[k, 1:])) + 1
+        rows.append(
+            WaterfallPeak(float(w.time[k]), float(w.frequency[i]), float(w.amplitude[k, i]))
+        )
+    caption = "The largest bin of some of the stretches, in their order."
+    return table_in_unit(Table.of("", WaterfallPeak, rows, caption=caption), a.unit)
 
 
 def _bands(a: Analysis) -> Table:
     bands = [BandRms(f"{low:g} to {high:g} Hz", rms) for low, high, rms in a.bands]
     bands.append(BandRms("whole record, about its mean", _rms(a)))
     caption = "RMS in 1/3-octave bands is in `third_octaves.csv`."
-    return _in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
+    return table_in_unit(Table.of("", BandRms, bands, caption=caption), a.unit)
 
 
 def _files(a: Analysis) -> dict[str, str]:
     """All lines, and the spectra."""
     centre, rms = a.density.third_octaves()
-    unit = _ENDINGS[a.unit]
+    unit = ENDINGS[a.unit]
     tables = {
         "spectrum": {
             "frequency_hz": a.spectrum.frequency,
@@ -196,12 +261,12 @@ def _files(a: Analysis) -> dict[str, str]:
 def _lines_file(table: LineTable) -> str:
     """All lines as CSV text, its header in the table's unit."""
     header, rest = lines_csv(table).split("\n", 1)
-    keys = [_key_in_unit(key, table.unit) for key in header.split(",")]
+    keys = [key_in_unit(key, table.unit) for key in header.split(",")]
     return "\n".join([",".join(keys), rest])
 
 
 def _facts(a: Analysis) -> Iterator[Fact]:
-    amplitude = _measure(TORQUE, a.unit)
+    amplitude = measure_in_unit(TORQUE, a.unit)
     for line in _largest(a)[:2]:
         where = f"{line.name} at {FREQUENCY.figure(line.frequency)}"
         yield Fact(amplitude.figure(line.amplitude), where)

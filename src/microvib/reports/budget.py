@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from microvib.analysis.margins import Verdict
+from microvib.analysis.pointing import LEFT_OUT
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
@@ -27,6 +28,7 @@ from microvib.results import (
     Table,
 )
 from microvib.signals.pointing import Metric, mean_square_of_density, metric_name, metric_weight
+from microvib.studies.budget.left_out import left_out_of_lines
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import Budget, summary
 from microvib.studies.budget.sums import Assessment, Share, combine_lines
@@ -356,24 +358,36 @@ def _source_shares(budget: Budget) -> Table:
 
 
 def _lines(budget: Budget) -> Table:
-    """All lines of all sources, for a file."""
+    """All lines of all sources, for a file: with the bounds on their amplitudes, and with what is
+    left out. Lines without phases have none.
+    """
     keys = (
         "source", "line", "frequency_hz", "los_x_rad", "los_y_rad", "los_x_phase_rad",
-        "los_y_phase_rad", "settled",
+        "los_y_phase_rad", "settled", "los_x_least_rad", "los_y_least_rad", "los_x_most_rad",
+        "los_y_most_rad", LEFT_OUT,
     )  # fmt: skip
+    left_out = left_out_of_lines(budget.contributions, len(budget.angles))
     rows = tuple(
-        (
-            c.source,
-            c.names[k],
-            float(c.frequency[k]),
-            *np.abs(c.los[k]).tolist(),
-            *np.angle(c.los[k]).tolist(),
-            bool(c.settled[k]),
-        )
-        for c in budget.contributions
-        for k in range(len(c.names))
+        (*row, said)
+        for c, said in zip(budget.contributions, left_out, strict=True)
+        for row in _rows_of_lines(c)
     )
     return Table("lines", tuple(map(Column, keys)), rows)
+
+
+def _rows_of_lines(one: Contribution) -> Iterator[tuple[Any, ...]]:
+    """Rows of a source's lines: source, name and frequency, both amplitudes and phases, whether they
+    are settled, and the amplitudes at least and at most.
+    """
+    size, phase = np.abs(one.los), np.angle(one.los)
+    if not one.phased:
+        phase = np.full_like(phase, np.nan)
+    less, more = one.relative_errors
+    ends = np.hstack([size * np.maximum(1.0 - less, 0.0), size * (1.0 + more)])
+    ends[~np.isfinite(ends)] = np.nan  # then the row says so
+    figures = np.hstack([one.frequency[:, None], size, phase])
+    for k, name in enumerate(one.names):
+        yield one.source, name, *figures[k].tolist(), bool(one.settled[k]), *ends[k].tolist()
 
 
 _DRAWN: tuple[Metric, ...] = ("rpe", "mpe", "smear", "jitter")

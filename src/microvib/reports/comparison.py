@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Annotated
 
+from microvib.analysis.limits import Judgement
 from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.reports.blocks import OVERLAY_CAPTION, draw_overlay
 from microvib.reports.document import Fact, Text
 from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
+from microvib.reports.run.margins import margin_tables
 from microvib.reports.typography import file_name
 from microvib.results import (
     DIFFERENCE,
@@ -77,9 +79,13 @@ _BINS = (
 _LINES = ("line", *(x.key for x in columns_of(ComparedLine).values() if x.key not in _BINS))
 
 
-def comparison_outcome(a: Side, b: Side, rows: Sequence[Row]) -> Outcome:
+def comparison_outcome(
+    a: Side, b: Side, rows: Sequence[Row], judged: Sequence[Judgement | None] = ()
+) -> Outcome:
     """A comparison for those who read it: verdict line by line wherever the bins fall, spectra, and
     the nearest bins. The file has all lines, readers see the significant ones.
+
+    ``judged`` are the verdicts on both sides by a limit, where one is given.
     """
     shown = significant_rows(rows)
     told = [r for r in shown if math.isfinite(r.a.amplitude) or math.isfinite(r.b.amplitude)]
@@ -106,6 +112,7 @@ def comparison_outcome(a: Side, b: Side, rows: Sequence[Row]) -> Outcome:
         tuple(_facts(told, shown)),
         (
             Part("", tuple(first)),
+            Part("Against the limit", tuple(_against_limit((a, b), judged))),
             Part("Nearest bins", (Text(_BINS_TEXT), bins) if binned else ()),
         ),
         files=(Table.of("compare", ComparedLine, map(_compared, rows), for_readers=()),),
@@ -115,6 +122,16 @@ def comparison_outcome(a: Side, b: Side, rows: Sequence[Row]) -> Outcome:
             if s.scenario is not None
         },
     )
+
+
+def _against_limit(sides: Sequence[Side], judged: Sequence[Judgement | None]) -> Iterator[Item]:
+    """The verdict on each side, and its lines with the smallest margins."""
+    for mark, side, one in zip("AB", sides, judged, strict=False):
+        if one is None:
+            yield Text(f"{mark}, {_called(side)}: not judged, as it is no recording.")
+            continue
+        yield Text(f"{mark}, {_called(side)}: {one}")
+        yield from margin_tables(one)
 
 
 _LINES_CAPTION = (
@@ -218,7 +235,7 @@ def verdict_sentence(rows: Sequence[Row]) -> str:
     if unusable:
         rest += (
             f" {count_text(len(unusable), 'line')} beyond the usable band of the force table or"
-            f" near its resonances{_names(unusable)}."
+            f" near its resonances, where it was not corrected, or in the background{_names(unusable)}."
         )
     unsteady = [r for r in of[UNJUDGED] if r.usable and not r.steady]
     if unsteady:

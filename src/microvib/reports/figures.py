@@ -22,6 +22,7 @@ from microvib.reports.sheets import (
     name_points,
     new_figure,
     one_axes,
+    plain_numbers,
     plain_sheet,
 )
 from microvib.signals.line_table import BELOW_FLOOR, Line, LineTable
@@ -37,6 +38,18 @@ Spectral = Spectrum | Density | Waterfall
 """Curves over frequency."""
 _POINTS = 2000
 """Groups of samples that a time history is drawn of, at least where there are more."""
+_RIGHT_OF_LAST = 1.15
+"""Times the highest frequency that a logarithmic axis reaches, for names."""
+_NEAREST_NAMED = 3
+"""Lines that are named for being nearest to a limit, besides those above it."""
+_ABOVE_NAMED = 1.0
+"""Room above the highest named line for its name and a legend [inch]."""
+_WORTH_NAMING = 1e-2
+"""Part of the largest line from which a line is worth a name where lines crowd."""
+_LOW_PART = 0.12
+"""Part of a linear axis in which lines are too near to each other to be named ..."""
+_CROWD = 4
+"""... if there are so many of them."""
 _SHOWN_MICROSTEPS = 4.0
 """At the start of a record that are drawn."""
 
@@ -131,35 +144,104 @@ def draw_spectrum(
     """Amplitude spectrum of the disturbance torque to ``highest`` [Hz] with the lines named (as
     Figure 10), and the limit.
     """
-    first = () if judged is None else _governing_lines(judged)
-    draw_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table, first)
+    draw_judged_amplitudes(ax, spectrum(motion, window="hann"), "N m", highest, table, judged)
+
+
+def draw_judged_amplitudes(
+    ax: Axes,
+    made: Spectrum,
+    unit: str,
+    highest: float,
+    table: LineTable,
+    judged: Judgement | None = None,
+) -> None:
+    """An amplitude spectrum to ``highest`` [Hz] with the lines of a ``table`` named and, where they
+    are judged, the limit; over a logarithmic axis where lines crowd at its low end.
+    """
+    shown = _in_reach(table, highest)
+    first = () if judged is None else governing_lines(judged)
+    by_logarithm = _crowds_at_low(shown, first, highest) or _has_curve(judged)
+    own_names = judged is not None or by_logarithm  # axes must have their limits before
+    draw_amplitudes(ax, made, unit, highest, table, names=not own_names)
+    if by_logarithm:
+        _make_logarithmic(ax, shown, judged, made)
     if judged is not None:
         _draw_limit(ax, judged, highest)
+        _make_room_for_names(ax, [x for x in shown if x.name in first and x.amplitude > 0.0])
+    if own_names:
+        _name_lines(ax, shown, first)
 
 
-def _governing_lines(judged: Judgement) -> tuple[str, ...]:
-    """Names of the lines that decide a verdict, the worst first: those above the limit, or the one
-    nearest to it.
+def _in_reach(table: LineTable, highest: float) -> list[Line]:
+    """Lines with an amplitude up to a frequency [Hz]."""
+    return [x for x in table if np.isfinite(x.amplitude) and x.frequency <= highest]
+
+
+def _has_curve(judged: Judgement | None) -> bool:
+    """Whether a limit over frequency is drawn, whose points lie evenly on logarithmic scales."""
+    return judged is not None and judged.curve is not None and not judged.curve.is_flat
+
+
+def governing_lines(judged: Judgement) -> tuple[str, ...]:
+    """Names of the lines that decide a verdict: those above the limit, the worst first, then those
+    that are nearest to it.
     """
-    above = tuple(m.line.name for m in judged.margins if m.fails)
-    return above or (() if judged.worst is None else (judged.worst.line.name,))
+    above = [m.line.name for m in judged.margins if m.fails]
+    near = [m.line.name for m in judged.margins if not m.fails and m.line.seen]
+    return (*above, *near[:_NEAREST_NAMED])
+
+
+def _crowds_at_low(shown: Sequence[Line], first: Sequence[str], highest: float) -> bool:
+    """Whether several of the lines that are worth a name stand in the lowest part of a linear axis."""
+    top = max((x.amplitude for x in shown), default=0.0)
+    worth = [x for x in shown if x.seen and (x.name in first or x.amplitude >= _WORTH_NAMING * top)]
+    low = sum(x.frequency < _LOW_PART * highest for x in worth)
+    return low >= _CROWD
+
+
+def _make_logarithmic(
+    ax: Axes, shown: Sequence[Line], judged: Judgement | None, made: Spectrum
+) -> None:
+    """A logarithmic axis from below the lowest line, and the lowest frequency that is limited, on."""
+    lowest = [0.7 * x.frequency for x in shown if x.seen]
+    if judged is not None and judged.limit.low > 0.0:
+        lowest.append(0.8 * judged.limit.low)
+    ax.set_xscale("log")
+    ax.set_xlim(max(min(lowest, default=1.0), made.resolution), _RIGHT_OF_LAST * ax.get_xlim()[1])
+    plain_numbers(ax.xaxis)
+
+
+def _make_room_for_names(ax: Axes, named: Sequence[Line]) -> None:
+    """Axes that have room for the names of some lines, below the legend."""
+    if not named:
+        return
+    sizes = [1e3 * x.amplitude for x in named]
+    low, high = ax.get_ylim()
+    low = min([low, *(0.5 * size for size in sizes)])
+    inches = ax.get_window_extent().height / ax.figure.dpi
+    highest = max(1.0 - _ABOVE_NAMED / inches, 0.5)  # part of the height of the axes
+    high = max(high, low * (max(sizes) / low) ** (1.0 / highest))
+    ax.set_ylim(low, high)
 
 
 def _draw_limit(ax: Axes, judged: Judgement, highest: float) -> None:
     """The limit over its band, and squares about the lines above it."""
-    limit, above = judged.limit, [m.line for m in judged.margins if m.fails]
+    curve, above = judged.curve, [m.line for m in judged.margins if m.fails]
+    if curve is None:
+        return
     low, high = ax.get_ylim()
-    height = 1e3 * limit.torque
-    ax.set_ylim(min(low, 0.5 * height), max(high, 4.0 * height))
-    span = [limit.low, min(limit.high, highest)]
-    ax.plot(
-        span,
-        [height] * 2,
-        color="black",
-        linewidth=1.4,
-        linestyle="--",
-        label=f"limit {height:.4g} mN m",
-    )
+    ax.set_ylim(min(low, 0.5e3 * curve.least), max(high, 4.0e3 * curve.most))
+    part = curve.within(0.0, highest)
+    if part is not None:
+        ax.plot(
+            [max(f, 1e-9) for f in part.frequency],
+            1e3 * np.array(part.amplitude),
+            color="black",
+            linewidth=1.4,
+            linestyle="--",
+            zorder=4.5,  # names do not hide it
+            label=f"limit {judged.allowed}",
+        )
     label = "above the limit" if above else None
     _dots(ax, above, "s", markersize=7, fillstyle="none", markeredgewidth=1.4, label=label)
     ax.legend(loc="upper right", fontsize=7.5, ncols=2)
@@ -171,10 +253,11 @@ def draw_amplitudes(
     unit: str,
     highest: float,
     table: LineTable | None = None,
-    first: Sequence[str] = (),
+    names: bool = True,
 ) -> None:
-    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``,
-    lines of ``table`` named, some of them ``first``."""
+    """An amplitude spectrum to ``highest`` [Hz], four decades of it in thousandths of ``unit``, and the
+    lines of ``table``, with their ``names``.
+    """
     highest = min(highest, s.sample_rate / 2)
     keep = (s.frequency <= highest) & (s.frequency > 0)
     ax.semilogy(
@@ -183,15 +266,40 @@ def draw_amplitudes(
     shown = [x for x in table or () if np.isfinite(x.amplitude) and x.frequency <= highest]
     heights = [1e3 * x.amplitude for x in shown] or [1e3 * float(s.amplitude[keep].max())]
     top = max([a for a in heights if a > 0] or [1.0])
-    deciding = [1e3 * x.amplitude for x in shown if x.name in first and x.amplitude > 0.0]
-    ax.set_ylim(min([top * 1e-4, *(0.5 * a for a in deciding)]), top * 12)
+    ax.set_ylim(top * 1e-4, top * 12)
     ax.set_xlim(0, highest)
-    _name_lines(ax, shown, first)
+    if names:
+        _name_lines(ax, shown)
     ax.set(
         xlabel="frequency [Hz]",
         ylabel=f"amplitude, 0-to-peak [m{unit}]",
         title=f"Spectrum ({_made_by(s)})",
     )
+
+
+def add_background(
+    ax: Axes, background: Spectrum, lines: Sequence[tuple[float, float, bool]]
+) -> None:
+    """The floor of a background's spectrum before that of a recording, and its ``lines``: frequency,
+    amplitude, and whether they are the mains'."""
+    from scipy.ndimage import median_filter
+
+    f = background.frequency
+    keep = (f > 0.0) & (f <= ax.get_xlim()[1])
+    floor = median_filter(background.amplitude, size=_FLOOR_BINS)[keep]
+    ax.semilogy(f[keep], 1e3 * floor, color="k", lw=1.0, label="floor with the drive off")
+    for mains, marker, label in (
+        (False, "x", "line with the drive off"),
+        (True, "^", "mains line with the drive off"),
+    ):
+        own = [(at, 1e3 * size) for at, size, is_mains in lines if is_mains == mains]
+        own = [(at, size) for at, size in own if at <= ax.get_xlim()[1]]
+        if own:
+            ax.plot(*zip(*own, strict=True), marker, color="k", ms=5, ls="", label=label, zorder=6)
+    ax.legend(loc="upper right", fontsize=7.5)
+
+
+_FLOOR_BINS = 101
 
 
 def _made_by(s: Spectrum) -> str:
@@ -435,14 +543,21 @@ def draw_stems(ax: Axes, sides: Sequence[tuple[str, np.ndarray, float]], highest
 
 
 def draw_spectral(
-    made: Spectral, unit: str, highest: float, height: float, table: LineTable | None = None
+    made: Spectral,
+    unit: str,
+    highest: float,
+    height: float,
+    table: LineTable | None = None,
+    judged: Judgement | None = None,
 ) -> Figure:
-    """A sheet of a report with a spectrum, whose lines ``table`` names, a density or a waterfall to
-    ``highest`` [Hz].
+    """A sheet of a report with a spectrum, whose lines ``table`` names and may be ``judged``, a density
+    or a waterfall to ``highest`` [Hz].
     """
     figure, ax = one_axes(height)
-    if isinstance(made, Spectrum):
-        draw_amplitudes(ax, made, unit, highest, table)
+    if isinstance(made, Spectrum) and table is not None:
+        draw_judged_amplitudes(ax, made, unit, highest, table, judged)
+    elif isinstance(made, Spectrum):
+        draw_amplitudes(ax, made, unit, highest)
     elif isinstance(made, Density):
         draw_density(ax, made, unit, highest)
     else:

@@ -10,6 +10,7 @@ from microvib.analysis.spectra import Sampled, samples_of
 from microvib.errors import expect
 from microvib.reports import figures, sheets
 from microvib.reports.identification import draw_before_and_after
+from microvib.reports.order_tracking import draw_orders
 from microvib.reports.rates import draw_campbell
 from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Density, Spectrum, Waterfall
@@ -17,13 +18,22 @@ from microvib.solve.motion import Motion
 from microvib.studies.compare import Comparison
 from microvib.studies.identify.fit import Fit
 from microvib.studies.rates import RatePlan
+from microvib.studies.track import OrderTracking
 from microvib.units import GivenQuantity, pretty, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Plotted = (
-    Motion | Spectrum | Density | Waterfall | RatePlan | Comparison | Fit | Mapping[str, Sampled]
+    Motion
+    | Spectrum
+    | Density
+    | Waterfall
+    | RatePlan
+    | Comparison
+    | Fit
+    | OrderTracking
+    | Mapping[str, Sampled]
 )
 
 
@@ -36,10 +46,10 @@ def plot(
 
     Parameters
     ----------
-    what : Motion, Spectrum, Density, Waterfall, RatePlan, Comparison, Fit or mapping
+    what : Motion, Spectrum, Density, Waterfall, RatePlan, Comparison, Fit, OrderTracking or mapping
         A motion (history, microsteps, spectrum with named lines, array mode), a spectrum, a density
         or a waterfall, a rate plan (Campbell diagram), a comparison (both spectra), a fit (test,
-        before, after), or several sources with samples over each other, by name.
+        before, after), orders of a sweep (order cuts, Campbell diagram), or several sources with samples over each other, by name.
     table : LineTable, optional
         Lines that are named.
     highest : str or Si
@@ -74,13 +84,13 @@ def _drawn(what: Plotted, table: LineTable | None, highest: float) -> Figure:
         case Comparison():
             sides = [side for side in (what.a, what.b) if side.torque is not None]
             return _overlay([(side.name, side.torque, side.sample_rate) for side in sides], highest)
+        case OrderTracking():
+            return draw_orders(what)
         case Mapping():
             return _overlay(
                 [(name, *samples_of(source)[:2]) for name, source in what.items()], highest
             )
-    allowed = (
-        "a motion, spectrum, density, waterfall, rate plan, comparison or fit, or sources by name"
-    )
+    allowed = "a motion, spectrum, density, waterfall, rate plan, comparison, fit or orders, or sources by name"
     expect(what, (Spectrum, Density, Waterfall), allowed)
     return figures.draw_spectral(what, pretty(what.unit), highest, 3.2, table)
 

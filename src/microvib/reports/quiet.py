@@ -205,7 +205,7 @@ def _is_all_seen(found: QuietDrive, target: float) -> bool:
     little of noise.
     """
     objective, scenario = found.objective, found.scenario
-    most = target * min((torque for _, torque in objective.curve), default=1.0)
+    most = target * (1.0 if objective.curve is None else objective.curve.least)
     if noise_bands(scenario) and not is_negligible(scenario, scenario.record.duration, most):
         return False
     passband = PASSBAND * scenario.record.sample_rate

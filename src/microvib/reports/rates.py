@@ -5,7 +5,7 @@ bands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -109,7 +109,7 @@ def _best_rate(plan: RatePlan, microsteps: int) -> BestRate:
         rate, largest, spread = math.nan, math.nan, math.nan
     else:
         case, largest = found
-        line = case.largest(plan.band)
+        line = case.largest(plan.band, limit=plan.curve)
         rate, spread = case.rate, math.nan if line is None else line.spread
     return BestRate(microsteps, rate, largest, spread, plan.worst(microsteps))
 
@@ -190,10 +190,7 @@ def _verdict(plan: RatePlan) -> Verdict:
 
 def _known_to_fail(plan: RatePlan) -> int:
     """How many cases are above the limit or failed."""
-    if plan.limit is None:
-        limit = math.inf
-    else:
-        limit = plan.limit
+    limit = math.inf if plan.judged_by is None else plan.judged_by
     return sum(x.verdict(plan.band, limit) in ("", ABOVE_LIMIT, "failed") for x in plan.cases)
 
 
@@ -225,15 +222,30 @@ def best_text(plan: RatePlan) -> str:
         beyond = case.largest_unseen(plan.band)
     if beyond is not None and beyond.amplitude > top:
         in_time += f"; above {case.shown:.4g} Hz, the passband, there may be larger ones, such as {beyond.name}"
-    what = f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, largest line {TORQUE.figure(top)}{away}{in_time}{end}."
+    what = (
+        f"{_deg(case.rate)} deg/s with {case.microsteps} microsteps, {_top_words(plan, case)}{away}"
+        f"{in_time}{end}."
+    )
     if found:
         return f"Best: {what}"
     return f"Best: none {_criteria(plan)}. The rate with the smallest maximum line: {what}"
 
 
+def _top_words(plan: RatePlan, case: RateCase) -> str:
+    """The largest line of a rate, or with a limit over frequency that with the smallest margin."""
+    line = plan.governing(case)
+    if plan.curve is None or line is None:
+        return f"largest line {TORQUE.figure(plan.top(case))}"
+    margin = 20.0 * math.log10(plan.margin(case))
+    return (
+        f"smallest margin {margin:+.1f} dB ({line.name} at {line.frequency:.4g} Hz,"
+        f" {TORQUE.figure(line.amplitude)} of {TORQUE.figure(plan.allowed_to(case))})"
+    )
+
+
 def _criteria(plan: RatePlan) -> str:
     if plan.limit is not None:
-        parts = [f"for a limit of {TORQUE_LIMIT.figure(plan.limit)}{_in_band(plan)}"]
+        parts = [f"for a limit of {_limit_words(plan)}{_in_band(plan)}"]
     else:
         parts = []
     if plan.keep_away:
@@ -241,6 +253,14 @@ def _criteria(plan: RatePlan) -> str:
     else:
         parts += []
     return " and ".join(parts) or "of those requested"
+
+
+def _limit_words(plan: RatePlan) -> str:
+    """The limit of a plan; of a curve over frequency its ends."""
+    if plan.curve is None:
+        return TORQUE_LIMIT.figure(plan.limit or math.nan)
+    least, most = TORQUE_LIMIT.text(plan.curve.least), TORQUE_LIMIT.figure(plan.curve.most)
+    return f"{least} to {most} from {plan.curve.low:g} to {plan.curve.high:g} Hz"
 
 
 def _how(plan: RatePlan) -> str:
@@ -349,9 +369,9 @@ def _facts(plan: RatePlan) -> list[Fact]:
         facts.append(
             Fact(f"{_deg(case.rate)} deg/s", f"best rate, with {case.microsteps} microsteps{end}")
         )
-        facts.append(Fact(TORQUE.figure(top), "its largest line"))
+        facts.append(Fact(TORQUE.figure(top), _governing_words(plan, case)))
         if plan.limit is not None and top > 0.0:
-            margin = 20 * math.log10(plan.limit / top)
+            margin = 20 * math.log10(plan.margin(case))
             facts.append(
                 Fact(
                     f"{margin:+.1f} dB",
@@ -377,11 +397,23 @@ def _facts(plan: RatePlan) -> list[Fact]:
     if plan.limit is not None:
         facts.append(
             Fact(
-                TORQUE_LIMIT.figure(plan.limit),
+                _limit_words(plan),
                 f"limit: {count_text(len(plan.forbidden), 'forbidden band')}",
             )
         )
     return facts
+
+
+def _governing_words(plan: RatePlan, case: RateCase) -> str:
+    """Which line of the best rate its figure is of."""
+    line = plan.governing(case)
+    if plan.curve is None or line is None:
+        return "its largest line"
+    allowed = TORQUE.figure(plan.allowed_to(case))
+    return (
+        f"its line with the smallest margin, {line.name} at {line.frequency:.4g} Hz, where {allowed}"
+        " are allowed"
+    )
 
 
 def draw_campbell(plan: RatePlan) -> Figure:
@@ -469,40 +501,50 @@ def draw_largest(plan: RatePlan) -> Figure:
     count.
     """
     figure, axes = sheets.sheet(min(0.6 + 2.0 * len(plan.counts), 7.6), len(plan.counts))
-    tops = [1e3 * line.amplitude for case in plan.cases if (line := case.largest(plan.band))]
+    shown = {id(case): case.largest(plan.band, limit=plan.curve) for case in plan.cases}
+    tops = [1e3 * line.amplitude for line in shown.values() if line is not None]
     if tops:
         low, high = (0.5 * min(tops), 3.0 * max(tops))
     else:
         low, high = (1e-3, 1e3)
-    if plan.limit is None:
-        limit = None
-    else:
-        limit = 1e3 * plan.limit
-    if limit is not None:
-        low, high = min(low, 0.5 * limit), max(high, 2.0 * limit)
+    if plan.limit is not None:
+        most = 1e3 * (plan.limit if plan.curve is None else plan.curve.most)
+        low, high = min(low, 0.5 * 1e3 * plan.limit), max(high, 2.0 * most)
     for ax, n in zip(axes[:, 0], plan.counts, strict=True):
         cases = plan.of(n)
         rate = [math.degrees(case.rate) for case in cases]
-        top = [
-            1e3 * line.amplitude if (line := case.largest(plan.band)) else math.nan
-            for case in cases
-        ]
+        top = [1e3 * line.amplitude if (line := shown[id(case)]) else math.nan for case in cases]
         ax.semilogy(rate, top, color=sheets.BLUE, linewidth=1.0, marker=".", markersize=3)
         ax.set_ylim(low, high)
         for in_time in (degrees for degrees, case in zip(rate, cases, strict=True) if case.reason):
             ax.axvline(in_time, color=sheets.GREY, linewidth=0.8, linestyle=":")
-        if limit is not None:
-            ax.axhline(
-                limit, color="black", linewidth=1.2, linestyle="--", label=f"limit {limit:.4g} mN m"
-            )
-            ax.legend(loc="upper right", fontsize=7.5)
+        _draw_plan_limit(ax, plan, rate, cases)
         for b in (b for b in plan.forbidden if b.microsteps == n):
             ends, hatch = (
                 (math.degrees(b.low), math.degrees(b.high)),
                 None if b.why == ABOVE_LIMIT else "///",
             )
             ax.axvspan(*ends, color=sheets.RED, alpha=0.15, linewidth=0, hatch=hatch)
-        ax.set(ylabel="largest line [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
+        what = "largest line" if plan.curve is None else "line nearest to the limit"
+        ax.set(ylabel=f"{what} [mN m]", title=f"{n} microsteps per full step{_in_band(plan)}")
         ax.set_xlim(min(rate), max(rate))
     axes[-1, 0].set_xlabel("rate of the array [deg/s]")
     return figure
+
+
+def _draw_plan_limit(
+    ax: Axes, plan: RatePlan, rate: Sequence[float], cases: Sequence[RateCase]
+) -> None:
+    """The limit over rate; of one over frequency what it allows to the line of each rate."""
+    if plan.limit is None:
+        return
+    style: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": "--"}
+    if plan.curve is None:
+        limit = 1e3 * plan.limit
+        ax.axhline(limit, label=f"limit {limit:.4g} mN m", **style)
+    else:
+        allowed = [
+            1e3 * plan.allowed_to(case) if plan.governing(case) else math.nan for case in cases
+        ]
+        ax.plot(rate, allowed, label="limit at the frequency of that line", **style)
+    ax.legend(loc="upper right", fontsize=7.5)

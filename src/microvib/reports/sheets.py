@@ -158,18 +158,25 @@ _NAME: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "zorder":
          "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.3, "alpha": 0.85}}  # fmt: skip
 _NAME_ANGLE = 35.0
 """Angle of names at points [deg]."""
-_LETTER, _ROW_HEIGHT = 0.6, 1.25
+_BEYOND_AXES = 6.0
+"""How far a name may go beyond the axes [pt]."""
+_LETTER, _ROW_HEIGHT = 0.62, 1.5
 """Width of a letter and height of a row, over the size of the type."""
 
 
 def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> list[str]:
     """Name points (x, y, text, bold), the important ones first; a name that would lie on an earlier
-    one is left out.
+    one is left out, and one that is not bold where it would lie on another point or go beyond the axes
+    on the right. There a bold one is moved to the left.
 
     The axes must have their limits. Returns the texts that found room.
     """
     angle = np.radians(-_NAME_ANGLE)
     along = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    right = ax.get_window_extent().x1 * 72.0 / ax.figure.dpi
+    names = list(names)
+    points = np.array([ax.transData.transform(each[:2]) for each in names]).reshape(-1, 2)
+    points = points * (72.0 / ax.figure.dpi) @ along.T
     taken: list[np.ndarray] = []
     said = []
     for x, y, text, bold in names:
@@ -177,14 +184,28 @@ def name_points(ax: Axes, names: Iterable[tuple[float, float, str, bool]]) -> li
         size = _NAME["fontsize"] * np.array(
             [_LETTER * max(map(len, rows)), _ROW_HEIGHT * len(rows)]
         )
-        low = along @ ax.transData.transform((x, y)) * 72.0 / ax.figure.dpi
+        place = ax.transData.transform((x, y)) * 72.0 / ax.figure.dpi
+        end = place[0] + size[0] * np.cos(angle) - size[1] * np.sin(angle)
+        beyond = max(end - right - _BEYOND_AXES, 0.0)
+        if beyond and not bold:
+            continue
+        low = along @ (place - [beyond, 0.0])
         box = np.array([low, low + size])
         if any(np.all(box[0] < other[1]) and np.all(other[0] < box[1]) for other in taken):
+            continue
+        if not bold and np.any(np.all((points > box[0] + 1.0) & (points < box[1]), axis=1)):
             continue
         taken.append(box)
         said.append(text)
         weight = "bold" if bold else "normal"
-        ax.annotate(text, (x, y), xytext=(4, 4), rotation=_NAME_ANGLE, fontweight=weight, **_NAME)
+        ax.annotate(
+            text,
+            (x, y),
+            xytext=(4.0 - beyond, 4),
+            rotation=_NAME_ANGLE,
+            fontweight=weight,
+            **_NAME,
+        )
     return said
 
 

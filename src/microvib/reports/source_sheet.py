@@ -27,7 +27,7 @@ def source_sheet_document(sheet: SourceSheet) -> Document:
     rate = "changes" if math.isnan(sheet.rate) else f"{math.degrees(sheet.rate):.5g} deg/s"
     facts = (
         Fact(f"{len(sheet.names)}", "lines"),
-        Fact(f"{np.diag(sheet.source.mass)[0]:.4g} kg", "mass of drive and array"),
+        Fact(f"{np.diag(sheet.source.mass)[0]:.4g} kg", "mass of the array"),
         Fact(f"{sheet.band[0]:g} to {sheet.band[1]:.5g} Hz", "band"),
     )
     about = pairs(

@@ -79,8 +79,8 @@ def lines_of_series(
 
 
 def order_of(line: ExpectedLine, base: float, size: int) -> int:
-    """Order of a Fourier series of ``size`` coefficients at which a line lies; 0 where it lies between them, or beyond the
-    last.
+    """Order of a Fourier series of ``size`` coefficients at which a line lies; 0 where it lies between
+    them, or beyond the last.
     """
     k = round(line.frequency / base)
     if abs(line.frequency - k * base) < 1e-6 * base and k < size:

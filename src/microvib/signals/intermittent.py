@@ -3,13 +3,15 @@
 The amplitude of a line is that over the whole record. Where a drive slips otherwise over a part of a
 slow cycle, what it makes there counts in that for a small part, or is parted into many lines; here
 the spectrum of each piece of a record is looked at, and what is larger in one than on average is
-told.
+told. Of a motion that repeats the pieces are those of its period, which is known exactly, and what is
+larger in one than the lines about it is told.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +30,17 @@ _FINER = 2
 """Bins that are computed for one of a piece: a tone between two of them is at most 4 % larger."""
 _LOUDER = 1.3
 """Times its RMS over all pieces that a bin must have in one to count: what is steady has it once."""
+_LOUDER_THAN_LINES = 1.02
+"""Times the largest line of a period about it that a bin must have in a piece of it to count."""
+_REACH = 2
+"""Bins of a piece on either side within which a line is about it."""
+_NEAR_LINE = 1.0
+"""Bins of a piece within which a line of a comb counts, half of what lies between two of them at
+least."""
+_SAMPLES_OF_ORDER = 2.5
+"""Samples of a period for each order of its series."""
+_NEGLIGIBLE_PEAK = 1e-4
+"""Part of the largest line that a bin must have to count."""
 _OVER_NOISE = 6.0
 """Times the floor that a bin of a piece must have where noise makes one."""
 
@@ -75,6 +88,118 @@ def intermittent_peaks(
     return np.concatenate(frequency), np.concatenate(amplitude)
 
 
+def peaks_of_period(
+    series: np.ndarray, base: float, comb: int, shortest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and amplitudes of what a motion that repeats has in a piece of its period, and is
+    larger than the lines of its Fourier series about it.
+
+    To the lines that change slowly each bin adds the line of the comb that is there, with its phase.
+
+    Parameters
+    ----------
+    series : ndarray
+        Complex amplitudes (n,) at k ``base``, k = 0, 1, ...
+    base : float
+        Frequency of its period [Hz].
+    comb : int
+        Multiples of this order are lines that the motion would have without what changes slowly.
+    shortest : float
+        Time [s] below which pieces do not tell these lines apart: two periods of the first of them.
+    """
+    sizes = np.abs(series)
+    sizes[0] = 0.0
+    least = _NEGLIGIBLE_PEAK * float(sizes.max(initial=0.0))
+    beside = series.copy()
+    beside[::comb] = 0.0
+    size = _even_above(_SAMPLES_OF_ORDER * series.size)
+    x = np.fft.irfft(0.5 * size * np.pad(beside, (0, size // 2 + 1 - series.size)), size)
+    frequency, amplitude = [np.zeros(0)], [np.zeros(0)]
+    for each in _lengths(1.0 / base, shortest, math.inf):
+        length = round(each * base * size)
+        lines = _LinesOfPieces.of(series, comb, size, length)
+        largest = _largest_of_pieces(x, length, lines)
+        orders = np.arange(largest.size) * size / (_FINER * length)
+        about = _largest_about(sizes, math.ceil(_REACH * size / length))
+        known = about[np.minimum(np.round(orders).astype(int), sizes.size - 1)]
+        counts = (largest > _LOUDER_THAN_LINES * known) & (largest > least)
+        counts &= (orders >= _FIRST_BIN * size / length) & (orders < sizes.size)
+        frequency.append(orders[counts] * base)
+        amplitude.append(largest[counts])
+    return np.concatenate(frequency), np.concatenate(amplitude)
+
+
+class _LinesOfPieces(NamedTuple):
+    """Lines at multiples of an order in the bins of pieces that are nearest to them, (m,) each."""
+
+    bins: np.ndarray
+    values: np.ndarray
+    """Contribution of each to its bin of the first piece."""
+    turns: np.ndarray
+    """By how much its phase turns with each sample [rad]."""
+
+    @classmethod
+    def of(cls, series: np.ndarray, comb: int, size: int, length: int) -> _LinesOfPieces:
+        """Make the lines of a period of ``size`` samples, in pieces of ``length``."""
+        orders = np.arange(comb, series.size, comb)
+        nearest = np.round(orders * _FINER * length / size).astype(int)
+        bins = nearest[:, None] + np.arange(-_FINER, _FINER + 1)
+        apart = orders[:, None] * length / size - bins / _FINER
+        here = np.abs(apart) <= _NEAR_LINE
+        values = 0.5 * series[orders][:, None] * _hann_sum(apart, length)
+        turns = np.broadcast_to(2.0 * np.pi * orders[:, None] / size, bins.shape)
+        return cls(bins[here], values[here], turns[here])
+
+
+def _hann_sum(apart: np.ndarray, length: int) -> np.ndarray:
+    """Sum of a Hann window of so many samples times a tone that is ``apart`` from a bin by so many, in
+    closed form.
+    """
+
+    def plain(bins: np.ndarray) -> np.ndarray:
+        angle = np.pi * bins / length
+        near = np.abs(np.sin(angle)) < 1e-12
+        sums = np.sin(length * angle) / np.where(near, 1.0, np.sin(angle))
+        return np.where(near, length, sums) * np.exp(1j * angle * (length - 1))
+
+    turn = np.exp(1j * np.pi / length)
+    beside = turn * plain(apart + 1.0) + plain(apart - 1.0) / turn
+    return np.asarray(0.5 * plain(apart) - 0.25 * beside)
+
+
+def _largest_of_pieces(x: np.ndarray, length: int, lines: _LinesOfPieces) -> np.ndarray:
+    """Largest amplitude of each bin in pieces of ``length`` samples of a motion ``x`` (n,) that
+    repeats, and of the ``lines`` beside it.
+    """
+    window, around = _hann(length), np.concatenate([x, x[:length]])
+    largest = np.zeros(_FINER * length // 2 + 1)
+    inside = lines.bins < largest.size
+    for start in range(0, x.size, max(length // _SHIFTS, 1)):
+        values = np.fft.rfft(around[start : start + length] * window, _FINER * length)
+        added = lines.values[inside] * np.exp(1j * lines.turns[inside] * start)
+        np.add.at(values, lines.bins[inside], added)
+        largest = np.maximum(largest, 2.0 * np.abs(values) / window.sum())
+    return largest
+
+
+def _largest_about(sizes: np.ndarray, reach: int) -> np.ndarray:
+    """Largest of ``sizes`` (n,) within so many on either side of each, (n,)."""
+    from scipy.ndimage import maximum_filter1d  # slow to import, and seldom needed
+
+    return np.asarray(maximum_filter1d(sizes, 2 * reach + 1, mode="constant"))
+
+
+def _even_above(number: float) -> int:
+    """An even number of samples, no less than a ``number``, of which a transform is quick."""
+    from scipy.fft import next_fast_len
+
+    return 2 * int(next_fast_len(math.ceil(0.5 * number)))
+
+
+def _hann(size: int) -> np.ndarray:
+    return np.sin(np.pi * (np.arange(size) + 0.5) / size) ** 2
+
+
 def _lengths(cycle: float, shortest: float, duration: float) -> Iterator[float]:
     """Lengths of pieces [s], each half of the one before."""
     length = min(cycle / _PIECES_OF_CYCLE, 0.5 * duration)
@@ -87,7 +212,7 @@ def _lengths(cycle: float, shortest: float, duration: float) -> Iterator[float]:
 
 def _bins_of_pieces(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Largest amplitude of each bin in pieces of ``size`` samples, and its RMS over all of them."""
-    window = np.sin(np.pi * (np.arange(size) + 0.5) / size) ** 2
+    window = _hann(size)
     largest = np.zeros(_FINER * size // 2 + 1)
     squares = np.zeros_like(largest)
     starts = range(0, x.size - size + 1, max(size // _SHIFTS, 1))

@@ -25,6 +25,7 @@ from microvib.signals.line_search import MIN_DECAY_E_FOLDINGS, search
 from microvib.signals.line_table import (
     BELOW_FLOOR,
     DETECTION_RATIO,
+    IN_BACKGROUND,
     Line,
     LineEstimates,
     LineTable,
@@ -413,23 +414,33 @@ def _is_searched(expected: Sequence[ExpectedLine]) -> bool:
     return any(line.high > line.low for line in expected if not line.is_mode)
 
 
+BACKGROUND_DRIFT = 1e-3
+"""Part of its frequency by which a line of the background may be off in the recording."""
+
+
 def with_background(table: LineTable, background: np.ndarray) -> LineTable:
     """Lines with what the table reads at their frequencies while nothing runs, ``background`` (m,)
     at the same sample rate.
 
     The phase between the two is unknown, so nothing is subtracted: half of the background's square
     goes into the variance of the line's amplitude, and a line that does not exceed the background
-    is named so.
+    is named so. A line of the background may be off by ``BACKGROUND_DRIFT`` between the two, as mains and
+    fans are: the highest there counts.
     """
     rows = []
+    spectrum = HannSpectrum.of(background - background.mean(), table.sample_rate)
     for line in table:
         if not np.isfinite(line.amplitude):
             rows.append(line)
             continue
-        there = tone_amplitude(background, table.sample_rate, line.frequency)
+        off = BACKGROUND_DRIFT * line.frequency
+        drifted, _ = spectrum.peak(line.frequency - off, line.frequency + off)
+        there = max(
+            tone_amplitude(background, table.sample_rate, f) for f in (line.frequency, drifted)
+        )
         spread = float(np.hypot(line.amplitude_uncertainty, there / np.sqrt(2.0)))
-        if line.amplitude < 2.0 * there:
-            status = "in the background"
+        if line.seen and line.amplitude < 2.0 * there:
+            status = IN_BACKGROUND
         else:
             status = line.status
         rows.append(replace(line, background=there, amplitude_uncertainty=spread, status=status))

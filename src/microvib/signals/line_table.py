@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from microvib.signals.limit_curve import LimitCurve
     from microvib.signals.seed_peaks import SeedPeaks
     from microvib.signals.unaccounted import Excess
 
@@ -44,7 +45,11 @@ NOISE_DRIVEN = (
 )
 BEYOND_USABLE = "beyond the usable band"  # status of a line that the force table is not used at
 NEAR_RESONANCE = "near a table resonance"  # status of a line that the force table distorts
-DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE)
+BEYOND_RESPONSE = "beyond the table's FRF"  # status of a line that could not be corrected
+DISTORTED = (BEYOND_USABLE, NEAR_RESONANCE, BEYOND_RESPONSE)
+IN_BACKGROUND = "in the background"  # status of a line that is there with the drive off, too
+NOT_THE_DRIVES = (*DISTORTED, IN_BACKGROUND)
+"""Statuses of lines that are seen and not judged as the drive's."""
 _DETECTED_STATUSES = ("ok", "decaying", "growing", NOISE_DRIVEN)
 """Statuses of detected lines, whose values were estimated."""
 
@@ -111,7 +116,9 @@ class Line(LineKindProperties):
     """Decay rate sigma of the tone, exp(-sigma t); 0 for a line of the step clock."""
     decay_uncertainty: Annotated[float, Column("decay_uncertainty_per_s", measure=DECAY)] = math.nan
     status: Annotated[str, Column("status", "status")] = ""
-    background: Annotated[float, Column("background_n_m", measure=TORQUE)] = math.nan
+    background: Annotated[float, Column("background_n_m", "background", TORQUE_UNCERTAINTY)] = (
+        math.nan
+    )
     """Amplitude of the background recording at this frequency; nan without one."""
     noise_mean: Annotated[float, Column("noise_mean_n_m", measure=TORQUE)] = math.nan
     """Amplitude that noise alone gives the line, by the linearised drive: its mean over draws; nan
@@ -311,16 +318,48 @@ class ResidualPeaks:
         it is known. A peak inside the band may be as high as that one, which then counts although
         it may lie just outside.
         """
-        if high < low:
-            return low, 0.0
-        part = twelfth_octave(self.frequency)
-        ends = [max(low - self.resolution, 0.0), high + self.resolution]
-        first, last = twelfth_octave(np.array(ends))
-        overlapping = np.flatnonzero((part >= first) & (part <= last))
+        overlapping = self._overlapping(low, high)
         if overlapping.size == 0:
             return low, 0.0
         k = overlapping[np.argmax(self.amplitude[overlapping])]
         return float(self.frequency[k]), float(self.amplitude[k])
+
+    def _overlapping(self, low: float, high: float) -> np.ndarray:
+        """Which parts of the spectrum (k,) reach into a band [Hz], or within the resolution of it."""
+        if high < low:
+            return np.empty(0, dtype=int)
+        part = twelfth_octave(self.frequency)
+        ends = [max(low - self.resolution, 0.0), high + self.resolution]
+        first, last = twelfth_octave(np.array(ends))
+        return np.flatnonzero((part >= first) & (part <= last))
+
+    def nearest_to(self, limit: LimitCurve) -> tuple[float, float, float]:
+        """Frequency [Hz] and amplitude of the peak that is nearest to a limit, or farthest above it,
+        and what that allows.
+
+        Of a twelfth of an octave only the highest peak is known, and others may stand anywhere in
+        it: what counts is the least that is allowed in all of it, and within the resolution of it.
+        Where no peak is left in the limit's range, an amplitude of 0.
+        """
+        k = self._overlapping(limit.low, limit.high)
+        if k.size == 0:
+            return limit.low, 0.0, limit.least
+        allowed = self.least_allowed(limit)[k]
+        worst = int(np.argmax(self.amplitude[k] / allowed))
+        at = k[worst]
+        return float(self.frequency[at]), float(self.amplitude[at]), float(allowed[worst])
+
+    def least_allowed(self, limit: LimitCurve) -> np.ndarray:
+        """The least that a limit allows in the part of the spectrum of each peak, (m,)."""
+        low, high = part_ends(self.frequency)
+        allowed = limit.strictest(low - self.resolution, high + self.resolution)
+        return np.minimum(allowed, limit.most)  # at its ends, but for rounding
+
+
+def part_ends(frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ends [Hz] of the twelfth of an octave in which each frequency lies, of the same shape each."""
+    low = 2.0 ** (twelfth_octave(frequency) / 12.0)
+    return low * (1.0 - 1e-9), low * (1.0 + TWELFTH_OCTAVE) * (1.0 + 1e-9)
 
 
 def twelfth_octave(frequency: np.ndarray) -> np.ndarray:
@@ -365,7 +404,9 @@ class LineTable:
     clock_ratio: float | None
     """Step clock found over step clock expected; None where no line of the clock is seen."""
     clock_ratio_uncertainty: float | None
-    """Its standard uncertainty."""
+    """Its standard uncertainty: 0 in a simulation, whose clock is known; None where no line of a
+    measured clock is seen.
+    """
     samples: int
     sample_rate: float
     unit: str = "N*m"
@@ -378,6 +419,10 @@ class LineTable:
     """Members of each family of lines that were looked for."""
     rest: ResidualPeaks | None = field(default=None, compare=False)
     """Residual peaks; None where they were not determined."""
+    pieces: ResidualPeaks | None = field(default=None, compare=False)
+    """Amplitudes in pieces of the period of a steady state that are larger than its lines about them;
+    None where nothing changes slowly within it.
+    """
     excess: tuple[Excess, ...] = field(default=(), compare=False)
     """Excess of a recording over its lines and its floor, band by band."""
     unusable: tuple[UnusableRange, ...] = field(default=(), compare=False)

@@ -312,9 +312,9 @@ class Distribution:
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             if self._part(middle, other) < confidence:
-                low, high = (middle, high)
+                low = middle
             else:
-                low, high = (low, middle)
+                high = middle
         return high
 
     def _part(self, angle: float, beside: np.ndarray) -> float:

@@ -57,6 +57,10 @@ class SeedPeaks:
         least = np.max(np.where(inside, self.amplitude, 0.0), axis=1, initial=0.0)
         return most, least
 
+    def over(self, allowed: np.ndarray) -> SeedPeaks:
+        """These peaks over what is allowed at each, (draws, parts); infinite where all is."""
+        return SeedPeaks(self.frequency, self.amplitude / allowed)
+
     def typical_frequency(self, low: float, high: float) -> float:
         """Frequency [Hz] of the largest amplitude between two frequencies [Hz], the median over draws."""
         inside = (self.frequency >= low) & (self.frequency <= high)

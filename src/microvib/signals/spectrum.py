@@ -13,6 +13,8 @@ from microvib.errors import MicrovibError, quoted_value
 from microvib.units import GivenQuantity, Si, quantity
 
 Window = Literal["rectangular", "hann", "flat-top"]
+Average = Literal["none", "linear", "peak-hold", "exponential"]
+"""How amplitude spectra of successive stretches become one."""
 
 # Terms of the cosine sums; flat-top as in ISO 18431-2, whose scallop loss is 0.01 dB.
 _COSINES: dict[str, tuple[float, ...]] = {
@@ -25,6 +27,11 @@ _COSINES: dict[str, tuple[float, ...]] = {
 def window_name(window: Window) -> str:
     """A window in words."""
     return f"{window.replace('hann', 'Hann')} window"
+
+
+def noise_bandwidth(window: Window) -> float:
+    """Equivalent noise bandwidth of a window, in bins: 1 of a rectangular one, 1.5 of a Hann window."""
+    return 1.0 + 0.5 * sum(a * a for a in _COSINES[window][1:])
 
 
 class SpectrumError(MicrovibError):
@@ -68,7 +75,8 @@ class _Estimate:
         return (
             f"{window_name(self.window)}, {self.segment} samples at {self.sample_rate:g} Hz,"
             f" {1.0 / self.resolution:g} s,"
-            f" resolution {self.resolution:g} Hz, {averaging}{overlapping}"
+            f" resolution {self.resolution:g} Hz, noise bandwidth"
+            f" {noise_bandwidth(self.window) * self.resolution:.4g} Hz, {averaging}{overlapping}"
         )
 
 
@@ -78,6 +86,8 @@ class Spectrum(_Estimate):
 
     amplitude: np.ndarray
     """Amplitudes in the unit of the signal, (m,)."""
+    average: str = field(default="", kw_only=True)
+    """How the stretches became one, in words; empty where there is but one."""
 
     @property
     def samples(self) -> int:
@@ -85,7 +95,8 @@ class Spectrum(_Estimate):
         return self.segment
 
     def __str__(self) -> str:
-        return f"amplitude spectrum, one-sided, 0-to-peak; {self._made()}"
+        kind = f"amplitude spectrum, one-sided, 0-to-peak; {self._made()}"
+        return f"{kind}; {self.average}" if self.average else kind
 
 
 @dataclass(frozen=True, repr=False)
@@ -188,14 +199,60 @@ def amplitude_spectrum(
     )
 
 
+def averaged_spectrum(
+    x: np.ndarray,
+    sample_rate: float,
+    average: Average,
+    resolution: GivenQuantity | None = None,
+    window: Window = "hann",
+    overlap: float = 0.5,
+) -> Spectrum:
+    """One amplitude spectrum of stretches of ``x`` (n,), each ``1 / resolution`` long.
+
+    *linear*: root of the mean square of each bin, all stretches alike; *peak-hold*: the largest of
+    each bin; *exponential*: mean squares in which a stretch counts half as much as one that comes
+    an eighth of the record later. *none* is the spectrum of all samples at once. SpectrumError for
+    what is none of them.
+    """
+    if average not in get_args(Average):
+        raise SpectrumError(
+            f"average: {quoted_value(average)} is not known; allowed are"
+            f" {', '.join(get_args(Average))}"
+        )
+    if average == "none":
+        return amplitude_spectrum(x, sample_rate, window)
+    each = waterfall(x, sample_rate, resolution, window, overlap)
+    if average == "peak-hold":
+        amplitude, words = np.max(each.amplitude, axis=0), "peak hold"
+    elif average == "linear":
+        amplitude = np.sqrt(np.mean(each.amplitude**2, axis=0))
+        words = "linear average (root mean square)"
+    else:
+        half = x.size / sample_rate / 8.0
+        weight = 0.5 ** ((each.time[-1] - each.time) / half)
+        amplitude = np.sqrt(weight @ each.amplitude**2 / weight.sum())
+        words = f"exponential average, half as much weight {half:.4g} s earlier"
+    return Spectrum(
+        each.frequency,
+        window,
+        each.segment,
+        sample_rate,
+        amplitude,
+        averages=each.time.size,
+        overlap=each.overlap,
+        average=words,
+    )
+
+
 def power_spectral_density(
     x: np.ndarray,
     sample_rate: float,
     resolution: GivenQuantity | None = None,
     window: Window = "hann",
+    overlap: float = 0.5,
 ) -> Density:
-    """Power spectral density of ``x`` (n,) by Welch's method: segments that overlap by half, the
-    mean of each taken out.
+    """Power spectral density of ``x`` (n,) by Welch's method: segments that ``overlap``, by half of
+    each where nothing else is asked for, the mean of each taken out.
 
     ``resolution`` is the distance of the bins; without it an eighth of the record makes a segment.
     SpectrumError where the record is too short for it.
@@ -203,7 +260,7 @@ def power_spectral_density(
     from scipy.signal import welch
 
     segment = _segment(x.size, sample_rate, resolution)
-    lap = segment // 2
+    lap = _lap(segment, overlap)
     frequency, density = welch(
         x,
         sample_rate,
@@ -224,12 +281,13 @@ def waterfall(
     sample_rate: float,
     resolution: GivenQuantity | None = None,
     window: Window = "hann",
+    overlap: float = 0.5,
 ) -> Waterfall:
-    """Amplitude spectra of stretches of ``x`` (n,) that overlap by half, each ``1 / resolution``
-    long and free of its mean.
+    """Amplitude spectra of stretches of ``x`` (n,) that ``overlap``, each ``1 / resolution`` long and
+    free of its mean.
     """
     segment = _segment(x.size, sample_rate, resolution)
-    lap = segment // 2
+    lap = _lap(segment, overlap)
     starts = np.arange(0, x.size - segment + 1, segment - lap)
     spectra = [amplitude_spectrum(x[k : k + segment], sample_rate, window) for k in starts]
     middle = (starts + 0.5 * segment) / sample_rate
@@ -237,6 +295,13 @@ def waterfall(
     return Waterfall(
         spectra[0].frequency, window, segment, sample_rate, middle, amplitude, overlap=lap / segment
     )
+
+
+def _lap(segment: int, overlap: float) -> int:
+    """Samples that a stretch shares with the next one; SpectrumError for an overlap that is none."""
+    if not 0.0 <= overlap <= 0.95:
+        raise SpectrumError(f"overlap: {overlap:g} is not allowed; from 0 to 0.95")
+    return int(segment * overlap)
 
 
 def _segment(samples: int, sample_rate: float, given: GivenQuantity | None) -> int:

@@ -317,8 +317,6 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
     levels = min(
         max(1 + math.ceil(math.log2(longest * fastest / shortest)), 8), propagators.MOST_LEVELS
     )
-    if drive.windings:
-        fastest = max(fastest, _fastest_of_windings(scenario, drive))
     current, windup = _holding_current(scenario, scenario.motor.axis_current)
     tables = propagators.Propagators(
         longest=longest,
@@ -432,13 +430,6 @@ def _leave_windings_apart(A: np.ndarray, drive: Any) -> None:
     A[:, :, windings] = 0.0
     for i in (kernel.IA, kernel.IB):
         A[:, i, i] = -drive.R / drive.L
-
-
-def _fastest_of_windings(scenario: Scenario, drive: Any) -> float:
-    """Fastest rate [1/s] at which rotor and pulsed windings move each other, which is not in A."""
-    per_current = drive.K_m / math.sqrt(drive.L * drive.J_m)
-    spring = drive.z * drive.K_m * scenario.driver.amplitude(scenario.motor) / drive.J_m
-    return max(per_current, math.sqrt(spring))
 
 
 def _require_finite(drive: Any) -> Any:

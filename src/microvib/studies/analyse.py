@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from microvib.analysis import spectra
+from microvib.analysis.background import (
+    BackgroundLine,
+    background_notes,
+    lines_of_background,
+)
 from microvib.analysis.lines import (
     CLOCK_TOLERANCE,
     lines_of_recording,
@@ -27,16 +33,20 @@ from microvib.analysis.orders import (
 from microvib.analysis.steadiness import steadiness_notes
 from microvib.analysis.usable import force_table_notes
 from microvib.errors import MicrovibError, OptionError
+from microvib.io.band_limits import BandLimit
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source, open_source
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.signals.line_fit import with_background
 from microvib.signals.line_table import LineTable
-from microvib.signals.spectrum import Density, Spectrum, Waterfall, Window
+from microvib.signals.spectrum import Average, Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
+from microvib.studies.bands import BandPeak, judge_bands, reasons_of_lines
 from microvib.testdata.channels import ACCELERATIONS
 from microvib.testdata.recording import Recording, require_usable_channel
+from microvib.testdata.section import Section
 from microvib.units import Band, GivenQuantity, Si, band
 
 NO_CLOCK_NOTE = (
@@ -66,14 +76,20 @@ class Analysis:
     waterfall: Waterfall
     bands: tuple[tuple[float, float, float], ...]
     """Lower and upper end [Hz] of the bands asked for, and their RMS."""
+    background: Spectrum | None = None
+    """Amplitude spectrum of the background, where there is one."""
+    background_lines: tuple[BackgroundLine, ...] = ()
+    """Lines of the background, the largest first."""
     orders: tuple[OrderLine, ...] = ()
     """Orders of the electrical period, where a step clock was stated, or the channel is an
     acceleration and the scenario has one.
     """
+    band_peaks: tuple[BandPeak, ...] = ()
+    """Peaks in bands against their limits, where limits were given."""
 
 
 def analyse(  # noqa: PLR0913 - keyword options
-    source: Source | str | os.PathLike[str],
+    source: Source | Recording | str | os.PathLike[str],
     *,
     name: str = "",
     scenario: GivenScenario | None = None,
@@ -83,6 +99,11 @@ def analyse(  # noqa: PLR0913 - keyword options
     window: Window = "hann",
     resolution: GivenQuantity | None = None,
     bands: Sequence[Band] = (),
+    section: Section | None = None,
+    average: Average = "none",
+    overlap: float = 0.5,
+    band_limits: Sequence[BandLimit] = (),
+    roll_off: float | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
     """Find the lines and spectra of a scenario, a run's folder or a recording.
@@ -92,7 +113,7 @@ def analyse(  # noqa: PLR0913 - keyword options
 
     Parameters
     ----------
-    source : Scenario, RunFolder, Prepared, str or path
+    source : Scenario, RunFolder, Recording, Prepared, str or path
         What is analysed; a name is one that ``open_source`` takes.
     name : str
         What a scenario is called.
@@ -113,6 +134,17 @@ def analyse(  # noqa: PLR0913 - keyword options
         Distance between bins of density and waterfall, such as ``"0.5 Hz"``.
     bands : sequence of str or pairs
         Bands whose RMS is wanted, such as ``["0.5:5 Hz"]``.
+    section : Section, optional
+        Part of a recording, between two times or from a trigger on.
+    average : {"none", "linear", "peak-hold", "exponential"}
+        How stretches of 1/``resolution`` become one amplitude spectrum; *none* transforms all
+        samples at once.
+    overlap : float
+        Part of a stretch that the next one shares.
+    band_limits : sequence of BandLimit
+        Bands in which the time history is judged by its peak.
+    roll_off : float, optional
+        Roll-off of the filters of these bands.
     progress : callable, optional
         Called as ``progress(done, total)``, with simulated seconds.
 
@@ -127,8 +159,9 @@ def analyse(  # noqa: PLR0913 - keyword options
         Where the source is too short, or its channel is neither a force, a torque nor an
         acceleration.
     """
-    opened = open_source(os.fspath(source)) if isinstance(source, (str, os.PathLike)) else source
+    opened = opened_source(source)
     guide = None if scenario is None else as_scenario(scenario)
+    opened = section_of(opened, section)
     clock = _step_clock(opened, guide, channel, step_rate, steps_per_period)
     if isinstance(opened, Prepared) and (clock or _is_acceleration(opened.recording, channel)):
         recording, background, table, expected = _at_orders(opened, channel, guide, clock)
@@ -139,9 +172,15 @@ def analyse(  # noqa: PLR0913 - keyword options
     else:
         found = table.clock_ratio
     recording.load_or_acceleration(channel)  # which refuses what is none of them
-    density = spectra.psd(recording, channel, resolution, window)
+    density = spectra.psd(recording, channel, resolution, window, overlap)
+    of_background = None
     if background is not None:
-        density = density.less(spectra.psd(background, channel, Si(density.resolution), window))
+        density = density.less(
+            spectra.psd(background, channel, Si(density.resolution), window, overlap)
+        )
+        of_background = spectra.spectrum(background, channel, window)
+        for note in background_notes(recording, background, channel, table):
+            recording = recording.noted(note)
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -149,12 +188,58 @@ def analyse(  # noqa: PLR0913 - keyword options
         recording=recording,
         table=table,
         clock_ratio=None if found is None else found * expected,
-        spectrum=spectra.spectrum(recording, channel, window),
+        spectrum=spectra.averaged_spectrum(
+            recording, average, channel, resolution, window, overlap
+        ),
         density=density,
-        waterfall=spectra.waterfall(recording, channel, resolution, window),
+        waterfall=spectra.waterfall(recording, channel, resolution, window, overlap),
         bands=tuple((low, high, density.band_rms(low, high)) for low, high in map(band, bands)),
+        background=of_background,
+        background_lines=lines_of_background(recording, background, channel, table),
         orders=_orders(table, recording[channel]) if clock else (),
+        band_peaks=judge_bands(
+            recording,
+            band_limits,
+            channel,
+            roll_off=roll_off,
+            **_reasons_of(opened, guide, table),
+        ),
     )
+
+
+def opened_source(source: Source | Recording | str | os.PathLike[str]) -> Source:
+    """A source of a name; a recording as one that needs no preparation."""
+    if isinstance(source, Recording):
+        return Prepared(source)
+    if isinstance(source, (str, os.PathLike)):
+        return open_source(os.fspath(source))
+    return source
+
+
+def section_of(source: Source, section: Section | None) -> Source:
+    """A section of a recording, all of it without one; OptionError for a section of a simulation."""
+    if section is None:
+        return source
+    if not isinstance(source, Prepared):
+        raise OptionError(
+            "from",
+            "sections are of recordings; of a simulation, record.settle and record.duration say"
+            " which part is recorded",
+        )
+    return replace(source, recording=section.cut(source.recording)[0])
+
+
+def _reasons_of(source: Source, guide: Scenario | None, table: LineTable | None) -> dict[str, Any]:
+    """Reasons why bands are not judged, for ``judge_bands``: of a simulated torque those for which its
+    lines are not.
+    """
+    if isinstance(source, Scenario):
+        scenario: Scenario | None = source
+    elif isinstance(source, RunFolder):
+        scenario = source.scenario or guide
+    else:
+        return {}
+    return {} if table is None else reasons_of_lines(table, scenario)
 
 
 def _orders(table: LineTable | None, x: np.ndarray) -> tuple[OrderLine, ...]:
@@ -201,6 +286,8 @@ def _at_orders(
         table = lines_without_clock(recording, channel)
         return recording.noted(NO_CLOCK_NOTE), prepared.background, table, expected
     table = lines_at_orders(recording, channel, clock)
+    if prepared.background is not None:
+        table = with_background(table, prepared.background[channel])
     if table.clock_ratio is None:
         recording = recording.noted(
             f"no order of {clock.electrical_frequency:.6g} Hz is above the noise floor within"
@@ -234,12 +321,16 @@ def _source(
 def _of_scenario(
     scenario: Scenario, name: str, channel: str, progress: Progress | None
 ) -> tuple[Recording, None, LineTable | None, float]:
+    return _simulated_with_lines(torque_of(scenario, name, progress), channel, scenario)
+
+
+def torque_of(scenario: Scenario, name: str, progress: Progress | None) -> Recording:
+    """Simulated disturbance torque about the drive axis, as a recording called ``name``."""
     motion = simulate(scenario, channels=("T_d",), progress=progress)
     axis = "M" + scenario.array.drive_axis
-    simulated = Recording(
+    return Recording(
         {axis: motion["T_d"]}, motion.sample_rate, {axis: "N*m"}, name or scenario.title
     )
-    return _simulated_with_lines(simulated, channel, scenario)
 
 
 def _of_run_folder(

@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, get_args
 
 import numpy as np
 
+from microvib.analysis.background import background_notes
 from microvib.analysis.limits import part_of_cycle_note
 from microvib.analysis.lines import find_lines, lines_of_recording, recording_warnings
 from microvib.analysis.steadiness import blurred
@@ -21,12 +22,18 @@ from microvib.io.recordings import Prepared
 from microvib.io.sources import ReferenceLines, RunFolder, Source, open_source
 from microvib.model.line_names import is_unlisted
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
-from microvib.signals.line_table import DISTORTED, Line, LineTable
+from microvib.signals.line_table import NOT_THE_DRIVES, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.solve.motion import Motion
 from microvib.solve.simulate import simulate
 from microvib.studies.evidence import Observation, observations
-from microvib.studies.misreading import best_reversal, common_scale, scale_in_words
+from microvib.studies.misreading import (
+    MIN_LOG_SCALE,
+    best_reversal,
+    common_scale,
+    other_axis,
+    scale_in_words,
+)
 from microvib.testdata.recording import Recording
 from microvib.text_tables import counted
 from microvib.units import Band, band, within_band
@@ -65,7 +72,8 @@ class SideLine:
     """Whether the record is so where the line is: of one that is not the amplitude is not known."""
 
     usable: bool = True
-    """Whether the force table shows it: outside its usable band and near its resonances it does not."""
+    """Whether it is the drive's as the force table shows it: outside its usable band, near its resonances and
+    in the background it is not."""
 
     @property
     def place(self) -> float:
@@ -98,6 +106,12 @@ class Side:
     """Length of the record [s]; nan of a table."""
     observations: tuple[Observation, ...] = ()
     """Values of the lines above the noise floor."""
+    as_recorded: tuple[Observation, ...] = ()
+    """Values of a recording, also of lines that its force table or a background changes."""
+    channel: str = ""
+    """Channel of a recording."""
+    channels: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """All channels of a recording that are of the same kind, (n,) each."""
 
 
 def _relative(value: float, reference: float) -> float:
@@ -275,6 +289,9 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
     """Sentences on mistakes of unit, sign or order of samples by which one side would be as the
     other.
     """
+    axes = _misread_axes(a, b)
+    if axes:
+        return axes  # lines of different axes are of no common scale or sign
     both = [r for r in rows if r.a.amplitude > 0.0 and r.b.amplitude > 0.0 and r.verdict != HIDDEN]
     scale = common_scale([math.log(r.b.amplitude / r.a.amplitude) for r in both])
     if a.kind == "recording":
@@ -286,16 +303,36 @@ def misread(a: Side, b: Side, rows: Sequence[Row]) -> tuple[str, ...]:
         steps = 4
     else:
         steps = drive.motor.alike_per_turn
-    what = [best_reversal(recorded.observations, other.observations, steps)]
+    if a.kind == b.kind == "recording":
+        what = [best_reversal(recorded.as_recorded, other.as_recorded, steps)]
+        checked = "both recordings"
+    else:
+        what = [best_reversal(recorded.observations, other.observations, steps)]
+        checked = recorded.name
     if scale:
         what += [scale_in_words(sign * scale)]
-    else:
-        what += []
     if not (said := " and ".join(filter(None, what)).rstrip(",")):
         return ()
     return (
-        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: check order, sign and unit of {recorded.name}.",
+        f"{mark} would be like {'B' if mark == 'A' else 'A'} {said}: check order, sign and unit of {checked}.",
     )
+
+
+def _misread_axes(a: Side, b: Side) -> tuple[str, ...]:
+    """A sentence where another channel of a recording has the other side's lines, and the named one has not."""
+    for mark, mine, other in (("A", a, b), ("B", b, a)):
+        lines = [(x.place, x.amplitude) for x in other.lines.values() if x.seen and x.place > 0.0]
+        found, scale = other_axis(lines, mine.channels, mine.sample_rate, mine.channel)
+        if found:
+            words = ""
+            if abs(scale) >= MIN_LOG_SCALE:
+                words = f", {scale_in_words(scale).rstrip(',')}"
+            return (
+                f"{found} of {mark} has the lines of {other.channel or 'the other side'} of"
+                f" {'B' if mark == 'A' else 'A'}{words}, and its {mine.channel} has not: check channels and axes"
+                f" of {mine.name}.",
+            )
+    return ()
 
 
 def _guide(a: ComparisonSource, b: ComparisonSource, scenario: Scenario | None) -> Scenario | None:
@@ -414,11 +451,25 @@ def _of_recording(source: Prepared, guide: Scenario | None, channel: str) -> Sid
         recording.sample_rate,
         notes=(
             *recording.notes_on(channel),
+            *background_notes(recording, source.background, channel, table),
             *recording_warnings(recording, channel, guide, table),
         ),
         duration=table.duration,
         observations=observations(table),
+        as_recorded=observations(_unmarked(table)),
+        channel=channel,
+        channels={
+            name: x
+            for name, x in recording.channels.items()
+            if recording.units.get(name) == recording.units[channel]
+        },
     )
+
+
+def _unmarked(table: LineTable) -> LineTable:
+    """The lines as they stand in the record, whatever they are worth as the drive's."""
+    lines = [replace(x, status="ok") if x.status in NOT_THE_DRIVES else x for x in table]
+    return replace(table, lines=tuple(lines))
 
 
 def _of_run_folder(source: RunFolder) -> Side:
@@ -479,7 +530,7 @@ def _figures(table: LineTable) -> dict[str, SideLine]:
         x.name: SideLine(
             x.frequency, x.amplitude, x.amplitude_uncertainty, x.bin_frequency, x.bin_amplitude,
             x.seen or not x.status, x.frequency_uncertainty, *_decay_with_uncertainty(x), not blurred(table, x),
-            x.status not in DISTORTED,
+            x.status not in NOT_THE_DRIVES,
         )
         for x in table
     }  # fmt: skip

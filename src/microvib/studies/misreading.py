@@ -1,11 +1,15 @@
-"""Mistakes of recordings that figures tell: another sign, order of samples or unit."""
+"""Mistakes of recordings that figures tell: another sign, order of samples, unit or axis."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from microvib.signals.spectrum import tone_amplitude
+from microvib.signals.tones import HannSpectrum
 from microvib.studies.evidence import Observation
 from microvib.studies.relative_phase import phase_multiples
 
@@ -94,8 +98,6 @@ def common_scale(logarithms: Sequence[float]) -> float:
 
     ``logarithms`` are those of each line's ratio.
     """
-    import numpy as np
-
     if len(logarithms) < MIN_COMMON_FIGURES:
         return 0.0
     middle = float(np.median(logarithms))
@@ -144,3 +146,51 @@ def best_reversal(mine: Sequence[Observation], its: Sequence[Observation], steps
 
 def _key(o: Observation) -> tuple[str, str, str]:
     return o.line, o.form, o.against
+
+
+MAX_AXIS_SCATTER, MIN_AXIS_SCATTER, AXIS_GAIN = 0.1, 0.25, 4.0
+"""Median deviation of the logarithms of ratios up to which another channel has the same lines; from which the
+named channel has not; and times the other's that it must be.
+"""
+MOST_AXIS_LINES = 8
+_DRIFT = 2e-3
+"""Part of their frequency by which lines of two tests are looked for at each other's."""
+
+
+def other_axis(
+    lines: Sequence[tuple[float, float]],
+    channels: Mapping[str, np.ndarray],
+    sample_rate: float,
+    named: str,
+) -> tuple[str, float]:
+    """Channel of a recording that has a test's ``lines``, pairs of frequency [Hz] and amplitude, where the
+    ``named`` one has not, and the logarithm of its scale; empty where there is none.
+
+    ``channels`` are the recording's, (n,) each at ``sample_rate`` [Hz]. The largest lines count.
+    """
+    largest = sorted((x for x in lines if x[1] > 0.0), key=lambda x: -x[1])[:MOST_AXIS_LINES]
+    if len(largest) < MIN_COMMON_FIGURES or named not in channels:
+        return "", 0.0
+    each: dict[str, tuple[float, float]] = {}
+    for name, x in channels.items():
+        if not np.all(np.isfinite(x)) or np.ptp(x) == 0.0:
+            continue
+        spectrum = HannSpectrum.of(x - x.mean(), sample_rate)
+        ratios = np.array([_at_line(x, spectrum, f) / amplitude for f, amplitude in largest])
+        logs = np.log(np.maximum(ratios, 1e-300))
+        middle = float(np.median(logs))
+        each[name] = float(np.median(np.abs(logs - middle))), middle
+    best = min(each, key=lambda name: each[name][0], default=named)
+    if best == named or named not in each:
+        return "", 0.0
+    least = max(MIN_AXIS_SCATTER, AXIS_GAIN * each[best][0])
+    if each[best][0] > MAX_AXIS_SCATTER or each[named][0] < least:
+        return "", 0.0
+    return best, each[best][1]
+
+
+def _at_line(x: np.ndarray, spectrum: HannSpectrum, frequency: float) -> float:
+    """Amplitude of a channel at the highest peak about a frequency [Hz]."""
+    off = _DRIFT * frequency
+    at, _ = spectrum.peak(frequency - off, frequency + off)
+    return tone_amplitude(x, spectrum.sample_rate, at)

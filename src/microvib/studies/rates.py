@@ -21,7 +21,13 @@ from microvib.analysis.margins import (
     frequency_error_bound,
 )
 from microvib.analysis.noise import NOISE, changed_line_bounds, noise_bounds, noise_of_record
-from microvib.analysis.start import RecordGap, mode_has_decayed, record_gap, rounded_up
+from microvib.analysis.start import (
+    RecordGap,
+    mode_has_decayed,
+    record_gap,
+    rounded_up,
+    unseen_rates_gap,
+)
 from microvib.analysis.unseen import (
     OutOfBandLines,
     clock_line_bounds,
@@ -48,6 +54,8 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.model.turning import decay_in_motion, parametric_resonances
 from microvib.results import FREQUENCY, MICROSTEPS, ORDER, RATE, TORQUE, Column, former_field
+from microvib.signals.limit_curve import EVERYWHERE, Limit, LimitCurve
+from microvib.signals.limit_curve import in_band as limit_in_band
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, TWELFTH_OCTAVE, Line, LineTable
 from microvib.solve.integration import Progress
 from microvib.studies.workers import parallel_calls
@@ -86,6 +94,13 @@ BISECTIONS = 8
 ABOVE_LIMIT = "a line is above the limit"
 HIDDEN_LINE = "unknown: a line hidden by the noise floor may exceed the limit"
 ABOVE_PASSBAND = "not judged: lines above the passband may exceed the limit"
+PART_OF_TIME = (
+    "not judged: lines of a part of the time exceed the limit, as the drive changes slowly"
+)
+_IN_PIECES = "a line of a part of the time"
+STEP_OF_LIMIT = (
+    "not judged: a line stands where the limit changes, within what its frequency is known to"
+)
 RECORD_GAP = "not judged: the record does not show all lines of tracking"
 BEYOND_LINEAR_MODEL = (
     "not judged: lines that the linearised drive lacks may be above the limit (a plan of the full"
@@ -159,52 +174,99 @@ class RateCase:
         largest = self.largest(band)
         return bool(self.reason) and largest is not None and largest.kind == "other"
 
-    def largest(self, band: tuple[float, float], hidden: bool = False) -> RateLine | None:
-        """The largest line within ``band`` [Hz], or the largest that is ``hidden``; None if there
-        is none.
+    def largest(
+        self,
+        band: tuple[float, float],
+        hidden: bool = False,
+        limit: float | LimitCurve | None = None,
+    ) -> RateLine | None:
+        """The largest line within ``band`` [Hz], or the largest that is ``hidden``; beside a
+        ``limit`` over frequency that which is nearest to it, or farthest above. None if there is
+        none.
         """
+        curve = _curve_in(limit, band)
         inside = [
             x
             for x in (self.hidden if hidden else self.lines)
-            if in_band(x.frequency, *band, max(frequency_error_bound(x.frequency), x.away))
+            if in_band(x.frequency, curve.low, curve.high, _reach(x))
         ]
-        return max(inside, key=lambda line: line.amplitude, default=None)
+        if curve.is_flat:
+            return max(inside, key=lambda line: line.amplitude, default=None)
+        return max(inside, key=lambda line: line.amplitude / _allowed(line, curve), default=None)
 
-    def verdict(self, band: tuple[float, float], limit: float) -> str:
-        """Empty where all lines within ``band`` [Hz] are known to be below ``limit`` [N m]; else
-        ``failed`` or why they are not.
+    def verdict(self, band: tuple[float, float], limit: float | LimitCurve) -> str:
+        """Empty where all lines within ``band`` [Hz] are known to be below the ``limit``, one
+        amplitude [N m] or a curve; else ``failed`` or why they are not.
         """
         if self.failed:
             return "failed"
-        largest, hidden = self.largest(band), self.largest(band, hidden=True)
+        curve = _curve_in(limit, band)
+        largest = self.largest(band, limit=curve)
+        hidden = self.largest(band, hidden=True, limit=curve)
         overstated = 1.0 if self.gap is None else self.gap.overstated
-        if largest is not None and largest.amplitude > overstated * limit:
+        if self._is_above(curve, overstated):
             return ABOVE_LIMIT
-        if hidden is not None and hidden.amplitude > limit:
-            return HIDDEN_LINE
+        if hidden is not None and hidden.amplitude > _allowed(hidden, curve):
+            return PART_OF_TIME if hidden.name == _IN_PIECES else HIDDEN_LINE
         if self.gap is not None:
             return RECORD_GAP
-        if not any(np.any(one.most > limit) for one in self.unseen_in(band)):
+        if largest is not None and largest.amplitude > _allowed(largest, curve):
+            return STEP_OF_LIMIT
+        if not any(np.any(one.may_exceed(curve)) for one in self.unseen_in(band, curve)):
             return ""
         if self.shown > 0.0:
             return ABOVE_PASSBAND
         return BEYOND_LINEAR_MODEL
 
-    def unseen_in(self, band: tuple[float, float]) -> list[OutOfBandLines]:
-        """Bounds on unseen lines within ``band`` [Hz]."""
-        return [part for one in self.unseen if (part := one.within(*band)).frequency.size]
+    def _is_above(self, curve: LimitCurve, overstated: float) -> bool:
+        """Whether a line is above the most lenient limit within its frequency uncertainty."""
+        return any(
+            x.amplitude > overstated * curve.most_lenient(x.frequency - reach, x.frequency + reach)
+            for x in self.lines
+            if in_band(x.frequency, curve.low, curve.high, reach := _reach(x))
+        )
 
-    def largest_unseen(self, band: tuple[float, float]) -> RateLine | None:
-        """Largest bound on unseen lines within ``band`` [Hz]; None if there is none."""
+    def unseen_in(
+        self, band: tuple[float, float], limit: float | LimitCurve | None = None
+    ) -> list[OutOfBandLines]:
+        """Bounds on unseen lines within ``band`` [Hz], and within the range of a ``limit``."""
+        curve = _curve_in(limit, band)
+        parts = (one.within(curve.low, curve.high) for one in self.unseen)
+        return [part for part in parts if part.frequency.size]
+
+    def largest_unseen(
+        self, band: tuple[float, float], limit: float | LimitCurve | None = None
+    ) -> RateLine | None:
+        """Largest bound on unseen lines within ``band`` [Hz], or that which is farthest above a
+        ``limit``; None if there is none.
+        """
+        curve = _curve_in(limit, band)
         found = [
-            (float(x.most[k]), float(x.frequency[k]), x.what)
-            for x in self.unseen_in(band)
-            for k in [np.argmax(x.most)]
+            (float(over[k]), float(x.most[k]), float(x.frequency[k]), x.what)
+            for x in self.unseen_in(band, curve)
+            for over in [x.most / (1.0 if curve.is_flat else x.least_allowed(curve))]
+            for k in [np.argmax(over)]
         ]
         if not found:
             return None
-        most, frequency, what = max(found)
+        _, most, frequency, what = max(found)
         return RateLine(f"{what} at {frequency:.4g} Hz", "unseen", math.nan, frequency, most)
+
+
+def _curve_in(limit: float | LimitCurve | None, band: tuple[float, float]) -> LimitCurve:
+    """A limit in a band; without one a curve that has its range and allows anything."""
+    return limit_in_band(math.inf if limit is None else limit, band)
+
+
+def _reach(line: RateLine) -> float:
+    """How far from its frequency [Hz] a line may be."""
+    return float(max(frequency_error_bound(line.frequency), line.away))
+
+
+def _allowed(line: RateLine, curve: LimitCurve) -> float:
+    """The strictest limit within a line's frequency uncertainty [N m]."""
+    reach = _reach(line)
+    return float(curve.strictest(line.frequency - reach, line.frequency + reach))
 
 
 @dataclass(frozen=True)
@@ -244,10 +306,18 @@ class RatePlan:
     resonances: tuple[Resonance, ...]
     forbidden: tuple[Forbidden, ...]
     limit: float | None
+    """Largest amplitude of a line [N m]; of a curve over frequency the least."""
     band: tuple[float, float]
     linear: bool
     keep_away: float = 0.0
     """Part of a resonance's rate that the best rate must be away from it, such as 0.05."""
+    curve: LimitCurve | None = None
+    """The limit over frequency; None where it is one amplitude."""
+
+    @property
+    def judged_by(self) -> float | LimitCurve | None:
+        """The limit, one amplitude [N m] or a curve; None without one."""
+        return self.limit if self.curve is None else self.curve
 
     def __repr__(self) -> str:
         rates = [math.degrees(case.rate) for case in self.cases]
@@ -305,7 +375,7 @@ class RatePlan:
         """Whether a case has lines, none of them above the limit or hidden, and is far enough from
         every resonance.
         """
-        near, limit = self.nearest(case), math.inf if self.limit is None else self.limit
+        near, limit = self.nearest(case), math.inf if self.judged_by is None else self.judged_by
         return not case.verdict(self.band, limit) and (near is None or near[1] >= self.keep_away)
 
     def nearest(self, case: RateCase) -> tuple[Resonance, float] | None:
@@ -333,13 +403,43 @@ class RatePlan:
 
     def _smallest(self, cases: Iterable[RateCase]) -> tuple[RateCase, float] | None:
         return min(
-            ((case, self.top(case)) for case in cases), key=lambda item: item[1], default=None
+            ((case, self.top(case)) for case in cases),
+            key=lambda item: item[1] / self.allowed_to(item[0]),
+            default=None,
         )
 
+    def governing(self, case: RateCase) -> RateLine | None:
+        """The line of a case that is largest within the band, or with a limit over frequency nearest
+        to it or farthest above, hidden ones with what they may have; None if there is none.
+        """
+        found = (
+            case.largest(self.band, limit=self.curve),
+            case.largest(self.band, hidden=True, limit=self.curve),
+        )
+        known = [line for line in found if line is not None]
+        return max(known, key=lambda line: line.amplitude / self._allowed(line), default=None)
+
     def top(self, case: RateCase) -> float:
-        """Largest line of a case within the band, or what a hidden one may have [N m]."""
-        known = (case.largest(self.band), case.largest(self.band, hidden=True))
-        return max((line.amplitude for line in known if line is not None), default=0.0)
+        """Amplitude [N m] of the ``governing`` line of a case; 0 without one."""
+        line = self.governing(case)
+        return 0.0 if line is None else line.amplitude
+
+    def allowed_to(self, case: RateCase) -> float:
+        """Amplitude that a limit over frequency allows to the ``governing`` line of a case [N m]; 1 where there
+        is none, so that amplitudes are compared as they are.
+        """
+        line = self.governing(case)
+        return 1.0 if line is None else self._allowed(line)
+
+    def margin(self, case: RateCase) -> float:
+        """Limit over amplitude of the ``governing`` line of a case; nan without a limit or a line."""
+        top = self.top(case)
+        if self.limit is None or not top > 0.0:
+            return math.nan
+        return (self.limit if self.curve is None else self.allowed_to(case)) / top
+
+    def _allowed(self, line: RateLine) -> float:
+        return 1.0 if self.curve is None else _allowed(line, limit_in_band(self.curve, self.band))
 
     def worst(self, microsteps: int) -> float:
         """Largest line over all rates of one microstep count [N m]; NaN where all cases failed."""
@@ -354,7 +454,7 @@ def plan_rates(  # noqa: PLR0913 - keyword options
     rates: Sequence[GivenQuantity],
     microsteps: Sequence[int] | None = None,
     *,
-    limit: GivenQuantity | None = None,
+    limit: GivenQuantity | Limit | None = None,
     band: Band | None = None,
     linear: bool = False,
     keep_away: float = 0.0,
@@ -377,9 +477,9 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         Rates of the array: those of a ``rate_grid``, or listed, such as ``["0.06 deg/s"]``.
     microsteps : sequence of int, optional
         Microsteps a full step; without it the scenario's.
-    limit : str or Si, optional
-        Largest amplitude of a line, such as ``"10 mN*m"``: defines forbidden rates, whose edges are
-        found by bisection.
+    limit : str, Si or Limit, optional
+        Largest amplitude of a line, such as ``"10 mN*m"``, or a limit over frequency of the torque
+        about the drive axis: defines forbidden rates, whose edges are found by bisection.
     band : str or pair, optional
         Frequencies in which the limit holds, such as ``"0.5:150 Hz"``.
     linear : bool
@@ -408,8 +508,8 @@ def plan_rates(  # noqa: PLR0913 - keyword options
     scenario = as_scenario(scenario)
     _check_linear(scenario, linear)
     grid, counts = rates_and_counts(scenario, rates, microsteps)
-    most = None if limit is None else quantity("limit", limit, "N*m", positive=True)
     within = (0.0, math.inf) if band is None else ends(band)
+    most, curve = _limit_in(limit, within)
     modes = tuple(mode for mode in coupled_modes(scenario) if _may_resonate(mode))
     if not 0.0 <= keep_away < 1.0:
         raise OptionError("keep_away", "must be at least 0 and below 100 percent", str(keep_away))
@@ -441,11 +541,28 @@ def plan_rates(  # noqa: PLR0913 - keyword options
         modes,
         resonances,
         tuple(forbidden),
-        most,
+        most.least if isinstance(most, LimitCurve) else most,
         within,
         linear,
         keep_away,
+        curve,
     )
+
+
+def _limit_in(
+    given: GivenQuantity | Limit | None, within: tuple[float, float]
+) -> tuple[float | LimitCurve | None, LimitCurve | None]:
+    """Limit that a plan judges by, and the curve over frequency that it is; of a limit that is one number, the
+    number."""
+    if given is None:
+        return None, None
+    if not isinstance(given, Limit):
+        return quantity("limit", given, "N*m", positive=True), None
+    curve = given.torque_curve("a plan of rates")
+    if given.is_one_number and (curve.low, curve.high) == EVERYWHERE:
+        return curve.least, None
+    part = limit_in_band(curve, within)
+    return part, part
 
 
 def _check_linear(scenario: Scenario, linear: bool) -> None:
@@ -495,7 +612,7 @@ def _wanted_cases(
 def _refine(
     found: dict[tuple[float, int], RateCase],
     wanted: set[tuple[float, int]],
-    bound: tuple[float, tuple[float, float]],
+    bound: tuple[float | LimitCurve, tuple[float, float]],
     solve: Solve,
 ) -> set[tuple[float, int]]:
     """Rates that are added between those of the plan where a line comes near the limit, which are
@@ -515,7 +632,7 @@ def _refine(
             and b.rate - a.rate > REFINED_ABOVE * a.rate
             and not a.verdict(band, limit)
             and not b.verdict(band, limit)
-            and max(_top(a, band), _top(b, band)) * REFINED_NEAR > limit
+            and max(_part(a, band, limit), _part(b, band, limit)) * REFINED_NEAR > 1.0
         ]
         if not middles:
             break
@@ -525,10 +642,11 @@ def _refine(
     return added
 
 
-def _top(case: RateCase, band: tuple[float, float]) -> float:
-    """Amplitude [N m] of the largest line of a case in the band, 0 without one."""
-    line = case.largest(band)
-    return 0.0 if line is None else line.amplitude
+def _part(case: RateCase, band: tuple[float, float], limit: float | LimitCurve) -> float:
+    """Part of a limit that the largest line of a case in the band has, 0 without one."""
+    curve = _curve_in(limit, band)
+    line = case.largest(band, limit=curve)
+    return 0.0 if line is None else line.amplitude / _allowed(line, curve)
 
 
 def _may_resonate(mode: CoupledMode) -> bool:
@@ -604,8 +722,10 @@ def full_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool = F
         return changed
     first = _full_case(changed, rate, microsteps, confirmed)
     other = changed.driven_wing
-    if other is None or other.rate == 0.0:
+    if other is None:
         return first
+    if other.rate == 0.0:
+        return replace(first, gap=first.gap or unseen_rates_gap(other.alone))
     return _combine_drives(first, _full_case(other.alone, rate, microsteps, confirmed))
 
 
@@ -619,7 +739,7 @@ def _full_case(changed: Scenario, rate: Si, microsteps: int, confirmed: bool) ->
         )
     except SimulationError as why:  # loss of synchronism, for one
         return RateCase(rate, microsteps, (), str(why))
-    gap = record_gap(changed, result.lines.duration) if result.fallback else None
+    gap = record_gap(changed, result.lines.duration, steady=not result.fallback)
     if gap is not None and not gap.turns:
         return RateCase(rate, microsteps, (), gap.why)
     if broken := failed_invariants_reason(result.lines.broken, changed):
@@ -660,6 +780,9 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
     f_d = scenario.driving_frequency or math.nan
     if found.fallback:
         yield from _not_seen(scenario, found.lines, seen)
+    if (pieces := found.lines.pieces) is not None:
+        for f, most in zip(pieces.frequency.tolist(), pieces.amplitude.tolist(), strict=True):
+            yield RateLine(_IN_PIECES, "other", f / f_d, f, most, away=TWELFTH_OCTAVE * f)
     if (rest := found.lines.rest) is None:
         return
     for f, amplitude in zip(rest.frequency.tolist(), rest.amplitude.tolist(), strict=True):
@@ -670,7 +793,7 @@ def _hidden(scenario: Scenario, found: Steady, seen: Sequence[Line]) -> Iterator
                 f / f_d,
                 f,
                 rest.factor * amplitude,
-                TWELFTH_OCTAVE * f,
+                away=TWELFTH_OCTAVE * f,
             )
     if rest.slow > 0.0:
         for f in np.geomspace(1e-3, 1.0, 31) * rest.frequency.min(initial=math.inf):
@@ -696,7 +819,7 @@ def _noise_bounds(scenario: Scenario, table: LineTable | None) -> Iterator[RateL
         found += changed_line_bounds(table, scenario)
     f_d = scenario.driving_frequency or math.nan
     for f, most in found:
-        yield RateLine(NOISE, "other", f / f_d, f, most, TWELFTH_OCTAVE * f)
+        yield RateLine(NOISE, "other", f / f_d, f, most, away=TWELFTH_OCTAVE * f)
 
 
 def _not_seen(scenario: Scenario, table: LineTable, seen: Sequence[Line]) -> Iterator[RateLine]:
@@ -737,8 +860,10 @@ def linear_case(scenario: Scenario, rate: Si, microsteps: int, confirmed: bool =
     if isinstance(changed, RateCase):
         return changed
     first, other = _linear_case(changed, rate, microsteps), changed.driven_wing
-    if other is None or other.rate == 0.0:
+    if other is None:
         return first
+    if other.rate == 0.0:
+        return replace(first, gap=unseen_rates_gap(other.alone))
     return _combine_drives(first, _linear_case(other.alone, rate, microsteps))
 
 
@@ -972,7 +1097,10 @@ def _unconfirmed_cases(cases: Iterable[RateCase], band: tuple[float, float]) -> 
 
 
 def _forbidden(
-    row: Sequence[RateCase], limit: float, band: tuple[float, float], solve: Solve
+    row: Sequence[RateCase],
+    limit: float | LimitCurve,
+    band: tuple[float, float],
+    solve: Solve,
 ) -> list[Forbidden]:
     """Bands of one microstep count, ``row`` by rate; edges by bisection, all edges at once."""
 
@@ -1001,16 +1129,21 @@ def _forbidden(
 
 
 def _forbidden_band(
-    cases: Sequence[RateCase], low: float, high: float, limit: float, band: tuple[float, float]
+    cases: Sequence[RateCase],
+    low: float,
+    high: float,
+    limit: float | LimitCurve,
+    band: tuple[float, float],
 ) -> Forbidden:
     """The band of rates of cases in a row with one verdict, and its largest line."""
     why = cases[0].verdict(band, limit)
     if why in (ABOVE_PASSBAND, BEYOND_LINEAR_MODEL):
-        each = [case.largest_unseen(band) for case in cases]
+        each = [case.largest_unseen(band, limit) for case in cases]
     else:
-        each = [case.largest(band, hidden=why == HIDDEN_LINE) for case in cases]
+        each = [case.largest(band, why in (HIDDEN_LINE, PART_OF_TIME), limit) for case in cases]
     found = [line for line in each if line is not None]
-    top = max(found, key=lambda line: line.amplitude, default=None)
+    curve = _curve_in(limit, band)
+    top = max(found, key=lambda line: line.amplitude / _allowed(line, curve), default=None)
     if why == "failed":
         why = cases[0].reason
     elif why == RECORD_GAP:
@@ -1025,10 +1158,13 @@ def _forbidden_band(
 
 
 def _required_sample_rate(
-    cases: Iterable[RateCase], band: tuple[float, float], limit: float
+    cases: Iterable[RateCase], band: tuple[float, float], limit: float | LimitCurve
 ) -> str:
     """The sample rate from which a record shows what may be above the limit [N m]."""
-    above = [x.frequency[x.most > limit] for case in cases for x in case.unseen_in(band)]
+    curve = _curve_in(limit, band)
+    above = [
+        x.frequency[x.may_exceed(curve)] for case in cases for x in case.unseen_in(band, curve)
+    ]
     return f"record.sample_rate >= {rounded_up(float(np.max(np.concatenate(above))) / PASSBAND)} Hz"
 
 

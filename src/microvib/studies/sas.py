@@ -280,9 +280,9 @@ def _amplitude_sentence(base: SimulatorDesign, amplitude: float) -> str:
             _springs_suffice(_fitted(base, spring, middle), middle) for spring in stock_springs()
         )
         if works:
-            low, high = (middle, high)
+            low = middle
         else:
-            low, high = (low, middle)
+            high = middle
     preload = SLACK_RESERVE * base.adjustment.arm_max * amplitude
     return (
         f"an amplitude of {math.degrees(amplitude):.4g} deg at an arm of"

@@ -45,6 +45,32 @@ class Resonance(Part):
         float, Quantity("", "damping ratio", "zeta", ge=1e-3, le=2, display="percent")
     ]
     share: Annotated[float, Quantity("", "fraction of the load that it carries", ge=0, le=1)] = 1.0
+    frequency_uncertainty: (
+        Annotated[
+            float,
+            Quantity(
+                "",
+                "relative standard uncertainty of the frequency",
+                ge=0,
+                le=0.5,
+                display="percent",
+            ),
+        ]
+        | None
+    ) = None
+    damping_uncertainty: (
+        Annotated[
+            float,
+            Quantity(
+                "",
+                "relative standard uncertainty of the damping ratio",
+                ge=0,
+                le=1,
+                display="percent",
+            ),
+        ]
+        | None
+    ) = None
     table_mass: (
         Annotated[float, Quantity("kg", "mass that moves in it when the table is empty", gt=0)]
         | None

@@ -37,6 +37,9 @@ class ForceTable:
     which each has resonances of its own.
     """
 
+    corrected = False
+    """Whether the table's dynamics were taken out of the readings."""
+
     name: str
     resonances: tuple[Resonance, ...] = ()
     """Under the mass on the table."""
@@ -90,6 +93,14 @@ class ForceTable:
         """Largest angle [rad] by which a reading is off its load's phase at a ``frequency`` [Hz]."""
         H = self.responses(channel, np.array([frequency]))
         return float(np.max(np.abs(np.angle(H)), initial=0.0))
+
+    def amplitude_uncertainty(self, channel: str, frequency: float, amplitude: float) -> float:
+        """Part of a line's ``amplitude`` that the table's resonances change, as a standard uncertainty."""
+        return abs(self.amplitude_ratio(channel, frequency) - 1.0) * amplitude
+
+    def phase_uncertainty(self, channel: str, frequency: float, amplitude: float) -> float:
+        """Angle [rad] by which the table's resonances turn a line, as a standard uncertainty."""
+        return self.lag(channel, frequency)
 
     def objection(self, channel: str, frequency: float) -> str:
         """Why a line at a ``frequency`` [Hz] does not show its load, as a clause; empty where it does."""

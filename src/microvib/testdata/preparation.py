@@ -25,6 +25,8 @@ from microvib.testdata.channels import (
 from microvib.testdata.moved import with_moved_torques
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.testdata.response import Chain, without_response
+from microvib.testdata.table_correction import TableFrf, without_table_dynamics
+from microvib.testdata.table_response import modelled_response
 from microvib.units import Quantity
 
 
@@ -63,6 +65,10 @@ class Preparation(Part):
     )
     cross_talk: tuple[Six, Six, Six, Six, Six, Six] | None = Field(
         default=None, description="6 x 6 matrix: readings Fx Fy Fz Mx My Mz = matrix x loads"
+    )
+    table_frf: TableFrf | None = Field(
+        default=None,
+        description="frequency response of the table, which is taken out up to half of its first resonance",
     )
     offset: tuple[float, float, float] | None = Field(
         default=None,
@@ -108,6 +114,8 @@ class Preparation(Part):
             recording = without_response(recording, self.response)
         if self.cross_talk is not None:
             recording = recording.without_cross_talk(np.array(self.cross_talk))
+        if self.table_frf is not None:
+            recording = self._without_table_dynamics(recording, self.table_frf)
         if self.offset is not None:
             if self.bench is not None and self.bench.torques_about == "interface":
                 raise RecordingError(
@@ -126,6 +134,30 @@ class Preparation(Part):
         if self.decimate in (None, 1):
             return recording
         return recording.decimated(self.decimate or 1)
+
+    def _without_table_dynamics(self, recording: Recording, how: TableFrf) -> Recording:
+        """The recording less its table's dynamics, by a measured response or that of the bench."""
+        if self.bench is not None and self.bench.torques_about == "interface":
+            raise RecordingError(
+                f"{recording.title}: table_frf: the bench records torques about the interface"
+                " (torques_about), of several components of the table; record them about the table"
+            )
+        if how.measured is not None:
+            if how.measured.coupled and self.cross_talk is not None:
+                raise RecordingError(
+                    f"{recording.title}: table_frf: its 36 responses hold the cross-talk; leave"
+                    " cross_talk out, or it is taken out twice"
+                )
+            return without_table_dynamics(recording, how.measured, how)
+        if self.bench is None or not self.bench.table:
+            raise RecordingError(
+                f"{recording.title}: table_frf: file is missing, or a bench with resonances (table), whose"
+                " response is then taken"
+            )
+        modelled = modelled_response(
+            f"the model of {self.bench.title or 'the table'}", self.bench.loaded_table
+        )
+        return without_table_dynamics(recording, modelled, how)
 
 
 def _in_units(recording: Recording, given: dict[str, str]) -> Recording:

@@ -454,10 +454,9 @@ class Recording:
         """
         channels, units, sources = {}, {}, []
         for new, old in names.items():
+            sign, reversed_ = 1.0, ""
             if old.startswith("-"):
-                sign, old, reversed_ = (-1.0, old[1:], " with its sign reversed")
-            else:
-                sign, old, reversed_ = (1.0, old, "")
+                sign, old, reversed_ = -1.0, old[1:], " with its sign reversed"
             sources.append(f"{new} from {old}{reversed_}")
             channels[new], units[new] = sign * self[old], self.units.get(old, "")
         faults, alone = (

@@ -126,6 +126,7 @@ class Drive {
   }
 
   set state(content) {
+    if (content.length !== this.code.microvib_state_bytes(this.at)) throw new Error("the state is none of this drive's");
     const room = this.code.malloc(content.length);
     new Uint8Array(this.code.memory.buffer, room, content.length).set(content);
     const failed = this.code.microvib_set_state(this.at, room);

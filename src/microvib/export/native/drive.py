@@ -18,7 +18,7 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.solve import kernel, propagate, propagators
 from microvib.solve.channels import CHANNELS, LOADS, MODAL, Channel
-from microvib.solve.command import Command
+from microvib.solve.command import MAX_MICROSTEP_RATE, Command
 from microvib.solve.pack import Packed, linear_part_arguments, moments, pack
 from microvib.solve.sampling import sample_buffer
 
@@ -188,6 +188,7 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
     count = int(packed.drive.H.size)
     names = [*CHANNELS, *(f"{name}[{k + 1}]" for name in MODAL for k in range(count))]
     names += [""] * (packed.columns - len(names))
+    legs = Command(scenario).legs
     described = [(o.channel.name, o.channel.unit, o.channel.meaning) for o in outputs]
     return {
         "outputs.places": np.array([(o.kind, o.index) for o in outputs], dtype=np.int64),
@@ -195,7 +196,8 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
         "outputs.weights": load_weights(scenario),
         "channels.texts": _texts(names),
         **_parameters_beside(scenario, packed),
-        "command.legs": Command(scenario).legs,
+        "command.legs": legs,
+        "command.profile": legs.copy(),
         "command.references": _references(scenario),
         "command.numbers": np.array(
             [
@@ -204,6 +206,7 @@ def _beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
                 scenario.driver.microstep_ramp,
                 scenario.driver.on_time or 0.0,
                 _microsteps_per_angle(scenario),
+                MAX_MICROSTEP_RATE,
             ]
         ),
         **_hub_beside(scenario, packed),
@@ -220,7 +223,7 @@ def _microsteps_per_angle(scenario: Scenario) -> float:
 
 
 def _parameters_beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarray]:
-    """Parameters: texts, kinds, and values with the lowest that is allowed."""
+    """Parameters: texts, kinds, and values with the lowest and highest that are allowed, and as exported."""
     found = parameters_of(scenario, packed)
     texts = [text for one in found for text in (one.name, one.unit, one.meaning, one.field)]
     return {
@@ -228,8 +231,10 @@ def _parameters_beside(scenario: Scenario, packed: Packed) -> dict[str, np.ndarr
         "parameters.places": np.array(
             [(one.kind, one.index, one.positive) for one in found], dtype=np.int64
         ),
-        "parameters.values": np.array([(one.value, one.lowest) for one in found]),
-        "parameters.packing": packing_numbers(scenario, packed),
+        "parameters.values": np.array(
+            [(one.value, one.lowest, one.highest, one.value) for one in found]
+        ),
+        "parameters.packing": packing_numbers(scenario, packed, _microsteps_per_angle(scenario)),
     }
 
 

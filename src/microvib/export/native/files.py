@@ -2,45 +2,62 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import zipfile
-from collections.abc import Collection
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import Field
 
-from microvib.errors import MicrovibError, ScenarioError
+from microvib.errors import MicrovibError
 from microvib.export.native.drive import exportable
-from microvib.export.native.fmu import FOLDERS, export_fmu
+from microvib.export.native.fmu import export_fmu
 from microvib.export.native.library import export_c_library
 from microvib.export.native.wasm import export_wasm
 from microvib.export.subject import Subject
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 
-_NATIVE = ", ".join(FOLDERS[3])
+Native = Literal["linux64", "linux-arm64", "win64", "darwin64", "darwin-arm64"]
+NativeInFmi2 = Literal["linux64", "win64", "darwin64"]
 
 
 class LibraryOptions(Part):
     """Platforms of the binaries."""
 
-    platforms: tuple[str, ...] = Field(
-        default=(), description=f"list of {_NATIVE}; without it this machine's"
+    platforms: tuple[Native, ...] = Field(
+        default=(), description=f"list of {', '.join(get_args(Native))}; without it this machine's"
     )
 
 
-class FmuOptions(LibraryOptions):
-    """Kind, name and platforms of an FMU."""
+class FmuOptions(Part):
+    """Kind and name of an FMU."""
 
     kind: Literal["source", "drive", "tones"] = Field(
         default="source",
         description="source, drive (the host has the array's modes) or tones (lines alone)",
     )
-    model: str = Field(
-        default="sada", pattern=r"^[A-Za-z_]\w*$", description="name of the model, a word"
+    model: str = Field(default="sada", description="name of the model, a word")
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.model, re.ASCII):
+            yield f"model: '{self.model}' is not allowed; a word of letters a to z, digits and _ is expected"
+
+
+class Fmu2Options(FmuOptions):
+    """Kind, name and platforms of an FMU of FMI 2.0."""
+
+    platforms: tuple[NativeInFmi2, ...] = Field(
+        default=(),
+        description=f"list of {', '.join(get_args(NativeInFmi2))}; without it this machine's",
     )
+
+
+class Fmu3Options(FmuOptions, LibraryOptions):
+    """Kind, name and platforms of an FMU of FMI 3.0."""
 
 
 def not_exportable(scenario: Scenario) -> str:
@@ -52,18 +69,19 @@ def not_exportable(scenario: Scenario) -> str:
     return ""
 
 
-def write_fmu2(subject: Subject, path: Path, options: FmuOptions) -> None:
+def write_fmu2(subject: Subject, path: Path, options: Fmu2Options) -> None:
     """Write an FMU of FMI 2.0."""
     _write_fmu(subject, path, options, 2)
 
 
-def write_fmu3(subject: Subject, path: Path, options: FmuOptions) -> None:
+def write_fmu3(subject: Subject, path: Path, options: Fmu3Options) -> None:
     """Write an FMU of FMI 3.0."""
     _write_fmu(subject, path, options, 3)
 
 
-def _write_fmu(subject: Subject, path: Path, options: FmuOptions, version: int) -> None:
-    _check_platforms(f"fmu{version}", options.platforms, FOLDERS[version])
+def _write_fmu(
+    subject: Subject, path: Path, options: Fmu2Options | Fmu3Options, version: int
+) -> None:
     with TemporaryDirectory() as folder:
         made = export_fmu(
             subject.scenario,
@@ -75,18 +93,8 @@ def _write_fmu(subject: Subject, path: Path, options: FmuOptions, version: int) 
         shutil.copyfile(made, path)
 
 
-def _check_platforms(target: str, given: tuple[str, ...], allowed: Collection[str]) -> None:
-    """ScenarioError for a platform that a format has not."""
-    for name in given:
-        if name not in allowed:
-            raise ScenarioError(
-                f"{target}: platforms: '{name}' is not allowed; there are {', '.join(allowed)}"
-            )
-
-
 def write_c_library(subject: Subject, path: Path, options: LibraryOptions) -> None:
     """Write an archive of the C library's folder."""
-    _check_platforms("c", options.platforms, FOLDERS[3])
     with TemporaryDirectory() as folder:
         made = export_c_library(
             subject.scenario, Path(folder) / "microvib-drive", platforms=options.platforms

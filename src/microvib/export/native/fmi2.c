@@ -20,21 +20,10 @@ typedef struct {
     fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
 struct component {
     struct fmu fmu;
     const fmi2CallbackFunctions *callbacks;
     char *name;
-};
-
-struct state {
-    size_t bytes;
-    /* what is saved follows */
 };
 
 static void tell(const fmi2CallbackFunctions *to, const char *name, const char *sentence)
@@ -49,10 +38,15 @@ static fmi2Status failed(struct component *c, const char *sentence)
     return fmi2Error;
 }
 
+/* The status of a function of fmu.h. */
+static fmi2Status status(struct component *c, int wrong)
+{
+    return wrong ? failed(c, fmu_error(&c->fmu)) : fmi2OK;
+}
+
 static fmi2Status unknown(struct component *c)
 {
-    const char *said = microvib_error(c->fmu.drive);
-    return failed(c, *said ? said : "a variable has no such value reference, or cannot be set now, or not to this value");
+    return status(c, fmu_refuse_variable(&c->fmu));
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void)
@@ -91,7 +85,7 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
     tell(callbacks, name, why);
     if (c) {
         free(c->name);
-        free(c->fmu.memory);
+        fmu_close(&c->fmu);
         free(c);
     }
     return NULL;
@@ -102,7 +96,7 @@ EXPORT void fmi2FreeInstance(fmi2Component component)
     struct component *c = component;
     if (!c)
         return;
-    free(c->fmu.memory);
+    fmu_close(&c->fmu);
     free(c->name);
     free(c);
 }
@@ -112,27 +106,25 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean has_t
 {
     struct component *c = component;
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    c->fmu.inputs.start = start;
-    return fmi2OK;
+    return status(c, fmu_set_start(&c->fmu, start));
 }
 
-EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component component)
 {
-    (void)c;
-    return fmi2OK;
+    struct component *c = component;
+    return status(c, fmu_begin_initialization(&c->fmu));
 }
 
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component component)
 {
     struct component *c = component;
-    c->fmu.initialized = 1;
-    return fmi2OK;
+    return status(c, fmu_end_initialization(&c->fmu));
 }
 
-EXPORT fmi2Status fmi2Terminate(fmi2Component c)
+EXPORT fmi2Status fmi2Terminate(fmi2Component component)
 {
-    (void)c;
-    return fmi2OK;
+    struct component *c = component;
+    return status(c, fmu_terminate(&c->fmu));
 }
 
 EXPORT fmi2Status fmi2Reset(fmi2Component component)
@@ -147,7 +139,7 @@ EXPORT fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference 
     struct component *c = component;
     for (size_t k = 0; k < n; k++)
         if (fmu_get_real(&c->fmu, vr[k], &value[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi2OK;
 }
 
@@ -156,7 +148,7 @@ EXPORT fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference 
     struct component *c = component;
     for (size_t k = 0; k < n; k++)
         if (fmu_set_real(&c->fmu, vr[k], value[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi2OK;
 }
 
@@ -166,7 +158,7 @@ EXPORT fmi2Status fmi2GetInteger(fmi2Component component, const fmi2ValueReferen
     for (size_t k = 0; k < n; k++) {
         int64_t found;
         if (fmu_get_integer(&c->fmu, vr[k], &found))
-            return unknown(c);
+            return status(c, 1);
         value[k] = (fmi2Integer)found;
     }
     return fmi2OK;
@@ -177,7 +169,7 @@ EXPORT fmi2Status fmi2SetInteger(fmi2Component component, const fmi2ValueReferen
     struct component *c = component;
     for (size_t k = 0; k < n; k++)
         if (fmu_set_integer(&c->fmu, vr[k], value[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi2OK;
 }
 
@@ -212,63 +204,39 @@ EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], 
 EXPORT fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state)
 {
     struct component *c = component;
-    size_t bytes = fmu_state_bytes(&c->fmu);
-    struct state *s = *state ? *state : malloc(sizeof *s + bytes);
-    if (!s)
-        return failed(c, "there is no memory for a state");
-    s->bytes = bytes;
-    fmu_save(&c->fmu, s + 1);
-    *state = s;
-    return fmi2OK;
+    return status(c, fmu_get_state(&c->fmu, state));
 }
 
 EXPORT fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state)
 {
     struct component *c = component;
-    struct state *s = state;
-    if (!s || s->bytes != fmu_state_bytes(&c->fmu))
-        return failed(c, "the state is none of this FMU's");
-    return fmu_restore(&c->fmu, s + 1) ? unknown(c) : fmi2OK;
+    return status(c, fmu_set_state(&c->fmu, state));
 }
 
 EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     (void)c;
-    if (state) {
-        free(*state);
-        *state = NULL;
-    }
+    fmu_free_state(state);
     return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
     (void)c;
-    *size = ((struct state *)state)->bytes;
-    return fmi2OK;
+    *size = fmu_bytes_of(state);
+    return *size ? fmi2OK : fmi2Error;
 }
 
-EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte content[], size_t size)
+EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte content[], size_t size)
 {
-    struct state *s = state;
-    if (size < s->bytes)
-        return failed(c, "there is no room for the state");
-    memcpy(content, s + 1, s->bytes);
-    return fmi2OK;
+    struct component *c = component;
+    return status(c, fmu_to_bytes(&c->fmu, state, content, size));
 }
 
 EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte content[], size_t size, fmi2FMUstate *state)
 {
     struct component *c = component;
-    struct state *s = malloc(sizeof *s + size);
-    if (!s || size != fmu_state_bytes(&c->fmu)) {
-        free(s);
-        return failed(c, "the state is none of this FMU's");
-    }
-    s->bytes = size;
-    memcpy(s + 1, content, size);
-    *state = s;
-    return fmi2OK;
+    return status(c, fmu_from_bytes(&c->fmu, content, size, state));
 }
 
 /* ---- Steps ---- */
@@ -277,7 +245,7 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component component, fmi2Real now, fmi2Real ste
 {
     struct component *c = component;
     (void)no_return;
-    return fmu_do_step(&c->fmu, now + step) ? failed(c, microvib_error(c->fmu.drive)) : fmi2OK;
+    return status(c, fmu_do_step(&c->fmu, now, step));
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component c)

@@ -14,21 +14,10 @@ typedef uint8_t fmi3Byte;
 typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String);
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
 struct instance {
     struct fmu fmu;
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
-};
-
-struct state {
-    size_t bytes;
-    /* what is saved follows */
 };
 
 static fmi3Status failed(struct instance *c, const char *sentence)
@@ -38,10 +27,15 @@ static fmi3Status failed(struct instance *c, const char *sentence)
     return fmi3Error;
 }
 
+/* The status of a function of fmu.h. */
+static fmi3Status status(struct instance *c, int wrong)
+{
+    return wrong ? failed(c, fmu_error(&c->fmu)) : fmi3OK;
+}
+
 static fmi3Status unknown(struct instance *c)
 {
-    const char *said = microvib_error(c->fmu.drive);
-    return failed(c, *said ? said : "a variable has no such value reference, or cannot be set now, or not to this value");
+    return status(c, fmu_refuse_variable(&c->fmu));
 }
 
 EXPORT const char *fmi3GetVersion(void)
@@ -78,7 +72,7 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String toke
     if (log)
         log(environment, fmi3Error, "logStatusError", why);
     if (c)
-        free(c->fmu.memory);
+        fmu_close(&c->fmu);
     free(c);
     return NULL;
 }
@@ -87,7 +81,7 @@ EXPORT void fmi3FreeInstance(fmi3Instance instance)
 {
     struct instance *c = instance;
     if (c)
-        free(c->fmu.memory);
+        fmu_close(&c->fmu);
     free(c);
 }
 
@@ -96,21 +90,19 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean
 {
     struct instance *c = instance;
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    c->fmu.inputs.start = start;
-    return fmi3OK;
+    return status(c, fmu_set_start(&c->fmu, start) || fmu_begin_initialization(&c->fmu));
 }
 
 EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     struct instance *c = instance;
-    c->fmu.initialized = 1;
-    return fmi3OK;
+    return status(c, fmu_end_initialization(&c->fmu));
 }
 
-EXPORT fmi3Status fmi3Terminate(fmi3Instance c)
+EXPORT fmi3Status fmi3Terminate(fmi3Instance instance)
 {
-    (void)c;
-    return fmi3OK;
+    struct instance *c = instance;
+    return status(c, fmu_terminate(&c->fmu));
 }
 
 EXPORT fmi3Status fmi3Reset(fmi3Instance instance)
@@ -125,36 +117,44 @@ EXPORT fmi3Status fmi3Reset(fmi3Instance instance)
 EXPORT fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t m)
 {
     struct instance *c = instance;
-    for (size_t k = 0; k < n && k < m; k++)
+    if (n != m)
+        return unknown(c);
+    for (size_t k = 0; k < n; k++)
         if (fmu_get_real(&c->fmu, vr[k], &values[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[], size_t m)
 {
     struct instance *c = instance;
-    for (size_t k = 0; k < n && k < m; k++)
+    if (n != m)
+        return unknown(c);
+    for (size_t k = 0; k < n; k++)
         if (fmu_set_real(&c->fmu, vr[k], values[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, int64_t values[], size_t m)
 {
     struct instance *c = instance;
-    for (size_t k = 0; k < n && k < m; k++)
+    if (n != m)
+        return unknown(c);
+    for (size_t k = 0; k < n; k++)
         if (fmu_get_integer(&c->fmu, vr[k], &values[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const int64_t values[], size_t m)
 {
     struct instance *c = instance;
-    for (size_t k = 0; k < n && k < m; k++)
+    if (n != m)
+        return unknown(c);
+    for (size_t k = 0; k < n; k++)
         if (fmu_set_integer(&c->fmu, vr[k], values[k]))
-            return unknown(c);
+            return status(c, 1);
     return fmi3OK;
 }
 
@@ -212,63 +212,39 @@ EXPORT fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], si
 EXPORT fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state)
 {
     struct instance *c = instance;
-    size_t bytes = fmu_state_bytes(&c->fmu);
-    struct state *s = *state ? *state : malloc(sizeof *s + bytes);
-    if (!s)
-        return failed(c, "there is no memory for a state");
-    s->bytes = bytes;
-    fmu_save(&c->fmu, s + 1);
-    *state = s;
-    return fmi3OK;
+    return status(c, fmu_get_state(&c->fmu, state));
 }
 
 EXPORT fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state)
 {
     struct instance *c = instance;
-    struct state *s = state;
-    if (!s || s->bytes != fmu_state_bytes(&c->fmu))
-        return failed(c, "the state is none of this FMU's");
-    return fmu_restore(&c->fmu, s + 1) ? unknown(c) : fmi3OK;
+    return status(c, fmu_set_state(&c->fmu, state));
 }
 
 EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
 {
     (void)c;
-    if (state) {
-        free(*state);
-        *state = NULL;
-    }
+    fmu_free_state(state);
     return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
 {
     (void)c;
-    *size = ((struct state *)state)->bytes;
-    return fmi3OK;
+    *size = fmu_bytes_of(state);
+    return *size ? fmi3OK : fmi3Error;
 }
 
-EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte content[], size_t size)
+EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte content[], size_t size)
 {
-    struct state *s = state;
-    if (size < s->bytes)
-        return failed(c, "there is no room for the state");
-    memcpy(content, s + 1, s->bytes);
-    return fmi3OK;
+    struct instance *c = instance;
+    return status(c, fmu_to_bytes(&c->fmu, state, content, size));
 }
 
 EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte content[], size_t size, fmi3FMUState *state)
 {
     struct instance *c = instance;
-    struct state *s = malloc(sizeof *s + size);
-    if (!s || size != fmu_state_bytes(&c->fmu)) {
-        free(s);
-        return failed(c, "the state is none of this FMU's");
-    }
-    s->bytes = size;
-    memcpy(s + 1, content, size);
-    *state = s;
-    return fmi3OK;
+    return status(c, fmu_from_bytes(&c->fmu, content, size, state));
 }
 
 /* ---- Steps ---- */
@@ -283,11 +259,11 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 now, fmi3Float64
                              fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
     struct instance *c = instance;
-    int wrong = fmu_do_step(&c->fmu, now + step);
+    int wrong = fmu_do_step(&c->fmu, now, step);
     (void)no_return;
     *event = *terminate = *early = false;
     *last = microvib_time(c->fmu.drive) + c->fmu.inputs.start;
-    return wrong ? failed(c, microvib_error(c->fmu.drive)) : fmi3OK;
+    return status(c, wrong);
 }
 
 /* ---- Not offered (modelDescription.xml says so); the library has all names of the standard ---- */

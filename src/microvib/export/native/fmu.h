@@ -1,8 +1,9 @@
-/* What FMUs of both versions of FMI share: an instance, its inputs, and which variable is which. */
+/* What FMUs of both versions of FMI share: an instance, its inputs and states, and which variable is which. */
 
 #ifndef MICROVIB_FMU_H
 #define MICROVIB_FMU_H
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,130 +17,61 @@ enum { HUB_ACCELERATION = 10000, ARRAY_RATE, MICROSTEPS, COMMAND, TIME, INDEPEND
 /* Who commands: the profile of the scenario, the input array_rate, or the input microstep_command. */
 enum { BY_PROFILE, BY_RATE, BY_NUMBER };
 
+/* Where an instance is between its making and its end. */
+enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED };
+
 /* What a host sets, beside parameters, and what is saved with the state. */
 struct inputs {
     double hub_acceleration, accelerations[6], shaft_torque, array_rate, start; /* start: the host's time at which the drive's is 0 */
-    int64_t microsteps, command, independent;
+    int64_t microsteps, command, independent, phase;
 };
 
 struct fmu {
     microvib *drive;
     void *memory;
     struct inputs inputs;
-    int initialized;
+    char why[160]; /* what went wrong outside of the drive; empty: the drive says it */
 };
 
-/* A drive at rest; 0, or the sentence on what went wrong in `why`. */
-static inline int fmu_open(struct fmu *f, char *why, size_t room)
-{
-    size_t bytes = microvib_memory(NULL, 0);
-    memset(&f->inputs, 0, sizeof f->inputs);
-    f->initialized = 0;
-    if (!f->memory)
-        f->memory = bytes ? malloc(bytes) : NULL;
-    f->drive = f->memory ? microvib_open(NULL, 0, f->memory, why, room) : NULL;
-    return f->drive ? 0 : 1;
-}
+struct fmu_state {
+    size_t bytes;
+    /* what is saved follows */
+};
 
-static inline int fmu_get_real(struct fmu *f, unsigned which, double *value)
-{
-    size_t outputs = microvib_outputs(f->drive), parameters = microvib_parameters(f->drive);
-    if (which < outputs)
-        *value = microvib_output(f->drive, which);
-    else if (which == HUB_ACCELERATION)
-        *value = f->inputs.hub_acceleration;
-    else if (which == SHAFT_TORQUE)
-        *value = f->inputs.shaft_torque;
-    else if (which >= ACCELERATIONS && which < ACCELERATIONS + 6)
-        *value = f->inputs.accelerations[which - ACCELERATIONS];
-    else if (which == ARRAY_RATE)
-        *value = f->inputs.array_rate;
-    else if (which == TIME)
-        *value = microvib_time(f->drive) + f->inputs.start;
-    else if (which >= PARAMETERS && which - PARAMETERS < parameters)
-        *value = microvib_parameter(f->drive, which - PARAMETERS);
-    else
-        return 1;
-    return 0;
-}
+#define HIDDEN __attribute__((visibility("hidden")))
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
 
-/* Commands act from the next step on; acceleration and torque are in T_d at once. */
-static inline int fmu_set_real(struct fmu *f, unsigned which, double value)
-{
-    if (which == HUB_ACCELERATION) {
-        f->inputs.hub_acceleration = value;
-        return microvib_set_hub_acceleration(f->drive, value);
-    }
-    if (which == SHAFT_TORQUE) {
-        f->inputs.shaft_torque = value;
-        return microvib_set_shaft_torque(f->drive, value);
-    }
-    if (which >= ACCELERATIONS && which < ACCELERATIONS + 6) {
-        f->inputs.accelerations[which - ACCELERATIONS] = value;
-        return microvib_set_interface_acceleration(f->drive, (int)(which - ACCELERATIONS), value);
-    }
-    if (which == ARRAY_RATE) {
-        f->inputs.array_rate = value;
-        return 0;
-    }
-    if (which >= PARAMETERS && !f->initialized)
-        return microvib_set_parameter(f->drive, which - PARAMETERS, value);
-    return 1;
-}
+/* Functions that can fail give 1 or NULL; fmu_error has the sentence. */
+HIDDEN const char *fmu_error(const struct fmu *f);
 
-static inline int fmu_get_integer(const struct fmu *f, unsigned which, int64_t *value)
-{
-    if (which == MICROSTEPS)
-        *value = f->inputs.microsteps;
-    else if (which == COMMAND)
-        *value = f->inputs.command;
-    else if (which == INDEPENDENT)
-        *value = f->inputs.independent;
-    else
-        return 1;
-    return 0;
-}
+/* A drive at rest; again for one that is open. 1: the sentence is in `why`. */
+HIDDEN int fmu_open(struct fmu *f, char *why, size_t room);
+HIDDEN void fmu_close(struct fmu *f);
 
-static inline int fmu_set_integer(struct fmu *f, unsigned which, int64_t value)
-{
-    if (which == MICROSTEPS)
-        f->inputs.microsteps = value;
-    else if (which == COMMAND && !f->initialized && value >= BY_PROFILE && value <= BY_NUMBER)
-        f->inputs.command = value;
-    else if (which == INDEPENDENT && !f->initialized && (value == 0 || value == 1)) {
-        f->inputs.independent = value;
-        return microvib_set_independent(f->drive, (int)value);
-    } else
-        return 1;
-    return 0;
-}
+HIDDEN int fmu_set_start(struct fmu *f, double start);
+HIDDEN int fmu_begin_initialization(struct fmu *f);
+HIDDEN int fmu_end_initialization(struct fmu *f);
+HIDDEN int fmu_terminate(struct fmu *f);
 
-static inline int fmu_do_step(struct fmu *f, double stop)
-{
-    int failed = 0;
-    if (f->inputs.command == BY_RATE)
-        failed = microvib_set_rate(f->drive, f->inputs.array_rate);
-    if (f->inputs.command == BY_NUMBER)
-        failed = microvib_set_microsteps(f->drive, f->inputs.microsteps);
-    return failed || microvib_do_step(f->drive, stop - f->inputs.start);
-}
+HIDDEN int fmu_get_real(struct fmu *f, unsigned which, double *value);
+HIDDEN int fmu_set_real(struct fmu *f, unsigned which, double value);
+HIDDEN int fmu_get_integer(struct fmu *f, unsigned which, int64_t *value);
+HIDDEN int fmu_set_integer(struct fmu *f, unsigned which, int64_t value);
+HIDDEN int fmu_refuse_variable(struct fmu *f);
 
-/* Saved states: the inputs, then what time changes. */
-static inline size_t fmu_state_bytes(const struct fmu *f)
-{
-    return sizeof f->inputs + microvib_state_bytes(f->drive);
-}
+/* A step of a length [s] from the host's time `now` on. */
+HIDDEN int fmu_do_step(struct fmu *f, double now, double step);
 
-static inline void fmu_save(const struct fmu *f, void *state)
-{
-    memcpy(state, &f->inputs, sizeof f->inputs);
-    microvib_get_state(f->drive, (char *)state + sizeof f->inputs);
-}
-
-static inline int fmu_restore(struct fmu *f, const void *state)
-{
-    memcpy(&f->inputs, state, sizeof f->inputs);
-    return microvib_set_state(f->drive, (const char *)state + sizeof f->inputs);
-}
+/* States: `*state` is made where it is NULL. */
+HIDDEN int fmu_get_state(struct fmu *f, void **state);
+HIDDEN int fmu_set_state(struct fmu *f, const void *state);
+HIDDEN void fmu_free_state(void **state);
+HIDDEN size_t fmu_bytes_of(const void *state);
+HIDDEN int fmu_to_bytes(struct fmu *f, const void *state, void *content, size_t size);
+HIDDEN int fmu_from_bytes(struct fmu *f, const void *content, size_t size, void **state);
 
 #endif

@@ -10,6 +10,7 @@ import uuid
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from importlib.metadata import version as package_version
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from microvib.export.native.drive import (
 )
 from microvib.export.native.icon import icon
 from microvib.export.native.library import platforms_or_host
-from microvib.export.native.linking import link
+from microvib.export.native.linking import WRAPPER, link
 from microvib.export.native.objects import code_objects, image_object, platform_of
 from microvib.export.native.tones import (
     lines_of,
@@ -41,10 +42,12 @@ from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, Scenario
 from microvib.solve import kernel
 from microvib.solve.command import Command
+from microvib.solve.noise import torque_noise
 from microvib.solve.pack import pack
 from microvib.solve.sampling import sample_buffer
 
-DRIVE_WRAPPER = "microvib.c"
+TONES = ("tones.c",)
+"""Files in C that stand in for the wrapper of a drive where there are lines alone."""
 VERSIONS = (2, 3)
 KINDS = ("source", "drive", "tones")
 FOLDERS = {
@@ -141,8 +144,8 @@ class Content:
     """Content of an FMU that depends on its kind."""
 
     image: bytes
-    wrapper: str
-    """Its source in C."""
+    wrapper: tuple[str, ...]
+    """Its sources in C."""
     variables: list[Variable]
     text: str
     reference: str
@@ -151,15 +154,15 @@ class Content:
         """The shared library for a platform, of FMI's functions in a ``source``."""
         own = platform_of(platform)
         objects = {"image": image_object(own, self.image)}
-        if self.wrapper == DRIVE_WRAPPER:
+        if self.wrapper == WRAPPER:
             objects |= code_objects(own)
-        return link(own, (source, self.wrapper), objects, ("MICROVIB_BUILT_IN", define))
+        return link(own, (source, "fmu.c", *self.wrapper), objects, ("MICROVIB_BUILT_IN", define))
 
 
 def _source(scenario: Scenario) -> Content:
     return Content(
         drive_image(scenario),
-        DRIVE_WRAPPER,
+        WRAPPER,
         variables_of(scenario),
         _text(scenario),
         reference_results(scenario),
@@ -176,7 +179,7 @@ def _tones(scenario: Scenario) -> Content:
     )
     return Content(
         tone_table(lines),
-        "tones.c",
+        TONES,
         tone_variables(list(lines)),
         text,
         tone_results(lines, times),
@@ -234,8 +237,17 @@ def _text(scenario: Scenario) -> str:
         " inertia of its spacecraft is larger than that of the array. What is not among the parameters"
         " is fixed at export: windings and current loop, inertias, frequencies and participation of"
         " modes, shapes of friction, errors of gear and driver, noise, a profile of rates."
+        f"{_repeats(scenario)}"
         " Binaries only: there is no C source of the compiled equations."
     )
+
+
+def _repeats(scenario: Scenario) -> str:
+    """Sentence on the time after which torque noise repeats; empty without."""
+    noise, rate = torque_noise(scenario)
+    if not noise.size:
+        return ""
+    return f" Torque noise is one draw, which repeats after {0.5 * noise.size / rate:.6g} s."
 
 
 def reference_results(scenario: Scenario) -> str:
@@ -263,12 +275,12 @@ def reference_results(scenario: Scenario) -> str:
 def _page(said: Description) -> str:
     """One page on the FMU, which importers show."""
     rows = "".join(
-        f"<tr><td>{v.name}</td><td>{v.causality}</td><td>{v.unit}</td><td>{v.meaning}</td></tr>\n"
+        f"<tr><td>{v.name}</td><td>{v.causality}</td><td>{v.unit}</td><td>{escape(v.meaning)}</td></tr>\n"
         for v in said.variables
     )
     return (
         f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>{said.model}</title>"
-        f"</head><body><h1>{said.model}</h1>\n<p>{said.text}</p>\n<p>reference.csv holds results of"
+        f"</head><body><h1>{said.model}</h1>\n<p>{escape(said.text)}</p>\n<p>reference.csv holds results of"
         f" the default experiment, communication steps of {said.step:g} s without inputs, as"
         " microvib computes them; scenario.yaml is the scenario.</p>\n<table><tr><th>variable</th>"
         f"<th>causality</th><th>unit</th><th>meaning</th></tr>\n{rows}</table></body></html>\n"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from microvib.errors import MicrovibError
 from microvib.export.native.drive import drive_image, exportable
-from microvib.export.native.linking import SOURCES, host, link
+from microvib.export.native.linking import SOURCES, WRAPPER, host, link
 from microvib.export.native.objects import code_objects, image_object, platform_of
 from microvib.io.scenario_file import dump_scenario
 from microvib.io.writing import check_folder, write_folder
@@ -70,9 +70,7 @@ def shared_library(name: str, image: bytes) -> bytes:
     """The library of an image for the platform of a ``name``."""
     platform = platform_of(name)
     objects = code_objects(platform) | {"image": image_object(platform, image)}
-    return link(
-        platform, ("microvib.c",), objects, ("MICROVIB_BUILDS_LIBRARY", "MICROVIB_BUILT_IN")
-    )
+    return link(platform, WRAPPER, objects, ("MICROVIB_BUILDS_LIBRARY", "MICROVIB_BUILT_IN"))
 
 
 def platforms_or_host(platforms: Sequence[str]) -> list[str]:

@@ -15,6 +15,8 @@ from microvib.errors import MicrovibError
 from microvib.export.native.objects import PLATFORMS, Platform
 
 SOURCES = Path(__file__).parent
+WRAPPER = ("microvib.c", "command.c", "hub.c", "steps.c", "outputs.c", "parameters.c")
+"""Files of the wrapper of a drive, in C."""
 FLAGS = ("-O2", "-ffp-contract=off", "-fno-strict-aliasing", "-fvisibility=hidden")
 """No fused products: the wrapper shall give the same microsteps everywhere."""
 COMPILERS = ("cc", "gcc", "clang")

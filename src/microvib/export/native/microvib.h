@@ -41,7 +41,8 @@ MICROVIB_API microvib *microvib_open(const void *image, size_t bytes, void *memo
 /* What went wrong last; empty where nothing did. */
 MICROVIB_API const char *microvib_error(const microvib *drive);
 
-/* ---- Parameters: only before the first step. What is not among them is fixed at export. ---- */
+/* ---- Parameters: only before the first step. What is not among them is fixed at export. A value that is
+   refused leaves the drive as it was. ---- */
 
 MICROVIB_API size_t microvib_parameters(const microvib *drive);
 MICROVIB_API const char *microvib_parameter_name(const microvib *drive, size_t which);
@@ -73,7 +74,8 @@ MICROVIB_API int microvib_find_output(const microvib *drive, const char *name);
 
 /* ---- Command: the scenario's rate profile, until one of these is called ---- */
 
-/* From now on the array's commanded rate is `rate` [rad/s], by the step clock (tracking.clock_ratio). */
+/* From now on the array's commanded rate is `rate` [rad/s], by the step clock (tracking.clock_ratio); at most
+   five million microsteps per second are followed. */
 MICROVIB_API int microvib_set_rate(microvib *drive, double rate);
 /* From now on microsteps come only by this call: the rotor is commanded to `count` microsteps from
    its first position, at once. */
@@ -105,7 +107,8 @@ MICROVIB_API int microvib_begin_record(microvib *drive, double first, double wid
 /* Advance by `count` intervals and fill as many rows. */
 MICROVIB_API int microvib_record(microvib *drive, size_t count, double *rows);
 
-/* ---- State: all that time changes, as bytes that are valid for this drive in this version ---- */
+/* ---- State: parameters and all that time changes, as bytes that are valid for this drive in this version.
+   They may be put into any of its instances; those of another drive are refused. ---- */
 
 MICROVIB_API size_t microvib_state_bytes(const microvib *drive);
 MICROVIB_API void microvib_get_state(const microvib *drive, void *state);

@@ -83,6 +83,7 @@ def _parameters(scenario: Scenario) -> list[Variable]:
             start=one.value,
             variability="fixed",
             lowest=None if math.isinf(one.lowest) else one.lowest,
+            highest=None if math.isinf(one.highest) else one.highest,
         )
         for number, one in enumerate(parameters_of(scenario, pack(scenario)))
     ]

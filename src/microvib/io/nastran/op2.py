@@ -299,9 +299,7 @@ def _masses(results: _Results, options: ImportOptions) -> Masses:
 
 def _from_factors(results: _Results, options: ImportOptions) -> Deck:
     factors = np.asarray(results.factors, dtype=float)
-    if factors.shape[0] == 6:
-        factors = factors
-    else:
+    if factors.shape[0] != 6:
         factors = factors.T
     if factors.shape != (6, results.frequency.size):
         raise ModalError(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from microvib.reports import sheets
+from microvib.signals.limit_curve import LimitCurve
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.effects import Indices, Tornado
@@ -28,7 +29,7 @@ MAX_POINTS = 5000
 """Points of a scatter plot; more would only hide each other."""
 
 
-def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
+def envelopes(rows: Sequence[LineStatistics], limit: float | LimitCurve | None) -> Figure:
     """Median, 95 % and 99 % point and largest amplitude of each line."""
     figure, ax = sheets.one_axes(1.3 + 0.27 * len(rows))
     y = np.arange(len(rows))[::-1]
@@ -41,7 +42,10 @@ def envelopes(rows: Sequence[LineStatistics], limit: float | None) -> Figure:
     if np.isfinite(p99).any():
         ax.plot(p99, y, "d", color=sheets.RED, markersize=5, label="99 % point")
     ax.plot([1e3 * r.largest for r in rows], y, "x", color="#333333", markersize=5, label="largest")
-    _limit(ax, limit)
+    if isinstance(limit, LimitCurve):
+        _limits_of_lines(ax, rows, y, limit)
+    else:
+        _limit(ax, limit)
     ax.set_yticks(y, [_name(r) for r in rows])
     ax.set(xlabel="amplitude, 0-to-peak [mN m]", xscale="log")
     _plain_decades(ax.xaxis)
@@ -55,6 +59,16 @@ def _name(row: LineStatistics) -> str:
     if high - low < 1e-3 * high:
         return f"{row.line}  {low:.4g} Hz"
     return f"{row.line}  {low:.3g} to {high:.3g} Hz"
+
+
+def _limits_of_lines(
+    ax: Axes, rows: Sequence[LineStatistics], y: np.ndarray, limit: LimitCurve
+) -> None:
+    """The least that a limit over frequency allows to each line, where it stands in any case."""
+    allowed = np.array([statistics.least_allowed(row, limit) for row in rows])
+    shown = np.where(np.isfinite(allowed), 1e3 * allowed, np.nan)
+    style: dict[str, Any] = {"color": sheets.RED, "markersize": 15, "markeredgewidth": 1.6}
+    ax.plot(shown, y, "|", label="limit at its frequency", **style)
 
 
 def _limit(ax: Axes, limit: float | None, label: str = "limit {:g} mN m") -> None:
@@ -92,7 +106,11 @@ def _of_level(results: Results, level: Level) -> np.ndarray:
 
 
 def histograms(
-    results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level
+    results: Results,
+    lines: Sequence[str],
+    limit: float | LimitCurve | None,
+    band: Band,
+    level: Level,
 ) -> Figure:
     """Histogram of each line's amplitude over the draws of one level."""
     counted = _of_level(results, level)
@@ -108,16 +126,35 @@ def histograms(
                 ax.axvline(
                     point, color="#333333", linestyle=style, linewidth=1.0, label=f"{100 * q:g} %"
                 )
-        if limit is not None and 1e3 * limit < 3.0 * float(
+        most = _limit_of_line(results, line, limit)
+        if most is not None and 1e3 * most < 3.0 * float(
             x.max(initial=0.0)
         ):  # else the picture would shrink
-            _limit(ax, limit, "limit")
+            _limit(ax, most, "limit")
         ax.set(title=line, xlabel="amplitude, 0-to-peak [mN m]", ylabel="draws")
     return _with_legend(figure, 4, axes[0].get_legend_handles_labels()[0])
 
 
+def _limit_of_line(results: Results, line: str, limit: float | LimitCurve | None) -> float | None:
+    """Amplitude that a limit allows to a line at the median of its frequencies; None where there is none."""
+    if not isinstance(limit, LimitCurve):
+        return limit
+    if line == statistics.LARGEST_LINE:
+        return None
+    f = results.of(line, "frequency")
+    f = f[np.isfinite(f)]
+    if not f.size:
+        return None
+    most = float(limit.at(float(np.median(f))))
+    return most if math.isfinite(most) else None
+
+
 def exceedances(
-    results: Results, lines: Sequence[str], limit: float | None, band: Band, level: Level
+    results: Results,
+    lines: Sequence[str],
+    limit: float | LimitCurve | None,
+    band: Band,
+    level: Level,
 ) -> Figure:
     """Part of the draws of one level in which a line is larger than an amplitude."""
     counted = _of_level(results, level)
@@ -135,7 +172,8 @@ def exceedances(
             linewidth=1.5,
             label=line,
         )
-    _limit(ax, limit)
+    if not isinstance(limit, LimitCurve):  # each line has its own
+        _limit(ax, limit)
     ax.set(
         yscale="log",
         xscale="log",

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.model.line_names import is_sideband
 from microvib.model.record import PASSBAND
@@ -31,11 +30,11 @@ from microvib.results import (
     LINE_FREQUENCY,
     SHARE,
     TORQUE,
-    TORQUE_LIMIT,
     Column,
     Measure,
     Table,
 )
+from microvib.signals.limit_curve import LimitCurve, in_band, limit_words
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
@@ -49,7 +48,6 @@ from microvib.studies.campaign.statistics import (
     LineStatistics,
     draws_needed,
 )
-from microvib.units import Si
 
 MAX_WORST_CASES = 5
 """Worst cases that are listed for each line."""
@@ -69,7 +67,8 @@ class Summary:
     """The contents of a campaign report."""
 
     results: Results
-    limit: float | None
+    limit: float | LimitCurve | None
+    """One amplitude [N m] or a curve over frequency."""
     band: tuple[float, float]
     rows: list[LineStatistics]
     """Level by level."""
@@ -103,7 +102,9 @@ class Summary:
         return design.cases > len(design.samples)
 
 
-def summarise(results: Results, limit: float | None, band: tuple[float, float]) -> Summary:
+def summarise(
+    results: Results, limit: float | LimitCurve | None, band: tuple[float, float]
+) -> Summary:
     """Statistics, worst cases, effects and Sobol indices of merged results."""
     rows = statistics.line_statistics(results, limit, band)
     lines = statistics.main_lines(rows) or list(results.lines[:4])
@@ -248,7 +249,7 @@ def _limit_facts(s: Summary) -> Iterator[Fact]:
     """
     if s.limit is None:
         return
-    allowed, status = TORQUE_LIMIT.figure(s.limit), _STATUS.get(_verdict(s), "")
+    allowed, status = limit_words(s.limit), _STATUS.get(_verdict(s), "")
     if s.several:
         fails = sum(bool(row.above) for row in s.by_level)
         open_ones = sum(bool(row.unknown) for row in s.by_level)
@@ -274,7 +275,7 @@ def _against_limit(s: Summary) -> Iterator[str]:
     if s.any_level is not None and s.limit is not None:
         found, e = s.any_level, s.any_level.exceedance
         yield (
-            f"Above {TORQUE_LIMIT.figure(s.limit)} at one level or more: {found.above} of {found.count}"
+            f"Above {limit_words(s.limit)} at one level or more: {found.above} of {found.count}"
             f" draws, {found.unknown} not judged, {SHARE.figure(e.value)} (95 % interval"
             f" {percents(e)} %)."
         )
@@ -287,7 +288,7 @@ def why_not_judged(s: Summary) -> str:
     if s.limit is None or not any(row.unknown for row in s.by_level):
         return ""
     own = limit_of(s.results.campaign.design.study)
-    if own != Limit(Si(s.limit), *map(Si, s.band)):
+    if own is None or own.curve != in_band(s.limit, s.band):
         return (
             "Cases are judged as runs are only against the study's own limit and band; of another"
             " limit it is only known what"
@@ -307,7 +308,7 @@ _CASE = Column("worst_case", "case", COUNT)
 
 
 def _above_column(s: Summary) -> Column:
-    limit = "the limit" if s.limit is None else TORQUE_LIMIT.figure(s.limit)
+    limit = "the limit" if s.limit is None else limit_words(s.limit)
     return Column("above", f"above {limit}", COUNT)
 
 

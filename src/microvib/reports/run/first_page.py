@@ -40,7 +40,7 @@ def leading_figures(result: RunResult, judged: Judgement | None) -> Iterator[Fac
     if steps is not None and steps.first:
         yield Fact("steps lost", str(steps), "fail")
     if judged is not None:
-        yield from _verdict(judged)
+        yield from verdict_facts(judged)
     else:
         for line in largest_lines(result.table)[:2]:
             yield Fact(TORQUE.figure(line.amplitude), _line_label(line))
@@ -62,20 +62,33 @@ def _line_label(line: Line) -> str:
     return f"{line.name} at {format_number(line.frequency)} Hz{settled}"
 
 
-def _verdict(judged: Judgement) -> Iterator[Fact]:
-    label = f"limit {TORQUE_LIMIT.figure(judged.limit.torque)} {judged.limit.band}".strip()
-    total, worst = len(judged.margins), judged.worst
-    if not total and not judged.gaps:
-        yield Fact("no line to judge", label)
-    elif judged.verdict == "fail":
-        yield Fact(f"FAIL: {judged.above} of {total} lines", label, "fail")
-    elif judged.verdict == "pass":
-        yield Fact(f"Pass: {count_text(total, 'line')}", label, "pass")
-    else:
-        yield Fact("Not judged", f"{label}: {judged.gaps[0]}", "fail")
-    if worst is not None:
-        smallest = f"smallest margin, factor {format_number(worst.factor, 3)}: {worst.line.name}"
-        yield Fact(DECIBEL.figure(worst.decibel), smallest)
+def verdict_facts(judged: Judgement) -> Iterator[Fact]:
+    """The verdict by each curve, and its smallest margin."""
+    for one in judged.each:
+        label = _limit_label(one)
+        total, worst = len(one.margins), one.worst
+        of = f"{one.component}: " if one.component else ""
+        if not total and not one.gaps:
+            yield Fact(f"{of}no line to judge", label)
+        elif one.verdict == "fail":
+            yield Fact(f"{of}FAIL: {one.above} of {total} lines", label, "fail")
+        elif one.verdict == "pass":
+            yield Fact(f"{of}Pass: {count_text(total, 'line')}", label, "pass")
+        else:
+            yield Fact(f"{of}Not judged", f"{label}: {one.gaps[0]}", "fail")
+        if worst is not None:
+            smallest = (
+                f"smallest margin, factor {format_number(worst.factor, 3)}: {one.where(worst)}"
+            )
+            yield Fact(DECIBEL.figure(worst.decibel), smallest)
+
+
+def _limit_label(judged: Judgement) -> str:
+    """The limit in words."""
+    limit = judged.limit
+    if limit.is_one_number:
+        return f"limit {TORQUE_LIMIT.figure(limit.torque)} {limit.band}".strip()
+    return f"limit {judged.allowed} over frequency {limit.band}".strip()
 
 
 def first_page(result: RunResult, judged: Judgement | None) -> Iterator[Item]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import os
 import time
-from dataclasses import asdict
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
+from microvib.io.band_limits import BandLimit
 from microvib.io.runs import (
     SECOND_MOTION,
     SEED_PEAKS,
@@ -28,13 +28,16 @@ from microvib.io.tables import rows_csv, to_json
 from microvib.io.writing import check_room, write_folder
 from microvib.model.line_names import SECOND_DRIVE
 from microvib.model.scenario import Scenario
+from microvib.reports.bands import bands_files, with_bands
 from microvib.reports.densities import densities_csv
 from microvib.reports.document import Form
 from microvib.reports.outcome import Outcome, report
 from microvib.reports.rendering import report_files
 from microvib.reports.run.outcome import run_outcome
+from microvib.signals.limit_curve import Limit
 from microvib.solve.integration import Progress
 from microvib.solve.motion import record_bytes
+from microvib.studies.bands import judge_bands_of_run
 
 
 def run_to_folder(  # noqa: PLR0913 - keyword options
@@ -46,6 +49,8 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     harmonics: int = 8,
     seeds: int = 0,
     limit: Limit | None = None,
+    band_limits: Sequence[BandLimit] = (),
+    roll_off: float | None = None,
     form: Form | None = None,
     progress: Progress | None = None,
 ) -> tuple[RunResult, Outcome, tuple[str, ...]]:
@@ -60,8 +65,9 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     result = run_scenario(
         scenario, harmonics=harmonics, lines_only=lines_only, seeds=seeds, progress=progress
     )
-    outcome = run_outcome(result, limit)
-    files = _contents(result, outcome, limit, form or Form(), begun)
+    peaks = judge_bands_of_run(result, band_limits, roll_off)
+    outcome = with_bands(run_outcome(result, limit), peaks)
+    files = _contents(result, outcome, limit, form or Form(), begun) | bands_files(peaks)
     write_folder(out, files, overwrite)
     return result, outcome, tuple(files)
 
@@ -125,8 +131,9 @@ def _contents(
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     summed = run_summary(result, **total)
     # so that the report can be made again
-    summed["limit"] = None if limit is None else asdict(limit)
-    return files | run_texts(result, summed)
+    summed |= outcome.data
+    summed["limit"] = None if limit is None else limit.as_dict()
+    return files | run_texts(result, summed) | dict(outcome.other_files)
 
 
 def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
@@ -149,13 +156,13 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
     if of_hub is not None:
         if result.second is not None:
             files["lines_wing_2.csv"] = lines_csv(result.second.table)
-        files["loads.csv"] = rows_csv(*of_hub.loads_table())
+        files["loads.csv"] = rows_csv(*of_hub.loads_table(result.left_out))
         if result.motion is not None:
             files["densities.csv"] = densities_csv(result.motion)
         if of_hub.second is not None:
-            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(second=True))
+            files["loads_wing_2.csv"] = rows_csv(*of_hub.loads_table(result.left_out, second=True))
         if of_hub.los is not None:
-            files["pointing.csv"] = rows_csv(*of_hub.pointing_table())
+            files["pointing.csv"] = rows_csv(*of_hub.pointing_table(result.left_out))
             summed = summed | {"pointing": of_hub.summary()}
     return files | {
         "scenario.yaml": dump_scenario(result.scenario),

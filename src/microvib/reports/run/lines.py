@@ -47,6 +47,7 @@ class LineRow:
     phase: Annotated[float, Column("phase_rad", "phase", _PHASE, report_only=True)]
     bin_amplitude: Annotated[float, Column("bin_amplitude_n_m", "nearest bin", TORQUE)]
     origin: Annotated[str, Column("origin", "what it is", report_only=True)]
+    limit: Annotated[float, Column("limit_n_m", "limit there", TORQUE)]
     margin: Annotated[float, Column("margin_db", "margin", DECIBEL)]
     factor: Annotated[float, Column("factor", "factor", _FACTOR)]
     verdict: Annotated[str, Column("verdict", "verdict", role="verdict")]
@@ -59,6 +60,10 @@ _JUDGED = (
     "line", "frequency_hz", "amplitude_n_m", "spread_n_m", "margin_db", "factor", "verdict", "status",
 )  # fmt: skip
 """Columns of the first page, without a limit and with one."""
+_BY_CURVE = (
+    "line", "frequency_hz", "amplitude_n_m", "limit_n_m", "margin_db", "verdict", "status",
+)  # fmt: skip
+"""Columns with a limit over frequency."""
 _ALL = (
     "line", "expected_hz", "frequency_hz", "amplitude_n_m", "amplitude_uncertainty_n_m",
     "spread_n_m", "phase_rad", "bin_amplitude_n_m", "origin", "margin_db", "verdict", "status",
@@ -78,6 +83,7 @@ def line_row(line: Line, judged: Judgement | None) -> LineRow:
         line.phase,
         line.bin_amplitude,
         line.origin,
+        math.nan if found is None else found.limit,
         math.nan if found is None else found.decibel,
         math.nan if found is None else found.factor,
         _verdict(line, judged),
@@ -92,6 +98,8 @@ def _verdict(line: Line, judged: Judgement | None) -> str:
     found = judged.of(line)
     if found is not None:
         return found.verdict
+    if judged.limit.curve is None:
+        return ""
     if line in judged.unknown:
         return "not judged"
     return "outside"
@@ -110,7 +118,7 @@ def largest_lines(lines: LineTable) -> list[Line]:
 def main_lines(lines: LineTable, judged: Judgement | None) -> list[Line]:
     """The largest lines, or those with the smallest margins, by frequency."""
     found = largest_lines(lines)
-    if judged is not None:
+    if judged is not None and judged.limit.curve is not None:
         found = [m.line for m in judged.margins]
     return sorted(found[:MAX_LINES], key=lambda x: x.frequency)
 
@@ -122,7 +130,9 @@ def main_table(lines: LineTable, judged: Judgement | None) -> Table:
     which = ""
     if len(shown) < len(lines):
         which = f"The {len(shown)} of {len(lines)} lines with the {most}. "
-    keys = _MAIN if judged is None else _JUDGED
+    keys: tuple[str, ...] = _MAIN
+    if judged is not None:
+        keys = _JUDGED if judged.limit.is_one_number else _BY_CURVE
     caption = f"{which}Amplitudes 0-to-peak."
     return Table.of("", LineRow, _rows(shown, judged), brief=0, caption=caption).only(keys)
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from microvib.analysis.accuracy import ERROR_ESTIMATE_KEY
 from microvib.analysis.budget import torque_budget
-from microvib.analysis.limits import Judgement, Limit, judge
-from microvib.analysis.run import RunResult, lines_of_second
+from microvib.analysis.limits import Judgement
+from microvib.analysis.run import RunResult
 from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
@@ -25,8 +25,10 @@ from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.parameters import derived_table, parameter_items, status_sentence
 from microvib.reports.run.first_page import first_page, leading_figures
 from microvib.reports.run.lines import all_lines, beside_reference, lines_over_seeds
+from microvib.reports.run.margins import judgement_data, margin_items, margins_csv
 from microvib.reports.run.trust import invariants
 from microvib.results import Column, Measure, Table
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.motion import Motion
 
@@ -92,12 +94,16 @@ def run_outcome(
             Code("microvib run scenario.yaml --out again"),
         ),
         versions=versions,
+        data={} if judged is None else {"judgement": judgement_data(judged)},
+        other_files={} if judged is None else {"margins.csv": margins_csv(judged)},
     )
 
 
 def judge_run(result: RunResult, limit: Limit) -> Judgement:
     """The lines of a run, and of its second wing's drive, against a limit."""
-    return judge(result.table, limit, result.scenario, _second(result))
+    if result.judgement is not None and result.judgement.limit == limit:
+        return result.judgement
+    return result.judge(limit)
 
 
 def run_facts(result: RunResult, judged: Judgement | None) -> tuple[Fact, ...]:
@@ -110,17 +116,9 @@ def judged_parts(result: RunResult, judged: Judgement | None) -> tuple[Part, ...
     return (
         Part("", tuple(first_page(result, judged))),
         Part("All lines", tuple(all_lines(result.table, judged)), new_page=True),
+        Part("Against the limit", () if judged is None else tuple(margin_items(judged))),
         Part("Lines over draws of the noise", tuple(lines_over_seeds(result.table, judged))),
     )
-
-
-def _second(result: RunResult) -> LineTable | None:
-    """Lines of the second wing's drive, where it is driven."""
-    if result.second is not None:
-        return result.second.table
-    if result.motion is not None:
-        return lines_of_second(result.motion, result.table)
-    return None
 
 
 def _of_craft(result: RunResult) -> Iterator[Part]:

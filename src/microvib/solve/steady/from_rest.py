@@ -113,8 +113,6 @@ class RunFromRest:
         y = self.period.packed.state.y[None]
         if period is None:
             period = self.period
-        else:
-            period = period
         return period.from_command(y, period.turn([-self.made - ahead]), np.zeros_like(y))[0]
 
     def stick(self, ahead: int = 0) -> np.ndarray:
@@ -125,6 +123,14 @@ class RunFromRest:
         """Go on from another state at the start of a period, seen from the command."""
         self.period.put(x, stick)
         self.made = 0
+
+    def take_away(self, deviation: np.ndarray) -> None:
+        """Take a ``deviation`` (n,) off the state; shafts that stick stay where they are."""
+        y = self.period.packed.state.y
+        for angle, rate in ((kernel.TM, kernel.WM), (kernel.TL, kernel.WL)):
+            if y[rate] == 0.0:
+                deviation[[angle, rate]] = 0.0
+        y -= deviation
 
     def place(self) -> Checkpoint:
         """Where the run is."""

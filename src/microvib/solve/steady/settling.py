@@ -3,7 +3,8 @@
 The run is looked at in stretches. It has settled when the torque of the last stretch repeats, that
 is when it is what it was a period of the command before, or a few periods. Where it repeats with
 each period, its deviation from where it goes is shortened instead of waited for
-(``_DecayExtrapolation``).
+(``_DecayExtrapolation``). What attitude control still swings then, of which the torque hardly knows,
+is taken away (``microvib.solve.steady.attitude``).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.model.scenario import Scenario
+from microvib.solve.steady.attitude import AttitudeModes
 from microvib.solve.steady.from_rest import RunFromRest, rms
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
 
@@ -54,6 +56,8 @@ deviation goes.
 """
 EXTRAPOLATED_FRACTION = 0.2
 """Part of a deviation that is left when a run that is followed is shortened."""
+ATTITUDE_SETTLED = 1e-3
+"""Deviation of attitude control's modes, over what a microstep moves, at which a run has settled."""
 INDEPENDENT = 1e-3
 """Part of the largest singular value below which directions of a deviation are noise."""
 MAX_CHANGE_AFTER_EXTRAPOLATION, MAX_FAILED_EXTRAPOLATIONS = 0.6, 3
@@ -95,6 +99,7 @@ class Settling:
         self.run, self.whole = run, 1.0 / run.period.frequency
         self.parts, self.stretch = _cut(run)
         self.decaying = _DecayExtrapolation(self) if self.parts == 1 else None
+        self.attitude = AttitudeModes(run.period.scenario)
         self.multiples = self._multiples()
         longest = max(self._lag(multiple) for multiple in self.multiples)
         kept = self.stretch + (longest + self.multiples[-1] + 1) * run.period.microsteps
@@ -186,13 +191,15 @@ class Settling:
         """Whether the deviation from a motion that repeats with each period was shortened."""
         if self.decaying is None:
             return False
-        change = self._change(self.stretch * self.run.rows, 1)
-        return self.decaying.shortened(change / rms(self._torque))
+        change, size = self._change(self.stretch * self.run.rows, 1), rms(self._torque)
+        return size > 0.0 and self.decaying.shortened(change / size)
 
     def _repeats(self, last: int, multiples: Iterable[int]) -> tuple[int, float]:
         """After how many periods of the command the ``last`` of the torque repeats, 0 where it does
         not; and its least change, over the RMS of the torque."""
         least, size = math.inf, rms(self._torque)
+        if size == 0.0:  # nothing moves yet, which repeats with any period
+            return 0, math.inf
         for multiple in multiples:
             at_once = self._change(last, multiple) / size
             least = min(least, at_once)
@@ -217,7 +224,7 @@ class Settling:
 
     def _period(self, multiple: int, rows: int) -> Settled | None:
         """The motion over the ``multiple`` periods that come next, if it is throughout what it was
-        before.
+        before, and attitude control rests.
         """
         run, own = self.run, self.run.period
         if multiple == 1:
@@ -232,7 +239,12 @@ class Settling:
         self._torque = np.concatenate([self._torque, means])
         if not self._repeats(means.size, [multiple])[0]:
             return None
-        distance = float(np.max(np.abs(run.seen(period, ahead) - begun) / period.sizes))
+        ended = run.seen(period, ahead)
+        swings = self.attitude.deviation(begun, ended, 1.0 / period.frequency)
+        if np.max(np.abs(swings) / period.sizes) > ATTITUDE_SETTLED:
+            run.take_away(swings)
+            return None
+        distance = float(np.max(np.abs(ended - begun) / period.sizes))
         stuck = float(np.sum(output)) * period.microsteps * period.microstep_time / T_d.size
         return Settled(period, begun, stick, T_d, stuck, distance)
 

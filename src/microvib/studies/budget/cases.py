@@ -26,8 +26,10 @@ from microvib.studies.campaign.statistics import independent_cases
 
 _CRAFT_GROUPS = ("motor", "reducer", "friction", "array", "spacecraft")
 """Groups of a scenario that the response of its craft depends on."""
-_KEPT = 64
-"""Crafts of which a source is kept, for the requirements that follow."""
+_KEPT = 4096
+"""Crafts of which a source is kept, for the requirements that follow: some 0.1 MB each."""
+_KEPT_RANGES = 4
+"""Crafts of which a wheel with a range of speeds is kept: some 10 MB each."""
 
 
 def drawn_cases(results: Results) -> np.ndarray:
@@ -56,7 +58,9 @@ def with_craft_of_cases(
     scenarios = _Scenarios(results)
 
     def on(source: OtherSource) -> Callable[[int], Contribution]:
-        @lru_cache(maxsize=_KEPT)
+        ranges = source.wheel is not None and source.wheel.speed_to is not None
+
+        @lru_cache(maxsize=_KEPT_RANGES if ranges else _KEPT)
         def in_case(number: int) -> Contribution:
             # with its nominal figure, which knows how far states of the drives change it
             return contribution_of_other(source, scenarios.of(number), files, (SLIDES, SLIDES))

@@ -5,6 +5,7 @@ the drives.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -16,6 +17,7 @@ from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import Part
 from microvib.model.rigid import Direction, Position
 from microvib.model.sentences import validate_part
+from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.pointing import Metric
 from microvib.units import Quantity, unit_of
 
@@ -119,6 +121,12 @@ class Requirement(Part):
             yield "curve: two points or more with ascending frequencies are expected"
         if self.metric != "ape" or self.percentile is not None:
             yield "curve: is of the amplitudes of lines; metric, window and percentile do not go with it"
+
+    @cached_property
+    def allowed(self) -> LimitCurve:
+        """Its curve over frequency, of angles [rad]."""
+        points = [(point.frequency, point.amplitude) for point in self.curve or ()]
+        return LimitCurve(*zip(*points, strict=True))
 
     @property
     def incomplete(self) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from microvib.analysis.margins import frequency_error_bound
+from microvib.analysis.pointing import LEFT_OUT
 from microvib.errors import MicrovibError, error_context, quoted_value
 from microvib.io.file_access import FileAccess
 from microvib.io.tables import dict_rows, parse_finite
@@ -45,6 +46,8 @@ _PHASES = (
     "los_x_phase_rad",
     "los_y_phase_rad",
 )
+_BOUNDS = tuple(f"los_{axis}_{end}_rad" for end in ("least", "most") for axis in AXES[:2])
+"""Between which the amplitudes of ``lines.csv`` of a budget lie."""
 _METRIC_COLUMNS = rf"({'|'.join(METRICS)})_[0-9.e+-]+(s|ms|us)_[xy]_rad"
 """Rms in windows, which ``pointing.csv`` of a run has beside the amplitudes that it follows from."""
 
@@ -181,7 +184,7 @@ def _line_table(path: Path) -> tuple[list[dict[str, str]], tuple[str, ...]]:
         path,
         "lines",
         (LOAD_COLUMNS, LOS_COLUMNS),
-        ("line", "source", "settled", *_PHASES),
+        ("line", "source", "settled", LEFT_OUT, *_BOUNDS, *_PHASES),
         _METRIC_COLUMNS,
     )
 
@@ -249,6 +252,12 @@ def _of_lines(
         for k in np.flatnonzero(lost)
     )
     gaps += low_frequency_gap(bool(np.isnan(tones[~lost]).any())) + _missing_axes_gap(rows, chosen)
+    left_out = list(dict.fromkeys(filter(None, (row.get(LEFT_OUT, "").strip() for row in rows))))
+    gaps += tuple(open_gap(f"{path.name} leaves out: {said}") for said in left_out)
+    if chosen == LOS_COLUMNS:
+        relative_error = _stated_errors(path, rows, sizes)
+    if left_out:  # what is not there may have changed what is
+        relative_error = relative_error + _tolerance_of_marked(rows)
     rings = None
     if "settled" in rows[0]:  # as a budget's own lines.csv says it
         rings = np.array(
@@ -259,6 +268,28 @@ def _of_lines(
         source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),
         phased=bool(np.all(phased)), rings=rings, side=side,
     )  # fmt: skip
+
+
+def _stated_errors(path: Path, rows: list[dict[str, str]], sizes: np.ndarray) -> np.ndarray:
+    """By which part amplitudes (k, 2) may be smaller and larger by their own table, (2, k, 2); 0
+    where it does not say.
+    """
+    least, most = np.split(_columns(path, rows, _BOUNDS), 2, axis=1)
+    ends = []
+    for end, names, sign in ((least, _BOUNDS[:2], -1.0), (most, _BOUNDS[2:], 1.0)):
+        stated = [name in rows[0] for name in names] & np.isfinite(end) & (sizes > 0.0)
+        part = sign * (np.where(stated, end, sizes) / np.where(sizes > 0.0, sizes, 1.0) - 1.0)
+        ends.append(np.where(stated, np.maximum(part, 0.0), 0.0))
+    return np.array(ends)
+
+
+def _tolerance_of_marked(rows: list[dict[str, str]]) -> np.ndarray:
+    """Part by which lines may be smaller, (2, k, 1), beside others that are left out: all of it,
+    but where the table says how small they may be.
+    """
+    says = all(name in rows[0] for name in _BOUNDS)
+    marked = np.array([bool(row.get(LEFT_OUT, "").strip()) and not says for row in rows])
+    return np.array([marked.astype(float), np.zeros(len(rows))])[:, :, None]
 
 
 def _of_states(

@@ -79,12 +79,7 @@ class SideLines:
         f, axes = np.maximum(self.frequency, 1e-9), _AXES[r.axis]
         squares = np.sum(most[:, :, axes] ** 2, axis=2)
         if r.curve is not None:
-            at, allowed = (
-                np.log([getattr(point, name) for point in r.curve])
-                for name in ("frequency", "amplitude")
-            )
-            inside = (np.log(f) >= at[0]) & (np.log(f) <= at[-1])
-            found = np.where(inside, squares / np.exp(2.0 * np.interp(np.log(f), at, allowed)), 0.0)
+            found = squares / r.allowed.at(f) ** 2
             return found, found.max(axis=1)
         window = r.window or r.apart or 1.0
         unit = np.ones(f.size)

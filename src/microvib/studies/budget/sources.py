@@ -54,8 +54,8 @@ from microvib.signals.line_fit import lines_at_known_clock
 from microvib.signals.line_table import (
     BELOW_FLOOR,
     DETECTION_RATIO,
-    DISTORTED,
     NOISE_DRIVEN,
+    NOT_THE_DRIVES,
     Line,
     LineTable,
     ResidualPeaks,
@@ -545,7 +545,7 @@ def _gaps(
     for line in table:
         if line.status == "growing" and line.amplitude > _MIN_GROWING_RATIO * table.largest:
             yield open_gap(f"{line.name} grows within the record (increase record.settle)")
-    if not steady and (gap := record_gap(scenario, table.duration)):
+    if gap := record_gap(scenario, table.duration, steady=steady):
         yield open_gap(gap.why)
     for key, band in noise_bands(scenario).items():
         yield open_gap(
@@ -755,7 +755,7 @@ def contribution_of_recording(
     gaps += _higher_orders_gap(scenario, recording, recorded.tables, table.clock_ratio or 1.0)
     for k in np.flatnonzero(~(seen | faint)):
         why = f"{expected[k].name} ({status[k]}; a longer recording)"
-        if status[k] in DISTORTED:
+        if status[k] in NOT_THE_DRIVES:
             why = f"{expected[k].name} ({status[k]})"
         gaps.append(open_gap(why, expected[k].frequency, expected[k].frequency))
     gaps += low_frequency_gap(not np.all(known))

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microvib.analysis.hub_lines import combine_wings
-from microvib.analysis.margins import Verdict, frequency_error_bound
+from microvib.analysis.margins import Verdict, frequency_error_bound, worst_verdict
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE, HubLines
 from microvib.analysis.run import run_scenario
 from microvib.analysis.short_way import (
@@ -142,12 +142,7 @@ class Budget:
     @property
     def verdict(self) -> Verdict:
         """On all requirements together; without one nothing is judged."""
-        verdicts = {one.verdict for one in self.judged}
-        if "fail" in verdicts:
-            return "fail"
-        if verdicts == {"pass"}:
-            return "pass"
-        return "not judged"
+        return worst_verdict(one.verdict for one in self.judged) or "not judged"
 
 
 def pointing_budget(  # noqa: PLR0913 - keyword options

@@ -310,7 +310,7 @@ def assess(
         requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
     )
     figure = _Figure(least, value, most)
-    cases = _case_values(requirement, chosen, contributions, rule)
+    cases, beyond = _case_values(requirement, chosen, contributions, rule)
     lacking = _percentile_gaps(requirement, chosen, cases)
     why = [
         *_open_reasons(requirement, chosen, value),
@@ -320,7 +320,6 @@ def assess(
     if requirement.percentile is not None:
         known = None if lacking else cases
         figure = figure.at(_percentile(known, requirement.percentile))
-        beyond = _side_lines_of_cases(requirement, contributions, known)
         figure = figure._replace(most=figure.most + beyond)
     limit = requirement.limit or math.nan
     verdict = figure.verdict(limit)
@@ -673,18 +672,12 @@ def ratio_to_curve(
     """Amplitudes over what the curve allows, (k,); 0 outside of the curve and of the band;
     ``single_axis`` as in ``figure``.
     """
-    curve = r.curve or ()
-    f, allowed = (
-        np.log([getattr(point, name) for point in curve]) for name in ("frequency", "amplitude")
-    )
     size = {
         "x": amplitude[:, 0],
         "y": amplitude[:, 1],
         "radial": amplitude.max(axis=1) if single_axis else np.hypot(*amplitude.T),
     }[r.axis]
-    at = np.log(np.maximum(frequency, 1e-300))
-    counts = counts_in_band(r, frequency) & (at >= f[0]) & (at <= f[-1])
-    return np.where(counts, size / np.exp(np.interp(at, f, allowed)), 0.0)
+    return np.where(counts_in_band(r, frequency), size / r.allowed.at(frequency), 0.0)
 
 
 def _assess_by_curve(
@@ -765,13 +758,14 @@ def _case_values(
     chosen: Sequence[Contribution],
     contributions: Sequence[Contribution],
     rule: Rule,
-) -> np.ndarray | None:
+) -> tuple[np.ndarray | None, float]:
     """The figure of each case of a campaign, (cases,), with the phases of the nominal one and with
-    what other sources are on the craft of the case; None without a campaign, and of levels.
+    what other sources are on the craft of the case, None without a campaign, and of levels; and the
+    most that side lines make in any case [rad], where a percentile is asked for.
     """
     k, drawn = next(((k, one) for k, one in enumerate(chosen) if one.cases is not None), (0, None))
     if drawn is None or drawn.cases is None or r.statistic == "level":
-        return None
+        return None, 0.0
     more = drawn.cases.shape[1] - len(drawn.names)
     phases, found = np.vstack([np.exp(1j * np.angle(drawn.los)), np.ones((more, 2))]), []
     loose = np.array([not clock for clock in drawn.clocks], dtype=bool)
@@ -787,30 +781,31 @@ def _case_values(
         if drawn.cases_frequency is None
         else drawn.cases_frequency
     )
+    beyond = 0.0
     for number, (f, case) in enumerate(zip(at, drawn.cases, strict=True)):
         each = [_in_case(r, number, *pair) for pair in zip(chosen, contributions, strict=True)]
         each[k] = replace(own, frequency=f, los=case * phases, density=each[k].density)
         tones = combine_lines(each, rule, with_errors=False)
         densities = [one.density for one in each if one.density is not None]
         found.append(evaluate_metric(r, tones.frequency, tones.value, densities))
-    return np.array(found)
+        if r.percentile is not None:
+            beyond = max(beyond, _side_lines_in_case(r, contributions, number))
+    return np.array(found), beyond
 
 
-def _side_lines_of_cases(
-    r: Requirement, contributions: Sequence[Contribution], cases: np.ndarray | None
+def _side_lines_in_case(
+    r: Requirement, contributions: Sequence[Contribution], number: int
 ) -> float:
-    """The most that side lines make in any case of a campaign [rad], where crafts differ."""
-    varied = [one.in_case for one in contributions if one.in_case is not None]
-    largest = 0.0
-    for number in range(0 if cases is None or not varied else len(cases)):
-        there = [in_case(number) for in_case in varied]
-        gaps = [gap for one in there for gap in side_line_gaps(r, one)]
-        f = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
-        most = np.concatenate([np.zeros((0, 2)), *(gap.most for gap in gaps)])
-        if not np.all(np.isfinite(most)):
-            return math.inf
-        largest = max(largest, evaluate_metric(r, f, most, side_densities(there)))
-    return largest
+    """The most that side lines make in a case of a campaign [rad], where crafts differ."""
+    there = [one.in_case(number) for one in contributions if one.in_case is not None]
+    if not there:
+        return 0.0
+    gaps = [gap for one in there for gap in side_line_gaps(r, one)]
+    f = np.concatenate([np.zeros(0), *(gap.frequency for gap in gaps)])
+    most = np.concatenate([np.zeros((0, 2)), *(gap.most for gap in gaps)])
+    if not np.all(np.isfinite(most)):
+        return math.inf
+    return evaluate_metric(r, f, most, side_densities(there))
 
 
 def _in_case(

@@ -554,18 +554,15 @@ class _CurveRatio(_Score):
 
     def __init__(self, wheel: WheelOnCraft, r: Requirement) -> None:
         super().__init__(wheel, r)
-        curve = r.curve or ()
-        self._f, self._allowed = (
-            np.array([getattr(p, name) for p in curve]) for name in ("frequency", "amplitude")
-        )
-        self.low, self.high = max(self.low, float(self._f[0])), min(self.high, float(self._f[-1]))
+        self._allowed = r.allowed
+        self.low, self.high = max(self.low, r.allowed.low), min(self.high, r.allowed.high)
 
     def breaks(self) -> Sequence[float]:
-        return [*super().breaks(), *self._f.tolist()]
+        return [*super().breaks(), *self._allowed.frequency]
 
     def _over(self, f: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-        allowed = np.exp(np.interp(np.log(f), np.log(self._f), np.log(self._allowed)))
-        return np.asarray(np.linalg.norm(sizes, axis=2) / allowed)
+        within = np.clip(f, self._allowed.low, self._allowed.high)  # beyond, nothing counts
+        return np.asarray(np.linalg.norm(sizes, axis=2) / self._allowed.at(within))
 
     def at(self, f: np.ndarray) -> np.ndarray:
         return np.asarray(self._over(f, self.amplitude(f)).max(axis=1))

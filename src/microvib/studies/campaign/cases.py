@@ -16,11 +16,12 @@ import numpy as np
 
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
-from microvib.analysis.limits import Judgement, Limit, judge, record_gap_of_table
+from microvib.analysis.limits import Judgement, judge, record_gap_of_table
 from microvib.analysis.lines import find_lines, steady_lines
 from microvib.errors import MicrovibError, error_context
 from microvib.io.tables import package_versions
 from microvib.model.scenario import Scenario
+from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.batch import Torque, simulate_torques
 from microvib.solve.integration import SECOND_WING, simulate_from_rest

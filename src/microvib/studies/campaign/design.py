@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.seeds import seeds_of
 from microvib.errors import OptionError, ScenarioError, error_context
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
+from microvib.io.limit_files import is_limit_file, read_limit
 from microvib.io.named import read_text
 from microvib.io.scenario_file import load_scenario
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.part import to_plain_data
 from microvib.model.scenario import Scenario
 from microvib.model.sentences import validate_part
+from microvib.signals.limit_curve import Limit, LimitCurve
 from microvib.studies.campaign.study_file import Correlation, Study
 from microvib.studies.campaign.variation import (
     ARRAY,
@@ -180,7 +181,24 @@ def _hashable(value: Any) -> Any:
 def read_study(file: Path) -> Study:
     """A study file; ScenarioError with one sentence per problem."""
     data = parse_yaml(read_text(file, "study", ()), str(file))
+    with error_context(file):
+        data = _with_limit_curve(data, WORKING_FOLDER.in_folder_of(str(file)))
     return validate_part(Study, data, origin=str(file))
+
+
+def _with_limit_curve(data: Any, files: FileAccess) -> Any:
+    """A study's data with the points of the file that its limit names, so that a campaign has all
+    that it is judged by.
+    """
+    if not isinstance(data, Mapping) or not is_limit_file(data.get("limit")):
+        return data
+    limit = read_limit(files.under("limit").path(data["limit"]))
+    curve = limit.torque_curve("a campaign")
+    points = [
+        {"frequency": f"{f!r} Hz", "amplitude": f"{a!r} N*m"}
+        for f, a in zip(curve.frequency, curve.amplitude, strict=True)
+    ]
+    return {**data, "limit": None, "limit_curve": points}
 
 
 def read_design(file: Path) -> Design:
@@ -193,6 +211,9 @@ def limit_of(study: Study) -> Limit | None:
     a band and no limit.
     """
     try:
+        if study.limit_curve is not None:
+            points = [(point.frequency, point.amplitude) for point in study.limit_curve]
+            return Limit.of_curves(LimitCurve(*zip(*points, strict=True))).within(study.band)
         return Limit.of(None if study.limit is None else Si(study.limit), study.band)
     except OptionError as error:
         raise ScenarioError(str(error)) from None

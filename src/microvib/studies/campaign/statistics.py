@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.analysis.limits import Limit
 from microvib.analysis.margins import ABOVE_PASSBAND_FACTOR, GROWTH_FACTOR, frequency_error_bound
 from microvib.analysis.start import VARIATION_FACTOR
 from microvib.model.line_names import is_sideband, is_unlisted
 from microvib.signals.fourier_lines import TRANSIENT
+from microvib.signals.limit_curve import LimitCurve, in_band
 from microvib.signals.line_fit import NOT_SEPARABLE
 from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN
 from microvib.studies.campaign.cases import HELD_RECORD, LEAVES_OPEN, PART_OF_CYCLE, VERDICTS
 from microvib.studies.campaign.design import Design, limit_of
 from microvib.studies.campaign.results import DONE, FAILED, MISSING, Results
-from microvib.units import Si, within_band
+from microvib.units import within_band
 
 CONFIDENCE = 0.95
 BELOW, ABOVE, UNKNOWN, ABSENT = range(4)
@@ -138,7 +138,7 @@ def levels_of(results: Results) -> tuple[Level, ...]:
 
 
 def line_statistics(
-    results: Results, limit: float | None, band: tuple[float, float]
+    results: Results, limit: float | LimitCurve | None, band: tuple[float, float]
 ) -> list[LineStatistics]:
     """Statistics, level by level, of the largest line of each case and of every line in ``band``
     that any case has.
@@ -224,18 +224,20 @@ def _statistics_of_line(
     )
 
 
-def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> np.ndarray:
+def case_verdicts(
+    results: Results, limit: float | LimitCurve, band: tuple[float, float]
+) -> np.ndarray:
     """BELOW, ABOVE or UNKNOWN of each case as a whole, (cases,): ABOVE where its run would fail, or
     any line of it does.
 
     Cases were judged against the study's own limit when they were computed. Of another limit it is
     known what is above it, and that a case which passed below it passes; the rest is not.
     """
-    own = limit_of(results.campaign.design.study)
+    own, asked = limit_of(results.campaign.design.study), in_band(limit, band)
     verdict = np.full(results.state.size, UNKNOWN)
-    if own is not None and limit >= own.torque and own.low <= band[0] and band[1] <= own.high:
+    if own is not None and own.curve is not None and asked.allows_all_of(own.curve):
         verdict[results.verdicts == VERDICTS.index("pass")] = BELOW
-    if own == Limit(Si(limit), *map(Si, band)):
+    if own is not None and own.curve == asked:
         verdict[results.verdicts == VERDICTS.index("fail")] = ABOVE
     for line in results.lines:
         verdict[line_verdicts(results, line, limit, band, verdict) == ABOVE] = ABOVE
@@ -243,7 +245,11 @@ def case_verdicts(results: Results, limit: float, band: tuple[float, float]) -> 
 
 
 def line_verdicts(
-    results: Results, line: str, limit: float, band: tuple[float, float], whole: np.ndarray
+    results: Results,
+    line: str,
+    limit: float | LimitCurve,
+    band: tuple[float, float],
+    whole: np.ndarray,
 ) -> np.ndarray:
     """BELOW, ABOVE, UNKNOWN or ABSENT of one line in each case, (cases,), of which ``whole``
     (cases,) is known.
@@ -255,7 +261,13 @@ def line_verdicts(
     amplitude, f, status = results.of(line), results.of(line, "frequency"), results.status(line)
     known = f[np.isfinite(f)]
     place = np.where(np.isfinite(f), f, np.median(known) if known.size else np.nan)
-    there = (status != "") & (status != TRANSIENT) & (within_band(place, *band) | np.isnan(place))
+    curve, off = in_band(limit, band), frequency_error_bound(place)
+    there = (status != "") & (status != TRANSIENT)
+    there &= within_band(place, curve.low, curve.high) | np.isnan(place)
+    strict, lenient = (
+        np.where(np.isnan(place), of_all, of(place - off, place + off))
+        for of_all, of in ((curve.least, curve.strictest), (curve.most, curve.most_lenient))
+    )
     falls = np.isin(status, ("decaying", "growing"))
     fold = (
         np.where(falls, results.of(line, "decay"), 0.0)
@@ -266,9 +278,13 @@ def line_verdicts(
     start = np.where(status == "growing", GROWTH_FACTOR * amplitude, start)
     sure = np.isin(status, ("ok", BELOW_FLOOR, NOISE_DRIVEN))
     hidden = np.char.startswith(status.astype(str), NOT_SEPARABLE)
-    small = hidden & (ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude") <= limit)
+    small = hidden & (ABOVE_PASSBAND_FACTOR * results.of(line, "bin_amplitude") <= strict)
     verdict = np.select(
-        [~there, sure & (amplitude > limit), sure | small | (start <= limit)],
+        [
+            ~there,
+            sure & (amplitude > lenient),
+            (sure & ~(amplitude > strict)) | small | (start <= strict),
+        ],
         [ABSENT, ABOVE, BELOW],
         UNKNOWN,
     )
@@ -276,9 +292,20 @@ def line_verdicts(
     verdict[(verdict != ABSENT) & (results.records == HELD_RECORD)] = UNKNOWN
     of_part = results.records == PART_OF_CYCLE
     verdict[(verdict == BELOW) & (of_part | (results.records == LEAVES_OPEN))] = UNKNOWN
-    verdict[(verdict == ABOVE) & of_part & (amplitude <= VARIATION_FACTOR * limit)] = UNKNOWN
+    verdict[(verdict == ABOVE) & of_part & (amplitude <= VARIATION_FACTOR * lenient)] = UNKNOWN
     verdict[(verdict == UNKNOWN) & (whole == BELOW)] = BELOW
     return verdict
+
+
+def least_allowed(row: LineStatistics, limit: LimitCurve) -> float:
+    """The least that a limit allows to a line between the frequencies that it has [N m]; infinite
+    where that is not limited, nan of the largest line of all, whichever it is.
+    """
+    low, high = row.frequency
+    if math.isnan(low):
+        return math.nan
+    off = float(frequency_error_bound(high))
+    return float(limit.strictest(low - off, high + off))
 
 
 def governing_levels(rows: Sequence[LineStatistics]) -> list[LineStatistics]:
@@ -301,7 +328,9 @@ class AnyLevel:
     exceedance: Estimate
 
 
-def at_any_level(results: Results, limit: float, band: tuple[float, float]) -> AnyLevel | None:
+def at_any_level(
+    results: Results, limit: float | LimitCurve, band: tuple[float, float]
+) -> AnyLevel | None:
     """How many draws, such as units of a batch, are above ``limit`` at one level or more; None
     without a distribution.
     """

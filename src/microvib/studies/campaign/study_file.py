@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from microvib.model.part import Part
+from microvib.signals.limit_curve import MOST_POINTS
 from microvib.units import Quantity
 
 Method = Literal["sobol", "latin-hypercube", "random", "sobol-indices", "one-at-a-time"]
@@ -45,6 +46,15 @@ class Correlation(Part):
     ]
 
 
+class LimitPoint(Part):
+    """A point of a limit over frequency."""
+
+    frequency: Annotated[float, Quantity("Hz", "frequency", gt=0.0)]
+    amplitude: Annotated[
+        float, Quantity("N*m", "largest line allowed there, 0-to-peak", gt=0.0, display="mN*m")
+    ]
+
+
 class Study(Part):
     """Definition of a campaign: a scenario, its varied keys, and what is kept of each case."""
 
@@ -75,6 +85,12 @@ class Study(Part):
     limit: (
         Annotated[float, Quantity("N*m", "largest line allowed", gt=0.0, display="mN*m")] | None
     ) = None
+    limit_curve: tuple[LimitPoint, ...] | None = Field(
+        default=None,
+        max_length=MOST_POINTS,
+        description="in place of limit: largest lines allowed over frequency, straight on logarithmic scales between"
+        " points, a step where a frequency stands twice; limit: FILE.csv reads it from a file",
+    )
     band: str | None = Field(
         default=None, description="band in which the limit applies, such as 0.5:5 Hz"
     )
@@ -87,3 +103,7 @@ class Study(Part):
     keep: tuple[Literal["T_d"], ...] = Field(
         default=(), description="histories to keep of every case"
     )
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if self.limit is not None and self.limit_curve is not None:
+            yield "limit_curve: goes in place of limit; leave one of them out"

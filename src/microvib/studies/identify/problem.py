@@ -373,8 +373,6 @@ class Problem:
         """Problem with other keys, evidence, error model or scenario."""
         if evidence is None:
             evidence = self.evidence
-        else:
-            evidence = evidence
         keys = self.keys if keys is None else keys
         return Problem(
             scenario or self.scenario,
@@ -516,9 +514,7 @@ class Problem:
             if k in pairs:
                 continue
             for _ in range(MAX_WIDENINGS):
-                if keys[k].interior(float(c)):
-                    keys[k] = keys[k]
-                else:
+                if not keys[k].interior(float(c)):
                     keys[k] = keys[k].widened()
         return self.again(keys)
 
@@ -585,8 +581,6 @@ class Problem:
                 at = self._seen(x, j, line)
                 if at:
                     x[k] = np.clip(x[k] + math.log(wanted / at), *key.range)
-                else:
-                    x[k] = x[k]
         return x
 
     def point(self, values: dict[str, float]) -> np.ndarray:

@@ -7,17 +7,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from microvib.analysis.lines import expected_in
-from microvib.errors import MicrovibError, OptionError, did_you_mean
+from microvib.analysis.margins import frequency_error_bound
+from microvib.errors import OptionError, did_you_mean
 from microvib.io.file_access import WORKING_FOLDER, FileAccess
-from microvib.io.tables import csv_rows, parse_finite
+from microvib.io.limit_files import read_limit
 from microvib.model.scenario import Scenario
 from microvib.results import TORQUE, Measure
+from microvib.signals.limit_curve import LimitCurve
 from microvib.studies.budget.figures import evaluate_metric
 from microvib.studies.budget.files import Requirement, Requirements, Statistic, read_file
 from microvib.studies.budget.sums import ratio_to_curve
@@ -43,9 +44,8 @@ class Objective:
     """Name of a line."""
     band: tuple[float, float] | None = None
     """Ends [Hz] of a band whose largest line counts."""
-    curve: tuple[tuple[float, float], ...] = ()
-    """Frequencies [Hz] and amplitudes [N m] of a limit, straight between them on logarithmic
-    scales."""
+    curve: LimitCurve | None = None
+    """A limit over frequency [N m]."""
     requirements: tuple[Requirement, ...] = ()
     """On the line of sight, of which that counts which is nearest to its limit. Levels are replaced by
     bounds, which are a hundredth of the work and no lower."""
@@ -60,7 +60,7 @@ class Objective:
         """Frequency [Hz] up to which it asks for lines by itself; 0 where it takes those of the record."""
         if self.band is not None:
             return self.band[1]
-        return self.curve[-1][0] if self.curve else 0.0
+        return 0.0 if self.curve is None else self.curve.high
 
     def of(self, found: DriveLines) -> float:
         """The figure of some lines, infinite where the drive does not follow its command."""
@@ -71,8 +71,8 @@ class Objective:
             return max(
                 part_of_limit(one, found.los_frequency, found.los) for one in self.requirements
             )
-        if self.curve:
-            return self._over_curve(found)
+        if self.curve is not None:
+            return _over_curve(found, self.curve)
         if self.band is not None:
             inside = within_band(found.frequency, *self.band)
             return float(np.max(found.amplitude[inside], initial=found.unexplained))
@@ -83,13 +83,15 @@ class Objective:
             return float(max(named, default=0.0))
         return found.rms
 
-    def _over_curve(self, found: DriveLines) -> float:
-        f, limit = np.log(np.array(self.curve)).T
-        at = np.log(np.maximum(found.frequency, 1e-300))
-        inside = (at >= f[0]) & (at <= f[-1])
-        allowed = np.exp(np.interp(at, f, limit))
-        ratios = np.where(inside, found.amplitude / allowed, 0.0)
-        return float(np.max(ratios, initial=found.unexplained / math.exp(limit.min())))
+
+def _over_curve(found: DriveLines, curve: LimitCurve) -> float:
+    """Largest part of what a limit over frequency allows that a line has, and what no line explains
+    of its least.
+    """
+    about = frequency_error_bound(found.frequency)
+    allowed = curve.strictest(found.frequency - about, found.frequency + about)
+    ratios = found.amplitude / allowed  # 0 where nothing is limited
+    return float(np.max(ratios, initial=found.unexplained / curve.least))
 
 
 def part_of_limit(one: Requirement, frequency: np.ndarray, los: np.ndarray) -> float:
@@ -115,7 +117,7 @@ def parse_objective(
     ----------
     given : str
         ``rms``, the name of a line such as ``drive_1``, a band such as ``"0.5:150 Hz"``, or a CSV
-        file of a limit with the columns frequency_hz and amplitude_n_m.
+        file of a limit over frequency, as of ``read_limit``.
     scenario : Scenario
         The drive, whose lines have names.
     requirement : str or path, optional
@@ -212,28 +214,9 @@ def _quick(one: Requirement) -> Statistic:
 
 
 def _limit_curve(file: Path) -> Objective:
-    head, *rows = csv_rows(file, MicrovibError) or [[]]
-    names = [name.strip().lower() for name in head]
-    wanted = ["frequency_hz", "amplitude_n_m"]
-    if names != wanted:
-        raise OptionError(
-            "objective",
-            f"{file}: does not begin with the line {','.join(wanted)}, as a limit must",
-        )
-    points = tuple(
-        (_positive(file, k, row, 0, wanted), _positive(file, k, row, 1, wanted))
-        for k, row in enumerate(rows, 2)
-    )
-    if len(points) < 2 or any(b[0] <= a[0] for a, b in pairwise(points)):
-        raise OptionError(
-            "objective", f"{file}: two points or more with ascending frequencies are expected"
-        )
-    return Objective(f"lines over the limit {file.name}", OF_LIMIT, curve=points)
-
-
-def _positive(file: Path, row: int, cells: list[str], column: int, names: list[str]) -> float:
-    where = f"{file}, row {row}: {names[column]}"
-    value = parse_finite(where, "".join(cells[column : column + 1]), MicrovibError)
-    if not value > 0.0:
-        raise OptionError("objective", f"{where}: {value:g} is not above 0")
-    return value
+    """Lines over a limit that a CSV file has."""
+    try:
+        curve = read_limit(file).torque_curve("a search")
+    except OptionError as error:
+        raise OptionError("objective", str(error).removeprefix("limit: ")) from None
+    return Objective(f"lines over the limit {file.name}", OF_LIMIT, curve=curve)

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from microvib.web.jobs.worker import step, work
@@ -47,6 +48,9 @@ class Job:
     error: str | None = None
     value: Any = None  # what the task returned
     pid: int | None = None
+    folder: Path | None = None  # where it leaves its files
+    asked: dict[str, Any] = field(default_factory=dict)  # the request that it answers
+    settle: Callable[[Job], None] | None = None  # called when its files are whole
     ended: threading.Event = field(default_factory=threading.Event)
     stop: Callable[[], None] | None = None
 
@@ -189,6 +193,8 @@ class Workers:
                     kind, content = worker.pipe.recv()
                     if kind == "done":
                         job.value = content
+                        if job.settle is not None:
+                            job.settle(job)
                         job.end(kind)
                     elif kind == "failed":
                         job.end(kind, content)

@@ -77,12 +77,13 @@ def run_result(result: RunResult, motion: Motion) -> dict[str, Any]:
 
 
 def _export(target: Target, scenario: Scenario) -> dict[str, Any]:
-    """A format of another tool: its files, and why a run of this scenario cannot have them."""
+    """A format of another tool: its files and options, and why a run of this scenario cannot have them."""
     return {
         "target": target.name,
         "gives": target.gives,
         "files": [f"{target.name}{ending}" for ending in target.endings],
         "missing": target.missing or target.refuses(scenario),
+        "options": [asdict(option) for option in target.offered],
     }
 
 

@@ -1,9 +1,10 @@
-"""Store of one server: computations, their results, recordings; each bounded, all in one
-temporary folder.
+"""Store of one server: computations, their results, recordings; each bounded, in one temporary folder
+until they are whole, then in the library, if there is one.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import secrets
 import shutil
@@ -11,12 +12,16 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from microvib.web.jobs.library import Entry, Library
 from microvib.web.jobs.processes import ENDED, Job, Workers
 from microvib.web.server.limits import Limits
+
+RECORDING = "recording"
+"""Kind of a recording in the library, and its file's name."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,7 @@ class Upload:
     id: str
     name: str
     path: Path
+    facts: dict[str, Any]
 
     @property
     def file(self) -> tuple[str, str]:
@@ -41,8 +47,8 @@ def private(path: str, flags: int) -> int:
 class Store:
     """Jobs and recordings by id; the one not used for longest goes when there are too many."""
 
-    def __init__(self, root: Path, limits: Limits) -> None:
-        self.root, self.limits = root, limits
+    def __init__(self, root: Path, limits: Limits, library: Library | None = None) -> None:
+        self.root, self.limits, self.library = root, limits, library
         self.closed = False
         self._jobs: dict[str, Job] = {}
         self._uploads: dict[str, Upload] = {}
@@ -58,11 +64,16 @@ class Store:
         self._quick = Workers(2, limits.quick_s, limits)
         # Nor the form behind large recordings.
         self._checks = Workers(1, limits.check_s, limits)
+        if library is not None:
+            for entry in library.entries():
+                self._add(library, entry)
 
-    def submit(self, kind: str, title: str, **arguments: Any) -> Job:
+    def submit(
+        self, kind: str, title: str, asked: dict[str, Any] | None = None, **arguments: Any
+    ) -> Job:
         """Start the task that is called as its kind; Busy where too many wait."""
-        job = Job(kind, {}, kind, title)
-        folder = self.folder(job)
+        job = Job(kind, {}, kind, title, asked=asked or {}, settle=self._settle)
+        folder = job.folder = self.root / job.id
         job.arguments = {"folder": str(folder), **arguments}
         folder.mkdir(mode=0o700)
         try:
@@ -87,7 +98,32 @@ class Store:
 
     def folder(self, job: Job) -> Path:
         """Where a job leaves its files."""
-        return self.root / job.id
+        assert job.folder is not None
+        return job.folder
+
+    def _settle(self, job: Job) -> None:
+        """Keep what a job has left; where the disk does not take it, it is there until the end."""
+        if self.library is None:
+            return
+        entry = Entry(id=job.id, kind=job.kind, title=job.title, asked=job.asked)
+        try:
+            job.folder = self.library.take(self.folder(job), entry)
+        except OSError as error:
+            _log_not_kept(job.title, error)
+
+    def _add(self, library: Library, entry: Entry) -> None:
+        """An entry of the library as what it was: a recording, or a computation that has ended."""
+        folder = library.folder(entry.id)
+        if entry.kind == RECORDING:
+            found = next(folder.glob(f"{RECORDING}.*"), None)
+            if found is not None:
+                self._uploads[entry.id] = Upload(entry.id, entry.title, found, entry.facts)
+            return
+        job = Job(
+            entry.kind, {}, entry.kind, entry.title, entry.id, folder=folder, asked=entry.asked
+        )
+        job.end("done")
+        self._jobs[entry.id] = job
 
     def job(self, id: str) -> Job | None:
         """A job, which now counts as used."""
@@ -106,10 +142,20 @@ class Store:
             return
         with self._lock:
             self._jobs.pop(job.id, None)
+            self._forget(job.id)
         shutil.rmtree(self.folder(job), ignore_errors=True)
 
+    def _forget(self, id: str) -> None:
+        if self.library is not None and self.library.get(id) is not None:
+            self.library.forget(id)
+
+    def _stays(self, id: str) -> bool:
+        """Whether its owner wants to keep it when others make room."""
+        entry = None if self.library is None else self.library.get(id)
+        return entry is not None and entry.kept
+
     def _make_room(self) -> None:
-        ended = [job for job in self.jobs() if job.state in ENDED]
+        ended = [job for job in self.jobs() if job.state in ENDED and not self._stays(job.id)]
         sizes = {job.id: _size(self.folder(job)) for job in ended}
         total = sum(sizes.values())
         for k, job in enumerate(ended):
@@ -138,16 +184,73 @@ class Store:
         while len(self.views) > 16:
             del self.views[next(iter(self.views))]
 
-    def keep(self, name: str, path: Path) -> Upload:
-        """Keep a recording that was read."""
-        upload = Upload(path.stem, name, path)
+    def keep(self, name: str, path: Path, facts: dict[str, Any]) -> Upload:
+        """Keep a recording that was read, and what is in it."""
+        upload = Upload(path.stem, name, self._kept_recording(name, path, facts), facts)
         with self._lock:
             self._uploads[upload.id] = upload
-            surplus = list(self._uploads)[: max(len(self._uploads) - self.limits.recordings, 0)]
+            others = [id for id in self._uploads if not self._stays(id)]
+            surplus = others[: max(len(others) - self.limits.recordings, 0)]
             old = [self._uploads.pop(id) for id in surplus]
+            for one in old:
+                self._forget(one.id)
         for one in old:
             one.path.unlink(missing_ok=True)
         return upload
+
+    def _kept_recording(self, name: str, path: Path, facts: dict[str, Any]) -> Path:
+        """Where a recording is from now on."""
+        if self.library is None:
+            return path
+        folder, file = self.root / path.stem, f"{RECORDING}{path.suffix}"
+        folder.mkdir(mode=0o700)
+        os.rename(path, folder / file)
+        entry = Entry(id=path.stem, kind=RECORDING, title=name, facts=facts)
+        try:
+            return self.library.take(folder, entry) / file
+        except OSError as error:
+            _log_not_kept(name, error)
+            return folder / file
+
+    def rename(self, id: str, changes: dict[str, Any]) -> Entry | None:
+        """Change title, attributes or whether an entry of the library is kept; None where it is
+        gone.
+        """
+        with self._lock:
+            if self.library is None or self.library.get(id) is None:
+                return None
+            entry = self.library.edit(id, changes)
+            if id in self._jobs:
+                self._jobs[id].title = entry.title
+            if id in self._uploads:
+                self._uploads[id] = replace(self._uploads[id], name=entry.title)
+            return entry
+
+    def remove(self, id: str) -> bool:
+        """Take an entry out of the library, so that it can be brought back; whether it was there."""
+        with self._lock:
+            if self.library is None or self.library.get(id) is None:
+                return False
+            self.library.remove(id)
+            self._jobs.pop(id, None)
+            self._uploads.pop(id, None)
+            return True
+
+    def bring_back(self, id: str) -> Entry | None:
+        """An entry that was taken out of the library; None where it is gone."""
+        with self._lock:
+            if self.library is None:
+                return None
+            entry = self.library.bring_back(id)
+            if entry is not None:
+                self._add(self.library, entry)
+            return entry
+
+    def trusts(self, job: Job) -> bool:
+        """Whether the whole of a run can be read again: one of another version cannot."""
+        return (
+            self.library is None or self.library.get(job.id) is None or self.library.trusts(job.id)
+        )
 
     def upload(self, id: str) -> Upload | None:
         """A recording, which now counts as used."""
@@ -167,6 +270,12 @@ class Store:
         until = time.monotonic() + seconds
         for workers in (self._long, self._quick, self._checks):
             workers.join(until)
+
+
+def _log_not_kept(name: str, error: OSError) -> None:
+    logging.getLogger("microvib.serve").error(
+        "%s could not be kept: %s", name, error.strerror or error
+    )
 
 
 Kept = TypeVar("Kept")

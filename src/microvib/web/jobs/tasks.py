@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.limits import Limit
+from microvib.analysis.lines import steady_lines
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
@@ -26,6 +26,9 @@ from microvib.io.runs import write_motion
 from microvib.io.scenario_file import scenario_of
 from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
+from microvib.model.line_names import driving_line
+from microvib.model.linear import linear_lines
+from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
 from microvib.reports.comparison import comparison_outcome
@@ -35,6 +38,8 @@ from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run_outcome
 from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
+from microvib.signals.limit_curve import Limit
+from microvib.signals.line_table import BELOW_FLOOR
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse
@@ -127,16 +132,18 @@ def file(
     new.replace(where / (mark + name))
 
 
-def export(folder: str, name: str, tell: ProgressCallback) -> None:
-    """A run as a file of another tool, called by target and ending, such as ``nastran.bdf``."""
+def export(folder: str, name: str, tell: ProgressCallback, options: Part, mark: str = "") -> None:
+    """A run as a file of another tool, called by target and ending, such as ``nastran.bdf``; made as
+    ``mark`` and its name.
+    """
     where = Path(folder)
     found = target_of_file(name)
     assert found is not None
     target, ending = found
     with TemporaryDirectory(dir=where) as made:
         new = Path(made) / f"run{ending}"
-        target.write(subject_of(_kept(where)), new, target.options())
-        new.replace(where / f"export-{name}")
+        target.write(subject_of(_kept(where)), new, options)
+        new.replace(where / f"export-{mark}{name}")
 
 
 def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]:
@@ -146,14 +153,40 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
     return {
         "text": str(judged),
         "verdict": judged.verdict,
-        "gaps": judged.gaps,
-        "torque": limit.torque,
+        "gaps": judged.all_gaps,
+        "torque": limit.torque if math.isfinite(limit.torque) else None,
         "low": limit.low,
         "high": limit.high if math.isfinite(limit.high) else None,
+        "curve": None if limit.is_one_number else limit.as_dict().get("curve"),
         "margins": [{"line": m.line.name, "verdict": m.verdict} for m in judged.margins],
         "facts": page_facts(run_facts(result, judged)),
         "parts": [page_part(part) for part in judged_parts(result, judged) if part.items],
     }
+
+
+def lines_now(scenario: Scenario, linear: bool, tell: ProgressCallback) -> dict[str, Any]:
+    """Lines of the steady state, or of the linearised drive, at once; ``reason`` says why the former
+    are those of a run in time.
+    """
+    if linear:
+        driving = linear_lines(scenario)
+        if not driving:
+            raise MicrovibError(
+                "the linearised drive has lines at a constant rate only, and none of a pulse drive"
+            )
+        lines = [
+            {"line": driving_line(x.order), "frequency": x.frequency, "amplitude": abs(x.amplitude)}
+            for x in driving
+        ]
+        return {"lines": lines, "reason": ""}
+    found = steady_lines(scenario)
+    seen = [x for x in found.lines if x.status != BELOW_FLOOR and x.amplitude > 0.0]
+    lines = [
+        {"line": x.name, "frequency": x.frequency, "amplitude": x.amplitude}
+        for x in seen
+        if math.isfinite(x.frequency)
+    ]
+    return {"lines": lines, "reason": found.fallback}
 
 
 def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:

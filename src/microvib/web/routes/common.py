@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
+from pydantic import BaseModel
 
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.scenario import Scenario
@@ -120,10 +121,11 @@ def _first(errors: list[dict[str, Any]]) -> dict[str, Any]:
     return {"sentence": errors[0]["error"], "key": errors[0]["key"]}
 
 
-def start(store: Store, kind: str, title: str, **arguments: Any) -> Started:
-    """A new job; Refused where too many wait."""
+def start(store: Store, kind: str, title: str, want: BaseModel, **arguments: Any) -> Started:
+    """A new job that answers the request ``want``; Refused where too many wait."""
+    asked = want.model_dump(mode="json", by_alias=True)
     try:
-        job: Job = store.submit(kind, title[:200], **arguments)
+        job: Job = store.submit(kind, title[:200], asked, **arguments)
     except QueueFull:
         raise RequestRefused(
             429,

@@ -31,10 +31,13 @@ TITLES = {
     "reducer": "Reducer",
     "friction": "Friction of the output",
     "array": "Array",
+    "spacecraft": "Spacecraft",
     "tracking": "Tracking",
     "record": "Record",
     "solver": "Solver",
 }
+_AS_FIRST = tuple(f"spacecraft.second_wing.{key}." for key in TITLES)
+"""Parts of a second wing that are declared as those of the first."""
 MAX_MODES = 100
 LONG = 2000
 """Characters of changes, and 20 for each, from which a worker reads them: here they would take a
@@ -85,7 +88,11 @@ def groups() -> list[dict[str, Any]]:
         {
             "key": key,
             "title": title,
-            "fields": _fields(part_type_of(Scenario.model_fields[key].annotation), f"{key}."),
+            "fields": [
+                field
+                for field in _fields(part_type_of(Scenario.model_fields[key].annotation), f"{key}.")
+                if not field["key"].startswith(_AS_FIRST)
+            ],
         }
         for key, title in TITLES.items()
     ]

@@ -217,9 +217,10 @@ class Group(BaseModel):
 
 
 class Form(BaseModel):
-    """All groups."""
+    """All groups, and whether the server keeps what ends."""
 
     groups: list[Group]
+    keeps: bool = False
 
 
 class View(BaseModel):
@@ -293,6 +294,40 @@ class RecordingFacts(BaseModel):
     notes: list[str]
 
 
+class Kept(BaseModel):
+    """An entry of the library."""
+
+    id: str
+    kind: str
+    title: str
+    created: str
+    version: str
+    kept: bool
+    attributes: dict[str, str]
+    size: int
+
+
+class KeptWhole(Kept):
+    """An entry with the request that it is the answer to."""
+
+    asked: dict[str, Any]
+
+
+class LibraryOf(BaseModel):
+    """The library of the server; ``there`` is false where nothing outlasts it."""
+
+    there: bool
+    entries: list[Kept]
+
+
+class EntryChanges(Body):
+    """Changes of an entry: its name, attributes, and whether it stays when others make room."""
+
+    title: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    kept: bool | None = None
+    attributes: dict[Short, Short] | None = Field(default=None, max_length=20)
+
+
 class Band(BaseModel):
     """Extremes of groups of samples."""
 
@@ -335,14 +370,39 @@ class Verdict(BaseModel):
     verdict: Literal["pass", "fail", "not judged"]
     gaps: list[str]
     """Gaps in the judgement, and why."""
-    torque: float
+    torque: float | None
+    """Least that is allowed anywhere; None where only loads are limited."""
     low: float
     high: float | None
+    curve: list[tuple[float, float]] | None
+    """Points of a limit over frequency [Hz], [N m]; None of one number."""
     margins: list[MarginOf]
     facts: list[dict[str, str]]
     """Leading figures of the run against the limit."""
     parts: list[dict[str, Any]]
     """The parts of the run's result that the limit changes, by their titles."""
+
+
+class LinesOf(Body):
+    """Lines of a scenario at once: of its steady state, or of the linearised drive."""
+
+    scenario: Spec
+    linear: bool = False
+
+
+class LineNow(BaseModel):
+    """A line [Hz, N m, 0-to-peak]."""
+
+    line: str
+    frequency: float
+    amplitude: float
+
+
+class LinesNow(BaseModel):
+    """Lines; ``reason`` says why they are those of a run in time and not of a steady state."""
+
+    lines: list[LineNow]
+    reason: str
 
 
 class RecordedSpectrum(BaseModel):

@@ -40,6 +40,7 @@ from microvib.web.routes.messages import (
     AnalysisOf,
     AnglesOf,
     ComparisonOf,
+    Id,
     IdentificationOf,
     QuietOf,
     RankingOf,
@@ -67,7 +68,12 @@ def start_run(want: Run, store: StoreDependency) -> Started:
         check_seeds(scenario, want.seeds)
     _check_size(scenario, store.limits.record)
     return start(
-        store, "run", want.name or scenario.title or "run", scenario=scenario, seeds=want.seeds or 0
+        store,
+        "run",
+        want.name or scenario.title or "run",
+        want,
+        scenario=scenario,
+        seeds=want.seeds or 0,
     )
 
 
@@ -111,8 +117,15 @@ async def take_recording(
         except BaseException:
             path.unlink(missing_ok=True)
             raise
-    upload = store.keep(shown, path)
+    upload = store.keep(shown, path, facts)
     return RecordingFacts(id=upload.id, name=shown, **facts)
+
+
+@routes.get("/recordings/{id}", responses=refusals(404))
+def recording_of(id: Id, store: StoreDependency) -> RecordingFacts:
+    """Contents of a recording that is here."""
+    upload = _upload(store, id)
+    return RecordingFacts(id=upload.id, name=upload.name, **upload.facts)
 
 
 async def _receive(request: Request, path: Path) -> None:
@@ -138,7 +151,7 @@ def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
     """Lines with uncertainty and spectra of a recording."""
     upload = _upload(store, want.recording)
     return start(
-        store, "analysis", f"{upload.name}, {want.channel}", recording=upload.file, channel=want.channel,
+        store, "analysis", f"{upload.name}, {want.channel}", want, recording=upload.file, channel=want.channel,
         scenario=requested(store, want.scenario),
     )  # fmt: skip
 
@@ -148,7 +161,7 @@ def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
     """A recording beside a run's scenario, simulated at the recording's clock."""
     upload, job = _upload(store, want.recording), finished_run(store, want.run)
     return start(
-        store, "comparison", f"{upload.name} and {job.title}", recording=upload.file, channel=want.channel,
+        store, "comparison", f"{upload.name} and {job.title}", want, recording=upload.file, channel=want.channel,
         run=str(store.folder(job) / "scenario.yaml"), run_title=job.title,
     )  # fmt: skip
 
@@ -158,7 +171,7 @@ def start_identification(want: IdentificationOf, store: StoreDependency) -> Star
     """Parameters from recordings."""
     uploads = [_upload(store, id) for id in want.recordings]
     return start(
-        store, "identification", ", ".join(u.name for u in uploads), recordings=[u.file for u in uploads],
+        store, "identification", ", ".join(u.name for u in uploads), want, recordings=[u.file for u in uploads],
         scenario=requested(store, want.scenario), channel=want.channel, fit=want.fit, starts=want.starts,
     )  # fmt: skip
 
@@ -182,7 +195,7 @@ def start_rates(want: RatesOf, store: StoreDependency) -> Started:
     else:
         within = band(want.band)
     return start(
-        store, "rates", f"rates of {scenario.title}", scenario=scenario, rates=rates,
+        store, "rates", f"rates of {scenario.title}", want, scenario=scenario, rates=rates,
         microsteps=counts, limit=limit, band=within, linear=want.linear,
     )  # fmt: skip
 
@@ -195,7 +208,9 @@ def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
         scenario = scenario.with_({"record.start": "steady"})
     check_sweep(scenario)
     _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
-    return start(store, "angles", f"angles of {scenario.title}", scenario=scenario, angles=angles)
+    return start(
+        store, "angles", f"angles of {scenario.title}", want, scenario=scenario, angles=angles
+    )
 
 
 @routes.post("/quiet", status_code=202)
@@ -211,7 +226,7 @@ def start_quiet(want: QuietOf, store: StoreDependency) -> Started:
         limit = quantity("limit", want.limit, "N*m", positive=True)
     _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     return start(
-        store, "quiet", f"quieter drive for {scenario.title}", scenario=scenario,
+        store, "quiet", f"quieter drive for {scenario.title}", want, scenario=scenario,
         objective=want.objective, levers=want.levers, bits=want.bits, cases=want.cases,
         effort=want.effort, limit=limit,
     )  # fmt: skip
@@ -225,7 +240,13 @@ def start_shapes(want: ShapesOf, store: StoreDependency) -> Started:
         require_craft(scenario)
     spec = want.scenario.model_dump()  # which a worker reads: a text may take long
     return start(
-        store, "shapes", f"modes of {scenario.title}", scenario=scenario, of=want.of, spec=spec
+        store,
+        "shapes",
+        f"modes of {scenario.title}",
+        want,
+        scenario=scenario,
+        of=want.of,
+        spec=spec,
     )
 
 
@@ -235,7 +256,7 @@ def start_sensitivity(want: RankingOf, store: StoreDependency) -> Started:
     scenario = requested(store, want.scenario)
     if not noted_ranges(scenario):
         raise MicrovibError(NOT_RANKED)
-    return start(store, "sensitivity", f"ranking of {scenario.title}", scenario=scenario)
+    return start(store, "sensitivity", f"ranking of {scenario.title}", want, scenario=scenario)
 
 
 @routes.post("/sas", status_code=202)
@@ -257,5 +278,9 @@ def start_sas(want: SasOf, store: StoreDependency) -> Started:
             raise OptionError(key, "missing; inertia and frequency of the array are expected")
     options = {**wanted, "states": want.states, "amplitude": want.amplitude, "rate": want.rate}
     return start(
-        store, "sas", f"simulator for {wanted['frequency']}, {wanted['inertia']}", options=options
+        store,
+        "sas",
+        f"simulator for {wanted['frequency']}, {wanted['inertia']}",
+        want,
+        options=options,
     )

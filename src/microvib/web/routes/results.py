@@ -12,11 +12,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import StringConstraints
 
-from microvib.analysis.limits import Limit
 from microvib.errors import OptionError
+from microvib.export.exporting import options_of, typed_options
 from microvib.export.targets import TARGETS, target_of_file
+from microvib.io.limit_files import limit_from_text
+from microvib.io.tables import to_json
 from microvib.model.rigid import COMPONENTS
+from microvib.signals.limit_curve import Limit
 from microvib.signals.screen import decimate_spectrum, extremes
 from microvib.signals.spectrum import Window, amplitude_spectrum
 from microvib.solve.channels import ALL_CHANNELS, CHANNELS
@@ -53,12 +57,26 @@ GENERATED_FILES = (
     "report.html",
     "report.pdf",
 )  # files that are made when they are asked for
+_OLDER = (
+    "another version of microvib, or another user, kept this run: its pictures and tables are here; run"
+    " it again for a verdict, a report or an export"
+)
 EXPORTED = "application/octet-stream"
 """Media type of files of other tools."""
 Points = Annotated[int, Query(ge=2, le=20_000)]
 From = Annotated[float | None, Query(alias="from", allow_inf_nan=False)]
 To = Annotated[float | None, Query(alias="to", allow_inf_nan=False)]
 Shown = Annotated[str | None, Query(max_length=100)]
+Allowed = Annotated[
+    str | None,
+    Query(
+        max_length=4000, description="a torque, or a table of a limit over frequency as CSV text"
+    ),
+]
+Option = Annotated[str, StringConstraints(max_length=500)]
+Options = Annotated[
+    tuple[Option, ...], Query(max_length=20, description="options of the format, KEY=VALUE each")
+]
 Log = Annotated[bool, Query(description="for a logarithmic axis of frequency")]
 
 routes = APIRouter(responses=refusals(404))
@@ -87,6 +105,14 @@ def finished_run(store: Store, id: str) -> Job:
     if _job(store, id).kind != "run":
         raise RequestRefused(404, "this computation is not a run")
     return _done(store, id)
+
+
+def _whole_run(store: Store, id: str) -> Job:
+    """A run that is done and can be read again as a whole; Refused where another version kept it."""
+    job = finished_run(store, id)
+    if not store.trusts(job):
+        raise RequestRefused(409, _OLDER)
+    return job
 
 
 @routes.get("/jobs")
@@ -259,11 +285,20 @@ def _channel(folder: Path, name: str) -> np.ndarray:
     return x
 
 
+def _limit(limit: str | None, band: str | None) -> Limit | None:
+    """The limit of a request: a torque, or the text of a table; no file is opened for it."""
+    if limit and "\n" in limit:
+        return limit_from_text(limit).within(band or None)
+    return Limit.of(limit or None, band or None)
+
+
 @routes.get("/runs/{id}/verdict", responses=refusals(409, 429))
-def verdict_of(id: Id, store: StoreDependency, limit: Shown, band: Shown = None) -> Verdict:
-    """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``."""
-    folder = store.folder(finished_run(store, id))
-    wanted = Limit.of(limit or None, band or None)
+def verdict_of(id: Id, store: StoreDependency, limit: Allowed, band: Shown = None) -> Verdict:
+    """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``; a text of
+    several lines is a table of a limit over frequency.
+    """
+    folder = store.folder(_whole_run(store, id))
+    wanted = _limit(limit, band)
     if wanted is None:
         raise OptionError("limit", "missing; a torque is needed, such as 30 mN*m")
     return Verdict.model_validate(ask(store, "verdict", folder=str(folder), limit=wanted))
@@ -274,7 +309,7 @@ def verdict_of(id: Id, store: StoreDependency, limit: Shown, band: Shown = None)
     responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in FILES.values()}}},
 )  # fmt: skip
 def file_of(
-    id: Id, name: str, store: StoreDependency, limit: Shown = None, band: Shown = None
+    id: Id, name: str, store: StoreDependency, limit: Allowed = None, band: Shown = None
 ) -> FileResponse:
     """A file of a run; motion and report are made when they are first asked for, the report against
     a limit where one is given.
@@ -283,14 +318,15 @@ def file_of(
     if name not in FILES:
         raise RequestRefused(404, f"there is no such file; there are {', '.join(FILES)}")
     if name.startswith("report."):
-        wanted = Limit.of(limit or None, band or None)
+        wanted = _limit(limit, band)
     else:
         wanted = None
     if wanted is None:
         mark = ""
     else:
-        mark = sha256(repr(wanted).encode()).hexdigest()[:16] + "-"
+        mark = sha256(to_json(wanted.as_dict()).encode()).hexdigest()[:16] + "-"
     if name in GENERATED_FILES and not (folder / (mark + name)).is_file():
+        _whole_run(store, id)
         ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
     return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)
 
@@ -299,17 +335,24 @@ def file_of(
     "/runs/{id}/exports/{name}", response_class=FileResponse,
     responses=refusals(409, 429) | {200: {"content": {EXPORTED: {}}}},
 )  # fmt: skip
-def export_of(id: Id, name: str, store: StoreDependency) -> FileResponse:
-    """A run as a file of another tool, called by format and ending, such as ``nastran.bdf``; made when
-    it is first asked for.
+def export_of(id: Id, name: str, store: StoreDependency, option: Options = ()) -> FileResponse:
+    """A run as a file of another tool, called by format and ending, such as ``nastran.bdf``, with options
+    of the format as KEY=VALUE; made when it is first asked for.
     """
     folder = store.folder(finished_run(store, id))
-    if target_of_file(name) is None:
+    found = target_of_file(name)
+    if found is None:
         there = ", ".join(
             target.name + ending for target in TARGETS.values() for ending in target.endings
         )
         raise RequestRefused(404, f"there is no such file; there are {there}")
-    kept = folder / f"export-{name}"
+    target, _ = found
+    options = options_of(target, typed_options(option))
+    mark = ""
+    if options != target.options():
+        mark = sha256(options.model_dump_json().encode()).hexdigest()[:16] + "-"
+    kept = folder / f"export-{mark}{name}"
     if not kept.is_file():
-        ask(store, "export", folder=str(folder), name=name)
+        _whole_run(store, id)
+        ask(store, "export", folder=str(folder), name=name, options=options, mark=mark)
     return FileResponse(_there(kept), media_type=EXPORTED, filename=name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import lru_cache
 
 from fastapi import APIRouter
 
@@ -19,6 +20,7 @@ from microvib.web.routes import forms
 from microvib.web.routes.common import (
     RequestRefused,
     StoreDependency,
+    ask,
     reading,
     refusals,
     refused,
@@ -31,6 +33,8 @@ from microvib.web.routes.messages import (
     Entry,
     Form,
     LeverOf,
+    LinesNow,
+    LinesOf,
     Problem,
     QuietChoices,
     Sheet,
@@ -45,16 +49,28 @@ routes = APIRouter()
 @routes.get("/catalog")
 def catalog() -> list[Entry]:
     """Published scenarios."""
+    return list(catalog_entries())
+
+
+@lru_cache(maxsize=1)
+def catalog_entries() -> tuple[Entry, ...]:
+    """Names, titles and sources of the catalog, which does not change."""
     data = ((name, parse_yaml(catalog_text(name), name)) for name in catalog_names())
-    return [
+    return tuple(
         Entry(name=name, title=d.get("title", ""), source=d.get("source", "")) for name, d in data
-    ]
+    )
+
+
+@lru_cache(maxsize=1)
+def form_groups() -> Form:
+    """The form, which does not change either."""
+    return Form.model_validate({"groups": forms.groups()})
 
 
 @routes.get("/schema", response_model_exclude_none=True)
-def schema() -> Form:
+def schema(store: StoreDependency) -> Form:
     """Groups of fields, as the drive is built."""
-    return Form.model_validate({"groups": forms.groups()})
+    return form_groups().model_copy(update={"keeps": store.library is not None})
 
 
 @routes.post("/scenario", responses=refusals(429))
@@ -70,6 +86,13 @@ def quiet_choices(spec: Spec, store: StoreDependency) -> QuietChoices:
     require_constant_rate(found)
     levers = [LeverOf(**asdict(lever)) for lever in named_levers(found)]
     return QuietChoices(lines=line_names(found), levers=levers)
+
+
+@routes.post("/lines", responses=refusals(429))
+def lines_now(want: LinesOf, store: StoreDependency) -> LinesNow:
+    """Lines of a scenario while somebody waits: nothing is kept."""
+    found = requested(store, want.scenario)
+    return LinesNow.model_validate(ask(store, "lines_now", scenario=found, linear=want.linear))
 
 
 @routes.get("/datasheet", response_model_exclude_none=True)

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from importlib import resources
-from importlib.util import find_spec
-from pathlib import Path
-
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, JSONResponse, Response
+from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.middleware.gzip import GZipMiddleware
-from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from microvib import __version__
 from microvib.errors import MicrovibError
-from microvib.reports.moving import SCRIPT
 from microvib.web.jobs.store import Store
-from microvib.web.routes import new_jobs, results, scenarios
+from microvib.web.routes import kept, new_jobs, results, scenarios
 from microvib.web.routes.common import RequestRefused, refusals, refused
 from microvib.web.server.access import Access
+from microvib.web.server.assets import FOREVER, PLOTLY, Asset, Assets
 from microvib.web.server.guard import FAULT, Guard
 
 _PLAIN = {
@@ -30,7 +25,7 @@ _PLAIN = {
 }
 
 
-def create_app(store: Store, access: Access) -> Guard:
+def create_app(store: Store, access: Access, assets: Assets | None = None) -> Guard:
     """The application on top of ``store``, behind its guard."""
     app = FastAPI(
         title="microvib", version=__version__, openapi_url="/api/openapi.json", docs_url=None, redoc_url=None,
@@ -38,10 +33,10 @@ def create_app(store: Store, access: Access) -> Guard:
     )  # fmt: skip
     app.state.store = store
     api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
-    for part in (scenarios, new_jobs, results):
+    for part in (scenarios, new_jobs, results, kept):
         api.include_router(part.routes)
     app.include_router(api)
-    _add_page(app)
+    _add_page(app, assets or Assets())
     app.add_middleware(_Packed, minimum_size=10_000, compresslevel=4)
     for kind in (RequestRefused, MicrovibError, RequestValidationError, HTTPException, Exception):
         app.add_exception_handler(kind, _problem_of)
@@ -55,43 +50,47 @@ class _Packed(GZipMiddleware):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         packs = scope["type"] == "http" and scope["path"].endswith(
-            ("/result", "/series", "/spectrum")
+            ("/result", "/series", "/spectrum", "/schema", "/scenario")
         )
         await (super().__call__ if packs else self.app)(scope, receive, send)
 
 
-def _add_page(app: FastAPI) -> None:
-    static = Path(str(resources.files("microvib.web"))) / "static"
-
+def _add_page(app: FastAPI, assets: Assets) -> None:
     @app.get("/", include_in_schema=False)
-    def page() -> FileResponse:
-        return FileResponse(static / "index.html")
+    def page(request: Request) -> Response:
+        return _asset_response(assets.page, request)
 
-    files = StaticFiles(directory=static)
+    @app.get("/static/{digest}/{name}", include_in_schema=False)
+    def lasting(digest: str, name: str, request: Request) -> Response:
+        if digest != assets.digest:
+            raise HTTPException(404)
+        return _asset_response(_asset(assets, name), request, FOREVER)
 
-    def script(path: Path, request: Request) -> Response:
-        """A script, or, as of the other files, that it is still the one that the browser has."""
-        answer = files.file_response(path, path.stat(), request.scope)
-        answer.headers["content-type"] = "text/javascript"
-        return answer
-
-    @app.get("/static/plotly.min.js", include_in_schema=False)
-    def plotly(request: Request) -> Response:
-        return script(_plotly(), request)
-
-    @app.get("/static/shapes.js", include_in_schema=False)
-    def shapes(request: Request) -> Response:
-        return script(SCRIPT, request)
-
-    app.mount("/static", files)
+    @app.get("/static/{name}", include_in_schema=False)
+    def current(name: str, request: Request) -> Response:
+        return _asset_response(_asset(assets, name), request)
 
 
-def _plotly() -> Path:
-    """Plotly's script, without importing the package, which takes a second."""
-    spec = find_spec("plotly")
-    if spec is None or spec.origin is None:
+def _asset(assets: Assets, name: str) -> Asset:
+    found = assets.get(name)
+    if found is None and name == PLOTLY:
         raise RequestRefused(404, "plotly is not installed; pip install 'microvib[serve]'")
-    return Path(spec.origin).parent / "package_data" / "plotly.min.js"
+    if found is None:
+        raise HTTPException(404)
+    return found
+
+
+def _asset_response(asset: Asset, request: Request, caching: str | None = None) -> Response:
+    """A file of the page, packed for who can unpack it; or that it is still what the browser has."""
+    headers = {"vary": "accept-encoding", "etag": asset.tag}
+    if caching is not None:
+        headers["cache-control"] = caching
+    if asset.tag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    content = asset.content
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        content, headers["content-encoding"] = asset.packed, "gzip"
+    return Response(content, headers=headers, media_type=asset.media_type)
 
 
 def _problem_of(request: Request, error: Exception) -> JSONResponse:

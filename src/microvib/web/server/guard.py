@@ -165,10 +165,9 @@ class _Reply:
             return
         if message["type"] == "http.response.start":
             self._begun = True
-            message = {
-                **message,
-                "headers": [*message["headers"], *_HEADERS, _caching(self._scope)],
-            }
+            own = message["headers"]
+            caching = [] if _says_caching(own) else [_caching(self._scope)]
+            message = {**message, "headers": [*own, *_HEADERS, *caching]}
         await self._send(message)
 
     async def give(self, response: Response) -> None:
@@ -225,6 +224,11 @@ class _Body:
             parts.append(message.get("body", b""))
         self._kept = b"".join(parts)
         return self._kept
+
+
+def _says_caching(headers: list[tuple[bytes, bytes]]) -> bool:
+    """Whether an answer says itself how long it may be kept, as files of the page do."""
+    return any(name == b"cache-control" for name, _ in headers)
 
 
 def _caching(scope: Scope) -> tuple[bytes, bytes]:

@@ -12,43 +12,88 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 
-from microvib.errors import OptionError
+from microvib.errors import MicrovibError, OptionError
 from microvib.io.writing import workspace
+from microvib.web.jobs.library import Library, opened_library, usual_folder
 from microvib.web.jobs.store import Store
 from microvib.web.routes import forms
+from microvib.web.routes.scenarios import catalog_entries, form_groups
 from microvib.web.server.access import Access, opening_file
 from microvib.web.server.application import create_app
+from microvib.web.server.assets import Assets
 from microvib.web.server.connection import WAITING, Server, configuration
 from microvib.web.server.limits import Limits
 
+Tell = Callable[[str], None]
 
-def serve(host: str, port: int, remote: bool, browser: bool, tell: Callable[[str], None]) -> None:
-    """Serve the page until SIGINT or SIGTERM; OptionError where the address cannot be had."""
+
+@dataclass(frozen=True)
+class Serving:
+    """How a server is to be started."""
+
+    host: str
+    port: int
+    remote: bool
+    """Whether other machines may reach it."""
+    browser: bool
+    """Whether a browser is opened."""
+    library: Path | None
+    """Folder that keeps results and recordings; None for this user's own."""
+    keeps: bool = True
+    """Whether anything outlasts the server."""
+
+
+def serve(asked: Serving, tell: Tell) -> None:
+    """Serve the page until SIGINT or SIGTERM; MicrovibError where the address, or the library that is
+    named, cannot be had.
+    """
+    host, port, remote = asked.host, asked.port, asked.remote
     sock = _bound(host, port, remote)
     address, port = sock.getsockname()[:2]
     access = _access(host, port, remote)
     url = _url(address, port)
     logging.basicConfig(stream=sys.stderr, format="%(message)s")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # Its mode keeps others out.
-    with workspace(Path(tempfile.gettempdir()), "page") as root:
-        store = Store(root, Limits())
-        server = Server(configuration(create_app(store, access), store.limits), store.close)
+    with ExitStack() as open_folders:
+        library = _library(asked, open_folders, tell)
+        temporary = Path(tempfile.gettempdir())
+        parent = temporary if library is None else library.root  # of the same disk
+        root = open_folders.enter_context(workspace(parent, "page"))  # its mode keeps others out
+        store = Store(root, Limits(), library)
+        assets = Assets()
+        app = create_app(store, access, assets)
+        server = Server(configuration(app, store.limits), store.close)
         try:
             with contextlib.suppress(KeyboardInterrupt):
-                threading.Thread(target=_warm, daemon=True).start()
+                threading.Thread(target=_warm, args=(assets,), daemon=True).start()
                 tell(f"microvib serves at {url}?token={access.token}   (Ctrl-C ends it)")
-                if browser:
-                    opening = opening_file(root, url, access)
+                if asked.browser:
+                    way_in = open_folders.enter_context(workspace(temporary, "page"))
+                    opening = opening_file(way_in, url, access)
                     threading.Timer(0.5, webbrowser.open, [opening.as_uri()]).start()
                 server.run(sockets=[sock])
         finally:
             store.close()
             store.join()
             sock.close()
+
+
+def _library(asked: Serving, open_folders: ExitStack, tell: Tell) -> Library | None:
+    """The library; where the usual one cannot be had, nothing is kept, which is said."""
+    if not asked.keeps:
+        return None
+    try:
+        return open_folders.enter_context(opened_library(asked.library or usual_folder()))
+    except MicrovibError as error:
+        if asked.library is not None:
+            raise
+        tell(f"Nothing is kept when this server ends. {error}")
+        return None
 
 
 def _url(address: str, port: int) -> str:
@@ -63,10 +108,12 @@ def _url(address: str, port: int) -> str:
     return f"http://{shown}:{port}/"
 
 
-def _warm() -> None:
+def _warm(assets: Assets) -> None:
     """Load what the form needs while the page is being opened."""
-    forms.groups()
+    catalog_entries()
+    form_groups()
     forms.view_of(forms.Spec(base="state-1"))
+    assets.pack()
 
 
 def _access(host: str, port: int, remote: bool) -> Access:

@@ -27,6 +27,9 @@ export function makeAngles(tab) {
   task.restore();
 }
 
+/** A sweep of the library. */
+export const openAngles = ({ id, title }) => task.open({ id, name: title });
+
 async function sweep(event) {
   event.preventDefault();
   const body = { scenario: scenario.current(), angles: angles.value.trim(), steady: steady.checked };

@@ -156,10 +156,26 @@ export const post = (path, data, options = {}) => {
   return request(path, { ...options, method: "POST", headers: { "Content-Type": "application/json" }, body });
 };
 
+export const patch = (path, data) =>
+  request(path, { method: "PATCH", headers: { "Content-Type": "application/json" }, body: JSON.stringify(data) });
+
+export const remove = (path) => request(path, { method: "DELETE" });
+
 export const upload = (path, query, body, options = {}) => {
   const headers = { "Content-Type": "application/octet-stream" };
   return request(`${path}?${new URLSearchParams(query)}`, { ...options, method: "POST", headers, body });
 };
+
+/** A file of the server as a blob. */
+export async function file(path) {
+  const answer = await fetch(path, { headers: { "X-Microvib-Key": key() } }).catch(() => {
+    hearNothing();
+    throw new Silent(NO_ANSWER);
+  });
+  if (answer.ok) return answer.blob();
+  const { error, key: field } = parsed(await answer.text()) ?? {};
+  throw new Refused(error ?? `The server answers ${answer.status} ${answer.statusText}.`, field, answer.status);
+}
 
 /** Cancel a computation that goes on, forget one that has ended. */
 export async function drop(id) {

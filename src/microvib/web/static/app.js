@@ -1,19 +1,16 @@
 // The page: starts its parts, and what stands around them (tabs, scenario choice, run button, link).
 
-import { makeAngles } from "./angles.js";
 import { knock, onServer } from "./api.js";
-import { makeSheet } from "./datasheet.js";
+import { loaded, restored } from "./begin.js";
 import { $, announce, h, onDrop, save } from "./dom.js";
 import { makeForm } from "./form.js";
 import { keep, keepFields, kept } from "./kept.js";
-import { makeModes } from "./modes.js";
-import { makeQuiet } from "./quiet.js";
-import { makeRates } from "./rates.js";
-import { makeRecording } from "./recording.js";
+import { makeKeys } from "./keys.js";
+import { loadPlotly } from "./plots.js";
 import { makeRun } from "./run.js";
 import * as runs from "./runs.js";
-import { makeSas } from "./sas.js";
 import * as scenario from "./scenario.js";
+import { makeUnitSwitch } from "./unit_switch.js";
 
 const HEARTBEAT = 5000;
 const tabs = [...document.querySelectorAll("[role=tab]")];
@@ -136,7 +133,7 @@ function makeNotice() {
   const place = $("#server");
   const words = {
     silent: "The server does not answer. Is microvib serve still running? The page asks again every second.",
-    restarted: "The server was restarted. What it had computed and read before is gone; the scenarios of your runs are still here.",
+    restarted: "The server was restarted. What had ended is in its library; of what had not, the scenarios are still here.",
     shut: "This browser has no access: open the address that microvib serve printed last, then come back to this tab.",
   };
   const told = new Set();
@@ -154,40 +151,66 @@ function makeNotice() {
   setInterval(() => document.hidden || knock(), HEARTBEAT);
 }
 
+/** The other tabs: their scripts are not needed before a scenario can be run. */
+async function makeOthers() {
+  const [angles, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
+    import("./angles.js"),
+    import("./datasheet.js"),
+    import("./library.js"),
+    import("./modes.js"),
+    import("./quiet.js"),
+    import("./rates.js"),
+    import("./recording.js"),
+    import("./sas.js"),
+  ]);
+  sheet.makeSheet($("#sheet")).catch((error) => announce(error.message, { error: true }));
+  recording.makeRecording($("#recording"));
+  rates.makeRates($("#rates"));
+  quiet.makeQuiet($("#quiet"));
+  angles.makeAngles($("#angles"));
+  modes.makeModes($("#modes"));
+  sas.makeSas($("#sas"));
+  library.makeLibrary($("#library"));
+}
+
+function listen() {
+  keepFields("run.asked", { seeds: $("#seeds") });
+  $("#go").addEventListener("click", go);
+  $("#five").addEventListener("click", five);
+  $("#copy").addEventListener("click", copy);
+  $("#save").addEventListener("click", saveScenario);
+  window.addEventListener("popstate", () => {
+    document.activeElement?.blur(); // a field that is being typed in would keep its text
+    scenario.restore();
+  });
+  document.addEventListener("click", (event) => {
+    for (const menu of document.querySelectorAll("details.menu[open]"))
+      menu.open = menu.contains(event.target) && !event.target.closest("a");
+  });
+}
+
 makeTabs();
+makeUnitSwitch($("header"));
+makeKeys($("header"));
 makeNotice();
-await scenario.load().catch((error) => {
+await loaded.catch((error) => {
   announce(error.message, { error: true });
   throw error;
+});
+await restored.catch((error) => {
+  announce(`The scenario in the address cannot be read: ${error.message}`, { error: true });
+  return scenario.startFrom({ base: scenario.catalog[0].name });
 });
 makeBase();
 makeForm();
 makeRun($("#run"));
-makeSheet($("#sheet")).catch((error) => announce(error.message, { error: true }));
-makeRecording($("#recording"));
-makeRates($("#rates"));
-makeQuiet($("#quiet"));
-makeAngles($("#angles"));
-makeModes($("#modes"));
-makeSas($("#sas"));
-keepFields("run.asked", { seeds: $("#seeds") });
-$("#go").addEventListener("click", go);
-$("#five").addEventListener("click", five);
-$("#copy").addEventListener("click", copy);
-$("#save").addEventListener("click", saveScenario);
-window.addEventListener("popstate", () => {
-  document.activeElement?.blur(); // a field that is being typed in would keep its text
-  scenario.restore();
-});
-document.addEventListener("click", (event) => {
-  for (const menu of document.querySelectorAll("details.menu[open]"))
-    menu.open = menu.contains(event.target) && !event.target.closest("a");
-});
+listen();
+scenario.tell(); // what was heard before there was a form
+runs.restore(); // before another can be started, which is then chosen and kept beside them
+for (const button of [$("#go"), $("#five")]) button.disabled = false; // until now there was nothing to run
+await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
+await makeOthers();
+scenario.tell();
 openTab(tabs.find((tab) => tab.id === kept("tab")) ?? tabs[0]);
-try {
-  await scenario.restore();
-} finally {
-  for (const button of [$("#go"), $("#five")]) button.disabled = false; // until now there was nothing to run
-}
-runs.restore();
 document.documentElement.dataset.ready = "";
+(window.requestIdleCallback ?? setTimeout)(() => loadPlotly().catch((error) => announce(error.message, { error: true })));

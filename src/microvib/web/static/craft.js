@@ -1,7 +1,9 @@
 // The craft of a run: its picture, what a window of any length sees of its line of sight, which lines cost that.
 
-import { h, number, quantity } from "./dom.js";
+import { h, number } from "./dom.js";
 import { keep, kept } from "./kept.js";
+import { shown } from "./measures.js";
+import { picture } from "./tables.js";
 
 const METRICS = { rpe: "RPE", smear: "smear", jitter: "jitter", mpe: "MPE", pde: "PDE", stability: "stability", ape: "APE" };
 const RANKS = 8;
@@ -58,7 +60,7 @@ export function craftOf(run) {
       "section",
       { class: "card craft" },
       h("div", { class: "bar" }, h("h2", {}, "Spacecraft"), h("span", { class: "soft note" }, craft.words)),
-      h("img", { src: craft.drawing, alt: "Hub, array at its angle, drive axis and line of sight" }),
+      picture(craft.drawing, "Hub, array at its angle, drive axis and line of sight"),
       craft.lines.some(({ los }) => los) && windowOf(craft),
     ),
   ];
@@ -101,8 +103,8 @@ function windowOf(craft) {
     slider.value = view.decade;
     slider.setAttribute("aria-valuetext", span(window));
     said.textContent =
-      `${METRICS[view.metric]} in ${span(window)}: ${quantity(radial, "rad")} radial${pixels}` +
-      ` (x ${quantity(x, "rad")}, y ${quantity(y, "rad")}), rms of all lines${rings}${noise}`;
+      `${METRICS[view.metric]} in ${span(window)}: ${shown(radial, "rad")} radial${pixels}` +
+      ` (x ${shown(x, "rad")}, y ${shown(y, "rad")}), rms of all lines${rings}${noise}`;
     const top = ranked[0]?.radial || 1;
     ranking.replaceChildren(
       ...ranked.slice(0, RANKS).map((one) =>
@@ -111,7 +113,7 @@ function windowOf(craft) {
           {},
           h("span", {}, `${one.line}, ${number(one.frequency_hz, 4)} Hz${one.rings ? ", rings" : ""}`),
           h("span", { class: "rod", css: { "--share": Math.sqrt(one.radial / top) } }),
-          h("span", { class: "n" }, quantity(Math.sqrt(one.radial), "rad")),
+          h("span", { class: "n" }, shown(Math.sqrt(one.radial), "rad")),
         ),
       ),
     );

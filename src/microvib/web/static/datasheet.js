@@ -42,6 +42,9 @@ export async function makeSheet(tab) {
   check();
 }
 
+/** A ranking of the library. */
+export const openRanking = ({ id, title }) => task.open({ id, name: title });
+
 const card = (title, words, ...content) =>
   h("section", { class: "card" }, h("h2", {}, title), h("p", { class: "soft" }, words), ...content);
 

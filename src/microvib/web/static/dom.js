@@ -85,10 +85,6 @@ export function quantity(value, unit, digits = 3) {
   return `${number(value / scale, digits)} ${prefix}${unitText(unit)}`;
 }
 
-export function signed(value, unit, digits = 3) {
-  return (value > 0 ? "+" : "") + quantity(value, unit, digits);
-}
-
 export function debounce(action, delay) {
   let timer;
   return (...values) => {

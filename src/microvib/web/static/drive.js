@@ -2,7 +2,8 @@
 // signs as in docs/signs.md. Width goes with the amplitude at the driving frequency, a decade for each step.
 
 import { excited } from "./channels.js";
-import { DASH, number, quantity, s, signed } from "./dom.js";
+import { DASH, number, quantity, s } from "./dom.js";
+import { shown, shownSigned } from "./measures.js";
 import { textWidth } from "./labels.js";
 
 const AXIS = 140;
@@ -66,7 +67,7 @@ function spoken({ drive, T_e, T_g, T_l, T_d }) {
     ["T_l into the array", T_l],
     ["T_d on the spacecraft", T_d],
   ];
-  return `${chain} ${told.map(([name, torque]) => `${name}: mean ${signed(torque.value, "N*m")}, at the driving frequency ${quantity(torque.alternating, "N*m")}`).join("; ")}.`;
+  return `${chain} ${told.map(([name, torque]) => `${name}: mean ${shownSigned(torque.value)}, at the driving frequency ${shown(torque.alternating, "N*m")}`).join("; ")}.`;
 }
 
 function heads() {
@@ -219,7 +220,7 @@ function arrow(d, kind, torque, told, title) {
     "marker-end": `url(#head-${kind})`,
   });
   const words = told.drive
-    ? `: ${told.now ? "now" : "mean"} ${signed(torque.value, "N*m", 4)}, amplitude at f_d ${quantity(torque.alternating, "N*m", 4)}, largest ${quantity(torque.peak, "N*m", 4)}`
+    ? `: ${told.now ? "now" : "mean"} ${shownSigned(torque.value, 4)}, amplitude at f_d ${shown(torque.alternating, "N*m", 4)}, largest ${shown(torque.peak, "N*m", 4, { line: false })}`
     : "";
   return s("g", {}, s("title", {}, title + words), line);
 }
@@ -227,8 +228,8 @@ function arrow(d, kind, torque, told, title) {
 function label(x, y, head, torque, told, className = "", step = 15, digits = 3) {
   const lines = told.drive
     ? [
-        text(x, y + step, signed(torque.value, "N*m", digits), "value"),
-        text(x, y + 2 * step, `∿ ${quantity(torque.alternating, "N*m")}`, "fine value"),
+        text(x, y + step, shownSigned(torque.value, digits), "value"),
+        text(x, y + 2 * step, `∿ ${shown(torque.alternating, "N*m")}`, "fine value"),
       ]
     : [];
   return s("g", { class: className }, s("text", { x, y, "text-anchor": "middle", class: "torque-name" }, ...head), ...lines);
@@ -265,7 +266,7 @@ function sum(told) {
     [name("− ", "T", "g", " (1 + 1/h)"), housingGear],
     [name("+ ", "T", "f"), T_f],
   ];
-  const texts = ([, torque]) => (told.drive ? [signed(torque.value, "N*m", 4), `∿ ${quantity(torque.alternating, "N*m")}`] : []);
+  const texts = ([, torque]) => (told.drive ? [shownSigned(torque.value, 4), `∿ ${shown(torque.alternating, "N*m")}`] : []);
   const wide = (texts, least, size) => Math.max(least, ...texts.map((text) => textWidth(text, size, 650)));
   const widths = [...terms.map((term) => wide(texts(term), 76, 12.5)), 12, wide(texts([null, T_d]), 60, 14)];
   const centres = spread(widths, 112, 692);

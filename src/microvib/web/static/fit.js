@@ -45,7 +45,7 @@ export function makeFit(evidence) {
     task.leave();
     result.replaceChildren();
   };
-  return { element, leave, restore: task.restore };
+  return { element, leave, restore: task.restore, open: task.open };
 }
 
 const store = () => keep(KEPT, { rows: rowsNow(), count: starts.value });

@@ -1,6 +1,7 @@
 // The scenario as a form: groups as the drive is built, each field with symbol, meaning, unit, range and source.
 
 import { $, h, symbol } from "./dom.js";
+import { moveLive } from "./live.js";
 import * as scenario from "./scenario.js";
 
 const LONG = 60; // characters of a meaning, of which the label then shows the beginning
@@ -18,6 +19,18 @@ const TITLES = {
   profile: "leg",
   friction: "friction",
 };
+
+/** A spacecraft to begin with, of examples/spacecraft.yaml: assumed, of no mission. */
+const CRAFT =
+  "{hub: {mass: 420 kg, inertia: [180 kg*m^2, 150 kg*m^2, 210 kg*m^2, 4 kg*m^2, -6 kg*m^2, 3 kg*m^2]}, array_angle: 30 deg," +
+  " interface: {position: [0.35 m, 0.9 m, -0.2 m], drive_axis: [0, 1, 0], reference: [1, 0, 0]}, attitude_control: {bandwidth: 0.02 Hz, damping: 0.7}," +
+  " line_of_sight: {boresight: [0, 0, 1], windows: [1 ms, 10 ms, 100 ms, 1 s], pixel: 0.5 urad}}";
+
+/** Put the scenario on an example craft. */
+export const addCraft = () => scenario.changeAll({ spacecraft: CRAFT });
+
+/** Take an array whose modes have all six components, from finite elements of the catalog. */
+export const takeReferenceArray = () => scenario.changeAll({ array: "{fem: reference-array}" });
 
 export function makeForm() {
   $("#search").addEventListener("input", filter);
@@ -46,8 +59,21 @@ function show(seen) {
     unusual.hidden = !seen.unusual.length;
     unusual.textContent = seen.unusual.join(". ");
   }
+  showWhole(changes, seen, errors);
   $("#derived")?.replaceChildren(...seen.derived.map((text) => h("li", {}, text)));
   if ($("#only-changed").checked) filter();
+}
+
+/** Parts that were replaced as a whole, each with its way back, and a spacecraft where there is none. */
+function showWhole(changes, { values }, errors) {
+  const whole = Object.keys(changes).filter((key) => !key.includes("."));
+  const button = (words, action) => h("button", { type: "button", class: "quiet", onclick: action }, words);
+  const none = Object.keys(values).length > 0 && !Object.keys(values).some((key) => key.startsWith("spacecraft.")) && !("spacecraft" in changes);
+  $("#whole")?.replaceChildren(
+    ...whole.map((key) => button(`↶ ${key} is replaced: back to the base's`, () => scenario.undo(key))),
+    ...(none ? [button("Add a spacecraft (an example, assumed)…", addCraft)] : []),
+    ...(errors.has("array") ? [button("Take the reference array, from finite elements, instead of this one", takeReferenceArray)] : []),
+  );
 }
 
 /** All keys that are set; a list or group that was changed as one stands before its items. */
@@ -99,7 +125,8 @@ function build(keys) {
   }
   const derived = h("details", { class: "group" }, h("summary", {}, "What follows from it"), h("ul", { id: "derived" }));
   const unusual = h("p", { id: "unusual", class: "help", role: "status", hidden: true });
-  $("#form").replaceChildren(unusual, ...[...groups.values()].map((group) => group.element), derived);
+  const whole = h("div", { id: "whole" });
+  $("#form").replaceChildren(unusual, ...[...groups.values()].map((group) => group.element), whole, derived);
   const again = rows.get(wasTyping?.key)?.input;
   if (!again) return;
   again.value = wasTyping.text; // what is being typed goes on
@@ -183,6 +210,8 @@ function makeRow(key) {
     field.range ? ` ${field.range}.` : "",
     field.unit ? ` Unit: ${field.unit}, or a compatible one.` : "",
     parts.length ? ` Written as ${field.items ? "a list of " : ""}{${parts.map((item) => `${item.key}: …`).join(", ")}}.` : "",
+    " ",
+    field.kind === "quantity" && h("button", { type: "button", class: "quiet", onclick: () => moveLive(key) }, "Move it live"),
     " ",
     source,
   ];

@@ -2,9 +2,11 @@
 // Each zoom asks the server for that window, as an envelope, so that peaks survive and a microstep is seen sample by sample.
 
 import { fillChannels, has } from "./channels.js";
+import { addCursors } from "./cursors.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
+import { sampleAxis } from "./measures.js";
 import { draw, envelopeTrace, ink, onZoom } from "./plots.js";
 import * as runs from "./runs.js";
 import { PHASE, STICK } from "./styles.js";
@@ -64,13 +66,16 @@ function shift(part) {
   set({ window: [from, from + length] });
 }
 
+addCursors(plot, "time");
+
 let listening = false;
 const asking = latest();
 
 /** Ask for the window of each run, and draw it. */
 export async function update() {
   fillChannels(channel, runs.shown(), view.channel);
-  const shown = runs.shown().filter((run) => has(run, view.channel));
+  const all = runs.shown().filter((run) => has(run, view.channel));
+  const shown = all.slice(-STRIPS);
   const chosen = shown.at(-1);
   if (view.window && !shown.some(reaches)) view.window = null; // it was another run's
   const [from, to] = view.window ?? [undefined, undefined];
@@ -78,22 +83,24 @@ export async function update() {
   await asking(
     (signal) =>
       Promise.all(shown.map((run) => runs.ask(run, "series", { channels: channels(run), from, to, points: 1500 }, { signal }))),
-    (series) => show(shown, series, chosen),
+    (series) => show(shown, series, chosen, all.length),
   );
 }
 
-async function show(shown, series, chosen) {
+async function show(shown, series, chosen, of) {
   // Envelopes fill their place: over each other only the last would be seen, so each run has a strip of its own.
   const strips = shown.length > 1 && series.some((one) => !one.exact) ? shown.length : 1;
   const place = places(strips);
   plot.style.height = `${place.height}px`;
   const traces = shown.map((run, k) => curve(run, series[k], strips > 1 ? axisOf(k) : ""));
   if (chosen) traces.push(...below(series.at(-1)));
-  await draw(plot, traces, layout(shown, series, chosen, strips, place));
+  await draw(plot, traces, layout(shown, series, strips, place));
+  note.textContent = words(series, strips, of);
   if (!listening) onZoom(plot, ({ x = view.window, y = view.y }) => set({ window: x, y }));
   listening = true;
 }
 
+const STRIPS = 8; // runs at most, of which the chosen is one
 const STRIP = 92; // pixels of a run's strip, of which a tenth is its gap
 const ALONE = 220;
 const UNDER = 190; // currents and sticking below
@@ -120,13 +127,16 @@ function places(strips) {
 
 function curve(run, series, axis) {
   const data = series.channels[view.channel];
+  const { factor, printed } = sampleAxis(data.unit);
+  const { x, y } = envelopeTrace(series.t, data, series.exact);
   return {
-    ...envelopeTrace(series.t, data, series.exact),
+    x,
+    y: factor === 1 ? y : y.map((value) => factor * value),
     name: run.name,
     mode: "lines",
     yaxis: `y${axis}`,
     line: { color: run.colour, dash: series.exact ? run.dash : "solid", width: series.exact ? 1.6 : 1 },
-    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${unitText(data.unit)}<extra>%{fullData.name}</extra>`,
+    hovertemplate: `%{x:.6g} s<br>${view.channel} %{y:.4g} ${printed ?? unitText(data.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -151,11 +161,17 @@ function below(series) {
   return [...currents, ...stick];
 }
 
-function layout(shown, series, chosen, strips, place) {
-  const exact = series.length && series.every((one) => one.exact);
-  const sort = exact ? "every sample" : "smallest and largest of each stretch";
-  note.textContent = !series.length ? "" : strips > 1 ? `${sort}; one strip for each run` : sort;
-  const unit = unitText(series[0]?.channels[view.channel].unit);
+/** What is drawn: every sample or not, and of which runs. */
+function words(series, strips, of) {
+  if (!series.length) return "";
+  const sort = series.every((one) => one.exact) ? "every sample" : "smallest and largest of each stretch";
+  const some = of > series.length ? `; the chosen and ${series.length - 1} others of ${of} runs` : "";
+  return `${sort}${strips > 1 ? "; one strip for each run" : ""}${some}`;
+}
+
+function layout(shown, series, strips, place) {
+  const plain = series[0]?.channels[view.channel].unit;
+  const unit = sampleAxis(plain).printed ?? unitText(plain);
   const title = `${view.channel}${unit ? ` [${unit}]` : ""}`;
   const [t0, t1] = view.window ?? spanOf(shown);
   const upper = Array.from({ length: strips }, (_, k) => [

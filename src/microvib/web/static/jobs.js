@@ -2,7 +2,7 @@
 // A question names the jobs that it is about: an answer says nothing of a job that was started after it was asked,
 // and of one that was asked about, its silence means that the server has it no more.
 
-import { getSurely, onServer, pause } from "./api.js";
+import { getSurely, pause } from "./api.js";
 
 const ENDED = ["done", "failed", "cancelled"];
 const PAUSE = 100;
@@ -46,4 +46,3 @@ function step(id, job) {
   resolve(job);
 }
 
-onServer((what) => what === "restarted" && [...followed.keys()].forEach((id) => step(id, GONE)));

@@ -5,7 +5,18 @@ import { keepFields } from "./kept.js";
 import { latest } from "./latest.js";
 import * as runs from "./runs.js";
 
-const limit = h("input", { type: "text", id: "limit", placeholder: "such as 30 mN*m", spellcheck: "false" });
+const limit = h("textarea", {
+  id: "limit",
+  rows: 1,
+  placeholder: "such as 30 mN*m",
+  title: "A torque, or the lines of a table of a limit over frequency (CSV), pasted",
+  spellcheck: "false",
+  onkeydown: (event) => {
+    if (event.key !== "Enter" || event.shiftKey || limit.value.includes("\n")) return;
+    event.preventDefault();
+    update();
+  },
+});
 const band = h("input", { type: "text", id: "limit-band", placeholder: "all frequencies", spellcheck: "false" });
 const words = h("output", { for: "limit limit-band", class: "verdict" });
 const gaps = h("details", { class: "gaps soft", hidden: true });

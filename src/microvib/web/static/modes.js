@@ -1,7 +1,8 @@
 // The Mode shapes tab: modes of the scenario's array, or of its craft with locked hinges, as a list and in motion.
 
 import { post } from "./api.js";
-import { h, number } from "./dom.js";
+import { announce, h, number } from "./dom.js";
+import { addCraft, takeReferenceArray } from "./form.js";
 import { keep, kept } from "./kept.js";
 import { makeTask } from "./progress.js";
 import * as scenario from "./scenario.js";
@@ -10,7 +11,7 @@ import { table } from "./tables.js";
 
 const place = h("div", {});
 const result = h("div", { class: "figures" });
-const task = makeTask("modes", place, show);
+const task = makeTask("modes", place, show, wayOn);
 
 export function makeModes(tab) {
   const button = (of, words) => h("button", { type: "button", onclick: () => find(of) }, words);
@@ -29,6 +30,49 @@ export function makeModes(tab) {
     result,
   );
   task.restore();
+}
+
+/** Shapes of the library. */
+export const openModes = ({ id, title, asked }) => task.open({ id, name: title, context: { of: asked.of } });
+
+/** What can be done about a scenario that has no such modes. */
+function wayOn(sentence) {
+  const button = (words, action, of) => h("button", { type: "button", onclick: () => lead(action, of) }, words);
+  if (sentence.startsWith("array.modes"))
+    return [
+      h(
+        "div",
+        { class: "bar" },
+        button("Give the array one mode at 1 Hz", giveMode, "array"),
+        button("Take the reference array, from finite elements", takeReferenceArray, "array"),
+      ),
+    ];
+  if (/^(spacecraft|array):/.test(sentence))
+    return [h("div", { class: "bar" }, button("Put the reference array, from finite elements, on an example craft", craftWithArray, "craft"))];
+  return [];
+}
+
+/** Half of the array's inertia behind a mode. */
+function giveMode() {
+  const [, inertia, unit] = /^(\S+) (.*)$/.exec(scenario.checked().values["array.inertia"] ?? "") ?? [];
+  const modes = `[{frequency: 1 Hz, damping: 0.5 percent, effective_inertia: ${Number((inertia / 2).toPrecision(4))} ${unit}}]`;
+  return scenario.changeAll({ "array.rigid_inertia": "", "array.modes": modes });
+}
+
+async function craftWithArray() {
+  await takeReferenceArray();
+  await addCraft();
+}
+
+/** Change the scenario, and ask again. */
+async function lead(action, of) {
+  try {
+    await action();
+    announce("The form has it; Undo all takes it back.");
+    await find(of);
+  } catch (error) {
+    announce(error.message, { error: true });
+  }
 }
 
 const find = (of) => task.start("Mode shapes", () => post("/api/shapes", { scenario: scenario.current(), of }), { of });

@@ -1,23 +1,26 @@
 // What all plots share: look, behaviour, and the window that is asked from the server on zoom.
 
 import { debounce, h } from "./dom.js";
+import { plotExports } from "./downloads.js";
 
-// Plotly is large: the form does not wait for it, and its first drawing, which is its slowest, is of nothing.
-const loaded = new Promise((resolve, reject) => {
-  const script = h("script", {
-    src: "/static/plotly.min.js",
-    onload: resolve,
-    onerror: () => reject(new Error("The plots' script did not load.")),
+// Plotly is large: it is fetched when the form is there, or when something is to be drawn before that. Its first drawing, which
+// is its slowest, is of nothing.
+let loaded = null;
+export const loadPlotly = () => (loaded ??= fetchPlotly());
+
+async function fetchPlotly() {
+  await new Promise((resolve, reject) => {
+    const src = new URL("./plotly.min.js", import.meta.url).href;
+    document.head.append(h("script", { src, onload: resolve, onerror: () => reject(new Error("The plots' script did not load.")) }));
   });
-  document.head.append(script);
-}).then(async () => {
   const place = h("div", { class: "away plot" });
   document.body.append(place);
   await window.Plotly.newPlot(place, [{ y: [1, 2] }], { yaxis: { type: "log" } });
   window.Plotly.purge(place);
   place.remove();
   return window.Plotly;
-});
+}
+
 const plots = new Map();
 
 export const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -28,17 +31,16 @@ export const ink = () => colour("--ink");
 
 /** Draw or redraw a plot; texts and lines take the page's colours. */
 export async function draw(place, data, layout) {
+  if (!plots.has(place)) place.after(plotExports(place, () => colour("--paper")));
   plots.set(place, { data, layout });
-  await (
-    await loaded
-  ).react(place, harmless(data), harmless(themed(layout)), {
+  const plotly = await loadPlotly();
+  await plotly.react(place, harmless(data), harmless(themed(layout, place)), {
     responsive: true,
     displaylogo: false,
     showTips: false,
     scrollZoom: false,
     doubleClick: "reset",
-    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
-    toImageButtonOptions: { format: "svg", filename: "microvib" },
+    modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]], // none that would send data away
   });
 }
 
@@ -54,7 +56,10 @@ function harmless(value, key) {
   return Object.fromEntries(Object.entries(value).map(([name, item]) => [name, harmless(item, name)]));
 }
 
-function themed(layout) {
+const NARROW = 560; // pixels, up to which names of curves lie below their plot
+
+function themed(layout, place) {
+  const below = place.clientWidth < NARROW;
   const axis = {
     gridcolor: colour("--grid"),
     linecolor: colour("--rule"),
@@ -75,7 +80,7 @@ function themed(layout) {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     margin: { l: 62, r: 14, t: 12, b: 40 },
     hoverlabel: { bgcolor: colour("--paper"), bordercolor: colour("--rule"), font: { color: colour("--ink") } },
-    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+    legend: { orientation: "h", x: 0, y: below ? -0.32 : 1.02, yanchor: below ? "top" : "bottom", bgcolor: "rgba(0,0,0,0)" },
     modebar: { color: colour("--soft"), activecolor: colour("--accent"), bgcolor: "rgba(0,0,0,0)" },
     ...layout,
     ...axes,
@@ -101,8 +106,21 @@ export function stretch(window) {
   return { from: Math.max(window[0] - more, 0), to: window[1] + more };
 }
 
-/** Range of an axis of amplitudes up to the largest, with room for names above it. */
-export const bounds = (largest, log) => (log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 1] : [0, 1.25 * largest]);
+const FEWEST = 800;
+const FINEST = 4000;
+
+/** Points that are worth asking for, of each of so many curves: two for a pixel, and fewer where many curves lie over each other. */
+export function pointsFor(place, curves) {
+  const pixels = Math.max(place.clientWidth, FEWEST) * (window.devicePixelRatio > 1 ? 2 : 1);
+  const step = curves > 8 ? 1 : 2;
+  return Math.min(step * 500 * Math.ceil(pixels / 500), FINEST); // in steps, so that a window's width does not ask anew
+}
+
+/** Range of an axis of amplitudes up to the largest, in its unit, with room for names above it. */
+export function bounds(largest, log, dB = false) {
+  if (dB) return [largest - 88, largest + 20];
+  return log ? [Math.log10(largest) - 4.4, Math.log10(largest) + 1] : [0, 1.25 * largest];
+}
 
 /** A line through a min/max envelope, so that no peak is lost; where each sample is there, through the samples. */
 export function envelopeTrace(t, channel, exact) {

@@ -33,9 +33,9 @@ export function progressRow(name, cancel) {
 
 /**
  * A place for one job at a time: one that the server accepts takes the place of the last, whose end then counts no more. It is
- * found again after a reload. `show(result, context, id)` gets what came out, and what `start` was told.
+ * found again after a reload. `remedies(sentence)` are elements that lead on from an error. `show(result, context, id)` gets what came out, and what `start` was told.
  */
-export function makeTask(key, place, show) {
+export function makeTask(key, place, show, remedies = () => []) {
   const rows = h("div", { class: "going" });
   const words = h("div", {});
   place.append(rows, words);
@@ -76,15 +76,20 @@ export function makeTask(key, place, show) {
     announce(`${job.name} …`);
     const end = await follow(job.id, row.show);
     row.element.remove();
+    job.ended = true;
     if (job !== mine) return;
-    if (end.state !== "done") return say(end.error ?? `${job.name} was cancelled.`, end.state !== "cancelled");
+    if (end.state !== "done") {
+      say(end.error ?? `${job.name} was cancelled.`, end.state !== "cancelled");
+      words.append(...remedies(end.error ?? ""));
+      return;
+    }
     announce(`${job.name}: done.`);
     await show(end.result, job.context, job.id);
   }
 
-  /** What is under way, or shown, counts no more. */
+  /** What is under way, or shown, counts no more; what has ended stays in the library. */
   function leave() {
-    if (mine) forget(mine.id);
+    if (mine && !mine.ended) forget(mine.id);
     mine = null;
     keep(key, null);
     words.replaceChildren();
@@ -92,6 +97,7 @@ export function makeTask(key, place, show) {
 
   function refuse(error) {
     say(error.message, true);
+    words.append(...remedies(error.message));
     const field = error.key && place.parentElement.querySelector(`[name="${CSS.escape(error.key)}"]`);
     field?.focus();
   }
@@ -103,6 +109,11 @@ export function makeTask(key, place, show) {
   return {
     start,
     leave,
+    /** Show what ended before, {id, name, context}. */
+    open: (job) => {
+      leave();
+      return finish(job);
+    },
     /** The job of before a reload. */
     restore: () => kept(key) && finish(kept(key)),
   };

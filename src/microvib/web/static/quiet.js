@@ -156,6 +156,10 @@ async function start(event) {
   await task.start("Search", () => post("/api/quiet", body), { scenario: now, name: scenario.shortName() });
 }
 
+/** A search of the library. */
+export const openQuiet = ({ id, title, asked }) =>
+  task.open({ id, name: title, context: { scenario: asked.scenario, name: title.replace(/^quieter drive for /, "") } });
+
 // ---- What came out ----
 
 function show({ summary, facts, parts, files, scenario_changes: changes }, { scenario: before, name }) {

@@ -1,11 +1,13 @@
 // The Rate map tab: lines over rate (Campbell diagram), where they meet modes, which rates a limit forbids.
 
 import { post } from "./api.js";
-import { h, number, quantity } from "./dom.js";
+import { announce, h, number } from "./dom.js";
+import { amplitudeAxis, onUnits, shown } from "./measures.js";
 import { draw, ink } from "./plots.js";
 import { keepFields } from "./kept.js";
 import { modeNames, together } from "./labels.js";
 import { makeTask } from "./progress.js";
+import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { LIMIT, style } from "./styles.js";
 import { card, partCards, partContent } from "./tables.js";
@@ -43,6 +45,7 @@ const result = h("div", { class: "figures" });
 const narrow = matchMedia("(max-width: 600px)");
 let redraw = () => {};
 narrow.addEventListener("change", () => redraw());
+onUnits(() => redraw());
 const task = makeTask("rates", place, show);
 
 export function makeRates(tab) {
@@ -57,6 +60,9 @@ export function makeRates(tab) {
   keepFields("rates.asked", { ...inputs, linear });
   task.restore();
 }
+
+/** A map of the library. */
+export const openRates = ({ id, title, asked }) => task.open({ id, name: title, context: { scenario: asked.scenario } });
 
 async function plan(event) {
   event.preventDefault();
@@ -74,22 +80,44 @@ async function plan(event) {
     limit: text("limit") || undefined,
     band: text("band") || undefined,
   };
-  await task.start("Rate map", () => post("/api/rates", body));
+  await task.start("Rate map", () => post("/api/rates", body), { scenario: body.scenario });
 }
 
-async function show(plan) {
+const clicked = new WeakSet(); // diagrams that are listened to
+
+/** A point of the diagram as a run: its rate and microstep count in the scenario of the map. */
+function letClick(place, offer, of) {
+  if (clicked.has(place) || !of) return;
+  clicked.add(place);
+  place.on("plotly_click", ({ points: [point] }) => {
+    const [rate, microsteps] = point.customdata ?? [];
+    if (rate === undefined) return;
+    const text = `${Number(rate.toPrecision(6))} deg/s`;
+    const changes = { ...of.changes, "tracking.rate": text, "driver.microsteps": String(microsteps) };
+    const begin = () => {
+      document.getElementById("tab-run").click();
+      return runs.start({ scenario: { ...of, changes }, name: `${text}, ${microsteps} microsteps`, steady: true, seeds: null });
+    };
+    const run = () => begin().catch((error) => announce(error.message, { error: true }));
+    offer.replaceChildren(`${text}, ${microsteps} microsteps: `, h("button", { type: "button", onclick: run }, "Run it in its steady state"));
+  });
+}
+
+async function show(plan, context) {
   const counts = [...new Set(plan.cases.map((item) => item.microsteps))];
   const campbell = h("div", { class: "plot", id: "campbell-plot", role: "img", "aria-label": "Campbell diagram" });
   const largest = h("div", { class: "plot", id: "largest-plot", role: "img", "aria-label": "Largest line over rate" });
+  const offer = h("p", { class: "offer", role: "status" });
   const [first, ...others] = plan.parts;
   result.replaceChildren(
     card("Best rates", plan.summary, ...partContent(first)),
-    card("Campbell diagram", "Dashed: modes through the drive; rings: where a line meets one.", campbell),
+    card("Campbell diagram", "Dashed: modes through the drive; rings: where a line meets one. A click on a point offers its run.", offer, campbell),
     card("Largest line over rate", "", largest),
     ...partCards(others),
   );
-  redraw = () => drawCampbell(campbell, plan, counts);
-  await Promise.all([redraw(), drawLargest(largest, plan, counts)]);
+  redraw = () => Promise.all([drawCampbell(campbell, plan, counts), drawLargest(largest, plan, counts)]);
+  await redraw();
+  for (const diagram of [campbell, largest]) letClick(diagram, offer, context?.scenario);
 }
 
 function drawCampbell(place, plan, counts) {
@@ -171,10 +199,10 @@ function scale(top) {
     cmin: Math.log10(FAINTEST * top),
     cmax: Math.log10(top),
     colorbar: {
-      title: { text: "amplitude, 0-to-peak", side: "right" },
+      title: { text: `amplitude, ${amplitudeAxis("N*m").words}`, side: "right" },
       thickness: 12,
       tickvals: decades,
-      ticktext: decades.map((k) => quantity(10 ** k, "N*m", 1)),
+      ticktext: decades.map((k) => shown(10 ** k, "N*m", 1)),
     },
   };
 }
@@ -193,7 +221,8 @@ function panel(plan, n, tail, top) {
       ...axes,
       x: points.map((p) => p.rate),
       y: points.map((p) => p.frequency),
-      text: points.map((p) => `<b>${p.line}</b>, ${quantity(p.amplitude, "N*m", 4)}`),
+      customdata: points.map((p) => [p.rate, n]),
+      text: points.map((p) => `<b>${p.line}</b>, ${shown(p.amplitude, "N*m", 4)}`),
       marker: { color: points.map((p) => Math.log10(p.amplitude)), coloraxis: "coloraxis", size: 4.5 },
       hovertemplate: "%{text}<br>%{x:.4g} deg/s, %{y:.4g} Hz<extra></extra>",
     },
@@ -201,7 +230,8 @@ function panel(plan, n, tail, top) {
       ...axes,
       x: met.map((r) => deg(r.rate)),
       y: met.map((r) => r.frequency),
-      text: met.map((r) => `<b>${r.line}</b> on ${r.mode.replaceAll("_", " ")}, ${quantity(r.amplitude, "N*m")}`),
+      customdata: met.map((r) => [deg(r.rate), n]),
+      text: met.map((r) => `<b>${r.line}</b> on ${r.mode.replaceAll("_", " ")}, ${shown(r.amplitude, "N*m")}`),
       marker: { symbol: "circle-open", size: 11, color: "#D55E00", line: { width: 1.6 } },
       hovertemplate: "%{text}<br>%{x:.4g} deg/s, %{y:.4g} Hz<extra></extra>",
     },
@@ -226,6 +256,7 @@ const bands = (plan, n, tail) =>
     }));
 
 function drawLargest(place, plan, counts) {
+  const axis = amplitudeAxis("N*m");
   const [low, high] = plan.band?.map((edge) => edge ?? Infinity) ?? [0, Infinity];
   const top = (item) =>
     item.lines
@@ -236,21 +267,22 @@ function drawLargest(place, plan, counts) {
     const [color, dash] = style(k);
     return {
       x: cases.map((item) => deg(item.rate)),
-      y: cases.map(top),
+      y: cases.map((item) => top(item) && axis.y(top(item))),
+      customdata: cases.map((item) => [deg(item.rate), n]),
       name: `${n} microsteps`,
       mode: "lines+markers",
       line: { color, dash, width: 1.4 },
       marker: { size: 4 },
-      hovertemplate: `%{x:.4g} deg/s<br>%{y:.4g} N m<extra>${n} microsteps</extra>`,
+      hovertemplate: `%{x:.4g} deg/s<br>%{y:.4g} ${axis.printed}<extra>${n} microsteps</extra>`,
     };
   });
   const limit =
     plan.limit === null
       ? []
-      : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: plan.limit, y1: plan.limit, line: { color: LIMIT, width: 2 } }];
+      : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: axis.y(plan.limit), y1: axis.y(plan.limit), line: { color: LIMIT, width: 2 } }];
   return draw(place, traces, {
     xaxis: { title: { text: "rate of the array [deg/s]" } },
-    yaxis: { title: { text: "largest line [N m]" }, type: "log", dtick: "D2" },
+    yaxis: { title: { text: `largest line [${axis.printed}]` }, ...(axis.dB ? {} : { type: "log", dtick: "D2" }) },
     shapes: limit,
   });
 }

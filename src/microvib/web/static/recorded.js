@@ -2,9 +2,12 @@
 
 import { get } from "./api.js";
 import { has } from "./channels.js";
+import { addCursors } from "./cursors.js";
+import { basesOf } from "./orders.js";
 import { announce, h, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
+import { amplitudeAxis, densityAxis, onUnits } from "./measures.js";
 import { bounds, draw, onZoom, stretch } from "./plots.js";
 import * as runs from "./runs.js";
 import { LINE, RECORDED } from "./styles.js";
@@ -14,14 +17,14 @@ const HIGHEST = 200;
 const seen = ({ lines }) => lines.filter((line) => line.amplitude_n_m !== null && line.status !== "below the floor");
 
 /** A card with one picture; `ask(analysis, window)` gets its data, `paint(analysis, view, data)` makes traces and layout of it. */
-function picture(key, title, { ask, paint, log = true }) {
+function picture(key, title, { ask, paint, log = true, more = [] }) {
   const view = { window: [0, HIGHEST], y: null, log, ...kept(key, {}) };
   const plot = h("div", { class: "plot tall", id: `${key}-plot`, role: "img", "aria-label": `${title} of the recording` });
   const note = h("span", { class: "soft note" });
   const logY = h("button", { type: "button", onclick: () => set({ log: !view.log, y: null }) }, "log amplitude");
   const all = h("button", { type: "button", onclick: () => set({ window: null, y: null }) }, "All");
   const low = h("button", { type: "button", onclick: () => set({ window: [0, HIGHEST], y: null }) }, `0–${HIGHEST} Hz`);
-  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, note);
+  const bar = h("div", { class: "bar" }, h("h2", {}, title), logY, low, all, more, note);
   const asking = latest();
   let shown = null;
   let listening = false;
@@ -47,8 +50,11 @@ function picture(key, title, { ask, paint, log = true }) {
     ).catch((error) => announce(error.message, { error: true }));
   }
 
+  onUnits(() => set({ y: null }));
+  const card = h("section", { class: "card" }, bar, plot);
+  addCursors(plot, "frequency", () => basesOf(runs.selected()?.result));
   return {
-    card: h("section", { class: "card" }, bar, plot),
+    card,
     update,
     show: (analysis, words) => {
       shown = analysis;
@@ -60,7 +66,30 @@ function picture(key, title, { ask, paint, log = true }) {
 
 const recorded = ({ id }, of, query, options) => get(`/api/analyses/${id}/spectrum`, { of, ...query }, options);
 
+const CHOSEN = "";
+const NONE = "none";
+const beneath = h("select", {
+  id: "recording-beneath",
+  "aria-label": "Run beneath the recording",
+  onchange: () => {
+    keep("recording.beneath", beneath.value);
+    spectrum.update();
+  },
+});
+
+/** Offer the runs that have ended; the one that was asked for stays. */
+function fillBeneath() {
+  const there = runs.all().filter((run) => run.state === "done");
+  const options = [[CHOSEN, "beneath: the chosen run"], [NONE, "nothing beneath"], ...there.map((run) => [run.id, `beneath: ${run.name}`])]; // prettier-ignore
+  beneath.replaceChildren(...options.map(([value, words]) => h("option", { value }, words)));
+  const wanted = kept("recording.beneath", CHOSEN);
+  beneath.value = options.some(([value]) => value === wanted) ? wanted : CHOSEN;
+}
+
+const runBeneath = () => (beneath.value === CHOSEN ? runs.selected() : runs.all().find((run) => run.id === beneath.value));
+
 export const spectrum = picture("recording", "Spectrum", {
+  more: [beneath],
   ask: (analysis, query, options) =>
     Promise.all([recorded(analysis, "amplitude", query, options), beside(analysis, query, options)]),
   paint: paintSpectrum,
@@ -73,56 +102,59 @@ export const density = picture("density", "Power spectral density", {
 
 /** The same load of the chosen run under the recording's: its torque T_d, or a component of what its hub feels. */
 async function beside({ run_channel: channel }, query, options) {
-  const run = runs.selected();
+  fillBeneath();
+  const run = runBeneath();
   if (run?.state !== "done" || !has(run, channel)) return null;
   const found = await runs.ask(run, "spectrum", { channel, ...query }, options).catch(() => null);
   return found && { run, channel, ...found };
 }
 
 function paintSpectrum(analysis, view, [{ f, values }, other]) {
-  const unit = unitText(analysis.unit);
+  const axis = amplitudeAxis(analysis.unit);
+  const unit = axis.printed ?? unitText(analysis.unit);
+  const log = view.log && !axis.dB;
   const largest = Math.max(...values, ...seen(analysis).map((line) => line.amplitude_n_m), 1e-15);
   const curve = {
     x: f,
-    y: values,
+    y: values.map(axis.y),
     mode: "lines",
     name: analysis.channel,
     line: { color: RECORDED, width: 1.1 },
     hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
   };
   return [
-    [...(other ? [under(other)] : []), curve, marks(seen(analysis), unit)],
+    [...(other ? [under(other, axis)] : []), curve, marks(seen(analysis), unit, axis)],
     {
       xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
       yaxis: {
-        title: { text: `amplitude [${unit}]` },
-        type: view.log ? "log" : "linear",
-        dtick: view.log ? 1 : undefined,
-        range: view.y ?? bounds(largest, view.log),
+        title: { text: `amplitude [${unit}], ${axis.words}` },
+        type: log ? "log" : "linear",
+        dtick: log ? 1 : undefined,
+        range: view.y ?? bounds(axis.y(largest), view.log, axis.dB),
       },
     },
   ];
 }
 
-const under = ({ run, channel, unit, f, amplitude }) => ({
+const under = ({ run, channel, f, amplitude }, axis) => ({
   x: f,
-  y: amplitude,
+  y: amplitude.map(axis.y),
   mode: "lines",
   name: `${channel} of ${run.name}`,
   line: { color: run.colour, width: 2.2 },
   opacity: 0.75,
-  hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unitText(unit)}<extra></extra>`,
+  hovertemplate: `%{x:.6g} Hz<br>%{y:.4g}<extra></extra>`,
 });
 
-const marks = (lines, unit) => ({
+const marks = (lines, unit, axis) => ({
   x: lines.map((line) => line.frequency_hz),
-  y: lines.map((line) => line.amplitude_n_m),
+  y: lines.map((line) => axis.y(line.amplitude_n_m)),
   mode: "markers",
   name: "lines, with their standard uncertainty",
   text: lines.map((line) => line.line),
   error_y: {
     type: "data",
-    array: lines.map((line) => line.amplitude_uncertainty_n_m ?? 0),
+    array: lines.map((line) => upTo(line, axis)),
     visible: true,
     color: LINE,
     thickness: 1.5,
@@ -132,11 +164,16 @@ const marks = (lines, unit) => ({
   hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${unit}<extra></extra>`,
 });
 
+/** From a line's amplitude to that and its uncertainty, on the axis. */
+const upTo = ({ amplitude_n_m: amplitude, amplitude_uncertainty_n_m: spread }, { y }) => y(amplitude + (spread ?? 0)) - y(amplitude);
+
 function paintDensity(analysis, view, { f, values }) {
-  const unit = `(${unitText(analysis.unit)})²/Hz`;
+  const axis = densityAxis(analysis.unit);
+  const unit = axis.printed ?? `(${unitText(analysis.unit)})²/Hz`;
+  const log = view.log && !axis.dB;
   const curve = {
     x: f,
-    y: values,
+    y: values.map(axis.y),
     mode: "lines",
     line: { color: RECORDED, width: 1.1 },
     hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
@@ -147,8 +184,8 @@ function paintDensity(analysis, view, { f, values }) {
       xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
       yaxis: {
         title: { text: `density [${unit}]` },
-        type: view.log ? "log" : "linear",
-        dtick: view.log ? 1 : undefined,
+        type: log ? "log" : "linear",
+        dtick: log ? 1 : undefined,
         range: view.y ?? undefined,
       },
       showlegend: false,

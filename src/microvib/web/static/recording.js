@@ -1,6 +1,6 @@
 // The Recording tab: a test's file, what is in it, beside the current run, and parameters from it.
 
-import { post, upload } from "./api.js";
+import { get, post, upload } from "./api.js";
 import { announce, h, number, onDrop, quantity } from "./dom.js";
 import { makeFit } from "./fit.js";
 import { keep, kept } from "./kept.js";
@@ -118,6 +118,16 @@ function restore() {
   analysing.restore();
   comparisons.restore();
   fit.restore();
+}
+
+/** A recording of the library, or what was made of one: {kind, id, title, asked}. */
+export async function openRecording({ kind, id, title, asked }) {
+  const of = { recording: id, identification: asked.recordings?.[0] }[kind] ?? asked.recording;
+  const answer = await get(`/api/recordings/${of}`);
+  if (kind === "recording") return begin(answer);
+  if (recording?.id !== answer.id) show(answer, asked.channel);
+  const job = { id, name: title };
+  return { analysis: analysing.open, comparison: comparisons.open, identification: fit.open }[kind](job);
 }
 
 function analyse() {

@@ -1,11 +1,16 @@
 // The Run tab: chips of the runs, drawing, plots and tables of the chosen one.
 
+import * as ab from "./ab.js";
 import { craftOf } from "./craft.js";
 import { announce, h, s } from "./dom.js";
 import { drawing as driveOf } from "./drive.js";
+import { drawingExports } from "./downloads.js";
 import * as history from "./history.js";
 import * as limit from "./limit.js";
+import { exportMenu } from "./exports.js";
 import { latest } from "./latest.js";
+import * as live from "./live.js";
+import { onUnits, shownFact } from "./measures.js";
 import { progressRow } from "./progress.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
@@ -21,9 +26,10 @@ const head = h("div", { class: "head" });
 const picture = h("section", { class: "card drawing" });
 const caption = h("p", { class: "soft note" });
 const sketch = h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "Drive train" });
-const figures = h("div", { class: "figures" }, spectrum.card, picture, history.card);
+const figures = h("div", { class: "figures" }, spectrum.card);
+const answer = h("div", { class: "tables" });
 const craft = h("div", {});
-const tables = h("div", {});
+const tables = h("div", { class: "tables" });
 
 const FILES = [
   ["scenario.yaml", "scenario"],
@@ -42,14 +48,17 @@ const FILES = [
 
 export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
-  picture.append(sketch, slow, caption);
-  place.append(chips, going, head, limit.bar, figures, craft, tables);
+  picture.append(sketch, slow, caption, drawingExports(() => sketch.querySelector("svg"), "Drive train"));
+  live.makeLive();
+  place.append(chips, going, head, limit.bar, figures, answer, ab.card, history.card, live.card, craft, picture, tables);
   limit.makeLimit(judged);
   runs.onChange((what) => {
     if (what === "runs") return show();
+    if (what === "names") return redraw();
     if (what === "state") showChips();
     showProgress();
   });
+  onUnits(redraw);
   scenario.onCheck(() => !runs.selected()?.result && showDrawing());
   show();
 }
@@ -59,29 +68,37 @@ async function show() {
   showProgress();
   showDrawing();
   limit.update();
+  ab.update();
   const run = runs.selected();
   head.replaceChildren(...(run ? [...(run.result ? headOf(run) : []), ...failure(run)] : [welcome()]));
   craft.replaceChildren(...craftOf(run));
-  tables.replaceChildren(...(run?.result ? tablesOf(run) : []));
+  showTables(run);
   const shown = runs.shown();
   const names = shown.map((item) => item.id).join(" ");
   spectrum.card.hidden = history.card.hidden = !shown.length;
   if (!shown.length || names === figures.dataset.drawn) return;
   figures.dataset.drawn = "";
   await drawing(
-    () => Promise.all([spectrum.update(), history.update()]),
-    () => {
-      performance.mark("run-drawn");
-      figures.dataset.drawn = names;
+    async () => {
+      await spectrum.update();
+      performance.mark("run-drawn"); // the picture that is seen first
+      await history.update();
     },
+    () => (figures.dataset.drawn = names),
   ).catch((error) => announce(error.message, { error: true }));
+}
+
+/** Names have changed: chips, legends, and what says whose figures these are. */
+function redraw() {
+  figures.dataset.drawn = "";
+  return show();
 }
 
 /** The limit, or what is said against it, has changed. */
 function judged() {
   const run = runs.selected();
   if (run?.result) {
-    tables.replaceChildren(...tablesOf(run));
+    showTables(run);
     head.replaceChildren(...headOf(run), ...failure(run));
   }
   if (run?.state === "done") spectrum.update().catch((error) => announce(error.message, { error: true }));
@@ -128,7 +145,15 @@ function showDrawing(now = null) {
     : "After a run this drawing carries its voltages, currents and torques.";
 }
 
+/** The chips anew; the button that has the focus has it afterwards, too. */
 function showChips() {
+  const had = chips.contains(document.activeElement) ? document.activeElement : null;
+  const place = had && `[data-run="${had.closest(".chip").dataset.run}"] .${had.className}`;
+  fillChips();
+  if (place) chips.querySelector(place)?.focus();
+}
+
+function fillChips() {
   chips.replaceChildren(
     ...runs.all().map((run) => {
       const state = runs.going(run) ? "" : run.state === "done" ? "" : ` (${run.state})`;
@@ -147,18 +172,43 @@ function showChips() {
         );
       const name = h(
         "button",
-        { class: "name", "aria-pressed": String(run === runs.selected()), title: run.name, onclick: () => runs.choose(run) },
+        { class: "name", "aria-pressed": String(run === runs.selected()), title: `${run.name}; F2 renames it`, onclick: () => runs.choose(run), onkeydown: (event) => event.key === "F2" && rename(run) },
         sample(run),
         h("span", {}, run.name + state),
       );
+      const pen =
+        run === runs.selected() &&
+        h("button", { class: "pen", title: "Rename (F2)", "aria-label": `Rename ${run.name}`, onclick: () => rename(run) }, "✎");
       const close = h(
         "button",
-        { class: "close", title: "Remove", "aria-label": `Remove ${run.name}`, onclick: () => runs.remove(run) },
+        { class: "close", title: "Close; it stays in the library", "aria-label": `Close ${run.name}`, onclick: () => runs.remove(run) },
         "×",
       );
-      return h("li", { class: `chip ${run.state}${run === runs.selected() ? " chosen" : ""}` }, eye, name, close);
+      return h("li", { "data-run": run.look, class: `chip ${run.state}${run === runs.selected() ? " chosen" : ""}` }, eye, name, pen, close);
     }),
   );
+}
+
+/** A field in the place of a run's name. */
+function rename(run) {
+  const place = chips.querySelector(`[data-run="${run.look}"]`);
+  const field = h("input", { type: "text", class: "rename", "aria-label": "Name of the run", value: run.name, maxlength: 200 });
+  let over = false;
+  const end = (name) => {
+    if (over) return;
+    over = true;
+    runs.rename(run, name);
+    showChips();
+    chips.querySelector(`[data-run="${run.look}"] .name`)?.focus();
+  };
+  field.addEventListener("keydown", (event) => {
+    if (!["Enter", "Escape"].includes(event.key)) return;
+    event.preventDefault(); // the button that gets the focus is not pressed by it
+    end(event.key === "Enter" ? field.value : run.name);
+  });
+  field.addEventListener("blur", () => end(field.value));
+  place.querySelector(".name").replaceWith(field);
+  field.select();
 }
 
 /** The run's colour and dash, as in the plots. */
@@ -195,10 +245,17 @@ function showProgress() {
 /** The leading figures of a run: verdict or largest lines, largest torque. */
 function headOf(run) {
   const { facts } = limit.verdictOf(run) ?? run.result;
-  const fact = ({ value, label, status }) => h("div", { class: status, title: label }, h("b", {}, value.replaceAll("-", "−")), h("span", {}, label));
+  const fact = ({ value, label, status }) => h("div", { class: status, title: label }, h("b", {}, shownFact({ value, label }).replaceAll("-", "−")), h("span", {}, label));
   return [
     h("div", { class: "facts" }, h("h2", {}, run.result.title || run.name), facts.map(fact), run.state === "done" && h("div", { class: "menus" }, menu(run), exportMenu(run))),
   ];
+}
+
+/** The lines stand under their picture, everything else further below. */
+function showTables(run) {
+  const [lines, ...others] = run?.result ? tablesOf(run) : [];
+  answer.replaceChildren(...(lines ? [lines] : []));
+  tables.replaceChildren(...others);
 }
 
 /** Cards of the run's parts; those that the limit changes as they are against it. */
@@ -207,18 +264,6 @@ function tablesOf(run) {
   const parts = run.result.parts.map((part) => judged.get(part.title) ?? part);
   const [first, ...others] = parts;
   return partCards([...others, { ...first, title: "What was simulated" }]);
-}
-
-/** The run in the formats of other tools; what cannot be had says why. */
-function exportMenu(run) {
-  const items = (run.result.exports ?? []).flatMap(({ target, gives, files, missing }) =>
-    files.map((file) => {
-      const words = `${target} (${file.slice(target.length)})`;
-      if (missing) return h("span", { class: "none", title: missing }, words, h("small", {}, missing));
-      return h("a", { href: `/api/runs/${run.id}/exports/${file}`, download: file, title: gives }, words);
-    }),
-  );
-  return h("details", { class: "menu exports" }, h("summary", { class: "button" }, "Export"), h("div", {}, items));
 }
 
 function menu(run) {

@@ -1,10 +1,11 @@
 // The runs that are kept: started, followed, shown over each other, chosen, removed.
 // A run's state is what the server said of its id; what a person asks for (cancel) is asked of the server, and shown when it is so.
 
-import { drop, get, onServer, post } from "./api.js";
+import { drop, get, getSurely, onServer, patch, post } from "./api.js";
 import { announce } from "./dom.js";
 import { follow } from "./jobs.js";
 import { keep, kept } from "./kept.js";
+import { keeps } from "./scenario.js";
 import { style } from "./styles.js";
 
 const KEPT = "runs";
@@ -19,7 +20,7 @@ export const shown = () =>
   runs.filter((run) => run.state === "done" && run.visible).sort((a, b) => (a === chosen) - (b === chosen));
 export const selected = () => chosen;
 export const going = (run) => ["asked", "queued", "running"].includes(run.state);
-/** Listeners hear "runs" where there are others, or other results; "state" and "progress" of those that go on. */
+/** Listeners hear "runs" where there are others, or other results; "names"; "state" and "progress" of those that go on. */
 export const onChange = (listener) => listeners.add(listener);
 const tell = (what) => listeners.forEach((listener) => listener(what));
 
@@ -80,6 +81,7 @@ async function finish(run) {
   Object.assign(run, end.state === "gone" && run.unwanted ? { state: "cancelled" } : end);
   if (run.state === "done") performance.mark("run-done");
   announce(`${run.name}: ${run.state}.`);
+  pass(run);
   tell("runs");
 }
 
@@ -114,6 +116,41 @@ function store() {
   if (!keep(KEPT, facts)) keep(KEPT, facts.map((one) => ({ ...one, scenario: null }))); // prettier-ignore
 }
 
+/** A run of the library, {id, name, scenario, steady, seeds}; one that is here already is chosen. */
+export function open({ id, name, ...wanted }) {
+  const here = runs.find((run) => run.id === id);
+  if (here) return choose(here);
+  const run = add({ id, name: unlike(name), ...wanted });
+  choose(run);
+  return finish(run);
+}
+
+/** Give a run another name, here and in the library. */
+export async function rename(run, name) {
+  const wanted = name.trim();
+  if (!wanted || wanted === run.name) return;
+  run.name = unlike(wanted);
+  store();
+  tell("names");
+  run.renamed = true;
+  await pass(run);
+}
+
+/** The library calls a run as the page does, from when it has it. */
+async function pass(run) {
+  if (!run.renamed || run.state !== "done" || !keeps) return;
+  await patch(`/api/library/${run.id}`, { title: run.name.slice(0, 200) }).catch((error) => announce(error.message, { error: true }));
+}
+
+/** A run has another name in the library. */
+export function called(id, name) {
+  const run = runs.find((one) => one.id === id);
+  if (!run) return;
+  run.name = name;
+  store();
+  tell("names");
+}
+
 export function choose(run) {
   chosen = run;
   if (run) run.visible = true;
@@ -142,20 +179,42 @@ function take(run) {
   tell("runs");
 }
 
+/** Take a run off the page; one that goes on is cancelled, one that has ended stays in the library. */
 export async function remove(run) {
+  const goesOn = going(run);
   run.unwanted = true;
   take(run);
-  if (run.id) await drop(run.id).catch(() => null);
+  if (run.id && goesOn) await drop(run.id).catch(() => null);
+}
+
+/** A run that was deleted is on the page no more. */
+export function deleted(id) {
+  const run = runs.find((one) => one.id === id);
+  if (run) take(run);
 }
 
 /** What the server says of a run's samples; a run that it has no more is gone from now on. */
 export async function ask(run, what, query, options) {
+  const question = `${run.id} ${what} ${JSON.stringify(query)}`;
+  if (LASTING.includes(what) && answers.has(question)) return answers.get(question);
   try {
-    return await get(`/api/runs/${run.id}/${what}`, query, options);
+    const answer = await get(`/api/runs/${run.id}/${what}`, query, options);
+    if (LASTING.includes(what)) remember(question, answer);
+    return answer;
   } catch (error) {
     if (error.status === 404 && run.state === "done") lose([run]);
     throw error;
   }
+}
+
+// Samples of a run do not change: what was asked once, of runs that lie below a new one, is not asked again.
+const LASTING = ["spectrum", "series"];
+const MOST = 200;
+const answers = new Map();
+
+function remember(question, answer) {
+  answers.set(question, answer);
+  if (answers.size > MOST) answers.delete(answers.keys().next().value);
 }
 
 function lose(lost) {
@@ -163,4 +222,14 @@ function lose(lost) {
   tell("runs");
 }
 
-onServer((what) => what === "restarted" && lose(runs.filter((run) => run.state === "done")));
+/** Of runs that ended before the server was restarted, those that its library does not have are lost. */
+async function look() {
+  const done = runs.filter((run) => run.state === "done" && run.id);
+  if (!done.length) return;
+  const there = await getSurely("/api/jobs", { ids: done.map((run) => run.id).join(",") }).catch(() => null);
+  if (there === null) return; // this browser is not let in yet
+  const lost = done.filter((run) => !there.some((job) => job.id === run.id));
+  if (lost.length) lose(lost);
+}
+
+onServer((what) => ["restarted", "open"].includes(what) && look());

@@ -53,6 +53,9 @@ export function makeSas(tab) {
   task.restore();
 }
 
+/** A sizing of the library. */
+export const openSas = ({ id, title }) => task.open({ id, name: title });
+
 async function size(ofScenario) {
   const text = (key) => inputs[key].value.trim() || undefined;
   const what = ofScenario ? { from_scenario: scenario.current() } : { inertia: text("inertia"), frequency: text("frequency") };

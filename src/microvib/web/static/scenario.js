@@ -17,11 +17,13 @@ const listeners = new Set();
 
 export let catalog = [];
 export let schema = [];
+/** Whether the server keeps what has ended. */
+export let keeps = false;
 let fields = new Map();
 
 /** Ask the server for its catalog and what it says of each field. */
 export async function load() {
-  [catalog, { groups: schema }] = await Promise.all([get("/api/catalog"), get("/api/schema")]);
+  [catalog, { groups: schema, keeps }] = await Promise.all([get("/api/catalog"), get("/api/schema")]);
   fields = new Map(schema.flatMap((group) => group.fields.map((field) => [field.key, field])));
 }
 
@@ -119,6 +121,11 @@ export const asFile = () => post("/api/scenario", current());
 
 function hear(answer) {
   seen = answer;
+  tell();
+}
+
+/** Let all listeners hear the server's last word. */
+export function tell() {
   for (const listener of listeners) listener(seen);
 }
 

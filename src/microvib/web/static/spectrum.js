@@ -1,11 +1,14 @@
 // Amplitude spectrum of the shown runs: named lines, array mode, measured reference lines, linear and logarithmic axes.
 
 import { excited, fillChannels, has } from "./channels.js";
-import { announce, debounce, h, number, quantity, unitText } from "./dom.js";
+import { addCursors } from "./cursors.js";
+import { announce, debounce, h, number, unitText } from "./dom.js";
 import { keep, kept } from "./kept.js";
 import { about, modeNames, placed, together } from "./labels.js";
 import { latest } from "./latest.js";
-import { bounds, draw, ink, onZoom, stretch } from "./plots.js";
+import { amplitudeAxis, onUnits, shown as inUnits } from "./measures.js";
+import { basesOf, orderTicks } from "./orders.js";
+import { bounds, draw, ink, onZoom, pointsFor, stretch } from "./plots.js";
 import * as runs from "./runs.js";
 import { LIMIT } from "./styles.js";
 import { verdictOf } from "./limit.js";
@@ -15,15 +18,23 @@ const NAMED = 8; // lines at most; half of them in a picture that is narrow [px]
 const NARROW = 400;
 const WORTH = 0.005; // of the largest line that is seen, from which another has a name
 const LOWEST = 0.1; // of a logarithmic axis, unless the first bin is lower [Hz]
+const NAMES = 3; // of curves, beyond which the runs' list alone has them
 const SIZE = 10.5; // of names
 const AROUND = 76; // margins of the plot, before it has been drawn
 
-const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, y: null, ...kept("spectrum", {}) };
+const view = { channel: "T_d", window: [0, HIGHEST], logX: false, logY: true, orders: "", y: null, ...kept("spectrum", {}) };
 const plot = h("div", { class: "plot tall", id: "spectrum-plot", role: "img", "aria-label": "Amplitude spectrum of the runs" });
 const channel = h("select", { id: "spectrum-channel", onchange: () => set({ channel: channel.value }) });
 const logX = button("log f", () => set({ logX: !view.logX }));
 const logY = button("log amplitude", () => set({ logY: !view.logY }));
 const note = h("span", { class: "soft note" });
+const bases = () => basesOf(runs.selected()?.result);
+const ordersOf = h(
+  "select",
+  { id: "spectrum-orders", "aria-label": "Axis of frequencies", onchange: () => set({ orders: ordersOf.value }) },
+  h("option", { value: "" }, "Hz"),
+  ["microstep rate", "electrical frequency"].map((name) => h("option", { value: name }, `× ${name}`)),
+);
 
 export const card = h(
   "section",
@@ -36,6 +47,7 @@ export const card = h(
     channel,
     logY,
     logX,
+    ordersOf,
     button("0–200 Hz", () => set({ window: [0, HIGHEST] })),
     button("Array mode", () => set({ window: arrayWindow(), logX: false })),
     button("All", () => set({ window: null })),
@@ -59,6 +71,10 @@ function arrayWindow() {
   return mode ? [0, 4 * mode.frequency] : [0, 5];
 }
 
+onUnits(() => (view.y = null));
+
+addCursors(plot, "frequency", bases);
+
 let listening = false;
 const asking = latest();
 
@@ -66,7 +82,7 @@ const asking = latest();
 export async function update() {
   fillChannels(channel, runs.shown(), view.channel);
   const shown = runs.shown().filter((run) => has(run, view.channel));
-  const query = { channel: view.channel, window: "hann", ...stretch(view.window), points: 4000, log: view.logX };
+  const query = { channel: view.channel, window: "hann", ...stretch(view.window), points: pointsFor(plot, shown.length), log: view.logX };
   await asking(
     (signal) => Promise.all(shown.map((run) => runs.ask(run, "spectrum", query, { signal }))),
     (spectra) => show(shown, spectra),
@@ -74,13 +90,18 @@ export async function update() {
 }
 
 let last = null; // what is drawn
+let axis = amplitudeAxis("N*m"); // in which unit
 
 async function show(shown, spectra) {
   last = [shown, spectra];
+  axis = amplitudeAxis(spectra[0]?.unit ?? "N*m");
+  logY.hidden = axis.dB;
   logX.setAttribute("aria-pressed", view.logX);
   logY.setAttribute("aria-pressed", view.logY);
-  const traces = shown.flatMap((run, k) => [curve(run, spectra[k]), ...(view.channel === "T_d" ? [dots(run)] : [])]);
+  const named = shown.length <= NAMES;
+  const traces = shown.flatMap((run, k) => [{ ...curve(run, spectra[k]), showlegend: named }, ...(view.channel === "T_d" ? [dots(run)] : [])]);
   if (view.channel === "T_d") traces.push(...referenceDots(shown));
+  traces.push(...limitCurve(view.channel === "T_d" ? verdictOf(shown.at(-1)) : null));
   const measured = String(area());
   await draw(plot, traces, layout(shown, spectra));
   if (measured !== String(area())) await draw(plot, traces, layout(shown, spectra)); // names have their places in pixels
@@ -104,8 +125,8 @@ function fromAxis(window) {
 
 // What is not above zero has no place on a logarithmic axis; the picture would go on level from it.
 function positive({ f, amplitude }) {
-  const keep = f.map((x, k) => (x > 0 || !view.logX) && (amplitude[k] > 0 || !view.logY));
-  return { x: f.filter((_, k) => keep[k]), y: amplitude.filter((_, k) => keep[k]) };
+  const keep = f.map((x, k) => (x > 0 || !view.logX) && (amplitude[k] > 0 || !(view.logY || axis.dB)));
+  return { x: f.filter((_, k) => keep[k]), y: amplitude.filter((_, k) => keep[k]).map(axis.y) };
 }
 
 function curve(run, spectrum) {
@@ -114,7 +135,7 @@ function curve(run, spectrum) {
     name: run.name,
     mode: "lines",
     line: { color: run.colour, dash: run.dash, width: 1.2 },
-    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${unitText(spectrum.unit)}<extra>%{fullData.name}</extra>`,
+    hovertemplate: `%{x:.5g} Hz<br>%{y:.4g} ${axis.printed ?? unitText(spectrum.unit)}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -124,12 +145,12 @@ function dots(run) {
   const lines = seenLines(run);
   return {
     x: lines.map((line) => line.frequency_hz),
-    y: lines.map((line) => line.amplitude_n_m),
+    y: lines.map((line) => axis.y(line.amplitude_n_m)),
     mode: "markers",
     showlegend: false,
     marker: { color: run.colour, size: 6, line: { color: "#fff", width: 0.8 } },
     text: lines.map((line) => `${line.line}<br>${line.origin}`),
-    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} N m<extra>%{fullData.name}</extra>`,
+    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${axis.printed}<extra>%{fullData.name}</extra>`,
   };
 }
 
@@ -139,12 +160,12 @@ function referenceDots(shown) {
   return [
     {
       x: rows.map((row) => row.measured_hz),
-      y: rows.map((row) => row.measured_n_m),
+      y: rows.map((row) => axis.y(row.measured_n_m)),
       name: "measured",
       mode: "markers",
       marker: { symbol: "diamond-open", size: 11, color: ink(), line: { width: 1.8 } },
       text: rows.map((row) => row.line),
-      hovertemplate: "measured, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} N m<extra></extra>",
+      hovertemplate: `measured, %{text}<br>%{x:.6g} Hz<br>%{y:.4g} ${axis.printed}<extra></extra>`,
     },
   ];
 }
@@ -156,16 +177,16 @@ function layout(shown, spectra) {
   const [low, high] = view.window ?? [0, spectra[0]?.f.at(-1) ?? HIGHEST];
   const lowest = Math.max(low, Math.min(...spectra.map((one) => one.resolution), LOWEST));
   const x = view.logX ? [Math.log10(lowest), Math.log10(high)] : [low, high];
-  const y = view.y ?? bounds(largest, view.logY);
+  const y = view.y ?? bounds(axis.y(largest), view.logY, axis.dB);
   const axes = scaled(x, y);
-  note.textContent = spectra.length ? "0-to-peak, Hann window" : "";
+  note.textContent = spectra.length ? `${axis.words}, Hann window` : "";
   return {
-    xaxis: { title: { text: "frequency [Hz]" }, type: view.logX ? "log" : "linear", range: x },
+    xaxis: { ...frequencies(lowest, low, high), type: view.logX ? "log" : "linear", range: x },
     yaxis: {
-      title: { text: `amplitude [${unitText(spectra[0]?.unit ?? "N*m")}]` },
-      type: view.logY ? "log" : "linear",
+      title: { text: `amplitude [${axis.printed ?? unitText(spectra[0]?.unit ?? "N*m")}]` },
+      type: view.logY && !axis.dB ? "log" : "linear",
       range: y,
-      dtick: view.logY ? 1 : undefined,
+      dtick: view.logY && !axis.dB ? 1 : undefined,
     },
     annotations: [
       ...(run && view.channel === "T_d" ? names(run, axes, limit) : []),
@@ -176,11 +197,23 @@ function layout(shown, spectra) {
   };
 }
 
+/** Title and ticks: frequencies, or orders of the chosen run's clock. */
+function frequencies(lowest, low, high) {
+  const base = bases()[view.orders];
+  ordersOf.value = base ? view.orders : "";
+  if (!base) return { title: { text: "frequency [Hz]" } };
+  const title = { text: `order, multiples of the ${view.orders}, ${number(base, 5)} Hz` };
+  return { title, ...orderTicks(view.logX ? lowest : low, high, base, view.logX) };
+}
+
 /** Where values lie: in the units of the axes, and in pixels from the left and the top. */
 function scaled(x, y) {
   const [width, height] = area();
   const onX = (f) => (view.logX ? Math.log10(Math.max(f, 1e-9)) : f);
-  const onY = (amplitude) => (view.logY ? Math.log10(Math.max(amplitude, 1e-30)) : amplitude);
+  const onY = (amplitude) => {
+    const value = axis.y(Math.max(amplitude, 1e-30));
+    return view.logY && !axis.dB ? Math.log10(value) : value;
+  };
   const right = (f) => ((onX(f) - x[0]) / (x[1] - x[0])) * width;
   const down = (amplitude) => ((y[1] - onY(amplitude)) / (y[1] - y[0])) * height;
   const sees = (f) => right(f) >= 0 && right(f) <= width;
@@ -205,7 +238,7 @@ function names(run, axes, limit) {
   const turn = ({ line }) => (first.includes(line) ? first.indexOf(line) : first.length);
   inside.sort((a, b) => turn(a) - turn(b) || rank(a) - rank(b) || b.amplitude_n_m - a.amplitude_n_m);
   const dots = inside.map((line) => about(axes.right(line.frequency_hz), axes.down(line.amplitude_n_m), 4));
-  if (limit) {
+  if (isOneNumber(limit)) {
     const y = axes.down(limit.torque);
     dots.push({ left: axes.width - 100, right: axes.width, top: y - 15, bottom: y }); // its name
     dots.push({ left: 0, right: axes.width, top: y - 2, bottom: y + 2 });
@@ -219,7 +252,7 @@ function names(run, axes, limit) {
     y: axes.down(line.amplitude_n_m),
     size: SIZE,
     optional: rank(line) === 2 && !first.includes(line.line),
-    lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${quantity(line.amplitude_n_m, "N*m", 3)}`],
+    lines: [line.line, `${number(line.frequency_hz, 4)} Hz · ${inUnits(line.amplitude_n_m, "N*m", 3)}`],
   }));
   return placed(wanted, axes, dots)
     .slice(0, axes.width < NARROW ? NAMED / 2 : NAMED)
@@ -277,17 +310,35 @@ const span = ({ low, high }, axes) => [
   Math.min(high === null ? axes.width : axes.right(high), axes.width) / axes.width,
 ];
 
+/** A limit over frequency; in a mode of its own, so that no cursor takes it for a spectrum. */
+function limitCurve(limit) {
+  if (!limit?.curve) return [];
+  return [
+    {
+      x: limit.curve.map(([f]) => f),
+      y: limit.curve.map(([, torque]) => axis.y(torque)),
+      name: "limit",
+      mode: "lines+markers",
+      line: { color: LIMIT, width: 2 },
+      marker: { color: LIMIT, size: 4 },
+      hovertemplate: `limit<br>%{x:.5g} Hz<br>%{y:.4g} ${axis.printed}<extra></extra>`,
+    },
+  ];
+}
+
+const isOneNumber = (limit) => Boolean(limit) && limit.torque !== null && !limit.curve;
+
 function limitLine(limit, axes) {
-  if (!limit) return [];
+  if (!isOneNumber(limit)) return [];
   const [x0, x1] = span(limit, axes);
   const line = { color: LIMIT, width: 2 };
-  return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: limit.torque, y1: limit.torque, line }] : [];
+  return x0 < x1 ? [{ type: "line", xref: "paper", x0, x1, y0: axis.y(limit.torque), y1: axis.y(limit.torque), line }] : [];
 }
 
 function limitName(limit, axes) {
-  if (!limit) return [];
+  if (!isOneNumber(limit)) return [];
   const [x0, x1] = span(limit, axes);
-  const text = `limit ${quantity(limit.torque, "N*m", 3)}`;
+  const text = `limit ${inUnits(limit.torque, "N*m", 3)}`;
   const font = { size: SIZE, color: LIMIT };
   const place = { xref: "paper", x: x1, y: axes.onY(limit.torque), xanchor: "right", yanchor: "bottom", showarrow: false };
   return x0 < x1 ? [{ ...place, text, font }] : [];

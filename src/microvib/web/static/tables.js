@@ -1,6 +1,8 @@
 // Tables that can be sorted, and whose values can be selected and copied.
 
 import { DASH, h } from "./dom.js";
+import { pictureExports, tableExports } from "./downloads.js";
+import { onUnits, shownColumn, shownWords } from "./measures.js";
 
 const words = ({ title, unit }) => (unit ? `${title} [${unit}]` : title);
 
@@ -49,10 +51,12 @@ export function table(columns, rows, { caption, sort } = {}) {
   }
 
   fill();
+  const element = h("table", {}, h("caption", { class: "away" }, caption), h("thead", {}, h("tr", {}, heads)), body);
   return h(
     "div",
-    { class: "wide", tabindex: "0", role: "region", "aria-label": caption },
-    h("table", {}, h("caption", { class: "away" }, caption), h("thead", {}, h("tr", {}, heads)), body),
+    {},
+    h("div", { class: "wide", tabindex: "0", role: "region", "aria-label": caption }, element),
+    tableExports(element, caption ?? "table"),
   );
 }
 
@@ -60,11 +64,17 @@ const ITEMS = {
   text: ({ text, note }) => [h("p", { class: note ? "soft" : null }, text)],
   pairs: ({ rows }) => [h("dl", {}, ...rows.map(([name, words]) => h("div", {}, h("dt", {}, name), h("dd", {}, words))))],
   picture: ({ title, caption, source }) => [
-    h("div", { class: "wide" }, h("img", { src: source, alt: title })),
+    ...picture(source, title),
     caption && h("p", { class: "soft" }, caption),
   ],
-  table: (item, title) => (item.rows.length ? [textTable(item, title), item.caption && h("p", { class: "soft" }, item.caption)] : []),
+  table: (item, title) => (item.rows.length ? [textTable(item, title)] : []),
 };
+
+/** A picture that the server drew, and what to take it away as. */
+export function picture(source, title) {
+  const image = h("img", { src: source, alt: title });
+  return [h("div", { class: "wide" }, image), pictureExports(image, title || "picture")];
+}
 
 /** What stands in one part of a study's outcome, as `page_part` gives it. */
 export const partContent = ({ title, items }) => items.flatMap((item) => ITEMS[item.kind](item, title)).filter(Boolean);
@@ -82,12 +92,37 @@ export const card = (title, words, ...content) =>
 const MARKS = { pass: "pass", fail: "fail", off: "unclear" };
 
 /** A table whose cells are texts by the columns' keys, with a button for the rows that it leaves out. */
-function textTable({ columns, rows, all_rows: all }, caption) {
+function textTable({ columns, rows, all_rows: all, caption: words }, caption) {
   const place = h("div", {});
-  const show = (some) => table(columns.map(textColumn), some.map(valuesOf), { caption });
-  const every = () => place.replaceChildren(show(all));
-  place.append(show(rows), all ? h("button", { type: "button", class: "quiet", onclick: every }, `Show all ${all.length} rows`) : "");
+  const every = h("button", { type: "button", class: "quiet", onclick: () => show(all) }, `Show all ${all?.length} rows`);
+  let shown = rows;
+  function show(wanted) {
+    shown = wanted;
+    const inUnits = columns.map((column) => [column, shownColumn(column)]);
+    const texts = (row) => Object.fromEntries(inUnits.map(([{ key }, unit]) => [key, textIn(row[key], unit)]));
+    const heads = inUnits.map(([column, unit]) => textColumn(unit ? { ...column, unit: unit.unit } : column));
+    const made = table(
+      heads,
+      shown.map((row) => valuesOf(texts(row))),
+      { caption },
+    );
+    place.replaceChildren(made, ...(all && shown !== all ? [every] : []), ...(words ? [h("p", { class: "soft" }, shownWords(words))] : []));
+  }
+  show(rows);
+  const follows = new WeakRef(place); // a table that is gone follows no more
+  onUnits(() => follows.deref()?.isConnected && show(shown));
   return place;
+}
+
+/** A cell's number in another unit, with as many digits as it has; words stay. */
+function textIn(text, unit) {
+  if (!unit || !isNumber(text)) return text;
+  const value = unit.of(Number(text));
+  if (!Number.isFinite(value)) return DASH;
+  if (unit.dB) return value.toFixed(1);
+  const digits = Math.max(text.replace(/e.*/, "").replace(/^[-+0.]+/, "").replace(/\D/g, "").length, 1);
+  const written = value.toPrecision(digits);
+  return (text.startsWith("+") && value >= 0 ? "+" : "") + (/e\+/.test(written) ? String(Number(written)) : written);
 }
 
 /** A row of texts; those that are numbers sort as numbers. */

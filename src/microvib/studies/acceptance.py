@@ -1,0 +1,123 @@
+"""Acceptance test of drives on a force table: every run analysed and judged against a limit, all of them for
+repeatability, one against a reference, and the table's own hammer test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from microvib.analysis.limits import Judgement
+from microvib.analysis.margins import Verdict, worst_verdict
+from microvib.errors import MicrovibError
+from microvib.io.sources import Source
+from microvib.model.scenario import GivenScenario, as_scenario
+from microvib.signals.limit_curve import Limit
+from microvib.solve.integration import Progress
+from microvib.studies.analyse import Analysis, analyse
+from microvib.studies.compare import Comparison, compare
+from microvib.studies.hammer import HammerTest
+from microvib.studies.recording_limits import judge_recording
+from microvib.studies.repeatability import RecordedRun, Repeatability, repeatability
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedRun:
+    """One run: what it says, and how it stands against the limit."""
+
+    run: RecordedRun
+    analysis: Analysis
+    judgement: Judgement | None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Against the limit; not judged without one."""
+        return "not judged" if self.judgement is None else self.judgement.verdict
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptanceTest:
+    """All runs of an acceptance test."""
+
+    runs: tuple[JudgedRun, ...]
+    channel: str
+    limit: Limit | None
+    repeatability: Repeatability | None
+    """None of a single run."""
+    comparison: Comparison | None
+    """The first run against the reference; None without one."""
+    hammer: HammerTest | None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Fail where one run does; pass where all do; else not judged."""
+        return worst_verdict(run.verdict for run in self.runs) or "not judged"
+
+
+def acceptance(  # noqa: PLR0913 - keyword options
+    runs: Sequence[RecordedRun],
+    *,
+    scenario: GivenScenario | None = None,
+    channel: str = "Mz",
+    limit: Limit | None = None,
+    reference: Source | None = None,
+    reference_name: str = "reference",
+    hammer: HammerTest | None = None,
+    progress: Progress | None = None,
+) -> AcceptanceTest:
+    """Analyse every run of an acceptance test, judge it, and compare all of them.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+        Recordings that were prepared, with their backgrounds; those of one unit are repetitions.
+    scenario : Scenario, str or path, optional
+        The drive, which names the lines.
+    channel : str
+        Channel of the torque about the drive axis.
+    limit : Limit, optional
+        Largest line that is accepted; nothing is judged without it.
+    reference : Source, optional
+        What the first run is compared with: a scenario, a recording, a table of lines, reference lines.
+    reference_name : str
+        What it is called.
+    hammer : HammerTest, optional
+        Hammer test of the table.
+    progress : callable, optional
+        Called as ``progress(done, total)``, with simulated seconds.
+
+    Returns
+    -------
+    AcceptanceTest
+        Runs with their verdicts, repeatability, comparison.
+
+    Raises
+    ------
+    MicrovibError
+        Without a run, or where one cannot be used.
+    """
+    if not runs:
+        raise MicrovibError("no recording was given; an acceptance test needs one or more")
+    guide = None if scenario is None else as_scenario(scenario)
+    judged_runs = []
+    for run in runs:
+        found = analyse(run.source, name=run.name, scenario=guide, channel=channel)
+        judgement = None
+        if limit is not None:
+            judgement = judge_recording(run.source, limit, channel=channel, scenario=guide)
+        judged_runs.append(JudgedRun(run, found, judgement))
+    compared = None
+    if reference is not None:
+        names = (reference_name, runs[0].name)
+        compared = compare(
+            reference,
+            runs[0].source,
+            names=names,
+            scenario=guide,
+            channel=channel,
+            progress=progress,
+        )
+    repeated = None
+    if len(runs) > 1:
+        repeated = repeatability(runs, scenario=guide, channels=[channel])
+    return AcceptanceTest(tuple(judged_runs), channel, limit, repeated, compared, hammer)

@@ -1,0 +1,298 @@
+"""Peaks of a time history in bands against a limit for each: the second form of requirement, beside one
+on lines.
+
+A peak depends on the filter. It is given by one filter, whose roll-off is stated, with the least and
+the largest peak that filters of this roll-off make: a band passes or fails only where all agree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from microvib.analysis.accuracy import failed_invariants_reason
+from microvib.analysis.limits import judge
+from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
+from microvib.analysis.run import RunResult
+from microvib.analysis.spectra import samples_of
+from microvib.errors import MicrovibError, OptionError
+from microvib.io.band_limits import BandLimit
+from microvib.model.record import PASSBAND
+from microvib.model.scenario import Scenario
+from microvib.results import COUNT, DECIBEL, SHARE, TIME, TORQUE, TORQUE_LIMIT, Column, Measure
+from microvib.signals.band_split import filter_reach, roll_off_for, split_band
+from microvib.signals.limit_curve import Limit
+from microvib.signals.line_table import LineTable
+from microvib.testdata.recording import Recording, require_usable_channel
+from microvib.units import Si, pretty
+
+MIN_CYCLES = 5.0
+"""Cycles of a band's lower edge, behind the filter's transients, below which it passes nothing."""
+ROLL_OFFS = (0.01, 0.5)
+"""Least and largest roll-off that may be asked for."""
+_EDGE = Measure("Hz", form=".6g")
+
+
+@dataclass(frozen=True)
+class BandPeak:
+    """Peak of a band against its limit, in the unit of its channel."""
+
+    channel: Annotated[str, Column("channel", "channel")]
+    low: Annotated[float, Column("low_hz", "from", _EDGE)]
+    high: Annotated[float, Column("high_hz", "to", _EDGE)]
+    limit: Annotated[float, Column("limit_n_m", "limit", TORQUE_LIMIT)]
+    peak: Annotated[float, Column("peak_n_m", "peak", TORQUE)]
+    """Largest magnitude by the filter with ``roll_off``; nan where there is none."""
+    least: Annotated[float, Column("least_n_m", "least, any filter", TORQUE)]
+    """Peak that every filter of this roll-off reaches."""
+    largest: Annotated[float, Column("largest_n_m", "largest, any filter", TORQUE)]
+    """Peak that no filter of this roll-off exceeds."""
+    time: Annotated[float, Column("time_s", "at", TIME)]
+    """Time of the peak, from the first sample."""
+    roll_off: Annotated[float, Column("roll_off", "roll-off", SHARE)]
+    """Part of an edge's frequency on both sides of it within which the filter falls from 1 to 0."""
+    looked_at: Annotated[float, Column("looked_at_s", "looked at", TIME)]
+    """Length of the record behind the filter's transients."""
+    cycles: Annotated[float, Column("cycles", "", COUNT)]
+    """Cycles of the lower edge in it."""
+    verdict: Annotated[Verdict, Column("verdict", "verdict", role="verdict")]
+    why: Annotated[str, Column("why")]
+    """Reason why it is not judged, a clause; empty where it is."""
+    unit: str = "N*m"
+
+    @property
+    def margin(self) -> Annotated[float, Column("margin_db", "margin", DECIBEL)]:
+        """Limit over the largest peak."""
+        if not self.largest > 0.0:
+            return math.nan
+        return 20.0 * math.log10(self.limit / self.largest)
+
+    @property
+    def band(self) -> str:
+        """The band in words."""
+        return f"{self.low:g} to {self.high:g} Hz"
+
+
+Gaps = Callable[[float, float, float], Sequence[str]]
+"""Reasons why lines between two frequencies [Hz] are not judged against a limit, in words."""
+
+
+def no_gaps(low: float, high: float, limit: float) -> Sequence[str]:
+    """No reasons: of a recording, whose samples are all that there is."""
+    return ()
+
+
+def reasons_of_lines(
+    table: LineTable, scenario: Scenario | None, second: LineTable | None = None
+) -> dict[str, Any]:
+    """Reasons for ``judge_bands`` of simulated lines, for which a limit on each would not be judged
+    either: what a record does not settle, what other draws of noise make, what the integration leaves
+    open.
+    """
+
+    def gaps(low: float, high: float, limit: float) -> Sequence[str]:
+        return judge(table, Limit(Si(limit), Si(low), Si(high)), scenario, second).gaps
+
+    return {"gaps": gaps, "broken": failed_invariants_reason(table.broken, scenario)}
+
+
+def judge_bands(
+    recording: Recording,
+    limits: Sequence[BandLimit],
+    channel: str = "Mz",
+    *,
+    roll_off: float | None = None,
+    gaps: Gaps = no_gaps,
+    broken: str = "",
+) -> tuple[BandPeak, ...]:
+    """Judge the peak of a channel's time history in each band.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples in SI.
+    limits : sequence of BandLimit
+        Bands and their limits.
+    channel : str
+        Channel of the bands that name none.
+    roll_off : float, optional
+        Part of an edge's frequency, on both sides, within which filters fall from 1 to 0; without it
+        0.2, or less where a band is narrow.
+    gaps : callable, optional
+        Further reasons why a band passes nothing.
+    broken : str
+        Reason why no band is judged, such as invariants of a simulation that do not hold.
+
+    Returns
+    -------
+    tuple of BandPeak
+        Peaks and verdicts, in the order of the limits.
+
+    Raises
+    ------
+    MicrovibError
+        Where a limit has another unit than its channel, or a channel is missing or unfit.
+    """
+    if roll_off is not None and not ROLL_OFFS[0] <= roll_off <= ROLL_OFFS[1]:
+        low, high = ROLL_OFFS
+        raise OptionError("roll_off", f"{roll_off:g} is not allowed; from {low:g} to {high:g}")
+    found = []
+    for limit in limits:
+        name = limit.channel or channel
+        require_usable_channel(recording, name, acceleration=True)
+        unit = recording.units[name]
+        if unit != limit.unit:
+            raise MicrovibError(
+                f"bands: the limit from {limit.low:g} to {limit.high:g} Hz is in"
+                f" {pretty(limit.unit)}, and channel {name} is in {pretty(unit)}"
+            )
+        found.append(_judged(recording, name, limit, roll_off, (gaps, broken)))
+    return tuple(found)
+
+
+def judge_bands_of_run(
+    result: RunResult, limits: Sequence[BandLimit], roll_off: float | None = None
+) -> tuple[BandPeak, ...]:
+    """Judge the peaks of a run's disturbance torque in bands, as ``judge_bands`` does those of a
+    recording; what keeps its lines from passing keeps bands from it, too.
+
+    OptionError where the run kept no motion, or its noise was drawn several times.
+    """
+    if not limits:
+        return ()
+    if result.motion is None:
+        raise OptionError("bands", "need the motion; leave lines_only out")
+    if result.table.seeds:
+        raise OptionError("bands", "are judged by one motion; leave seeds out")
+    x, rate, unit = samples_of(result.motion)
+    axis = "M" + result.scenario.array.drive_axis
+    recording = Recording({axis: x}, rate, {axis: unit}, result.scenario.title)
+    second = None if result.second is None else result.second.table
+    reasons = reasons_of_lines(result.table, result.scenario, second)
+    return judge_bands(recording, limits, axis, roll_off=roll_off, **reasons)
+
+
+def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | NoVerdict:
+    """Verdict on all bands together: the worst of theirs; empty where there are none."""
+    return worst_verdict(peak.verdict for peak in peaks)
+
+
+def _judged(
+    recording: Recording,
+    name: str,
+    limit: BandLimit,
+    asked: float | None,
+    reasons: tuple[Gaps, str],
+) -> BandPeak:
+    rate = recording.sample_rate
+    roll_off = roll_off_for(limit.low, limit.high) if asked is None else asked
+    x = recording[name] - np.mean(recording[name])
+    gaps, broken = reasons
+    blind = broken or _blind_reason(recording, name, limit, roll_off)
+    usable = (limit.high * (1.0 + roll_off)) < 0.5 * rate and not _narrow(limit, roll_off)
+    history = split_band(x, rate, limit.low, limit.high, roll_off) if usable else None
+    if history is None:
+        nan = math.nan
+        why = blind or _too_short(recording, limit, roll_off)
+        return _row(name, limit, (nan, nan, nan, nan), roll_off, 0.0, ("not judged", why))
+    looked_at = history.values.size / rate
+    figures = (history.peak, history.least, history.largest, history.place / rate)
+    verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps))
+    return _row(name, limit, figures, roll_off, looked_at, verdict)
+
+
+def _row(
+    name: str,
+    limit: BandLimit,
+    figures: tuple[float, float, float, float],
+    roll_off: float,
+    looked_at: float,
+    verdict: tuple[Verdict, str],
+) -> BandPeak:
+    peak, least, largest, time = figures
+    return BandPeak(
+        name,
+        limit.low,
+        limit.high,
+        limit.limit,
+        peak,
+        least,
+        largest,
+        time,
+        roll_off,
+        looked_at,
+        limit.low * looked_at,
+        *verdict,
+        unit=limit.unit,
+    )
+
+
+def _verdict(
+    limit: BandLimit, figures: tuple[float, float, float, float], blind: str, unseen: str
+) -> tuple[Verdict, str]:
+    """Verdict and reason. What was not seen passes nothing; a peak above the limit is one all the
+    same, unless the record does not show the loads of this band.
+    """
+    _, least, largest, _ = figures
+    if blind:
+        return "not judged", blind
+    if least > limit.limit:
+        return "fail", ""
+    if unseen:
+        return "not judged", unseen
+    if largest <= limit.limit:
+        return "pass", ""
+    return "not judged", (
+        "the filter decides: what is on the slopes of its edges puts the peak below or above the limit;"
+        " a smaller roll-off, and a longer record, tell"
+    )
+
+
+def _narrow(limit: BandLimit, roll_off: float) -> bool:
+    return limit.low * (1.0 + roll_off) >= limit.high * (1.0 - roll_off)
+
+
+def _blind_reason(recording: Recording, name: str, limit: BandLimit, roll_off: float) -> str:
+    """Reason why the record does not show the loads of a band, as a clause; empty where it does."""
+    top, passband = limit.high * (1.0 + roll_off), PASSBAND * recording.sample_rate
+    if _narrow(limit, roll_off):
+        widest = (limit.high - limit.low) / (limit.high + limit.low)
+        return f"the band is narrower than the filter's roll-off; below {widest:.3g} it has a peak"
+    if top > passband:
+        return (
+            f"the filter reaches up to {top:.4g} Hz, and {recording.sample_rate:g} samples a second"
+            f" show loads up to {passband:.4g} Hz"
+        )
+    table = recording.table
+    if table is not None:
+        for part in table.unusable(name):
+            if part.low < top and limit.low * (1.0 - roll_off) < part.high:
+                return part.why
+    return ""
+
+
+def _too_short(recording: Recording, limit: BandLimit, roll_off: float) -> str:
+    needed = 2.0 * filter_reach(limit.low, limit.high, roll_off)
+    if limit.low > 0.0:
+        needed += MIN_CYCLES / limit.low
+    return f"the filter is longer than the record of {recording.duration:.4g} s; {needed:.3g} s would do"
+
+
+def _unseen_reason(limit: BandLimit, looked_at: float, gaps: Gaps) -> str:
+    """Reason why more may be in a band than the record shows, as a clause; empty where not."""
+    if limit.low == 0.0:
+        least = MIN_CYCLES / looked_at
+        return (
+            "a band from 0 Hz holds changes slower than the record; from"
+            f" {least:.3g} Hz on it is told"
+        )
+    if limit.low * looked_at < MIN_CYCLES:
+        return (
+            f"{limit.low * looked_at:.2g} cycles of the lower edge are left behind the filter's"
+            f" transients; {MIN_CYCLES:g} are needed"
+        )
+    return next(iter(gaps(limit.low, limit.high, limit.limit)), "")

@@ -1,0 +1,51 @@
+"""Parts that the table of a budget's lines leaves out of each source, in words.
+
+A budget knows more of a source than lines: ranges that they pass, densities, what was not looked at
+and how large that may be at most. Whoever takes ``lines.csv`` for a source of another budget has the
+lines alone, and is told of the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from microvib.analysis.margins import frequency_error_bound
+from microvib.studies.budget.sources import Contribution
+
+_ROUNDING = 1.0 + 1e-9
+
+
+def left_out_of_lines(contributions: Sequence[Contribution], angles: int = 0) -> list[str]:
+    """For each source what its rows of ``lines.csv`` leave out, with what is left out of sources
+    without rows; empty where nothing is.
+
+    ``angles`` is the number of array angles that were judged, where it was not one alone.
+    """
+    own = ["; ".join(f"{one.source}: {said}" for said in _left_out(one)) for one in contributions]
+    others = [said for one, said in zip(contributions, own, strict=True) if said and not one.names]
+    if angles:
+        others.append(f"all but one of {angles} array angles")
+    return [
+        "; ".join(filter(None, (said, *others))) if one.names else ""
+        for one, said in zip(contributions, own, strict=True)
+    ]
+
+
+def _left_out(one: Contribution) -> Iterator[str]:
+    """Parts of a source that its lines do not say."""
+    if one.alternatives or one.sweep is not None:
+        yield f"other speeds ({one.how}, of which one is listed)"
+    if one.density is not None:
+        yield f"its density ({one.how})"
+    if one.side is not None:
+        yield "side lines that the varying spring of a drive makes of it"
+    if one.cases is not None or one.in_case is not None:
+        yield "the cases of a campaign"
+    if not np.all(np.isfinite(one.relative_errors[1])):
+        yield "how large its lines may be"
+    clock = np.asarray(frequency_error_bound(one.frequency))
+    if np.any(one.off > clock * _ROUNDING):
+        yield "by how much its frequencies may be off"
+    yield from dict.fromkeys(gap.why for gap in one.gaps)

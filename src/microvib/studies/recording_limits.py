@@ -1,0 +1,112 @@
+"""Recordings against a limit: lines of one of their channels, or of all that the limit has a curve for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from microvib.analysis.limits import Judgement, judge_channel
+from microvib.analysis.lines import lines_of_recording, shortest_judged_record
+from microvib.analysis.orders import lines_without_clock
+from microvib.errors import OptionError, expect
+from microvib.io.recordings import Prepared
+from microvib.io.sources import Source
+from microvib.model.rigid import COMPONENTS
+from microvib.model.scenario import GivenScenario, as_scenario
+from microvib.signals.limit_curve import Limit
+from microvib.signals.line_table import LineTable
+from microvib.testdata.recording import Recording, require_usable_channel
+
+
+def judge_recording(
+    source: Source | Recording,
+    limit: Limit,
+    *,
+    channel: str = "Mz",
+    scenario: GivenScenario | None = None,
+) -> Judgement:
+    """Judge the lines of one channel of a recording against a limit.
+
+    The limit's curve of that load counts, or where it has none that of the torque about the drive
+    axis. Beyond the recording's passband, and where its force table does not show what there is,
+    nothing is judged.
+
+    Parameters
+    ----------
+    source : Prepared or Recording
+        The recording, in SI units.
+    limit : Limit
+        What is allowed.
+    channel : str
+        Channel whose lines are judged.
+    scenario : Scenario, str or path, optional
+        The drive that was measured, which gives its lines names.
+
+    Returns
+    -------
+    Judgement
+        The verdict, the margin of each line, and what was not judged.
+
+    Raises
+    ------
+    OptionError
+        For a source that is no recording, and a limit that has nothing for the channel.
+    RecordingError
+        Where the channel cannot be used, or the record is too short.
+    """
+    expect(limit, Limit, "a limit, such as mv.Limit('10 mN*m')")
+    if isinstance(source, Recording):
+        source = Prepared(source)
+    if not isinstance(source, Prepared):
+        raise OptionError(
+            "limit",
+            "applies to recordings here; a scenario is judged as it is run (microvib run), a run's"
+            " folder by microvib report",
+        )
+    guide = None if scenario is None else as_scenario(scenario)
+    table = _lines(source, channel, None if guide is None else f"M{guide.array.drive_axis}", guide)
+    return judge_channel(table, limit, channel if channel in COMPONENTS else "")
+
+
+def judge_components(
+    recording: Recording, limit: Limit, scenario: GivenScenario
+) -> Iterator[Judgement]:
+    """Judgements of every component that the limit has a curve for, and of the drive axis by that of its
+    torque.
+    """
+    axis = f"M{as_scenario(scenario).array.drive_axis}"
+    channels = [*limit.loads, *([axis] if limit.curve and axis not in limit.loads else [])]
+    for channel in channels:
+        yield judge_recording(recording, limit, channel=channel, scenario=scenario)
+
+
+def judge_sides(
+    sources: Sequence[Source], limit: Limit | None, channel: str, scenario: GivenScenario | None
+) -> tuple[Judgement | None, ...]:
+    """Judgements of each side of a comparison that is a recording; None of another one. Nothing without a
+    limit. OptionError where no side is a recording.
+    """
+    if limit is None:
+        return ()
+    if not any(isinstance(source, Prepared) for source in sources):
+        judge_recording(sources[0], limit)
+    return tuple(
+        judge_recording(source, limit, channel=channel, scenario=scenario)
+        if isinstance(source, Prepared)
+        else None
+        for source in sources
+    )
+
+
+def _lines(
+    prepared: Prepared, channel: str, axis: str | None, guide: GivenScenario | None
+) -> LineTable:
+    """Lines of a channel: of the drive-axis torque by their names, of another load all that stand
+    above the floor.
+    """
+    recording = prepared.recording
+    other = channel in COMPONENTS and (channel.startswith("F") or axis not in (None, channel))
+    if other:
+        require_usable_channel(recording, channel, shortest_judged_record(recording, None))
+        return lines_without_clock(recording, channel)
+    scenario = None if guide is None else as_scenario(guide)
+    return lines_of_recording(recording, channel, scenario, prepared.background)

@@ -1,0 +1,259 @@
+"""Peaks of a time history in bands against their limits: filters, bounds over filters, and what is not
+judged."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import microvib as mv
+from microvib.cli.main import main
+from microvib.errors import MicrovibError, OptionError
+from microvib.io.band_limits import BandLimit, read_band_limits
+from microvib.signals.band_split import LEAK, roll_off_for, split_band
+from microvib.studies.bands import judge_bands, verdict_on
+from microvib.testdata.force_table import ForceTable
+from microvib.testdata.recording import Recording
+
+RATE = 512.0
+
+
+def record(*tones, seconds=40.0, noise=0.0, rate=RATE, table=None):
+    """A torque of tones (frequency, amplitude) and white noise."""
+    t = np.arange(round(seconds * rate)) / rate
+    x = noise * np.random.default_rng(5).normal(size=t.size) + 3.0
+    for k, (f, a) in enumerate(tones):
+        x += a * np.cos(2.0 * np.pi * f * t + k)
+    return Recording({"Mz": x}, rate, {"Mz": "N*m"}, "tones", table=table)
+
+
+def judged(recording, low, high, limit, **options):
+    [one] = judge_bands(recording, [BandLimit(low, high, limit, "N*m")], **options)
+    return one
+
+
+def test_a_tone_inside_a_band_has_its_amplitude_there_and_none_elsewhere():
+    tones = record((5.0, 1.0), (30.0, 0.5))
+    inside = judged(tones, 1.0, 10.0, 1.02)
+    assert inside.peak == pytest.approx(1.0, abs=2e-3)
+    assert inside.least == pytest.approx(1.0, abs=5e-3)
+    assert inside.largest == pytest.approx(1.0, abs=0.015)
+    assert inside.verdict == "pass"
+    outside = judged(tones, 50.0, 100.0, 0.05)
+    assert outside.peak < 1.5 * LEAK
+    assert outside.largest < 0.01 * 1.5
+    assert outside.verdict == "pass"
+
+
+@pytest.mark.parametrize(
+    ("limit", "verdict"), [(0.9, "fail"), (0.99, "fail"), (1.02, "pass"), (1.1, "pass")]
+)
+def test_the_verdict_on_both_sides_of_a_tone(limit, verdict):
+    assert judged(record((5.0, 1.0)), 1.0, 10.0, limit).verdict == verdict
+
+
+def test_a_limit_that_a_tone_just_reaches_is_decided_by_nobody():
+    """Within what the bounds leave open neither verdict is given."""
+    one = judged(record((5.0, 1.0)), 1.0, 10.0, 1.0)
+    assert one.verdict == "not judged"
+    assert "the filter decides" in one.why
+
+
+@pytest.mark.parametrize("f", [8.0, 9.0, 10.0, 11.0, 12.0])
+def test_a_tone_on_the_edge_passes_only_where_every_filter_would_pass_it(f):
+    tone = record((f, 1.0))
+    assert judged(tone, 1.0, 10.0, 1.05).verdict == "pass"
+    between = judged(tone, 1.0, 10.0, 0.6)
+    assert between.verdict == "not judged"
+    assert between.largest > 0.95
+    inside = judged(tone, 1.0, 20.0, 0.6)
+    assert inside.verdict == "fail"
+
+
+def test_a_tone_beyond_the_roll_off_does_not_count():
+    one = judged(record((13.5, 1.0)), 1.0, 10.0, 0.05)
+    assert one.verdict == "pass"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    low=st.floats(2.0, 10.0),
+    ratio=st.floats(1.5, 10.0),
+    shape=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6),
+)
+def test_no_filter_that_falls_within_the_roll_off_is_outside_the_bounds(seed, low, ratio, shape):
+    """Filters of any falling shape, by the spectrum of a record that is longer than what is looked at."""
+    rng = np.random.default_rng(seed)
+    high = min(low * ratio, 100.0)
+    roll_off = roll_off_for(low, high)
+    n = round(40.0 * RATE)
+    t = np.arange(n) / RATE
+    x = 0.3 * rng.normal(size=n)
+    for _ in range(4):
+        f = np.exp(rng.uniform(math.log(0.5 * low), math.log(2.0 * high)))
+        x += rng.uniform(0.2, 1.0) * np.cos(2.0 * np.pi * f * t + rng.uniform(0.0, 6.3))
+    x -= x.mean()
+    history = split_band(x, RATE, low, high, roll_off)
+    f = np.fft.rfftfreq(n, 1.0 / RATE)
+    steps = np.sort(np.array([0.0, *shape, 1.0]))
+
+    def rising(edge):
+        u = (f / edge - 1.0 + roll_off) / (2.0 * roll_off)
+        return np.interp(u, np.linspace(0.0, 1.0, steps.size), steps, left=0.0, right=1.0)
+
+    H = rising(low) * (1.0 - rising(high))
+    y = np.fft.irfft(H * np.fft.rfft(x), n)
+    # where the filter of a drawn shape rings longer than ours, ends of the record count in it
+    margin = max(history.first, round(12.0 / (low * roll_off) * RATE * 0.1))
+    inner = np.abs(y[margin:-margin])
+    assert np.max(inner) <= 1.03 * history.largest
+    assert np.max(np.abs(y[history.first : -history.first])) >= 0.97 * history.least
+    assert history.least <= history.peak <= history.largest
+
+
+def test_peaks_between_samples_count():
+    """A tone near the end of the passband, whose samples miss its crests where they stand."""
+    t = np.arange(4096) / 128.0
+    x = np.cos(2.0 * np.pi * 32.0 * t + np.pi / 4.0)  # samples at 0.71 only
+    x[5] += 1e-3  # nor do they repeat to the last digit, as those of a converter that is stuck
+    one = judged(Recording({"Mz": x}, 128.0, {"Mz": "N*m"}), 10.0, 38.0, 0.95, roll_off=0.1)
+    assert one.peak == pytest.approx(1.0, abs=0.02)
+    assert one.verdict == "fail"
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (0.05, 1.0, "the filter is longer than the record"),
+        (0.3, 1.0, "cycles of the lower edge are left"),
+        (0.0, 1.0, "changes slower than the record"),
+        (10.0, 200.0, "show loads up to 179.2 Hz"),
+        (10.0, 400.0, "show loads up to 179.2 Hz"),
+    ],
+)
+def test_where_the_record_cannot_tell_nothing_is_passed(low, high, words):
+    one = judged(record((5.0, 1.0), (40.0, 1.0), seconds=35.0), low, high, 100.0)
+    assert one.verdict == "not judged"
+    assert words in one.why
+
+
+def test_a_peak_above_the_limit_is_one_however_short_the_record():
+    one = judged(record((0.6, 1.0), seconds=40.0), 0.3, 1.5, 0.5)
+    assert one.cycles < 5.0
+    assert one.verdict == "fail"
+
+
+def test_a_band_about_which_the_table_says_nothing_is_not_judged():
+    table = ForceTable("small table", usable=(1.0, 50.0))
+    tones = record((5.0, 1.0), table=table)
+    assert judged(tones, 2.0, 10.0, 2.0).verdict == "pass"
+    beyond = judged(tones, 20.0, 60.0, 2.0)
+    assert beyond.verdict == "not judged"
+    assert "beyond the usable band of small table" in beyond.why
+    below = judged(tones, 1.1, 10.0, 2.0)  # whose slope reaches below 1 Hz
+    assert below.verdict == "not judged"
+
+
+def test_the_first_seconds_of_a_filter_are_left_out():
+    """A step at the start of the record is the filter's transient, not a peak."""
+    tones = record((5.0, 1.0))
+    x = tones["Mz"].copy()
+    x[:3] += 500.0
+    history = split_band(x - x.mean(), RATE, 2.0, 10.0, 0.2)
+    assert history.first == pytest.approx(0.5 * 9.1 / 2.0 * RATE, rel=0.02)
+    assert history.peak == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_smaller_roll_off_tells_what_a_larger_one_leaves_open():
+    tone = record((11.0, 1.0), seconds=120.0)
+    assert judged(tone, 1.0, 10.0, 0.3).verdict == "not judged"
+    assert judged(tone, 1.0, 10.0, 0.3, roll_off=0.05).verdict == "pass"
+    narrow = judged(tone, 10.0, 12.0, 2.0, roll_off=0.2)
+    assert narrow.verdict == "not judged"
+    assert "narrower than the filter's roll-off" in narrow.why
+    with pytest.raises(OptionError, match="roll_off"):
+        judged(tone, 1.0, 10.0, 1.0, roll_off=0.7)
+
+
+def test_the_verdict_on_all_bands_is_the_worst():
+    tones = record((5.0, 1.0))
+    limits = [BandLimit(1.0, 10.0, limit, "N*m") for limit in (2.0, 1.0, 0.5)]
+    peaks = judge_bands(tones, limits)
+    assert [one.verdict for one in peaks] == ["pass", "not judged", "fail"]
+    assert verdict_on(peaks) == "fail"
+    assert verdict_on(peaks[:2]) == "not judged"
+    assert verdict_on([]) == ""
+
+
+def test_files_of_limits(tmp_path):
+    file = tmp_path / "bands.csv"
+    file.write_text("low_hz,high_hz,limit_mn_m,limit_n,channel,comment\n1,10,4,,,a\n10,50,,2,Fx,\n")
+    first, second = read_band_limits(file)
+    assert first == BandLimit(1.0, 10.0, 4e-3, "N*m")
+    assert second == BandLimit(10.0, 50.0, 2.0, "N", "Fx")
+    for text, sentence in (
+        ("low_hz,high_hz,limit_mn_m\n10,1,4\n", "row 2: a band from 10 to 1 Hz"),
+        ("low_hz,high_hz,limit_mn_m\n1,10,-4\n", "more than 0"),
+        ("low_hz,high_hz,limit_mn_m\n1,10,\n", "has 0 limits"),
+        ("low_hz,high_hz,limit_mnm\n1,10,4\n", "'limit_mnm' is not known"),
+        ("low_hz,high_hz,limit_mn_m\n1,nan,4\n", "finite"),
+        ("low_hz,limit_mn_m\n1,4\n", "high_hz is missing"),
+    ):
+        file.write_text(text)
+        with pytest.raises(MicrovibError, match=sentence):
+            read_band_limits(file)
+
+
+def test_a_limit_in_the_unit_of_another_channel_is_refused():
+    with pytest.raises(MicrovibError, match="is in N, and channel Mz is in N m"):
+        judge_bands(record((5.0, 1.0)), [BandLimit(1.0, 10.0, 1.0, "N")])
+
+
+QUICK = [
+    "--set",
+    "record.settle=1 s",
+    "--set",
+    "record.duration=8 s",
+    "--set",
+    "record.sample_rate=1024 Hz",
+]
+
+
+def test_bands_of_a_run_and_of_its_folder_are_the_same(tmp_path):
+    file = tmp_path / "bands.csv"
+    file.write_text("low_hz,high_hz,limit_mn_m\n20,80,100\n20,80,10\n3,80,100\n")
+    out, again = tmp_path / "run", tmp_path / "again"
+    made = CliRunner().invoke(
+        main, ["run", "state-1", *QUICK, "--bands", str(file), "-o", str(out)]
+    )
+    assert made.exit_code == 0, made.output
+    assert "Peaks in bands: 2 pass, 1 FAIL" in made.output or "FAIL" in made.output
+    analysed = CliRunner().invoke(
+        main, ["analyse", str(out), "--bands", str(file), "-o", str(again)]
+    )
+    assert analysed.exit_code == 0, analysed.output
+    assert (out / "band_peaks.csv").read_text() == (again / "band_peaks.csv").read_text()
+    rows = (out / "band_peaks.csv").read_text().splitlines()
+    assert ",fail," in rows[2]
+
+
+def test_a_run_whose_lines_are_not_judged_passes_no_band(state_1):
+    """A record of half a second does not resolve what the drive does: lines there are not judged."""
+    from microvib.analysis.run import run_scenario
+    from microvib.studies.bands import judge_bands_of_run
+
+    short = state_1.with_(
+        {"record.settle": "0 s", "record.duration": "2 s", "record.sample_rate": "1024 Hz"}
+    )
+    result = run_scenario(short)
+    limits = [BandLimit(5.0, 150.0, 0.05, "N*m"), BandLimit(5.0, 150.0, 10.0, "N*m")]
+    tight, wide = judge_bands_of_run(result, limits)
+    assert tight.verdict != "pass"
+    lines = mv.judge(result.table, mv.Limit("10 N*m", "5 Hz", "150 Hz"), short)
+    assert (wide.verdict == "pass") == (not lines.gaps)

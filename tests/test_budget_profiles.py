@@ -1,0 +1,39 @@
+"""Budgets of profiles: a record that does not see every rate of a drive passes nothing."""
+
+from pathlib import Path
+
+import pytest
+
+import microvib as mv
+from microvib.studies.budget.files import Requirement, Requirements
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+LATER = [{"rate": "0 deg/s", "hold": "100 s"}, {"rate": "0.2 deg/s"}]
+STOPPED = [{"rate": "0.2 deg/s", "hold": "20 s"}, {"rate": "0 deg/s"}]
+SECOND = {
+    "drive": "driven",
+    "interface": {
+        "position": ["0.35 m", "-0.9 m", "-0.2 m"],
+        "drive_axis": [0, -1, 0],
+        "reference": [1, 0, 0],
+    },
+    "tracking": {"profile": LATER},
+}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"tracking.rate": None, "tracking.profile": LATER},
+        {"tracking.rate": None, "tracking.profile": STOPPED},
+        {"spacecraft.second_wing": SECOND},
+    ],
+    ids=["later", "stopped", "second wing later"],
+)
+def test_a_rate_that_the_record_does_not_see_is_not_judged(changes: dict[str, object]) -> None:
+    scenario = mv.load_scenario(EXAMPLES / "spacecraft.yaml").with_(changes)
+    wide = Requirement(metric="ape", axis="x", lowest="170 Hz", highest="185 Hz", limit="1 mrad")
+    found = mv.pointing_budget(scenario, Requirements(requirements=(wide,)))
+    (one,) = found.judged
+    assert one.verdict == "not judged"
+    assert any("lines at 0.2 deg/s, which tracking.profile holds" in why for why in one.why)

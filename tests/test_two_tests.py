@@ -1,0 +1,160 @@
+"""Two tests of one drive: hints where a unit, a sign, an order of samples or an axis explains the difference, and what
+stands in a background is not the drive's.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.io.recordings import Prepared
+from microvib.io.scenario_file import load_bench
+from microvib.signals.line_table import IN_BACKGROUND
+from microvib.studies.analyse import analyse
+from microvib.studies.compare import misread
+from microvib.studies.measure import measure
+from microvib.testdata.bench import measure as bench_measure
+from microvib.testdata.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def tests():
+    """The drive on one bench on two days, without what is known of the table, as files have it."""
+    scenario, bench = mv.load_scenario("state-1"), load_bench("force-table")
+    later = scenario.with_({"record.settle": "41.3 s"})
+    both = [measure(one, bench, seed=k) for k, one in enumerate((scenario, later), 1)]
+    return scenario, *(replace(one, table=None, title=f"day {k}") for k, one in enumerate(both, 1))
+
+
+@pytest.fixture(scope="module")
+def off() -> Recording:
+    bench = load_bench("force-table")
+    n = math.ceil(bench.span * bench.analog_rate)
+    return replace(bench_measure(bench, np.zeros((6, n)), np.zeros(n), seed=7), table=None)
+
+
+def with_tones(recording: Recording, tones) -> Recording:
+    t = np.arange(recording.samples) / recording.sample_rate
+    more = sum(a * np.cos(2.0 * np.pi * f * t + 1.0) for f, a in tones)
+    return replace(recording, channels={**recording.channels, "Mz": recording["Mz"] + more})
+
+
+def times(recording: Recording, factor: float) -> Recording:
+    return replace(recording, channels={**recording.channels, "Mz": factor * recording["Mz"]})
+
+
+def swapped(recording: Recording, other: str) -> Recording:
+    x = recording.channels
+    return replace(recording, channels={**x, other: x["Mz"], "Mz": x[other]})
+
+
+def hints(a, b, scenario=None) -> str:
+    return " ".join(misread(*mv.compare(a, b, scenario=scenario)))
+
+
+def test_two_tests_that_are_alike_have_no_hint(tests):
+    scenario, a, b = tests
+    assert hints(a, b, scenario) == hints(a, b) == ""
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+def test_a_factor_of_a_thousand_is_told(tests, factor):
+    scenario, a, b = tests
+    for guide in (scenario, None):
+        assert "by 1000" in hints(a, times(b, factor), guide)
+        assert "mN*m" in hints(times(a, factor), b, guide)
+
+
+def test_a_sign_is_told_and_so_is_a_sign_with_a_unit(tests):
+    scenario, a, b = tests
+    assert "with its sign reversed: check" in hints(a, times(b, -1.0), scenario)
+    both = hints(a, times(b, -1e3), scenario)
+    assert "with its sign reversed and multiplied by 1000" in both
+
+
+def test_samples_in_reverse_order_are_told(tests):
+    scenario, a, b = tests
+    back = replace(b, channels={name: x[::-1] for name, x in b.channels.items()})
+    assert "with its time reversed" in hints(a, back, scenario)
+
+
+@pytest.mark.parametrize("other", ["Mx", "My"])
+def test_swapped_axes_are_told(tests, other):
+    scenario, a, b = tests
+    for guide in (scenario, None):
+        assert f"{other} of B has the lines of Mz of A" in hints(a, swapped(b, other), guide)
+        assert f"{other} of A has the lines of Mz of B" in hints(swapped(a, other), b, guide)
+    assert "by 1000, as in mN*m taken for N*m" in hints(a, swapped(times(b, 1e3), other), scenario)
+
+
+def test_another_drive_has_no_hint_of_axes(tests):
+    """Lines differ one by one: nothing explains them all."""
+    scenario, a, _ = tests
+    other = measure(
+        scenario.with_({"reducer.stiffness": "4000 N*m/rad"}), load_bench("force-table")
+    )
+    assert "axes" not in hints(a, replace(other, table=None), scenario)
+
+
+def test_what_stands_in_the_background_is_not_judged_as_the_drives(tests, off):
+    scenario, a, b = tests
+    line = mv.find_lines(a, scenario=scenario)["drive_5"]
+    fan = [(line.frequency, 0.9 * line.amplitude)]
+    loud = with_tones(off, fan)
+    prepared = Prepared(with_tones(a, fan), loud)
+    found = mv.compare(prepared, b, scenario=scenario)
+    verdicts = {row.line: row.verdict for row in found.rows}
+    assert verdicts["drive_5"] == "not judged"
+    assert verdicts["drive_1"] in ("agrees", "differs")
+    seen = analyse(prepared, scenario=scenario)
+    assert seen.table["drive_5"].status == IN_BACKGROUND
+    ends = (f"{line.frequency - 0.5} Hz", f"{line.frequency + 0.5} Hz")
+    amplitude = 1e3 * line.amplitude
+    for torque, verdict in (
+        ("0.01 mN*m", "not judged"),  # what the drive did not do is no failure of it
+        (f"{2.0 * amplitude} mN*m", "not judged"),  # nor does it pass: the two may cancel in part
+        (f"{20.0 * amplitude} mN*m", "pass"),
+    ):
+        judged = mv.judge(seen.table, mv.Limit(torque, *ends))
+        assert judged.verdict == verdict, torque
+
+
+def test_a_fan_that_drifts_between_the_two_is_the_background_s_all_the_same(tests, off):
+    scenario, a, _ = tests
+    line = mv.find_lines(a, scenario=scenario)["drive_7"]
+    drifted = with_tones(off, [(line.frequency * 1.0006, 0.9 * line.amplitude)])
+    seen = analyse(Prepared(a, drifted), scenario=scenario)
+    assert seen.table["drive_7"].status == IN_BACKGROUND
+    assert seen.table["drive_1"].status == "ok"
+
+
+def test_lines_of_the_background_are_listed_with_the_mains(tests, off):
+    scenario, a, _ = tests
+    loud = with_tones(off, [(31.4, 2e-3), (150.0, 1.5e-3)])
+    seen = analyse(Prepared(with_tones(a, [(31.41, 2.0e-3)]), loud), scenario=scenario)
+    by_size = seen.background_lines
+    assert by_size[0].frequency == pytest.approx(31.4, abs=0.01)
+    assert by_size[0].amplitude == pytest.approx(2e-3, rel=0.02)
+    assert by_size[0].recorded == pytest.approx(2e-3, rel=0.05)
+    assert by_size[1].mains == "3 x 50 Hz"
+    assert by_size[0].mains == ""
+
+
+def test_a_drive_that_ran_in_the_background_is_said(tests):
+    scenario, a, b = tests
+    seen = analyse(Prepared(a, b), scenario=scenario)
+    notes = " ".join(seen.recording.notes)
+    assert "was the drive running in it" in notes
+    assert not any(
+        x.seen and x.of_clock and x.status == "ok" and x.amplitude > 1e-3 for x in seen.table
+    )
+
+
+def test_a_background_that_is_louder_than_the_recording_is_said(tests, off):
+    scenario, a, _ = tests
+    noise = np.random.default_rng(3).normal(0.0, 0.2, off.samples)
+    loud = replace(off, channels={**off.channels, "Mz": off["Mz"] + noise})
+    seen = analyse(Prepared(a, loud), scenario=scenario)
+    assert any("as loud as the recording" in note for note in seen.recording.notes)
