@@ -42,7 +42,6 @@ from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.recorded import RecordedPeriod, output_offset
 from microvib.solve.steady.search import (
     HARMONICS,
-    NOT_FOUND,
     NotReproducedByRun,
     Search,
     sample_rows,
@@ -98,8 +97,10 @@ class SteadyState:
     """What is left after a period of each deviation that decays slowly, complex, one of each
     conjugate pair, (k,); None of a run that settled.
     """
-    starts: np.ndarray | None = None
-    """States at the starts of the segments of the period, seen from the command; None likewise."""
+    derivatives_of_period: np.ndarray | None = field(default=None, repr=False, compare=False)
+    """Derivatives of the period's map that its search went by, over what a microstep moves, (1, n, n);
+    None where the period was searched in segments, or not at all.
+    """
     searched: PeriodMap | None = field(default=None, repr=False, compare=False)
     """The period as it was searched, where it was kept."""
 
@@ -332,10 +333,11 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
 def _steady_state(scenario: Scenario, confirmed: bool) -> SteadyState:
     begun = clock_time.perf_counter()
     repeat, searched = _period_to_search(scenario)
-    attempts = ATTEMPTS if searched else ()
-    found, spent = _searched(scenario, repeat, attempts, confirmed=confirmed, begun=begun)
-    if found is not None:
-        return found
+    spent = 0.0
+    if searched:
+        found, spent = _searched(scenario, repeat, confirmed, begun)
+        if found is not None:
+            return found
     return _result_of_settling(PeriodMap(scenario, repeat), spent, begun)
 
 
@@ -363,36 +365,43 @@ def is_searched(scenario: Scenario) -> bool:
 
 
 def steady_by_search(scenario: Scenario, near: SteadyState | None = None) -> SteadyState:
-    """The steady state that repeats with each period of the command, where a search finds one and a
-    start from rest leads there; ``near`` that of a drive that is hardly another, where its motion
-    goes.
+    """A steady state that repeats with each period of the command, where a search finds one; ``near``
+    that of a drive that is hardly another, where its motion goes.
 
-    Raises NotPeriodic elsewhere, also where ``steady_state`` would follow a run until it has settled:
-    this is for many scenarios, of which others are run in time.
+    **Nobody asks whether a start from rest leads there**: this is for many scenarios, of which runs
+    confirm those that count. Raises NotPeriodic where nothing is found, also where ``steady_state``
+    would follow a run until it has settled.
     """
     begun = clock_time.perf_counter()
-    if near is not None and near.starts is not None:
-        period = PeriodMap(scenario, near.microsteps)
-        search = Search(period).follow(near.starts)
-        state = _result_of_search(search, 0.0, clock_time.perf_counter() - begun)
-        return replace(state, searched=period)
+    if near is not None and near.derivatives_of_period is not None:
+        search = Search(PeriodMap(scenario, near.microsteps), segments=1)
+        search.follow(near.state, near.derivatives_of_period)
+        return _kept(search, clock_time.perf_counter() - begun)
     repeat, searched = _period_to_search(scenario)
     if not searched:
         raise NotPeriodic("the motion is followed from rest until it has settled")
-    found, _ = _searched(scenario, repeat, ATTEMPTS[:1], confirmed=False, begun=begun)
-    if found is None:
-        raise NotPeriodic(NOT_FOUND)
-    return found
+    search = Search(PeriodMap(scenario, repeat), segments=1).find()
+    return _kept(search, clock_time.perf_counter() - begun)
+
+
+def _kept(search: Search, seconds: float) -> SteadyState:
+    """The result of a search over one segment, with what others near by begin from."""
+    assert search.newton is not None
+    return replace(
+        _result_of_search(search, 0.0, seconds),
+        derivatives_of_period=search.newton.derivatives,
+        searched=search.period,
+    )
 
 
 def _searched(
-    scenario: Scenario, repeat: int, attempts: Sequence[tuple[int, int]], *, confirmed: bool, begun: float
-) -> tuple[SteadyState | None, float]:  # fmt: skip
+    scenario: Scenario, repeat: int, confirmed: bool, begun: float
+) -> tuple[SteadyState | None, float]:
     """What the first of some attempts finds that a start from rest leads to, or None; and the time
     [s] that others simulated in vain.
     """
     spent = 0.0
-    for multiple, warm_up in attempts:
+    for multiple, warm_up in ATTEMPTS:
         period = PeriodMap(scenario, multiple * repeat)
         try:
             search = Search(period, confirmed).run(warm_up)
@@ -500,5 +509,4 @@ def _result_of_search(search: Search, spent: float, seconds: float) -> SteadySta
         multiplier=search.multiplier,
         solver=solver,
         slow_multipliers=search.slow_multipliers,
-        starts=search.starts,
     )

@@ -163,15 +163,24 @@ class Case:
         """Lines of its steady state; None where none is found at once, or where it does not tell how
         an observed mode rings.
         """
-        try:
-            state = steady_by_search(self.test, self.begun)
-        except SimulationError:
+        state = _steady_state(self.test, self.begun)
+        if state is None:
             return None
         asked = self.asked
         table = lines_by_name_of_steady_state(state, asked, self.evidence.harmonics)
         if any(line.is_mode and line.name in asked and math.isnan(line.decay) for line in table):
             return None
         return Simulated(table, state.T_d, state.T_d.size * state.frequency, state)
+
+
+def _steady_state(test: Scenario, begun: SteadyState | None) -> SteadyState | None:
+    """A steady state, searched from another one or, where that ends, anew; None where none is found
+    at once.
+    """
+    for near in (begun, None) if begun is not None else (None,):
+        with suppress(SimulationError):
+            return steady_by_search(test, near)
+    return None
 
 
 @dataclass(frozen=True)

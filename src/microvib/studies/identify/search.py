@@ -70,6 +70,10 @@ them, of so many keys at most.
 """
 SCALED_NEAR = 0.75
 """Part of those points that lie in the ranges it began with."""
+NEAR_START = 0.125
+"""Part of their way from the start to which half of the points of another look at steady states are
+drawn: values of a scenario are seldom far off, and beyond an edge of a motion no fit finds back.
+"""
 ABOUT = (0.1, 0.03, 0.01, 0.003)
 """Distances in each coordinate at which a round begins again about the best."""
 SCALED_ROUNDS, SCALED_GAIN = 4, 0.02
@@ -271,10 +275,10 @@ def _search(
         before = optima[0].cost if optima else math.inf
         found: list[Optimum] = []
         if steady is not None:
-            found = _search_round(problem, steady, seed, starts, finishes, also)
+            found = _search_steady_states(problem, steady, seed, starts, finishes)
             steady = None  # once: where it explains nothing, runs may be elsewhere
         if not any(goodness(problem, o.r).explained for o in found):
-            found = _search_round(problem, problem.rough(), seed, starts, finishes, also)
+            found = _search_round(problem, seed, starts, finishes, also)
         optima = sorted([*optima, *found], key=lambda o: o.cost)
         more = descend_all(
             problem, symmetric_solutions(problem, optima[0].x)
@@ -311,35 +315,61 @@ def _drop_extra_frequency(problem: Problem, optima: list[Optimum]) -> tuple[Prob
 
 
 def _search_round(
-    problem: Problem,
-    rough: Problem,
-    seed: int,
-    starts: int,
-    finishes: int,
-    also: Sequence[np.ndarray],
+    problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]
 ) -> list[Optimum]:
     """Local fits from the best points of a global look, in the order of their cost, until the
-    evidence is explained; both begin in the ``rough`` problem, with steady states or short records.
+    evidence is explained; both begin with short records.
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
     more show nothing.
     """
-    from scipy.stats import qmc
-
-    problem.best_so_far.stage, few = "global", problem.along() is not None
+    few = problem.along() is not None
     if few:
-        count = math.ceil(starts / SEARCH_REDUCTION)
-    else:
-        count = starts
-    power = max(math.ceil(math.log2(count)), 1)
-    parts = qmc.Sobol(len(problem.keys), seed=seed).random_base2(power)[:count]
-    points = [problem.tuned(x) for x in (*problem.coordinates.spread(parts), *also)]
-    some = [points[k : k + PROGRESS_INTERVAL] for k in range(0, len(points), PROGRESS_INTERVAL)]
-    costs = [cost(r) for part in some for r in rough.residuals(part)]
-    if few:
+        points = _sobol_points(problem, seed, math.ceil(starts / SEARCH_REDUCTION))
         most = min(finishes, FITS_PER_BATCH)
     else:
-        most = max(finishes, MAX_FITS)
+        points, most = _sobol_points(problem, seed, starts), max(finishes, MAX_FITS)
+    points += [problem.tuned(x) for x in also]
+    return _fits_from_best(problem, problem.rough(), points, finishes, most)
+
+
+def _search_steady_states(
+    problem: Problem, steady: Problem, seed: int, starts: int, finishes: int
+) -> list[Optimum]:
+    """The same among steady states, of which each takes a fraction of a run: where a few fits do not
+    explain the evidence, there are as many as without a mode whose frequency is missing.
+    """
+    points = _sobol_points(problem, seed, starts)
+    first, most = points, max(finishes, MAX_FITS)
+    if problem.along() is not None:
+        first, most = points[: math.ceil(starts / SEARCH_REDUCTION)], min(finishes, FITS_PER_BATCH)
+    first = [*first, problem.tuned(problem.start)]
+    found = _fits_from_best(problem, steady, first, finishes, most)
+    if any(goodness(problem, o.r).explained for o in found):
+        return found
+    more = points[len(first) - 1 :]
+    more[::2] = [problem.start + NEAR_START * (x - problem.start) for x in more[::2]]
+    return found + _fits_from_best(problem, steady, more, 1, max(finishes, MAX_FITS))
+
+
+def _sobol_points(problem: Problem, seed: int, count: int) -> list[np.ndarray]:
+    """Points over the ranges, the first ``count`` of a Sobol sequence."""
+    from scipy.stats import qmc
+
+    power = max(math.ceil(math.log2(count)), 1)
+    parts = qmc.Sobol(len(problem.keys), seed=seed).random_base2(power)[:count]
+    return [problem.tuned(x) for x in problem.coordinates.spread(parts)]
+
+
+def _fits_from_best(
+    problem: Problem, rough: Problem, points: Sequence[np.ndarray], finishes: int, most: int
+) -> list[Optimum]:
+    """Local fits from the best of the ``points`` in the ``rough`` problem, ``finishes`` at least and
+    ``most`` at most, until one explains the evidence in the whole one.
+    """
+    problem.best_so_far.stage = "global"
+    some = [points[k : k + PROGRESS_INTERVAL] for k in range(0, len(points), PROGRESS_INTERVAL)]
+    costs = [cost(r) for part in some for r in rough.residuals(part)]
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
     problem.best_so_far.stage = "local"
     optima: list[Optimum] = []
@@ -648,16 +678,20 @@ def linearise_at(problem: Problem, best: Optimum) -> LinearModel:
 def _linearised_by_steady_states(
     problem: Problem, best: Optimum, steady: Problem
 ) -> LinearModel | None:
-    """The model with slopes of runs, whose steps follow from those of steady states; None where the
-    slopes of the two are not alike.
+    """The model with central differences of steady states, corrected by what differences of runs to
+    one side are more than those of steady states; None where the slopes of the two are not alike.
+
+    What is curved is so in both: what they differ by, the rest of the start, is small and straight.
     """
     every, (r,) = np.arange(best.x.size), steady.residuals([best.x])
     steps, _ = _slopes_at(steady, Optimum(best.x, r, cost(r)))
-    J = jacobian(problem, best.x, best.r, steps, every, True)
     central = jacobian(steady, best.x, r, steps, every, True)
+    more = jacobian(problem, best.x, best.r, steps, every, False)
+    more -= jacobian(steady, best.x, r, steps, every, False)
+    J = central + more
     if not _are_alike(J, central):
         return None
-    correction = Correction(best.x, problem.least(best.r - r), J - central)
+    correction = Correction(best.x, problem.least(best.r - r), more)
     return _linear_model(problem, best, J, steady.corrected(correction))
 
 
