@@ -38,9 +38,7 @@ class Segments:
         self.period = period
         self.part = math.gcd(period.microsteps, max(period.microsteps // 16, 1))
         units = period.microsteps // self.part
-        self.bounds = (
-            np.rint(np.linspace(0, units, min(most, units) + 1)).astype(int) * self.part
-        )
+        self.bounds = np.rint(np.linspace(0, units, min(most, units) + 1)).astype(int) * self.part
         self._unseen = empty_sample_buffer(period.packed.torque_columns)._replace(width=0.0)
 
     def advance(

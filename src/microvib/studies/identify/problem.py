@@ -485,11 +485,17 @@ class Problem:
             other.begun = [simulated.state for simulated in tables]
         return other
 
-    def corrected(self, correction: Correction) -> Problem:
-        """With residuals that are corrected to those of runs."""
+    def corrected(self, correction: Correction | None) -> Problem:
+        """With residuals that are corrected to those of runs, or without."""
         other = copy(self)
         other.correction = correction
         return other
+
+    def corrected_to(self, runs: Problem, x: np.ndarray) -> Problem:
+        """With residuals that are those of other ``runs`` at ``x``; with the same slopes as before."""
+        (r,), (own,) = runs.residuals([x]), self.corrected(None).residuals([x])
+        slopes = np.zeros((r.size, x.size)) if self.correction is None else self.correction.slopes
+        return self.corrected(Correction(x, self.least(r - own), slopes))
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
         """The work on each item, as many at a time as there are cores. An interrupt also ends work

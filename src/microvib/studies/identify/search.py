@@ -604,23 +604,17 @@ def confirm(
 
 
 def _ends_nearby(problem: Problem, best: Optimum, local: LinearModel) -> list[Optimum]:
-    """Ends of local fits from an optimum, by runs, and from either side of it."""
-    near = local.near(problem)
-    if near is problem:
-        close = COST_TOLERANCE
-    else:
-        close = COARSE_COST_TOLERANCE
+    """Ends of local fits from an optimum and from either side of it, as runs have them."""
+    near, sides = local.near(problem), _along_weakest_direction(problem, best.x, local)
+    beside = COST_TOLERANCE if near is problem else COARSE_COST_TOLERANCE
 
-    def restarted(x: np.ndarray) -> Optimum:
-        return as_run(
-            problem, near, Descent(near, x, central=True, J=local.J).run(RESTART_STEPS, close)
-        )
+    def restarted(start: tuple[np.ndarray, float]) -> Optimum:
+        x, close = start
+        end = Descent(near, x, central=True, J=local.J).run(RESTART_STEPS, close)
+        return as_run(problem, near, end)
 
-    at_best = Descent(problem, best.x, central=True, J=local.J).run(RESTART_STEPS)
-    return [
-        at_best,
-        *problem.in_threads(restarted, _along_weakest_direction(problem, best.x, local)),
-    ]
+    starts = [(best.x, COST_TOLERANCE), *((x, beside) for x in sides)]
+    return problem.in_threads(restarted, starts)
 
 
 def as_run(problem: Problem, near: Problem, found: Optimum) -> Optimum:
