@@ -244,6 +244,7 @@ class Search:
         Where a mode decays about as its own damping has it, what the search knows of its shape
         suffices; else all is differentiated anew, at the solution.
         """
+        assert self.newton is not None
         self.multiplier = self._multiplier_of_slow_shapes(self.newton.derivatives)
         own = RingingTimes(self.period.scenario).decay / self.period.frequency
         if not self.multiplier < min(math.exp(-LEAST_PART_OF_DECAY * own), DOUBTED_MULTIPLIER):

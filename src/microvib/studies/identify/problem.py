@@ -298,6 +298,8 @@ class BestSoFar:
 
     def __init__(self, progress: FitProgress | None = None) -> None:
         self.stage, self.simulations, self.stopped = "global", 0, False
+        # of the simulations, tests of which the steady state stood for a run
+        self.steady = 0
         # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._progress: FitProgress = progress or (lambda *_: None)
@@ -314,10 +316,13 @@ class BestSoFar:
             problem, x, _ = self.best
             self._progress(self.stage, self.simulations, self._cost, problem.named(x))
 
-    def note(self, problem: Problem, x: np.ndarray, r: np.ndarray) -> None:
+    def note(
+        self, problem: Problem, x: np.ndarray, r: np.ndarray, tables: Sequence[Simulated] | None
+    ) -> None:
         """One point more; any thread may say so."""
         with self._lock:
             self.simulations += len(problem.tests)
+            self.steady += sum(one.state is not None for one in tables or ())
             worth = problem.whole is not None, cost(r)  # whole records before short ones
             if self.best is None or worth < (self.best[0].whole is not None, self._cost):
                 self._cost, self.best = cost(r), (problem, x, r)
@@ -688,7 +693,7 @@ class Problem:
                 r += self.correction.at + self.correction.slopes @ (x - self.correction.x)
             found.append(r)
             if not also:
-                self.best_so_far.note(self, x, r)
+                self.best_so_far.note(self, x, r, tables)
         return found
 
     def least(self, change: np.ndarray) -> np.ndarray:
