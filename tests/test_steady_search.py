@@ -7,9 +7,9 @@ import pytest
 
 import microvib as mv
 from microvib.analysis.lines import lines_by_name, lines_by_name_of_steady_state, lines_of_samples
-from microvib.model.linear import coupled_modes
 from microvib.solve.batch import simulate_torques
-from microvib.solve.steady.period import NotPeriodic
+from microvib.solve.steady.period import NotPeriodic, PeriodMap
+from microvib.solve.steady.search import Search
 from microvib.solve.steady.state import (
     SteadyState,
     is_searched,
@@ -33,34 +33,27 @@ def searched(state_1: mv.Scenario) -> SteadyState:
     return steady_by_search(state_1)
 
 
-def test_without_friction_a_deviation_rings_as_the_linear_drive_does(state_1: mv.Scenario) -> None:
-    """The closed form: eigenvalues of the drive, linearised, which without sliding, detent torque and
-    a curved spring is the drive."""
-    free = state_1.with_si(
-        {
-            "friction.coulomb": 0.0,
-            "friction.breakaway": 0.0,
-            "motor.friction.coulomb": 0.0,
-            "motor.friction.breakaway": 0.0,
-            "motor.detent_torque": 0.0,
-        }
-    )
-    mode = min((m for m in coupled_modes(free) if m.frequency > 0.0), key=lambda m: m.frequency)
-    frequency, decay = steady_by_search(free).ringing(1.02 * mode.frequency, 2.0 * mode.decay)
-    assert frequency == pytest.approx(mode.frequency, rel=1e-3)
-    assert decay == pytest.approx(mode.decay, rel=1e-2)
+FRICTIONLESS = {
+    "friction.coulomb": 0.0,
+    "friction.breakaway": 0.0,
+    "motor.friction.coulomb": 0.0,
+    "motor.friction.breakaway": 0.0,
+}
 
 
-def test_with_friction_a_deviation_rings_as_what_is_left_of_a_start(
-    state_1: mv.Scenario, searched: SteadyState
+@pytest.mark.parametrize("changes", [{}, FRICTIONLESS], ids=["friction", "none"])
+def test_a_deviation_rings_as_what_is_left_of_a_start(
+    state_1: mv.Scenario, changes: dict[str, float]
 ) -> None:
-    """By the lines of a run in time, late enough that the deviation is small."""
-    late = state_1.with_si({"record.settle": 90.0, "record.duration": 40.0})
-    motion = mv.simulate(late, channels="T_d")
-    run = lines_of_samples(motion["T_d"], late.record.sample_rate, late)
+    """By the lines of a run in time, late enough that the deviation is small; asked for with a frequency
+    and a decay that are off."""
+    scenario = state_1.with_si(changes)
+    late = scenario.with_si({"record.settle": 60.0, "record.duration": 30.0})
+    torque = mv.simulate(late, channels="T_d")["T_d"]
+    run = lines_of_samples(torque, late.record.sample_rate, late)
     seen = next(line for line in run if line.is_mode)
-    frequency, decay = searched.ringing(seen.frequency, 0.5 * seen.decay)
-    assert frequency == pytest.approx(seen.frequency, rel=1e-4)
+    frequency, decay = steady_by_search(scenario).ringing(1.02 * seen.frequency, 0.5 * seen.decay)
+    assert frequency == pytest.approx(seen.frequency, rel=1e-3)
     assert decay == pytest.approx(seen.decay, rel=0.02)
 
 
@@ -74,6 +67,29 @@ def vars_of(state: SteadyState) -> dict:
     return {name: getattr(state, name) for name in state.__dataclass_fields__}
 
 
+def test_integrated_harmonics_converge_to_lines_of_a_run(state_1: mv.Scenario) -> None:
+    """With the solution's own steps they are good to 4 % at 426 Hz; with finer ones to 2e-5."""
+    run = late_lines(state_1)
+    orders, errors = np.arange(1, 9), []
+    for refinement in (1, 4):
+        state = steady_by_search(state_1.with_si({"solver.refinement": refinement}))
+        found = np.abs(state.integrated_harmonics(orders * state.microsteps))
+        errors.append(
+            [abs(x / run[f"drive_{k}"] - 1.0) for k, x in zip(orders, found, strict=True)]
+        )
+    own, finer = np.array(errors)
+    assert np.max(own[:6]) < 3e-3
+    assert np.max(own) < 0.04
+    assert np.max(finer) < 1e-3
+
+
+def test_integrated_harmonics_have_the_phases_of_samples(searched: SteadyState) -> None:
+    """Those at the first sample of the record."""
+    orders = searched.microsteps * np.arange(1, 5)
+    ratio = searched.integrated_harmonics(orders) / searched.harmonics()[orders]
+    np.testing.assert_allclose(np.angle(ratio), 0.0, atol=1e-3)
+
+
 def late_lines(scenario: mv.Scenario) -> dict[str, float]:
     """Amplitudes [N m] of a run after five minutes."""
     late = scenario.with_si({"record.settle": 300.0, "record.duration": 20.0})
@@ -81,14 +97,24 @@ def late_lines(scenario: mv.Scenario) -> dict[str, float]:
     return {line.name: line.amplitude for line in lines_by_name(torque, late, LINES)}
 
 
-@pytest.mark.parametrize("changes", [{}, BESIDE_ANOTHER], ids=["state 1", "two motions"])
-def test_lines_are_those_of_a_late_run(state_1: mv.Scenario, changes: dict[str, float]) -> None:
-    """Where two motions exist, too: the search begins as every run does, at rest."""
-    scenario = state_1.with_si(changes)
-    run = late_lines(scenario)
-    for line in lines_by_name_of_steady_state(steady_by_search(scenario), LINES):
+def test_lines_are_those_of_a_late_run(state_1: mv.Scenario) -> None:
+    run = late_lines(state_1)
+    for line in lines_by_name_of_steady_state(steady_by_search(state_1), LINES):
         if not line.is_mode:
-            assert line.amplitude == pytest.approx(run[line.name], rel=5e-3), line.name
+            assert line.amplitude == pytest.approx(run[line.name], rel=0.04), line.name
+
+
+def test_of_two_motions_the_one_is_found_that_a_start_from_rest_leads_to() -> None:
+    """The search begins as every run does, at rest; from the mean motion it ends at the other one,
+    whose fifth driving line is three times as large."""
+    scenario = mv.load_scenario("state-1").with_si(BESIDE_ANOTHER)
+    run = late_lines(scenario)["drive_5"]
+    found = steady_by_search(scenario).harmonics()[5 * 16]
+    assert abs(found) == pytest.approx(run, rel=0.02)
+    other = Search(PeriodMap(scenario, 16), segments=1)
+    other._converge(other._begin(0))
+    tones = np.abs(np.fft.rfft(other.ends.T_d)) * 2.0 / other.ends.T_d.size
+    assert tones[5 * 16] > 2.0 * run
 
 
 def test_a_search_from_near_by_finds_what_one_from_rest_does(

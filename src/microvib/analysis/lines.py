@@ -630,7 +630,8 @@ def lines_by_name_of_steady_state(
     expected = named_or_modes(expected_in(state.scenario, record.sample_rate, harmonics), names)
     size = int(PASSBAND * record.sample_rate / state.frequency) + 1
     orders = [0 if line.is_mode else order_of(line, state.frequency, size) for line in expected]
-    tones = state.harmonics(count=max(orders, default=0) + 1).tolist()
+    found = np.array(sorted({*orders, 1} - {0}))
+    tone_of = dict(zip(found.tolist(), state.integrated_harmonics(found).tolist(), strict=True))
     rows = []
     for line, order in zip(expected, orders, strict=True):
         named = Line(line.name, line.kind, expected=line.frequency)
@@ -638,7 +639,7 @@ def lines_by_name_of_steady_state(
             frequency, decay = state.ringing(line.frequency, line.decay)
             rows.append(replace(named, frequency=frequency, decay=decay))
         else:
-            tone = tones[order] if order else 0.0j
+            tone = tone_of.get(order, 0.0j)
             own = {"amplitude": abs(tone), "phase": cmath.phase(tone), "decay": 0.0}
             rows.append(replace(named, frequency=line.frequency, **own, status="ok"))
     return LineTable(tuple(rows), 1.0, 0.0, record.samples, record.sample_rate)

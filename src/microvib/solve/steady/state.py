@@ -39,6 +39,7 @@ from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
 from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
+from microvib.solve.steady.recorded import RecordedPeriod, output_offset
 from microvib.solve.steady.search import (
     HARMONICS,
     NotReproducedByRun,
@@ -100,6 +101,8 @@ class SteadyState:
     """Derivatives of the period's map that its search went by, over what a microstep moves, (1, n, n);
     None where the period was searched in segments, or not at all.
     """
+    searched: PeriodMap | None = field(default=None, repr=False, compare=False)
+    """The period as it was searched, where it was kept."""
 
     def __repr__(self) -> str:
         return f"Steady state of {self.scenario.brief}: repeats every {1.0 / self.frequency:.6g} s"
@@ -207,6 +210,21 @@ class SteadyState:
             2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
         )
         result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
+        return result
+
+    def integrated_harmonics(self, orders: np.ndarray) -> np.ndarray:
+        """Complex amplitudes of the torque at some ``orders`` (k,) of ``frequency``, as
+        ``harmonics`` has them, but integrated over each step of the solution.
+
+        They are smooth functions of the drive's parameters. Means over equal intervals are not:
+        lines by them have kinks where an event crosses the edge of an interval.
+        """
+        period = self.searched or PeriodMap(self.scenario, self.microsteps)
+        recorded = RecordedPeriod(period, orders)
+        end = recorded.record(self.state - output_offset(recorded.map))
+        late = self.scenario.record.settle - self.start + end.late
+        shift = np.exp(2j * np.pi * self.frequency * late * orders)
+        result: np.ndarray = recorded.harmonics([end])[:, 0] * shift
         return result
 
     def derivatives(
@@ -372,6 +390,7 @@ def _kept(search: Search, seconds: float) -> SteadyState:
     return replace(
         _result_of_search(search, 0.0, seconds),
         derivatives_of_period=search.newton.derivatives,
+        searched=search.period,
     )
 
 
