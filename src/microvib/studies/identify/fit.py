@@ -565,7 +565,7 @@ def _fit(
     names = ", ".join(one.name for one in tests)
     before, after = problem.simulated([[{}] * len(tests)])[0], problem.lines(best.x)
     assert after is not None
-    fit, off = goodness(problem, best.r), deviations(problem, after)
+    fit, off = goodness(problem, best.r), deviations(problem, best.x)
     notes = (
         *_notes_before(found, tests),
         *notes,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microvib.studies.evidence import Observation, Simulated, predicted
+from microvib.studies.evidence import Observation, predicted
 from microvib.studies.identify.problem import TORQUE_FORMS, Problem
 
 REJECTION_PROBABILITY = 1e-3
@@ -164,8 +164,9 @@ def unwrap_to_measured(o: Observation, value: float) -> float:
     return value
 
 
-def deviations(problem: Problem, tables: list[Simulated] | None) -> tuple[Deviation, ...]:
-    """All figures beside those of a model's ``tables``."""
+def deviations(problem: Problem, x: np.ndarray) -> tuple[Deviation, ...]:
+    """All figures beside the model's at ``x``."""
+    tables = problem.lines(x)
     sigma, _ = problem.weighted(problem.differences(tables))
     return tuple(
         Deviation(
