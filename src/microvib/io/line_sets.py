@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from microvib.errors import MicrovibError
 from microvib.io.tables import dict_rows, parse_finite
@@ -13,6 +14,19 @@ from microvib.io.writing import EDITED_COPY, require_unchanged
 
 RATES, NOT_SEEN = "rates.csv", "not_seen.csv"
 ANGLES, ORBIT = "angles.csv", "orbit_lines.csv"
+
+
+class Unseen(NamedTuple):
+    """What may be there beside the lines."""
+
+    what: str
+    low: float
+    high: float
+    """[Hz]."""
+    at_most: float
+    """[N m]; infinite where that is not known."""
+    overstated: float
+    """Times by which the record may show the lines too large."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +39,8 @@ class LineSet:
     """Names, frequencies [Hz] and amplitudes by their columns."""
     status: str = ""
     """How it was solved."""
-    not_seen: tuple[tuple[str, float, float, float], ...] | None = None
-    """What may be there beside the lines: in words, lower and upper end [Hz], and amplitude [N m] at
-    most, infinite where that is not known; None where the folder does not tell."""
+    not_seen: tuple[Unseen, ...] | None = None
+    """What may be there beside the lines; None where the folder does not tell."""
 
 
 def read_rate_lines(folder: Path) -> list[LineSet]:
@@ -115,22 +128,22 @@ def _line_sets(
     ]
 
 
-def _not_seen(path: Path) -> dict[tuple[str, ...], list[tuple[str, float, float, float]]]:
+def _not_seen(path: Path) -> dict[tuple[str, ...], list[Unseen]]:
+    """What is not seen at each rate and number of microsteps."""
     require_unchanged(path, EDITED_COPY)
-    needed = ("rate_deg_s", "microsteps", "what", "from_hz", "to_hz", "at_most_n_m")
-    found: dict[tuple[str, ...], list[tuple[str, float, float, float]]] = {}
-    for k, row in enumerate(
-        dict_rows(path, needed, what="what lines a plan lacks", needed=needed), 2
-    ):
-        at = (row["rate_deg_s"], row["microsteps"])
-        low, high, most = _open_ended(f"{path}, row {k}:", row)
-        found.setdefault(at, []).append((row["what"], low, high, most))
+    needed = ("rate_deg_s", "microsteps", "what", "from_hz", "to_hz", "at_most_n_m", "overstated")
+    found: dict[tuple[str, ...], list[Unseen]] = {}
+    for k, row in enumerate(dict_rows(path, needed, what="what a plan lacks", needed=needed), 2):
+        where, at = f"{path}, row {k}:", (row["rate_deg_s"], row["microsteps"])
+        low, high, most, times = (
+            _infinite_if_empty(f"{where} {name}:", row[name]) for name in needed[3:]
+        )
+        found.setdefault(at, []).append(Unseen(row["what"], low, high, most, times))
     return found
 
 
-def _open_ended(where: str, row: Mapping[str, str]) -> Iterator[float]:
-    """Lower and upper end and amplitude of a row; an empty upper end or amplitude is infinite."""
-    yield parse_finite(f"{where} from_hz:", row["from_hz"])
-    for name in ("to_hz", "at_most_n_m"):
-        cell = row[name].strip()
-        yield parse_finite(f"{where} {name}:", cell) if cell else math.inf
+def _infinite_if_empty(where: str, cell: str) -> float:
+    """The figure of a cell; infinite where it is empty, or says so."""
+    if cell.strip() in ("", "inf"):
+        return math.inf
+    return parse_finite(where, cell)

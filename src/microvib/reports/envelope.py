@@ -16,6 +16,7 @@ from microvib.reports.analysis_units import ENDINGS, table_in_unit
 from microvib.reports.document import Fact, Text
 from microvib.reports.numbers import count_text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
+from microvib.reports.typography import file_name
 from microvib.results import DECIBEL, TORQUE, Column, Measure, Table
 from microvib.studies.envelope.members import DRIVE_TORQUE
 from microvib.studies.envelope.statistics import QUANTILES, WORDS, members_needed
@@ -43,6 +44,8 @@ _DRAWN = 200
 """Members that are drawn one by one."""
 _NAMED = 4
 """Lines of a picture that are named."""
+_LETTERS = 24
+"""Letters of a member's name in a picture."""
 _COLOURS = {
     "max": sheets.BLUE, "p95": sheets.ORANGE, "p99": sheets.PURPLE, "mean": sheets.GREEN
 }  # fmt: skip
@@ -51,6 +54,10 @@ _BANDS_CAPTION = (
     " bands. At most: with what was not seen; ? where that is not known. The worst member is that whose line"
     " is nearest to the limit at its own frequency, or farthest above it; the margin is of the statistic of"
     " such ratios."
+)
+_POINTS_CAPTION = (
+    "The envelope of the bands that a point is in, against the limit at that point. It is less than the margin of"
+    " the lines where none stands at the point, and decides nothing."
 )
 _SPECTRUM_CAPTION = (
     "Highest amplitude of the spectrum in each band, flat-top window. Within five bins of an edge a tone shows"
@@ -120,7 +127,10 @@ def _sentence(found: Envelope, one: ChannelEnvelope, of: StatisticVerdict) -> st
     verdict = "FAIL" if of.verdict == "fail" else of.verdict
     text = f"{head}: {verdict}{_worst_words(one, of)}."
     if of.why:
-        text += f" Not judged: {of.why}."
+        text += f" {of.why[0].upper()}{of.why[1:]}."
+    unknown = sum(x.verdict == "not judged" for x in one.members)
+    if of.verdict == "fail" and unknown:
+        text += f" {unknown} of {found.members} are not judged."
     if of.statistic != "max":
         above = sum(x.verdict == "fail" for x in one.members)
         text += f" This says nothing of a single member; {above} of {found.members} are above the limit."
@@ -206,7 +216,9 @@ def _parts(found: Envelope, one: ChannelEnvelope) -> Iterator[Part]:
     )
     yield Part(f"Lines{of} by band, the smallest margins first", (table_in_unit(bands, one.unit),))
     if one.points:
-        points = Table.of(f"points{end}", CurvePoint, one.points, brief=_BRIEF)
+        points = Table.of(
+            f"points{end}", CurvePoint, one.points, brief=_BRIEF, caption=_POINTS_CAPTION
+        )
         yield Part(f"At the points of the limit{of}", (table_in_unit(points, one.unit),))
     if one.spectrum:
         yield Part(f"Amplitude spectrum{of}", (_picture_of_spectrum(found, one),))
@@ -346,7 +358,9 @@ def draw_lines(found: Envelope, one: ChannelEnvelope) -> Figure:
     figure, ax = sheets.one_axes(3.8)
     drawn = [x.name for x in _members_first(one)[:_DRAWN]]
     shown = [x for name, x in one.lines if name in set(drawn)]
-    _draw_members(ax, [{k: v for k, v in one.levels[name].items() if v > 0.0} for name in drawn])
+    _draw_members(
+        ax, [{k: v for k, v in one.levels[name].items() if v > 0.0} for name in drawn], 1e3
+    )
     ax.plot(
         [x.frequency for x in shown],
         [1e3 * x.amplitude for x in shown],
@@ -368,9 +382,11 @@ def draw_lines(found: Envelope, one: ChannelEnvelope) -> Figure:
     return figure
 
 
-def _draw_members(ax: Axes, members: Sequence[Mapping[tuple[float, float], float]]) -> None:
+def _draw_members(
+    ax: Axes, members: Iterable[Mapping[tuple[float, float], float]], scale: float
+) -> None:
     for own in members:
-        _draw_steps(ax, own, "", color=sheets.GREY, linewidth=0.5, alpha=0.5)
+        _draw_steps(ax, own, "", scale, color=sheets.GREY, linewidth=0.5, alpha=0.5)
 
 
 def _draw_steps(
@@ -389,7 +405,7 @@ def _draw_steps(
             y.append(math.nan)
         x += [max(low, 1e-3), high]
         y += [scale * value, scale * value]
-    if x:
+    if np.any(np.isfinite(y)):
         ax.plot(x, y, label=label or None, **style)
 
 
@@ -403,9 +419,11 @@ def _finish(ax: Axes, one: ChannelEnvelope, sizes: Iterable[float]) -> None:
     ax.set_ylabel(f"amplitude, 0-to-peak [m{pretty(one.unit)}]")
     ax.set_ylim(low, high)
     places = [x.frequency for _, x in one.lines]
+    left, right = min(places, default=1.0), max(places, default=100.0)
     if one.curve is not None:
-        places += [x for x in (one.curve.low, one.curve.high) if 0.0 < x < math.inf]
-    ax.set_xlim(0.8 * min(places, default=1.0), 1.5 * max(places, default=100.0))
+        left = one.curve.low or left
+        right = one.curve.high if math.isfinite(one.curve.high) else right
+    ax.set_xlim(0.8 * left, 1.35 * right)
     sheets.plain_numbers(ax.xaxis)
 
 
@@ -423,7 +441,7 @@ def _draw_limit(ax: Axes, one: ChannelEnvelope) -> None:
             zorder=4.5,
         )
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(loc="upper right", fontsize=7.5, ncols=3)
+        ax.legend(loc="upper left", fontsize=7.5, ncols=4)
 
 
 def _deciding(one: ChannelEnvelope) -> list[LineBand]:
@@ -442,39 +460,51 @@ def _name_deciding(ax: Axes, one: ChannelEnvelope) -> None:
     places = []
     for x in _deciding(one):
         above = one.curve is not None and x.worst_amplitude > x.allowed
-        text = f"{x.line}, {_short(x.worst)}"
+        text = f"{x.line}\n{_short(x.worst, one)}"
         places.append((x.frequency, 1e3 * x.worst_amplitude, text, True))
         colour = sheets.RED if above else sheets.BLUE
         ax.plot(x.frequency, 1e3 * x.worst_amplitude, "s", ms=6, mfc="none", color=colour, zorder=6)
     sheets.name_points(ax, places)
 
 
-def _short(name: str) -> str:
-    """The end of a member's name, for a picture."""
-    return name if len(name) <= 34 else f"...{name[-31:]}"
+def _short(name: str, one: ChannelEnvelope) -> str:
+    """What a member was at, or its name, as short as a picture needs it."""
+    values = next((x.values for x in one.members if x.name == name), "")
+    text = values.partition(",")[0] or file_name(name)
+    return text if len(text) <= _LETTERS else f"{text[: _LETTERS - 1]}…"
 
 
 def draw_spectrum(found: Envelope, one: ChannelEnvelope) -> Figure:
-    """The statistics of the amplitude spectra over frequency."""
+    """The statistics of the amplitude spectra over frequency, and the members beneath."""
     figure, ax = sheets.one_axes(2.8)
-    for statistic in found.statistics:
-        own = {(x.low, x.high): x.value for x in one.spectrum if x.statistic == statistic}
-        _draw_steps(ax, own, WORDS[statistic], color=_COLOURS[statistic], linewidth=1.9)
-    ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]")
+    _draw_figures(ax, found, one.spectra, one.spectrum, 1e3)
     ax.set_ylabel(f"amplitude, 0-to-peak [m{pretty(one.unit)}]")
-    sheets.plain_numbers(ax.xaxis)
     _draw_limit(ax, one)
     return figure
 
 
 def draw_density(found: Envelope, one: ChannelEnvelope) -> Figure:
-    """The statistics of the densities over frequency."""
+    """The statistics of the densities over frequency, and the members beneath."""
     figure, ax = sheets.one_axes(2.8)
-    for statistic in found.statistics:
-        own = {(x.low, x.high): x.value for x in one.density if x.statistic == statistic}
-        _draw_steps(ax, own, WORDS[statistic], 1.0, color=_COLOURS[statistic], linewidth=1.9)
-    ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]")
+    _draw_figures(ax, found, one.densities, one.density, 1.0)
     ax.set_ylabel(f"density [({pretty(one.unit)})²/Hz]")
-    sheets.plain_numbers(ax.xaxis)
-    ax.legend(loc="upper right", fontsize=7.5, ncols=3)
+    ax.legend(loc="upper right", fontsize=7.5, ncols=4)
     return figure
+
+
+def _draw_figures(
+    ax: Axes,
+    found: Envelope,
+    members: Mapping[str, Mapping[tuple[float, float], float]],
+    bands: Sequence[FigureBand | DensityBand],
+    scale: float,
+) -> None:
+    """Figures of members in bands, thin, and their statistics, thick, with room for a legend."""
+    _draw_members(ax, list(members.values())[:_DRAWN], scale)
+    for statistic in found.statistics:
+        own = {(x.low, x.high): x.value for x in bands if x.statistic == statistic}
+        _draw_steps(ax, own, WORDS[statistic], scale, color=_COLOURS[statistic], linewidth=1.9)
+    values = [scale * x for own in members.values() for x in own.values() if x > 0.0]
+    ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]")
+    ax.set_ylim(0.5 * min(values, default=0.1), 20.0 * max(values, default=1.0))
+    sheets.plain_numbers(ax.xaxis)

@@ -152,6 +152,17 @@ def members_of(given: Sequence[GivenMember], reading: Reading) -> list[Member]:
         if member.key in seen:
             raise MicrovibError(f"{member.name}: is given twice; a member counts once")
         seen.add(member.key)
+    return _named_once(found)
+
+
+def _named_once(members: Sequence[Member]) -> list[Member]:
+    """Members, of which those with one name get numbers."""
+    count: dict[str, int] = {}
+    found = []
+    for member in members:
+        count[member.name] = count.get(member.name, 0) + 1
+        k = count[member.name]
+        found.append(replace(member, name=f"{member.name} ({k})") if k > 1 else member)
     return found
 
 
@@ -401,7 +412,7 @@ def _together(tables: Sequence[tuple[LineTable, Scenario | None]], judged: Judge
 def _rate(folder: Path, of: LineSet) -> Member:
     """A rate of a plan."""
     rate, microsteps = of.values["rate_deg_s"], of.values["microsteps"]
-    values = f"{rate} deg/s, {microsteps} microsteps"
+    values = f"{_brief(rate)} deg/s, {microsteps} microsteps"
 
     def evidence() -> Evidence:
         if of.status.startswith("failed"):
@@ -409,21 +420,29 @@ def _rate(folder: Path, of: LineSet) -> Member:
         lines = tuple((name, f, sizes["amplitude_n_m"]) for name, f, sizes in of.lines)
         if of.not_seen is None:
             return StatedLines("N*m", lines, (_ALL_UNKNOWN,)).evidence()
-        bounds = tuple(Bound(low, high, most, what) for what, low, high, most in of.not_seen)
-        whole = [x.what for x in bounds if x.low == 0.0 and math.isinf(x.high)]
-        undecided = whole[0] if whole else ""
+        bounds = tuple(Bound(x.low, x.high, x.at_most, x.what) for x in of.not_seen)
+        undecided = next((x.what for x in of.not_seen if x.overstated > 1.0), "")
         return StatedLines("N*m", lines, bounds, undecided=undecided).evidence()
 
     opened = Opened(lambda channel: _of_torque_only(channel, evidence), _no_samples)
     name = f"{folder}, {values}"
-    return Member(name, "rate", values, False, _key(folder, values), lambda: opened)
+    key = _key(folder, f"{rate} {microsteps}")
+    return Member(name, "rate", values, False, key, lambda: opened)
+
+
+def _brief(number: str) -> str:
+    """A figure of a file as a name has it."""
+    try:
+        return f"{float(number):.6g}"
+    except ValueError:
+        return number
 
 
 def _angle(folder: Path, of: LineSet) -> Member:
     """An angle of a sweep or an instant of an orbit."""
-    values = f"{of.values['angle_deg']} deg"
+    values = f"{_brief(of.values['angle_deg'])} deg"
     if "time_s" in of.values:
-        values += f" after {of.values['time_s']} s"
+        values += f" after {_brief(of.values['time_s'])} s"
 
     def evidence(channel: str) -> Evidence:
         if channel not in COMPONENTS:
@@ -434,7 +453,8 @@ def _angle(folder: Path, of: LineSet) -> Member:
 
     name = f"{folder}, {values}"
     opened = Opened(evidence, _no_samples)
-    return Member(name, "angle", values, False, _key(folder, values), lambda: opened)
+    key = _key(folder, " ".join(of.values.values()))
+    return Member(name, "angle", values, False, key, lambda: opened)
 
 
 def _of_campaign(folder: Path) -> list[Member]:

@@ -82,7 +82,7 @@ class LineBand:
     """Of each member's largest line in the band; one without a line counts as 0."""
     at_least: Annotated[float, Column("at_least_n_m", measure=TORQUE)]
     at_most: Annotated[float, Column("at_most_n_m", "at most", TORQUE, absent="?")]
-    """With what was not seen; infinite where that is not known."""
+    """With what was not seen; nan where that is not known."""
     members: Annotated[int, Column("members", "members", COUNT)]
     """Members that have such a line."""
     worst: Annotated[str, Column("worst", "worst member")]
@@ -217,6 +217,10 @@ class ChannelEnvelope:
     verdicts: tuple[StatisticVerdict, ...]
     levels: dict[str, dict[tuple[float, float], float]]
     """Largest line of each member by its name and the edges [Hz] of bands, for pictures."""
+    spectra: dict[str, dict[tuple[float, float], float]]
+    """Amplitude spectrum of each member that has one, likewise."""
+    densities: dict[str, dict[tuple[float, float], float]]
+    """Density of each member that has one, likewise."""
     lines: tuple[tuple[str, SeenLine], ...]
     """All lines that were seen, each with the member that has it."""
     without_samples: tuple[tuple[str, str], ...]
@@ -454,6 +458,8 @@ class _Channel:
             tuple(self._member_row(*each) for each in zip(self.told, whole, strict=True)),
             tuple(self._verdict(x, bands, whole) for x in self.statistics),
             self._levels(ends, by_band),
+            self._by_member([x.spectrum for x in self.told]),
+            self._by_member([x.density for x in self.told]),
             lines,
             tuple(
                 (x.member.name, x.spectrum.why or x.density.why)
@@ -560,7 +566,7 @@ class _Channel:
             high,
             value.value,
             value.low,
-            most,
+            most if math.isfinite(most) else math.nan,
             sum(x.amplitude.value > 0.0 for x in found),
             name if line is not None else "",
             "" if line is None else line.name,
@@ -719,6 +725,14 @@ class _Channel:
             "" if judged is None else judged.verdict,
             of.missing or ("" if judged is None else judged.why),
         )
+
+    def _by_member(self, found: Sequence[InBands]) -> dict[str, dict[tuple[float, float], float]]:
+        """Figures of each member that has some."""
+        return {
+            of.member.name: {self.bandwidth.ends(k): value for k, value in x.figures.items()}
+            for x, of in zip(found, self.told, strict=True)
+            if x.figures
+        }
 
     def _levels(
         self, ends: Sequence[tuple[float, float]], by_band: Sequence[Sequence[_InBand]]
