@@ -9,7 +9,6 @@ intervals is one again, and passes or fails only as a whole.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
@@ -469,14 +468,16 @@ class _Channel:
         )
 
     def _unit(self) -> str:
-        """The unit of most members, by which the others are not measured."""
-        known = Counter(x.evidence.unit for x in self.told if not x.evidence.missing)
+        """The unit that all members have that show the channel."""
+        known = {x.evidence.unit for x in self.told if not x.evidence.missing}
         if len(known) > 1:
             raise OptionError(
                 "channel", f"{self.name} is in different units: {', '.join(sorted(known))}"
             )
-        named = [*known, *(x.evidence.unit for x in self.told if x.evidence.unit)]
-        if not named:
+        if known:
+            return next(iter(known))
+        named = [x.evidence.unit for x in self.told if x.evidence.unit]
+        if self.curve is None or not named:
             reasons = "; ".join(dict.fromkeys(x.evidence.missing for x in self.told))
             raise OptionError("channel", f"{self.name} is in no member: {reasons}")
         return named[0]
