@@ -164,6 +164,25 @@ def test_a_notch_narrower_than_the_frequency_is_known_is_not_judged():
     )
 
 
+def test_a_step_of_the_limit_at_an_edge_of_a_band_is_on_neither_side():
+    """A line that may be on either side of a step fails in no band, and passes in none."""
+    width = Bandwidth.of("1/3 octave")
+    edge = width.edge(width.number(53.0))
+    stepped = LimitCurve((10.0, edge, edge, 100.0), (0.02, 0.02, 0.005, 0.005))
+    run = recorded((edge * (1.0 + 2e-5), 0.01))
+    found = mv.envelope([run], limit=Limit.of_curves(stepped), statistics=["max", "mean"])
+    for statistic in ("max", "mean"):
+        beside = [x for x in bands(found, statistic) if x.value > 0.0]
+        assert [x.verdict for x in beside] == ["not judged"] * 2
+        assert verdict(found, statistic) == "not judged"
+    clear = mv.envelope([recorded((edge * 1.001, 0.01))], limit=Limit.of_curves(stepped))
+    assert clear.verdict == "fail"
+
+
+def test_without_a_band_what_is_above_the_passband_is_not_judged():
+    assert mv.envelope([recorded((53.0, 0.001))], limit=mv.Limit("15 mN*m")).verdict == "not judged"
+
+
 def test_the_density_conserves_the_mean_square():
     """Bands of white noise have its density, whatever the record; all bands together, its mean square."""
     width = Bandwidth.of("1/3 octave")
@@ -438,6 +457,9 @@ def test_angles_keep_loads_and_pass_nothing(tmp_path):
         "los_y_rad",
     ]
     rows = [[a, "drive_1", 53.0, 0.1 + a / 100, 0, 0, 0, 0, 0.01, 0, 0] for a in (0.0, 30.0)]
+    rows.append(
+        [30.0, "array_mode_1", 1.2, 0.1, 0, 0, 0, 0, "", 0, 0]
+    )  # one that could not be estimated
     (tmp_path / "angles.csv").write_text(rows_csv(keys, rows))
     found = mv.envelope(
         [tmp_path],

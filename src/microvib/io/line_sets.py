@@ -36,7 +36,7 @@ class LineSet:
     values: Mapping[str, str]
     """What the run was at, such as its rate, as the table has it."""
     lines: tuple[tuple[str, float, Mapping[str, float]], ...]
-    """Names, frequencies [Hz] and amplitudes by their columns."""
+    """Names, frequencies [Hz] and amplitudes by their columns; nan where one is not known."""
     status: str = ""
     """How it was solved."""
     not_seen: tuple[Unseen, ...] | None = None
@@ -118,7 +118,7 @@ def _line_sets(
         if not row["line"].strip():
             continue
         where = f"{path}, row {k}:"
-        sizes = {name: abs(parse_finite(f"{where} {name}:", row[name])) for name in columns}
+        sizes = {name: _size(f"{where} {name}:", row[name]) for name in columns}
         frequency = parse_finite(f"{where} frequency_hz:", row["frequency_hz"])
         if not frequency > 0.0:
             raise MicrovibError(f"{where} frequency_hz: {frequency:g} is not above 0")
@@ -126,6 +126,11 @@ def _line_sets(
     return [
         LineSet(dict(zip(keys, at, strict=True)), tuple(of), status[at]) for at, of in lines.items()
     ]
+
+
+def _size(where: str, cell: str) -> float:
+    """The amplitude of a cell; nan where it is empty, because it is not known."""
+    return abs(parse_finite(where, cell)) if cell.strip() else math.nan
 
 
 def _not_seen(path: Path) -> dict[tuple[str, ...], list[Unseen]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +26,7 @@ from microvib.io.line_sets import (
     ORBIT,
     RATES,
     LineSet,
+    Unseen,
     read_rate_lines,
     read_swept_lines,
 )
@@ -417,10 +418,10 @@ def _rate(folder: Path, of: LineSet) -> Member:
     def evidence() -> Evidence:
         if of.status.startswith("failed"):
             return Evidence.none("N*m", f"the run {of.status}")
-        lines = tuple((name, f, sizes["amplitude_n_m"]) for name, f, sizes in of.lines)
+        lines, unknown = _known_lines(of, "amplitude_n_m")
         if of.not_seen is None:
-            return StatedLines("N*m", lines, (_ALL_UNKNOWN,)).evidence()
-        bounds = tuple(Bound(x.low, x.high, x.at_most, x.what) for x in of.not_seen)
+            return StatedLines("N*m", lines, (_ALL_UNKNOWN, *unknown)).evidence()
+        bounds = (*unknown, *_bounds_of(of.not_seen))
         undecided = next((x.what for x in of.not_seen if x.overstated > 1.0), "")
         return StatedLines("N*m", lines, bounds, undecided=undecided).evidence()
 
@@ -428,6 +429,20 @@ def _rate(folder: Path, of: LineSet) -> Member:
     name = f"{folder}, {values}"
     key = _key(folder, f"{rate} {microsteps}")
     return Member(name, "rate", values, False, key, lambda: opened)
+
+
+def _known_lines(
+    of: LineSet, column: str
+) -> tuple[tuple[tuple[str, float, float], ...], tuple[Bound, ...]]:
+    """Lines with an amplitude in a column of a table, and those without one, which may have any."""
+    sizes = [(name, f, told[column]) for name, f, told in of.lines]
+    known = tuple(x for x in sizes if math.isfinite(x[2]))
+    unknown = (Bound(f, f, math.inf, name) for name, f, size in sizes if not math.isfinite(size))
+    return known, tuple(unknown)
+
+
+def _bounds_of(unseen: Iterable[Unseen]) -> tuple[Bound, ...]:
+    return tuple(Bound(x.low, x.high, x.at_most, x.what) for x in unseen)
 
 
 def _brief(number: str) -> str:
@@ -448,8 +463,9 @@ def _angle(folder: Path, of: LineSet) -> Member:
         if channel not in COMPONENTS:
             return Evidence.none(unit_of_channel(channel), _NO_TORQUE)
         column = LOAD_COLUMNS[COMPONENTS.index(channel)]
-        lines = tuple((name, f, sizes[column]) for name, f, sizes in of.lines)
-        return StatedLines(unit_of_channel(channel), lines, (_ALL_UNKNOWN,)).evidence()
+        lines, unknown = _known_lines(of, column)
+        bounds = (_ALL_UNKNOWN, *unknown)
+        return StatedLines(unit_of_channel(channel), lines, bounds).evidence()
 
     name = f"{folder}, {values}"
     opened = Opened(evidence, _no_samples)

@@ -439,7 +439,10 @@ class _Channel:
         """The envelopes with all that they are made of."""
         whole = [None if self.curve is None else x.evidence.judge(self.curve) for x in self.told]
         ends = self._ends()
-        by_band = [self._members_in(*each, whole) for each in ends]
+        judged = [
+            self._judged_in(ends, x.evidence, own) for x, own in zip(self.told, whole, strict=True)
+        ]
+        by_band = [self._members_in(k, each, whole, judged) for k, each in enumerate(ends)]
         bands = [
             self._line_band(statistic, *each, found)
             for statistic in self.statistics
@@ -506,16 +509,48 @@ class _Channel:
             [*tops, *(line.high for x in self.told for line in x.evidence.lines)], default=0.0
         )
 
-    def _members_in(self, low: float, high: float, whole: Sequence[Judged | None]) -> list[_InBand]:
-        part = None if self.curve is None else self.curve.within(low, high)
+    def _judged_in(
+        self, ends: Sequence[tuple[float, float]], of: Evidence, whole: Judged | None
+    ) -> list[Judged | None]:
+        """A member's verdicts on what is in each band, beside lines at its edges: where many bands
+        together pass, each does.
+        """
+        found: list[Judged | None] = [whole] * len(ends)
+        if whole is None or whole.verdict == "pass" or of.missing:
+            return found
+        parts = [(0, len(ends))]
+        while parts:
+            first, stop = parts.pop()
+            if first == stop:
+                continue
+            assert self.curve is not None
+            part = self.curve.within(ends[first][0], ends[stop - 1][1])
+            judged = None if part is None else of.judge(part)
+            if stop - first == 1 or judged is None or judged.verdict == "pass":
+                found[first:stop] = [judged] * (stop - first)
+            else:
+                middle = (first + stop) // 2
+                parts += [(first, middle), (middle, stop)]
+        return found
+
+    def _members_in(
+        self,
+        k: int,
+        ends: tuple[float, float],
+        whole: Sequence[Judged | None],
+        judged: Sequence[Sequence[Judged | None]],
+    ) -> list[_InBand]:
+        """All members in the band with the index ``k``."""
         return [
-            self._member_in(low, high, part, x.evidence, judged)
-            for x, judged in zip(self.told, whole, strict=True)
+            self._member_in(ends, x.evidence, whole[n], judged[n][k])
+            for n, x in enumerate(self.told)
         ]
 
     def _member_in(
-        self, low: float, high: float, part: LimitCurve | None, of: Evidence, whole: Judged | None
+        self, ends: tuple[float, float], of: Evidence, whole: Judged | None, judged: Judged | None
     ) -> _InBand:
+        low, high = ends
+        part = None if self.curve is None else self.curve.within(low, high)
         if of.missing:
             verdict: Verdict | NoVerdict = "" if part is None else "not judged"
             ratio = _NO_RATIO if part is None else _NOTHING_KNOWN
@@ -527,19 +562,15 @@ class _Channel:
             max((max(x.amplitude - x.error, 0.0) for x in there), default=0.0),
             max([beside, *(x.amplitude + x.error for x in there)]),
         )
-        if part is None or whole is None:
+        if part is None or whole is None or judged is None:
             largest = max(there, key=lambda x: x.amplitude, default=None)
             return _InBand(amplitude, _NO_RATIO, largest, "", "")
-        judged = whole
-        if whole.verdict != "pass":
-            judged = of.judge(part)
-        lines = _within(judged.lines, low, high)
+        lines = _within(whole.lines, low, high)
         return _InBand(
             amplitude,
             _ratio(lines, judged, of.hidden_over(part)),
             max(lines, key=_over_allowed, default=None),
-            judged.verdict,
-            judged.why,
+            *_verdict_of_member(lines, judged),
         )
 
     def _line_band(
@@ -749,6 +780,18 @@ class _Channel:
 def _within(lines: Iterable[SeenLine], low: float, high: float) -> list[SeenLine]:
     """Lines that may be between two frequencies [Hz]."""
     return [x for x in lines if x.low <= high * (1 + 1e-9) and x.high >= low * (1 - 1e-9)]
+
+
+def _verdict_of_member(lines: Sequence[SeenLine], judged: Judged) -> tuple[Verdict, str]:
+    """The verdict on a member in a band: of its lines there by the whole limit, since one at an edge may
+    be on either side, and of what else is there.
+    """
+    if any(x.verdict == "fail" for x in lines):
+        return "fail", ""
+    undecided = [x.name for x in lines if x.verdict == "not judged"]
+    if undecided:
+        return "not judged", judged.why or f"{', '.join(undecided[:2])} may be above the limit"
+    return judged.verdict, judged.why
 
 
 def _over_allowed(line: SeenLine) -> float:
