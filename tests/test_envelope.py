@@ -4,6 +4,8 @@ chance; nothing passes that was not looked at."""
 import csv
 import json
 import math
+import re
+import shlex
 from itertools import pairwise
 from pathlib import Path
 
@@ -554,3 +556,22 @@ def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):
     seen = []
     mv.envelope(["0.csv", "1.csv"], progress=lambda done, total: seen.append((done, total)))
     assert seen == [(0, 2), (1, 2), (2, 2)]
+
+
+@pytest.mark.long
+def test_the_how_to_runs_as_it_stands(tmp_path, monkeypatch):
+    """Its commands, in order, give the sentence that it quotes, and its Python the verdict."""
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "envelopes.md").read_text("utf-8")
+    lines = [
+        x.strip() for x in page.replace("\\\n", " ").splitlines() if x.startswith("    microvib")
+    ]
+    assert len(lines) == 5
+    for line in lines:
+        done = CliRunner().invoke(main, shlex.split(line)[1:])
+        assert done.exit_code == 0, done.output
+    quoted = " ".join(re.search(r"    (Maximum of .*?\.)\n\n", page, re.DOTALL)[1].split())
+    assert quoted in " ".join(done.output.split())
+    told = {}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], told)
+    assert told["found"].verdict == "pass"

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SHOWN, _BRIEF = 40, 12
+_SHOWN, _BRIEF = 24, 12
 """Rows of a table in a report and on a terminal."""
 _DRAWN = 200
 """Members that are drawn one by one."""
@@ -54,6 +54,10 @@ _BANDS_CAPTION = (
     " bands. At most: with what was not seen; ? where that is not known. The worst member is that whose line"
     " is nearest to the limit at its own frequency, or farthest above it; the margin is of the statistic of"
     " such ratios."
+)
+_MEMBERS_CAPTION = (
+    "Nearest line: the one nearest to the limit at its own frequency, without a limit the largest. Looked to: the"
+    " highest frequency at which lines were looked for. `members.csv` has all."
 )
 _POINTS_CAPTION = (
     "The envelope of the bands that a point is in, against the limit at that point. It is less than the margin of"
@@ -176,8 +180,11 @@ def _notes(found: Envelope) -> Iterator[str]:
     if any(x in QUANTILES for x in found.statistics):
         if found.drawn:
             yield "Percentiles hold if the members are drawn by chance, independently and from one population."
-        else:
+        elif found.limit is None:
             yield f"{NOT_DRAWN[0].upper()}{NOT_DRAWN[1:]}; theirs here are of these members alone."
+    kinds = {x.kind for one in found.channels for x in one.members}
+    if kinds & {"rate", "angle"}:
+        yield "Looked at are the rates and angles of the folders; between them a narrow resonance may be larger."
     for one in found.channels:
         if found.limit is not None and one.curve is None:
             yield f"The limit has no curve for {channel_words(one)}, which is not judged."
@@ -210,7 +217,7 @@ def _parts(found: Envelope, one: ChannelEnvelope) -> Iterator[Part]:
         f"envelope{end}",
         LineBand,
         one.bands,
-        for_readers=_worst_first(one)[:_SHOWN],
+        for_readers=_worst_first(found, one),
         brief=_BRIEF,
         caption=_BANDS_CAPTION,
     )
@@ -229,21 +236,30 @@ def _parts(found: Envelope, one: ChannelEnvelope) -> Iterator[Part]:
         MemberRow,
         one.members,
         for_readers=_members_first(one)[:_SHOWN],
+        caption=_MEMBERS_CAPTION,
         brief=_BRIEF,
     )
     title = f"Members{of}, those nearest to the limit first" if one.curve else f"Members{of}"
     yield Part(title, (table_in_unit(members, one.unit),))
 
 
-def _worst_first(one: ChannelEnvelope) -> list[LineBand]:
-    """Bands with lines and those that are not judged, what is above the limit or nearest to it first; without
-    a limit the largest first.
+def _worst_first(found: Envelope, one: ChannelEnvelope) -> list[LineBand]:
+    """Bands of each statistic with lines and those that are not judged, what is above the limit or nearest to
+    it first; without a limit the largest first.
     """
-    shown = [x for x in one.bands if x.value > 0.0 or x.verdict in ("fail", "not judged")]
-    if one.curve is None:
-        return sorted(shown, key=lambda x: -np.nan_to_num(x.value))
     rank = {"fail": 0, "not judged": 1, "pass": 1}
-    return sorted(shown, key=lambda x: (rank.get(x.verdict, 2), -np.nan_to_num(x.ratio)))
+
+    def order(x: LineBand) -> tuple[int, float]:
+        if one.curve is None:
+            return 0, -float(np.nan_to_num(x.value))
+        return rank.get(x.verdict, 2), -float(np.nan_to_num(x.ratio))
+
+    shown = [x for x in one.bands if x.value > 0.0 or x.verdict in ("fail", "not judged")]
+    each = (
+        sorted((x for x in shown if x.statistic == statistic), key=order)[:_SHOWN]
+        for statistic in found.statistics
+    )
+    return [x for own in each for x in own]
 
 
 def _members_first(one: ChannelEnvelope) -> list[MemberRow]:
@@ -412,9 +428,9 @@ def _draw_steps(
 def _finish(ax: Axes, one: ChannelEnvelope, sizes: Iterable[float]) -> None:
     """Scales and labels; four decades of amplitude."""
     top = max((x for x in sizes if x > 0.0), default=1.0)
-    low, high = 1e-4 * top, 6.0 * top
+    low, high = 1e-4 * top, 40.0 * top
     if one.curve is not None:
-        low, high = min(low, 0.5e3 * one.curve.least), max(high, 5e3 * one.curve.most)
+        low, high = min(low, 0.5e3 * one.curve.least), max(high, 10e3 * one.curve.most)
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]")
     ax.set_ylabel(f"amplitude, 0-to-peak [m{pretty(one.unit)}]")
     ax.set_ylim(low, high)

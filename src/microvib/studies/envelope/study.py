@@ -74,7 +74,9 @@ DENSITY = Measure(
 class LineBand:
     """A statistic of the members' lines in one band, against the limit."""
 
-    statistic: Annotated[Statistic, Column("statistic", "of members", words=WORDS.__getitem__)]
+    statistic: Annotated[
+        Statistic, Column("statistic", "of members", words=WORDS.__getitem__, role="group")
+    ]
     low: Annotated[float, Column("low_hz", "from", _EDGE)]
     high: Annotated[float, Column("high_hz", "to", _EDGE)]
     value: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE, absent="?")]
@@ -89,7 +91,7 @@ class LineBand:
     line: Annotated[str, Column("line", "its line")]
     frequency: Annotated[float, Column("frequency_hz", "at", LINE_FREQUENCY)]
     worst_amplitude: Annotated[float, Column("worst_amplitude_n_m", measure=TORQUE)]
-    allowed: Annotated[float, Column("limit_n_m", "limit there", TORQUE_LIMIT)]
+    allowed: Annotated[float, Column("limit_n_m", "limit", TORQUE_LIMIT)]
     """The least that is allowed where the worst member's line may be."""
     ratio: float
     """The statistic of amplitudes over what is allowed at each one's own frequency; nan without a
@@ -100,7 +102,7 @@ class LineBand:
     lower_edge_limit: Annotated[float, Column("limit_at_low_n_m", measure=TORQUE_LIMIT)]
     upper_edge_limit: Annotated[float, Column("limit_at_high_n_m", measure=TORQUE_LIMIT)]
     verdict: Annotated[Verdict | NoVerdict, Column("verdict", "verdict", role="verdict")]
-    why: Annotated[str, Column("why", "why", report_only=True)]
+    why: Annotated[str, Column("why")]
     bandwidth: Annotated[str, Column("bandwidth")]
 
     @property
@@ -113,7 +115,9 @@ class LineBand:
 class FigureBand:
     """A statistic of an amplitude spectrum in one band."""
 
-    statistic: Annotated[Statistic, Column("statistic", "of members", words=WORDS.__getitem__)]
+    statistic: Annotated[
+        Statistic, Column("statistic", "of members", words=WORDS.__getitem__, role="group")
+    ]
     low: Annotated[float, Column("low_hz", "from", _EDGE)]
     high: Annotated[float, Column("high_hz", "to", _EDGE)]
     value: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE, absent="?")]
@@ -130,7 +134,9 @@ class FigureBand:
 class DensityBand:
     """A statistic of the density in one band."""
 
-    statistic: Annotated[Statistic, Column("statistic", "of members", words=WORDS.__getitem__)]
+    statistic: Annotated[
+        Statistic, Column("statistic", "of members", words=WORDS.__getitem__, role="group")
+    ]
     low: Annotated[float, Column("low_hz", "from", _EDGE)]
     high: Annotated[float, Column("high_hz", "to", _EDGE)]
     value: Annotated[float, Column("density_per_hz", "density", DENSITY, absent="?")]
@@ -144,7 +150,9 @@ class DensityBand:
 class CurvePoint:
     """A point of the limit's curve, and the envelope there."""
 
-    statistic: Annotated[Statistic, Column("statistic", "of members", words=WORDS.__getitem__)]
+    statistic: Annotated[
+        Statistic, Column("statistic", "of members", words=WORDS.__getitem__, role="group")
+    ]
     frequency: Annotated[float, Column("frequency_hz", "point", _EDGE)]
     allowed: Annotated[float, Column("limit_n_m", "limit", TORQUE_LIMIT)]
     value: Annotated[float, Column("amplitude_n_m", "envelope there", TORQUE, absent="?")]
@@ -164,15 +172,15 @@ class MemberRow:
     """One member and its own verdict."""
 
     name: Annotated[str, Column("member", "member")]
-    kind: Annotated[str, Column("kind", "kind")]
+    kind: Annotated[str, Column("kind")]
     values: Annotated[str, Column("values")]
     duration: Annotated[float, Column("record_s", "record", TIME)]
-    sample_rate: Annotated[float, Column("sample_rate_hz", "sample rate", FREQUENCY)]
+    sample_rate: Annotated[float, Column("sample_rate_hz", measure=FREQUENCY)]
     looked_from: Annotated[float, Column("looked_from_hz", measure=FREQUENCY)]
     looked_to: Annotated[float, Column("looked_to_hz", "looked to", FREQUENCY)]
     """Frequencies between which lines were looked for."""
     lines: Annotated[int, Column("lines", "lines", COUNT)]
-    line: Annotated[str, Column("line", "nearest to the limit")]
+    line: Annotated[str, Column("line", "nearest line")]
     """Without a limit the largest."""
     frequency: Annotated[float, Column("frequency_hz", "at", LINE_FREQUENCY)]
     amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
