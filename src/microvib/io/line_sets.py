@@ -17,7 +17,7 @@ ANGLES, ORBIT = "angles.csv", "orbit_lines.csv"
 
 
 class Unseen(NamedTuple):
-    """What may be there beside the lines."""
+    """Something that may be there beside the lines."""
 
     what: str
     low: float
@@ -34,13 +34,13 @@ class LineSet:
     """Lines of one run of a study."""
 
     values: Mapping[str, str]
-    """What the run was at, such as its rate, as the table has it."""
+    """Values that the run was at, such as its rate, as the table has them."""
     lines: tuple[tuple[str, float, Mapping[str, float]], ...]
     """Names, frequencies [Hz] and amplitudes by their columns; nan where one is not known."""
     status: str = ""
     """How it was solved."""
     not_seen: tuple[Unseen, ...] | None = None
-    """What may be there beside the lines; None where the folder does not tell."""
+    """All that may be there beside the lines; None where the folder does not tell."""
 
 
 def read_rate_lines(folder: Path) -> list[LineSet]:
@@ -134,7 +134,7 @@ def _size(where: str, cell: str) -> float:
 
 
 def _not_seen(path: Path) -> dict[tuple[str, ...], list[Unseen]]:
-    """What is not seen at each rate and number of microsteps."""
+    """All that is not seen at each rate and number of microsteps."""
     require_unchanged(path, EDITED_COPY)
     needed = ("rate_deg_s", "microsteps", "what", "from_hz", "to_hz", "at_most_n_m", "overstated")
     found: dict[tuple[str, ...], list[Unseen]] = {}

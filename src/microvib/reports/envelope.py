@@ -170,29 +170,40 @@ def _figure(one: ChannelEnvelope, amplitude: float) -> str:
 
 
 def _notes(found: Envelope) -> Iterator[str]:
-    few = [x for x in found.statistics if x in QUANTILES and found.members < members_needed(x)]
-    if few and found.drawn:
+    """Sentences on how far the figures can be relied on."""
+    percentiles = [x for x in found.statistics if x in QUANTILES]
+    if percentiles:
+        yield from _percentile_notes(found, percentiles)
+    kinds = {x.kind for one in found.channels for x in one.members}
+    if kinds & {"rate", "angle"}:
+        yield "Looked at are the rates and angles of the folders; between them a narrow resonance may be larger."
+    for one in found.channels:
+        yield from _channel_notes(found, one)
+
+
+def _percentile_notes(found: Envelope, percentiles: Sequence[str]) -> Iterator[str]:
+    if not found.drawn:
+        if found.limit is None:
+            yield f"{NOT_DRAWN[0].upper()}{NOT_DRAWN[1:]}; theirs here are of these members alone."
+        return
+    few = [x for x in percentiles if found.members < members_needed(x)]
+    if few:
         needed = ", ".join(f"{members_needed(x)} for {WORDS[x]}" for x in few)
         yield (
             f"{' and '.join(WORDS[x] for x in few)} of {found.members} members are not known: an upper bound"
             f" with 95 % confidence, whatever the distribution, needs more ({needed})."
         )
-    if any(x in QUANTILES for x in found.statistics):
-        if found.drawn:
-            yield "Percentiles hold if the members are drawn by chance, independently and from one population."
-        elif found.limit is None:
-            yield f"{NOT_DRAWN[0].upper()}{NOT_DRAWN[1:]}; theirs here are of these members alone."
-    kinds = {x.kind for one in found.channels for x in one.members}
-    if kinds & {"rate", "angle"}:
-        yield "Looked at are the rates and angles of the folders; between them a narrow resonance may be larger."
-    for one in found.channels:
-        if found.limit is not None and one.curve is None:
-            yield f"The limit has no curve for {channel_words(one)}, which is not judged."
-        if one.without_samples and (one.spectrum or one.density):
-            name, why = one.without_samples[0]
-            more = len(one.without_samples) - 1
-            others = f" and {more} more" if more else ""
-            yield f"Not in every spectrum and density: {name}{others} ({why})."
+    yield "Percentiles hold if the members are drawn by chance, independently and from one population."
+
+
+def _channel_notes(found: Envelope, one: ChannelEnvelope) -> Iterator[str]:
+    if found.limit is not None and one.curve is None:
+        yield f"The limit has no curve for {channel_words(one)}, which is not judged."
+    if one.without_samples and (one.spectrum or one.density):
+        name, why = one.without_samples[0]
+        more = len(one.without_samples) - 1
+        others = f" and {more} more" if more else ""
+        yield f"Not in every spectrum and density: {name}{others} ({why})."
 
 
 def _facts(found: Envelope) -> Iterator[Fact]:
@@ -484,7 +495,7 @@ def _name_deciding(ax: Axes, one: ChannelEnvelope) -> None:
 
 
 def _short(name: str, one: ChannelEnvelope) -> str:
-    """What a member was at, or its name, as short as a picture needs it."""
+    """Values that a member was at, or its name, as short as a picture needs it."""
     values = next((x.values for x in one.members if x.name == name), "")
     text = values.partition(",")[0] or file_name(name)
     return text if len(text) <= _LETTERS else f"{text[: _LETTERS - 1]}…"

@@ -357,7 +357,7 @@ def _lines_at_rates(plan: RatePlan) -> Table:
 
 @dataclass(frozen=True)
 class NotSeen:
-    """What may be at a rate beside the lines that the plan has, for those who judge its lines later."""
+    """Something that may be at a rate beside the lines that the plan has, for those who judge its lines later."""
 
     rate: Annotated[float, Column("rate_deg_s", measure=RATE)]
     microsteps: Annotated[int, Column("microsteps", measure=COUNT)]
@@ -372,7 +372,7 @@ class NotSeen:
 
 
 def _not_seen(plan: RatePlan) -> Iterator[NotSeen]:
-    """What is not seen at each rate that did not fail: lines that are hidden, with what they may have at most,
+    """All that is not seen at each rate that did not fail: lines that are hidden, with what they may have at most,
     all above the passband, and what the record lacks.
     """
     for case in plan.cases:

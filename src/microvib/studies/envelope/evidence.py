@@ -1,4 +1,4 @@
-"""What one member of an envelope tells of one channel: its lines, what others may have at most, where
+"""Evidence of one member of an envelope on one channel: its lines, what others may have at most, where
 nothing was looked at, and its own verdict against a limit.
 
 The verdict of a run or a recording is that of ``microvib run`` and ``analyse``; here it is only asked
@@ -57,7 +57,7 @@ class SeenLine:
 
 @dataclass(frozen=True)
 class Bound:
-    """What may stand in a range of frequencies [Hz] at most, beside the lines that are seen."""
+    """Bound on what stands in a range of frequencies [Hz] beside the lines that are seen."""
 
     low: float
     high: float

@@ -35,7 +35,7 @@ from microvib.io.runs import Run, read_run
 from microvib.io.sources import RunFolder, Source, open_source
 from microvib.model.line_names import of_second_wing
 from microvib.model.rigid import COMPONENTS
-from microvib.model.scenario import Scenario
+from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.signals.limit_curve import Limit, LimitCurve
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.channels import LOAD_COLUMNS
@@ -59,6 +59,7 @@ from microvib.testdata.recording import Recording, require_usable_channel
 
 DRIVE_TORQUE = "T_d"
 """Channel of the disturbance torque about the drive axis, whatever a member calls it."""
+MOTION, LINES = "motion.nc", "lines.csv"
 Kind = Literal["run", "recording", "lines", "rate", "angle", "case"]
 GivenMember = str | os.PathLike[str] | Recording | Prepared | Run | RunResult
 _EXPECTED = (
@@ -103,7 +104,7 @@ class Member:
     """As a reader knows it: file or folder, and what the run was at."""
     kind: Kind
     values: str
-    """What the run was at, such as its rate, angle or drawn values; empty where that is not stated."""
+    """Values that the run was at, such as its rate, angle or drawn ones; empty where not stated."""
     drawn: bool
     """Whether it may be one of several draws by chance, as units and campaigns' cases are and the
     rates of a plan are not."""
@@ -120,6 +121,11 @@ class Reading:
     scenario: Scenario | None = None
     """Names the lines of recordings."""
     preparation: Preparation | None = None
+
+    @classmethod
+    def of(cls, scenario: GivenScenario | None, preparation: Preparation | None) -> Reading:
+        """Reading with a scenario, which may be a name."""
+        return cls(None if scenario is None else as_scenario(scenario), preparation)
 
 
 def members_of(given: Sequence[GivenMember], reading: Reading) -> list[Member]:
@@ -153,6 +159,8 @@ def members_of(given: Sequence[GivenMember], reading: Reading) -> list[Member]:
         if member.key in seen:
             raise MicrovibError(f"{member.name}: is given twice; a member counts once")
         seen.add(member.key)
+    if not found:
+        raise MicrovibError("no member was given; one or more are expected")
     return _named_once(found)
 
 
@@ -196,18 +204,24 @@ def _of_path(path: Path, reading: Reading) -> list[Member]:
 
 def _of_folder(path: Path, reading: Reading, depth: int = 0) -> list[Member] | None:
     """Members of a folder; None where there is none in it."""
-    if (path / MANIFEST).is_file() or (path / STUDY).is_file():
+    there = {x.name for x in path.iterdir()}
+    if there & {MANIFEST, STUDY}:
         return _of_campaign(path)
-    if (path / RATES).is_file():
+    if RATES in there:
         return [_rate(path, each) for each in read_rate_lines(path)]
-    if (path / ORBIT).is_file() or (path / ANGLES).is_file():
+    if there & {ORBIT, ANGLES}:
         return [_angle(path, each) for each in read_swept_lines(path, LOAD_COLUMNS)]
-    if (path / "motion.nc").is_file() or (path / "lines.csv").is_file():
+    if there & {MOTION, LINES}:
         return [_of_run_folder(path, reading)]
     if depth:
         return None
+    return _below(path, reading)
+
+
+def _below(path: Path, reading: Reading) -> list[Member] | None:
+    """Members of the folders in a folder; None where there is none."""
     below = sorted(x for x in path.iterdir() if x.is_dir() and not x.name.startswith("."))
-    found = [_of_folder(x, reading, depth + 1) for x in below]
+    found = [_of_folder(x, reading, 1) for x in below]
     return [member for each in found if each is not None for member in each] or None
 
 
@@ -217,7 +231,7 @@ def _key(path: Path, values: str = "") -> tuple[str, str]:
 
 def _of_run_folder(path: Path, reading: Reading) -> Member:
     def opened() -> Opened:
-        if (path / "motion.nc").is_file() and (path / "summary.json").is_file():
+        if (path / MOTION).is_file() and (path / "summary.json").is_file():
             kept = read_run(path)
             return _opened_run(RunResult.of_motion(kept.motion, kept.table))
         return _opened_source(open_source(str(path)), path, reading)
@@ -517,7 +531,7 @@ class _Cases:
         return self.results.gaps
 
     def evidence(self, case: int) -> Evidence:
-        """What a case tells of the torque about the drive axis."""
+        """Evidence of a case on the torque about the drive axis."""
         if self.results.state[case] != DONE:
             why = self._reasons[case] or "the case is not computed"
             return Evidence.none("N*m", why)

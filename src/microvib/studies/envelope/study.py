@@ -16,8 +16,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
-from microvib.errors import MicrovibError, OptionError
-from microvib.model.scenario import GivenScenario, as_scenario
+from microvib.errors import OptionError
+from microvib.model.scenario import GivenScenario
 from microvib.results import (
     COUNT,
     DECIBEL,
@@ -80,14 +80,14 @@ class LineBand:
     low: Annotated[float, Column("low_hz", "from", _EDGE)]
     high: Annotated[float, Column("high_hz", "to", _EDGE)]
     value: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE, absent="?")]
-    """Of each member's largest line in the band; one without a line counts as 0."""
+    """Statistic of each member's largest line in the band; one without a line counts as 0."""
     at_least: Annotated[float, Column("at_least_n_m", measure=TORQUE)]
     at_most: Annotated[float, Column("at_most_n_m", "at most", TORQUE, absent="?")]
     """With what was not seen; nan where that is not known."""
     members: Annotated[int, Column("members", "members", COUNT)]
     """Members that have such a line."""
     worst: Annotated[str, Column("worst", "worst member")]
-    """Of all members, whatever the statistic."""
+    """The one of all members, whatever the statistic."""
     line: Annotated[str, Column("line", "its line")]
     frequency: Annotated[float, Column("frequency_hz", "at", LINE_FREQUENCY)]
     worst_amplitude: Annotated[float, Column("worst_amplitude_n_m", measure=TORQUE)]
@@ -156,7 +156,7 @@ class CurvePoint:
     frequency: Annotated[float, Column("frequency_hz", "point", _EDGE)]
     allowed: Annotated[float, Column("limit_n_m", "limit", TORQUE_LIMIT)]
     value: Annotated[float, Column("amplitude_n_m", "envelope there", TORQUE, absent="?")]
-    """Of the bands that the point is in."""
+    """The largest of the bands that the point is in."""
     line: Annotated[str, Column("line", "nearest line")]
     """Line of any member that is nearest to the point, by the ratio of frequencies."""
     line_frequency: Annotated[float, Column("line_hz", "at", LINE_FREQUENCY)]
@@ -186,7 +186,7 @@ class MemberRow:
     amplitude: Annotated[float, Column("amplitude_n_m", "amplitude", TORQUE)]
     allowed: Annotated[float, Column("limit_n_m", measure=TORQUE_LIMIT)]
     mean_square: Annotated[float, Column("mean_square")]
-    """Of all bands of its density, in the channel's unit squared."""
+    """Mean square of all bands of its density, in the channel's unit squared."""
     verdict: Annotated[Verdict | NoVerdict, Column("verdict", "verdict", role="verdict")]
     why: Annotated[str, Column("why", "why", report_only=True)]
 
@@ -328,27 +328,13 @@ def envelope(  # noqa: PLR0913 - keyword options
     asked = checked_statistics(statistics)
     bands = Bandwidth.of(bandwidth)
     noise_width = quantity("resolution", resolution, "Hz", positive=True)
-    guide = None if scenario is None else as_scenario(scenario)
-    found = members_of(members, Reading(guide, preparation))
-    if not found:
-        raise MicrovibError("no member was given; one or more are expected")
+    found = members_of(members, Reading.of(scenario, preparation))
     named = _channels(channels, limit)
     told = _read(found, named, bands, noise_width, progress)
     drawn = all(member.drawn for member in found)
-    return Envelope(
-        bands,
-        noise_width,
-        asked,
-        len(found),
-        drawn,
-        limit,
-        tuple(
-            _Channel(
-                name, _curve_of(name, limit), bands, noise_width, asked, drawn, told[name]
-            ).envelope()
-            for name in named
-        ),
-    )
+    how = (bands, noise_width, asked, drawn)
+    each = (_Channel(name, _curve_of(name, limit), *how, told[name]).envelope() for name in named)
+    return Envelope(bands, noise_width, asked, len(found), drawn, limit, tuple(each))
 
 
 def _channels(given: Sequence[str], limit: Limit | None) -> tuple[str, ...]:
@@ -377,6 +363,11 @@ class _Told:
     spectrum: InBands
     density: InBands
 
+    @property
+    def without_samples(self) -> str:
+        """Why it is not in a spectrum or density; empty where it is in both."""
+        return self.spectrum.why or self.density.why
+
 
 def _read(
     members: Sequence[Member],
@@ -385,7 +376,7 @@ def _read(
     resolution: float,
     progress: Progress | None,
 ) -> dict[str, list[_Told]]:
-    """What each member tells of each channel; of its samples nothing is kept."""
+    """Evidence of each member on each channel; of its samples nothing is kept."""
     told: dict[str, list[_Told]] = {name: [] for name in channels}
     for done, member in enumerate(members):
         if progress is not None:
@@ -418,15 +409,16 @@ class _InBand(NamedTuple):
     """One member in one band."""
 
     amplitude: Interval
-    """Of its largest line; 0 without one."""
+    """Amplitude of its largest line; 0 without one."""
     ratio: Interval
-    """Of the line that is nearest to its limit, over what is allowed to it."""
+    """Amplitude of the line that is nearest to its limit, over what is allowed to it."""
     line: SeenLine | None
     """That line; without a limit the largest."""
     verdict: Verdict | NoVerdict
     why: str
 
 
+_NO_LINE = SeenLine("", math.nan, math.nan, math.nan, math.nan)
 _NOTHING_KNOWN = Interval(0.0, 0.0, math.inf)
 _NO_RATIO = Interval(math.nan, math.nan, math.nan)
 
@@ -445,8 +437,7 @@ class _Channel:
 
     def envelope(self) -> ChannelEnvelope:
         """The envelopes with all that they are made of."""
-        whole = [None if self.curve is None else x.evidence.judge(self.curve) for x in self.told]
-        ends = self._ends()
+        whole, ends = self._whole(), self._ends()
         judged = [
             self._judged_in(ends, x.evidence, own) for x, own in zip(self.told, whole, strict=True)
         ]
@@ -471,12 +462,14 @@ class _Channel:
             self._by_member([x.spectrum for x in self.told]),
             self._by_member([x.density for x in self.told]),
             lines,
-            tuple(
-                (x.member.name, x.spectrum.why or x.density.why)
-                for x in self.told
-                if x.spectrum.why or x.density.why
-            ),
+            tuple((x.member.name, x.without_samples) for x in self.told if x.without_samples),
         )
+
+    def _whole(self) -> list[Judged | None]:
+        """Each member's verdict against all of the limit; None without one."""
+        if self.curve is None:
+            return [None] * len(self.told)
+        return [x.evidence.judge(self.curve) for x in self.told]
 
     def _unit(self) -> str:
         """The unit that all members have that show the channel."""
@@ -564,12 +557,7 @@ class _Channel:
             ratio = _NO_RATIO if part is None else _NOTHING_KNOWN
             return _InBand(_NOTHING_KNOWN, ratio, None, verdict, of.missing if verdict else "")
         there = _within(of.lines, low, high)
-        beside = of.at_most(low, high)
-        amplitude = Interval(
-            max((x.amplitude for x in there), default=0.0),
-            max((max(x.amplitude - x.error, 0.0) for x in there), default=0.0),
-            max([beside, *(x.amplitude + x.error for x in there)]),
-        )
+        amplitude = _largest(there, of.at_most(low, high))
         if part is None or whole is None or judged is None:
             largest = max(there, key=lambda x: x.amplitude, default=None)
             return _InBand(amplitude, _NO_RATIO, largest, "", "")
@@ -577,7 +565,7 @@ class _Channel:
         return _InBand(
             amplitude,
             _ratio(lines, judged, of.hidden_over(part)),
-            max(lines, key=_over_allowed, default=None),
+            max((x for x in lines if x.seen), key=_over_allowed, default=None),
             *_verdict_of_member(lines, judged),
         )
 
@@ -587,19 +575,8 @@ class _Channel:
         known = [x for x, of in zip(found, self.told, strict=True) if not of.evidence.missing]
         value = statistic_of(statistic, *_columns(x.amplitude for x in known))
         most = statistic_of(statistic, *_columns(x.amplitude for x in found)).high
-        worst, name = self._worst(found)
-        ratio, why = math.nan, ""
-        verdict: Verdict | NoVerdict = ""
-        curve, limits = self.curve, (math.nan, math.nan, math.nan)
-        if curve is not None:
-            of_limit = statistic_of(statistic, *_columns(x.ratio for x in found))
-            ratio = of_limit.value
-            verdict, why = self._verdict_in(statistic, of_limit, found)
-            limits = (
-                float(curve.at(low)), float(curve.at(high)), float(curve.strictest(low, high))
-            )  # fmt: skip
-        line = worst.line
-        top = max((x.amplitude.value for x in found), default=0.0)
+        member, line = self._worst(found)
+        against = self._against_limit(statistic, low, high, found)
         return LineBand(
             statistic,
             low,
@@ -608,30 +585,44 @@ class _Channel:
             value.low,
             most if math.isfinite(most) else math.nan,
             sum(x.amplitude.value > 0.0 for x in found),
-            name if line is not None else "",
-            "" if line is None else line.name,
-            math.nan if line is None else line.frequency,
-            math.nan if line is None else line.amplitude,
-            math.nan if line is None else line.allowed,
-            ratio,
-            _decibel(top / limits[2]),
-            limits[0],
-            limits[1],
-            verdict,
-            why,
+            member,
+            line.name,
+            line.frequency,
+            line.amplitude,
+            line.allowed,
+            *against,
             self.bandwidth.words,
         )
 
-    def _worst(self, found: Sequence[_InBand]) -> tuple[_InBand, str]:
-        """The member nearest to the limit, or without one that with the largest line; of equal ones the
-        first by name, so that their order does not matter."""
+    def _against_limit(
+        self, statistic: Statistic, low: float, high: float, found: Sequence[_InBand]
+    ) -> tuple[float, float, float, float, Verdict | NoVerdict, str]:
+        """Ratio of a statistic to the limit, margin of the band [dB], limit at both edges, verdict and
+        why it is not judged.
+        """
+        curve = self.curve
+        if curve is None:
+            return math.nan, math.nan, math.nan, math.nan, "", ""
+        ratio = statistic_of(statistic, *_columns(x.ratio for x in found))
+        top = max((x.amplitude.value for x in found), default=0.0)
+        of_band = _decibel(top / float(curve.strictest(low, high)))
+        edges = float(curve.at(low)), float(curve.at(high))
+        return ratio.value, of_band, *edges, *self._verdict_in(statistic, ratio, found)
+
+    def _worst(self, found: Sequence[_InBand]) -> tuple[str, SeenLine]:
+        """The member nearest to the limit, or without one that with the largest line, and that line; of
+        equal ones the first by name, so that their order does not matter.
+        """
 
         def rank(k: int) -> tuple[float, str]:
             size = found[k].amplitude.value if self.curve is None else found[k].ratio.value
             return -size, self.told[k].member.name
 
         k = min(range(len(found)), key=rank)
-        return found[k], self.told[k].member.name
+        line = found[k].line
+        if line is None:
+            return "", _NO_LINE
+        return self.told[k].member.name, line
 
     def _verdict_in(
         self, statistic: Statistic, ratio: Interval, found: Sequence[_InBand]
@@ -668,22 +659,16 @@ class _Channel:
     ) -> StatisticVerdict:
         """The verdict on a statistic in all of the limit's range. That on the maximum is of each member
         as a whole, and so does not depend on the bands."""
-        own = [x for x in bands if x.statistic == statistic]
-        worst = max((x for x in own if x.ratio > 0.0), key=lambda x: x.ratio, default=None)
         if self.curve is None:
             return StatisticVerdict(statistic, "", "", None)
+        own = [x for x in bands if x.statistic == statistic]
+        worst = max((x for x in own if x.ratio > 0.0), key=lambda x: x.ratio, default=None)
         judged = [x for x in whole if x is not None]
         unknown = self._unknown(judged)
         if statistic == "max":
             verdict = worst_verdict(x.verdict for x in judged) or "pass"
-            return StatisticVerdict(
-                statistic, verdict, unknown if verdict == "not judged" else "", worst
-            )
-        verdict = worst_verdict(x.verdict for x in own) or "pass"
-        why = next((x.why for x in own if x.verdict == "not judged"), "")
-        if verdict == "pass" and unknown:
-            verdict, why = "not judged", unknown
-        return StatisticVerdict(statistic, verdict, why if verdict == "not judged" else "", worst)
+            return StatisticVerdict(statistic, verdict, unknown if verdict != "fail" else "", worst)
+        return StatisticVerdict(statistic, *_over_bands(own, unknown), worst)
 
     def _spectra(self) -> Iterable[FigureBand]:
         for each in self._figures([x.spectrum for x in self.told]):
@@ -745,22 +730,23 @@ class _Channel:
     def _member_row(self, told: _Told, judged: Judged | None) -> MemberRow:
         of = told.evidence
         if judged is None:
-            top = max(of.lines, key=lambda x: x.amplitude, default=None)
+            top = max(of.lines, key=lambda x: x.amplitude, default=_NO_LINE)
         else:
-            top = max(judged.lines, key=_over_allowed, default=None)
+            seen = (x for x in judged.lines if x.seen)
+            top = max(seen, key=_over_allowed, default=_NO_LINE)
         return MemberRow(
             told.member.name,
             told.member.kind,
             told.member.values,
             of.duration,
             of.sample_rate,
-            of.low,
-            of.high,
+            of.low if math.isfinite(of.low) else math.nan,
+            of.high if 0.0 < of.high < math.inf else math.nan,
             len(of.lines),
-            "" if top is None else top.name,
-            math.nan if top is None else top.frequency,
-            math.nan if top is None else top.amplitude,
-            math.nan if top is None else top.allowed,
+            top.name,
+            top.frequency,
+            top.amplitude,
+            top.allowed,
             mean_square(told.density, self.bandwidth),
             "" if judged is None else judged.verdict,
             of.missing or ("" if judged is None else judged.why),
@@ -800,6 +786,25 @@ def _verdict_of_member(lines: Sequence[SeenLine], judged: Judged) -> tuple[Verdi
     if undecided:
         return "not judged", judged.why or f"{', '.join(undecided[:2])} may be above the limit"
     return judged.verdict, judged.why
+
+
+def _over_bands(bands: Sequence[LineBand], unknown: str) -> tuple[Verdict, str]:
+    """The verdict on a statistic over all bands, and why it is not judged: where members are ``unknown``
+    that no band shows, too.
+    """
+    verdict = worst_verdict(x.verdict for x in bands) or "pass"
+    if verdict == "fail" or (verdict == "pass" and not unknown):
+        return verdict, ""
+    return "not judged", next((x.why for x in bands if x.verdict == "not judged"), unknown)
+
+
+def _largest(lines: Sequence[SeenLine], beside: float) -> Interval:
+    """The largest amplitude of some lines, of which ``beside`` may be larger ones."""
+    return Interval(
+        max((x.amplitude for x in lines), default=0.0),
+        max((max(x.amplitude - x.error, 0.0) for x in lines), default=0.0),
+        max([beside, *(x.amplitude + x.error for x in lines)]),
+    )
 
 
 def _over_allowed(line: SeenLine) -> float:
