@@ -298,6 +298,8 @@ def test_a_failure_stands_beside_members_that_were_not_looked_at():
     found = mv.envelope([recorded((53.0, 0.02)), missing], limit=WIDE, statistics=["max", "mean"])
     assert verdict(found) == "fail"
     assert verdict(found, "mean") == "not judged"
+    # The margin of the mean is of the members that are known, not of nothing in place of the other.
+    assert band_at(found, 53.0, "mean").margin == pytest.approx(20 * math.log10(15 / 20), abs=0.05)
 
 
 def test_loads_have_curves_of_their_own():

@@ -195,7 +195,10 @@ def _of_object(given: Any, number: int, reading: Reading) -> Member:
 
 def _of_path(path: Path, reading: Reading) -> list[Member]:
     if path.is_dir():
-        found = _of_folder(path, reading)
+        try:
+            found = _of_folder(path, reading)
+        except OSError as error:
+            raise MicrovibError(f"{path}: cannot be read: {error.strerror or error}") from None
         if found is None:
             raise MicrovibError(f"{path}: holds nothing that is a member; {_EXPECTED}")
         return found

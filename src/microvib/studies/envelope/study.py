@@ -572,8 +572,7 @@ class _Channel:
     def _line_band(
         self, statistic: Statistic, low: float, high: float, found: Sequence[_InBand]
     ) -> LineBand:
-        known = [x for x, of in zip(found, self.told, strict=True) if not of.evidence.missing]
-        value = statistic_of(statistic, *_columns(x.amplitude for x in known))
+        value = statistic_of(statistic, *_columns(x.amplitude for x in self._known(found)))
         most = statistic_of(statistic, *_columns(x.amplitude for x in found)).high
         member, line = self._worst(found)
         against = self._against_limit(statistic, low, high, found)
@@ -604,10 +603,15 @@ class _Channel:
         if curve is None:
             return math.nan, math.nan, math.nan, math.nan, "", ""
         ratio = statistic_of(statistic, *_columns(x.ratio for x in found))
+        value = statistic_of(statistic, *_columns(x.ratio for x in self._known(found))).value
         top = max((x.amplitude.value for x in found), default=0.0)
         of_band = _decibel(top / float(curve.strictest(low, high)))
         edges = float(curve.at(low)), float(curve.at(high))
-        return ratio.value, of_band, *edges, *self._verdict_in(statistic, ratio, found)
+        return value, of_band, *edges, *self._verdict_in(statistic, ratio, found)
+
+    def _known(self, found: Sequence[_InBand]) -> list[_InBand]:
+        """Those members of a band that show the channel."""
+        return [x for x, of in zip(found, self.told, strict=True) if not of.evidence.missing]
 
     def _worst(self, found: Sequence[_InBand]) -> tuple[str, SeenLine]:
         """The member nearest to the limit, or without one that with the largest line, and that line; of
