@@ -610,7 +610,7 @@ class _Channel:
         return value, of_band, *edges, *self._verdict_in(statistic, ratio, found)
 
     def _known(self, found: Sequence[_InBand]) -> list[_InBand]:
-        """Those members of a band that show the channel."""
+        """Members of a band that show the channel."""
         return [x for x, of in zip(found, self.told, strict=True) if not of.evidence.missing]
 
     def _worst(self, found: Sequence[_InBand]) -> tuple[str, SeenLine]:
