@@ -131,7 +131,7 @@ def _sentence(found: Envelope, one: ChannelEnvelope, of: StatisticVerdict) -> st
     verdict = "FAIL" if of.verdict == "fail" else of.verdict
     text = f"{head}: {verdict}{_worst_words(one, of)}."
     if of.why:
-        text += f" {of.why[0].upper()}{of.why[1:]}."
+        text += f" Reason: {of.why}."
     unknown = sum(x.verdict == "not judged" for x in one.members)
     if of.verdict == "fail" and unknown:
         text += f" {unknown} of {found.members} are not judged."

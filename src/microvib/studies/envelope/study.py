@@ -393,7 +393,10 @@ def _told(
     member: Member, opened: Opened, channel: str, bandwidth: Bandwidth, resolution: float
 ) -> _Told:
     evidence = opened.evidence(channel)
-    samples = None if evidence.missing else opened.samples(channel)
+    if evidence.missing:
+        nothing = InBands({}, evidence.missing)
+        return _Told(member, evidence, nothing, nothing)
+    samples = opened.samples(channel)
     if samples is None:
         return _Told(member, evidence, NO_SAMPLES, NO_SAMPLES)
     x = np.asarray(samples.values, dtype=float)
