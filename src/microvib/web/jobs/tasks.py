@@ -21,6 +21,7 @@ from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
 from microvib.export.targets import target_of_file
+from microvib.io.kept_recording import keep_recording, kept_recording
 from microvib.io.recordings import Prepared, read_recording
 from microvib.io.runs import write_motion
 from microvib.io.scenario_file import scenario_of
@@ -190,8 +191,9 @@ def lines_now(scenario: Scenario, linear: bool, tell: ProgressCallback) -> dict[
 
 
 def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:
-    """Contents of a recording that its owner calls ``name``."""
+    """Contents of a recording that its owner calls ``name``; its samples are left beside its file."""
     found = _read(path, name)
+    _keep_samples(found, path)
     channels = [
         {
             "name": key,
@@ -204,6 +206,26 @@ def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:
     return dict(
         json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)}))
     )
+
+
+def samples(path: str, name: str, tell: ProgressCallback) -> None:
+    """Leave the samples of a recording beside its file, as those of before have none."""
+    _keep_samples(_read(path, name), path)
+
+
+def _keep_samples(found: Recording, path: str) -> None:
+    try:
+        keep_recording(found, Path(path).parent)
+    except OSError as error:
+        raise MicrovibError(
+            f"{found.title}: its samples could not be stored: {error.strerror or error}"
+        ) from None
+
+
+def _recorded(upload: Upload) -> Recording:
+    """A recording whose samples are beside its file, or which is read from it."""
+    path, name = upload
+    return kept_recording(Path(path).parent, name) or _read(path, name)
 
 
 def _read(path: str, name: str) -> Recording:
@@ -225,7 +247,7 @@ def analysis(
 ) -> None:
     """Lines with uncertainties and spectra of a recording."""
     tell(0, None, "", "reading and finding the lines")
-    found = analyse(Prepared(_read(*recording)), scenario=scenario, channel=channel)
+    found = analyse(Prepared(_recorded(recording)), scenario=scenario, channel=channel)
     np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
     np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
     _write(folder, results.analysis_result(found))
@@ -239,7 +261,7 @@ def comparison(
     """
     scenario = scenario_of(parse_yaml(Path(run).read_text(encoding="utf-8"), run_title), run_title)
     found = compare(
-        Prepared(_read(*recording)), scenario, names=(recording[1], run_title), channel=channel,
+        Prepared(_recorded(recording)), scenario, names=(recording[1], run_title), channel=channel,
         progress=lambda done, total: tell(done, total, "s", "simulating"),
     )  # fmt: skip
     _write(folder, page_answer(comparison_outcome(*found)))
@@ -261,7 +283,7 @@ def identification(  # noqa: PLR0913 - what a process is sent
 
     keys = [parse_key(scenario, text) for text in fit]
     tests: list[tuple[Any, dict[str, object]]] = [
-        (evidence_of(Prepared(_read(*one)), scenario, channel), {}) for one in recordings
+        (evidence_of(Prepared(_recorded(one)), scenario, channel), {}) for one in recordings
     ]
     found = identify(scenario, tests, keys, starts=starts, progress=progress)
     _write(folder, results.identification_result(found, scenario))

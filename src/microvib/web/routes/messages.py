@@ -346,6 +346,19 @@ class Series(BaseModel):
     channels: dict[str, Band]
 
 
+class RecordedSeries(BaseModel):
+    """A window of a recording's channel: samples, or the smallest and largest of groups of them."""
+
+    start: float
+    stop: float
+    exact: bool
+    unit: str
+    t: list[float]
+    min: list[float | None]
+    max: list[float | None]
+    """Empty where every sample is there."""
+
+
 class SpectrumOf(BaseModel):
     """A stretch of a spectrum, 0-to-peak."""
 

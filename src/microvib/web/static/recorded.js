@@ -56,6 +56,13 @@ function picture(key, title, { ask, paint, log = true, more = [] }) {
   return {
     card,
     update,
+    /** Show nothing: what was drawn is of another recording. */
+    clear: () => {
+      shown = null;
+      asking.forget();
+      note.textContent = "";
+      if (listening) draw(plot, [], {});
+    },
     show: (analysis, words) => {
       shown = analysis;
       note.textContent = words;

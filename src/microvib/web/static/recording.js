@@ -5,13 +5,16 @@ import { announce, h, number, onDrop, quantity } from "./dom.js";
 import { makeFit } from "./fit.js";
 import { keep, kept } from "./kept.js";
 import { latest } from "./latest.js";
-import { makeTask } from "./progress.js";
+import { makeTask, progressRow } from "./progress.js";
 import * as recorded from "./recorded.js";
+import { makeHistory } from "./recorded_history.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { partContent } from "./tables.js";
 
 const KEPT = "recording.file";
+const LONG = 3_000_000; // samples from which a recording is shown first, and processed when it is asked for
+const MB = 1e6;
 const NO_LINES = "None: lines are looked for in the torque about the drive axis of the scenario on the left.";
 const file = h("input", { type: "file", id: "recording-file", class: "away" });
 const zone = h(
@@ -31,9 +34,11 @@ const comparison = h("div", {});
 const reading = latest();
 const analysing = makeTask("analysis", working, showAnalysis);
 const comparisons = makeTask("comparison", comparing, showComparison);
+const history = makeHistory(() => {});
 let recording = null;
 let fit = null;
 
+const grouped = (count) => String(count).replace(/\B(?=(\d{3})+$)/g, "\u202f"); // 10 000 000
 const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, title), ...content);
 
 export function makeRecording(place) {
@@ -56,6 +61,7 @@ export function makeRecording(place) {
       ),
       working,
     ),
+    history.card,
     recorded.spectrum.card,
     card("Lines with uncertainty", lines),
     card(
@@ -77,10 +83,21 @@ export function makeRecording(place) {
   restore();
 }
 
+/** Send a file, with how much of it has gone; then the server reads it. */
 async function take(chosen) {
-  state.replaceChildren(h("p", { class: "soft" }, `Reading ${chosen.name} …`));
+  const size = Math.round(chosen.size / MB);
+  const row = progressRow(chosen.name, () => {
+    reading.forget();
+    state.replaceChildren();
+  });
+  const onSent = (bytes) => {
+    const sending = { done: Math.round(bytes / MB), total: size, unit: "MB", text: "sending" };
+    row.show({ state: "running", progress: bytes < chosen.size ? sending : { text: "the server reads it" } });
+  };
+  state.replaceChildren(row.element);
+  onSent(0);
   try {
-    await reading((signal) => upload("/api/recordings", { name: chosen.name }, chosen, { signal }), begin);
+    await reading((signal) => upload("/api/recordings", { name: chosen.name }, chosen, { signal, onSent }), begin);
   } catch (error) {
     state.replaceChildren(h("p", { class: "error block", role: "alert" }, error.message));
   }
@@ -93,7 +110,16 @@ function begin(answer) {
   fit.leave();
   comparison.replaceChildren();
   show(answer, usual(answer.channels));
-  return analyse();
+  if (answer.samples <= LONG) return analyse();
+  analysing.leave();
+  nothingYet();
+}
+
+/** A long recording is there: what may take minutes begins when it is asked for. */
+function nothingYet() {
+  keep(KEPT, { recording, channel: channel.value });
+  lines.replaceChildren(h("p", { class: "soft" }, "Not processed yet: this recording is long, and all of it takes minutes. Press *Analyse again* for it."));
+  for (const one of [recorded.spectrum, recorded.density]) one.clear();
 }
 
 const usual = (channels) =>
@@ -102,12 +128,13 @@ const usual = (channels) =>
 function show(answer, chosen) {
   recording = answer;
   state.replaceChildren();
-  facts.textContent = `${recording.name}: ${recording.channels.length} channel${recording.channels.length === 1 ? "" : "s"}, ${recording.samples} samples at ${number(recording.sample_rate, 6)} Hz, ${number(recording.duration, 4)} s. ${(recording.notes ?? []).join(" ")}`;
+  facts.textContent = `${recording.name}: ${recording.channels.length} channel${recording.channels.length === 1 ? "" : "s"}, ${grouped(recording.samples)} samples at ${number(recording.sample_rate, 6)} Hz, ${number(recording.duration, 4)} s. ${(recording.notes ?? []).join(" ")}`;
   channel.replaceChildren(
     ...recording.channels.map((item) => h("option", { value: item.name }, `${item.name}, ${quantity(item.rms, item.unit)} RMS`)),
   );
   channel.value = chosen;
   found.hidden = false;
+  history.open(recording, chosen, null);
 }
 
 /** The recording of before a reload, and what was made of it. */
