@@ -38,9 +38,7 @@ from microvib.web.routes.common import (
 )
 from microvib.web.routes.forms import FILES
 from microvib.web.routes.messages import (
-    AnalysisOf,
     AnglesOf,
-    ComparisonOf,
     Id,
     IdentificationOf,
     QuietOf,
@@ -53,7 +51,6 @@ from microvib.web.routes.messages import (
     Started,
 )
 from microvib.web.routes.recordings import upload_of
-from microvib.web.routes.results import finished_run
 
 _RAW = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 
@@ -137,26 +134,6 @@ async def _receive(request: Request, path: Path) -> None:
                 await run_in_threadpool(stream.write, part)  # a disk may be slow
     except OSError as error:
         raise RequestRefused(507, f"the recording could not be stored: {error.strerror}") from None
-
-
-@routes.post("/analyses", status_code=202, responses=refusals(404))
-def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
-    """Lines with uncertainty and spectra of a recording."""
-    upload = upload_of(store, want.recording)
-    return start(
-        store, "analysis", f"{upload.name}, {want.channel}", want, recording=upload.file, channel=want.channel,
-        scenario=requested(store, want.scenario),
-    )  # fmt: skip
-
-
-@routes.post("/comparisons", status_code=202, responses=refusals(404, 409))
-def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
-    """A recording beside a run's scenario, simulated at the recording's clock."""
-    upload, job = upload_of(store, want.recording), finished_run(store, want.run)
-    return start(
-        store, "comparison", f"{upload.name} and {job.title}", want, recording=upload.file, channel=want.channel,
-        run=str(store.folder(job) / "scenario.yaml"), run_title=job.title,
-    )  # fmt: skip
 
 
 @routes.post("/identifications", status_code=202, responses=refusals(404))

@@ -12,6 +12,7 @@ from microvib.signals.pyramid import Pyramid
 from microvib.web.jobs.store import Store, Upload
 from microvib.web.routes.common import RequestRefused, StoreDependency, ask, refusals
 from microvib.web.routes.messages import Id, RecordedSeries
+from microvib.web.routes.results import From, To
 
 Time = Annotated[float | None, Query(allow_inf_nan=False)]
 Pixels = Annotated[int, Query(ge=2, le=20_000)]
@@ -35,15 +36,21 @@ def series_of(
     id: Id,
     store: StoreDependency,
     channel: Channel,
-    low: Annotated[Time, Query(alias="from")] = None,
-    high: Annotated[Time, Query(alias="to")] = None,
+    low: From = None,
+    high: To = None,
     points: Pixels = 2000,
 ) -> RecordedSeries:
     """A window of a channel's time history: every sample, or the smallest and largest of groups of them
     where they are more than twice the ``points``.
     """
     upload = upload_of(store, id)
-    found = _pyramid(store, upload, channel)
+    return series_in(_pyramid(store, upload, channel), low, high, points, _unit(upload, channel))
+
+
+def series_in(
+    found: Pyramid, low: float | None, high: float | None, points: int, unit: str
+) -> RecordedSeries:
+    """A window of samples in a ``unit``, from ``low`` to ``high`` [s]."""
     start = 0.0 if low is None else low
     stop = found.duration if high is None else high
     curve = found.window(min(start, stop), max(start, stop), points)
@@ -51,7 +58,7 @@ def series_of(
         start=start,
         stop=stop,
         exact=curve.of_samples,
-        unit=_unit(upload, channel),
+        unit=unit,
         t=curve.time.tolist(),
         min=_numbers(curve.low),
         max=[] if curve.of_samples else _numbers(curve.high),
