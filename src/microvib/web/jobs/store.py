@@ -275,6 +275,11 @@ class Store:
         with self._lock:
             return _touch(self._uploads, id)
 
+    def uploads(self) -> list[Upload]:
+        """All recordings, the one used last at the end."""
+        with self._lock:
+            return list(self._uploads.values())
+
     def close(self) -> None:
         """End all computations."""
         self.closed = True

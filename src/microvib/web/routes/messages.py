@@ -372,6 +372,16 @@ class RecordingFacts(BaseModel):
     notes: list[str]
 
 
+class RecordingHere(BaseModel):
+    """A recording that can be processed, in short."""
+
+    id: str
+    name: str
+    channels: list[str]
+    duration: float
+    sample_rate: float
+
+
 class Kept(BaseModel):
     """An entry of the library."""
 

@@ -11,7 +11,7 @@ from microvib.io.kept_recording import kept_pyramid
 from microvib.signals.pyramid import Pyramid
 from microvib.web.jobs.store import Store, Upload
 from microvib.web.routes.common import RequestRefused, StoreDependency, ask, refusals
-from microvib.web.routes.messages import Id, RecordedSeries
+from microvib.web.routes.messages import Id, RecordedSeries, RecordingHere
 from microvib.web.routes.results import From, To
 
 Time = Annotated[float | None, Query(allow_inf_nan=False)]
@@ -29,6 +29,21 @@ def upload_of(store: Store, id: str) -> Upload:
             404, "this recording is no longer on the server; load it again", "recording"
         )
     return found
+
+
+@routes.get("")
+def recordings_here(store: StoreDependency) -> list[RecordingHere]:
+    """All recordings, the one used last first."""
+    return [
+        RecordingHere(
+            id=one.id,
+            name=one.name,
+            channels=[str(channel["name"]) for channel in one.facts["channels"]],
+            duration=one.facts["duration"],
+            sample_rate=one.facts["sample_rate"],
+        )
+        for one in reversed(store.uploads())
+    ]
 
 
 @routes.get("/{id}/series", responses=refusals(429))
