@@ -263,9 +263,9 @@ def test_repeated_tests_and_several_recordings(client, test_id, folder):
     table = next(
         items(part, "table")[0] for part in found["parts"] if part["title"] == "Lines of Mz"
     )
-    drive = next(row for row in table["rows"] if row["line"] == "drive_1")
-    mine = next(row for row in expected.lines if row.line == "drive_1")
-    assert float(drive["mean_n_m"]) == pytest.approx(1e3 * mine.mean, rel=1e-3)
+    [row], [mine] = table["rows"], expected.lines
+    assert row["line"] == mine.line
+    assert float(row["mean_n_m"]) == pytest.approx(1e3 * mine.mean, rel=1e-3)
     asked = {"recordings": ids, "scenario": spec(), "from": "20 s"}
     batch = started(client, "batches", **asked)
     assert [one["name"] for one in batch["spectra"]] == ["test.mat", "2.mat", "3.mat"]

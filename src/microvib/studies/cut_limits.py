@@ -54,6 +54,11 @@ class CutMargin:
     """Part of the cut within the limit's frequencies at which the amplitude is known."""
     finding: Annotated[str, Column("finding", "finding")]
 
+    @property
+    def words(self) -> str:
+        """What it is of: an order, or a line of constant frequency."""
+        return f"line at {self.order}" if self.order.endswith("Hz") else f"order {self.order}"
+
 
 @dataclass(frozen=True)
 class CutLimits:
@@ -71,9 +76,9 @@ class CutLimits:
     @property
     def words(self) -> str:
         """What was found, a sentence."""
-        above = [one.order for one in self.margins if one.finding == ABOVE]
+        above = [one.words for one in self.margins if one.finding == ABOVE]
         if above:
-            return f"FAIL: above the limit are {', '.join(above)}."
+            return f"FAIL, above the limit: {', '.join(above)}."
         return (
             "No tracked order is above the limit in this sweep. That passes nothing: a resonance that is"
             " passed quickly answers less than a dwell on it, and other orders were not looked at."

@@ -69,6 +69,7 @@ def tracking_result(
         "reference": found.reference.name,
         "clock": None if clock is None else [float(x) for x in _ends(clock.correction)],
         "cuts": [_cut(cut, against, start) for cut in found.cuts],
+        "limit_curve": _points(against),
         "order_map": {
             "order": m.order[across].tolist(),
             "time": (start + m.time[down]).tolist(),
@@ -82,6 +83,15 @@ def tracking_result(
 
 def _ends(x: np.ndarray) -> tuple[float, float]:
     return float(np.min(x)), float(np.max(x))
+
+
+def _points(against: CutLimits | None) -> list[tuple[float, float]]:
+    """Points of a limit [Hz] that changes over frequency; none where it is one number, or there is
+    none.
+    """
+    if against is None or against.curve.is_flat:
+        return []
+    return list(zip(against.curve.frequency, against.curve.amplitude, strict=True))
 
 
 def _cut(cut: OrderCut, against: CutLimits | None, start: float) -> dict[str, Any]:

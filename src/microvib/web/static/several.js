@@ -24,7 +24,7 @@ export function makeSeveral(evidence) {
     "section",
     { class: "card", id: "several" },
     h("h2", {}, "Several recordings"),
-    h("p", { class: "soft" }, "Of the recordings that the server has. Runs of one unit are repetitions; the channel, and of *process alike* the section, averages, background and bands, are those above."),
+    h("p", { class: "soft" }, "Of the recordings that the server has. Runs of one unit are repetitions; the channel is the one above. Process alike takes section, averages, background and bands from there, too."),
     list,
     h("div", { class: "bar" }, button("Compare two", compare), button("Repeatability", repeat), button("Process alike", alike)),
     place,

@@ -20,6 +20,7 @@ const REFERENCES = {
 };
 const ALONG = { speed: "speed", frequency: "frequency", time: "time" };
 const MOST = 8; // cuts that are drawn, the largest ones
+const NAMED_AT = 0.9; // part of an order's way at which its name stands
 const BAND = 2; // standard uncertainties of the band about a cut
 
 /** The part of the page; `evidence()` gives {recording, channel, channels} and the section when it is asked. */
@@ -29,14 +30,14 @@ export function makeTracking(evidence) {
   const fields = {
     orders: text("orders", { value: "1,4,64,128", title: "Cycles per revolution of the reference; of a scenario per electrical period" }),
     reference: select("reference", REFERENCES, { onchange: () => ask() }),
-    profile: h("textarea", { name: "profile", id: "tracking-profile", rows: 1, placeholder: "0 s:10 Hz, 5 s:40 Hz", spellcheck: "false", title: "Points TIME:SPEED (Hz, rpm or deg/s), or the lines of a table with times and speeds, pasted" }),
+    profile: h("textarea", { name: "profile", id: "tracking-profile", rows: 2, placeholder: "0 s:10 Hz, 5 s:40 Hz", spellcheck: "false", title: "Points TIME:SPEED (Hz, rpm or deg/s), or the lines of a table with times and speeds, pasted" }),
     channel: select("reference-channel", {}),
     pulses: text("pulses_per_rev", { value: "1", class: "short" }),
     strongest: text("strongest", { value: "1", class: "short" }),
     clock: select("clock", { found: "found in the record", stated: "as stated" }),
     fixed: text("fixed", { placeholder: "50 Hz, 1.19 Hz", title: "Lines that do not follow the speed, told from the orders that cross them" }),
-    bandwidth: text("bandwidth", { placeholder: "by the orders", class: "short" }),
-    limit: h("textarea", { name: "limit", id: "tracking-limit", rows: 1, placeholder: "such as 60 mN*m", spellcheck: "false", title: "A torque, or the lines of a table of a limit over frequency (CSV), pasted" }),
+    bandwidth: text("bandwidth", { placeholder: "by the orders" }),
+    limit: h("textarea", { name: "limit", id: "tracking-limit", rows: 2, placeholder: "such as 60 mN*m", spellcheck: "false", title: "A torque, or the lines of a table of a limit over frequency (CSV), pasted" }),
   };
   const labels = Object.fromEntries(
     Object.entries({
@@ -150,7 +151,9 @@ function makeCuts() {
     const unit = axis.printed ?? unitText(shown.unit);
     log.hidden = axis.dB;
     log.setAttribute("aria-pressed", String(isLog));
-    const traces = largest(shown.cuts).flatMap((cut, k) => curves(cut, k, along.value, axis, unit));
+    const curve = along.value === "frequency" ? shown.limit_curve : [];
+    const traces = largest(shown.cuts).flatMap((cut, k) => curves({ ...cut, limit: curve.length ? null : cut.limit }, k, along.value, axis, unit));
+    if (curve.length) traces.push({ x: curve.map(([f]) => f), y: curve.map(([, most]) => axis.y(most)), mode: "lines", name: "limit", line: { color: LIMIT, width: 1.6, dash: "dash" }, hovertemplate: `limit<br>%{x:.5g} Hz<br>%{y:.4g} ${unit}<extra></extra>` });
     return draw(plot, traces, {
       xaxis: { title: { text: { speed: `speed [${shown.reference}s per second]`, frequency: "frequency [Hz]", time: "time [s]" }[along.value] } },
       yaxis: { title: { text: `amplitude [${unit}], ${axis.words}` }, ...(axis.dB ? {} : isLog ? { type: "log", dtick: 1 } : { rangemode: "tozero" }) },
@@ -222,10 +225,10 @@ const paths = ({ cuts }) =>
   largest(cuts).map((cut) => ({
     x: cut.frequency,
     y: cut.time,
-    text: cut.time.map((_, k) => (k === cut.time.length - 1 ? cut.label : "")),
+    text: cut.time.map((_, k) => (k === Math.floor(NAMED_AT * cut.time.length) ? cut.label : "")),
     mode: "lines+text",
     textposition: "bottom right",
-    textfont: { color: "#fff", size: 11 },
+    textfont: { color: "#fff", size: 13 },
     name: nameOf(cut),
     line: { color: "#fff", width: 1, dash: "dash" },
     hovertemplate: `${nameOf(cut)}<br>%{x:.5g} Hz<br>%{y:.5g} s<extra></extra>`,
