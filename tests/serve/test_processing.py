@@ -273,3 +273,22 @@ def test_repeated_tests_and_several_recordings(client, test_id, folder):
     assert any(float(row["records"]) == 3 for row in rows)
     one = {"recordings": [test_id, test_id], "scenario": spec()}
     assert refused(client, "batches", **one)["key"] == "recordings"
+
+
+def test_the_unit_of_a_channel_is_stated_where_a_file_has_none(client, folder):
+    """As of sound files, whose samples are parts of full scale."""
+    from scipy.io import wavfile
+
+    x = a_test()["Mz"]
+    wavfile.write(folder / "test.wav", int(RATE), (x / 0.5).astype(np.float32))
+    content = (folder / "test.wav").read_bytes()
+    kept = client.post("/api/recordings", params={"name": "test.wav"}, content=content).json()
+    [channel] = kept["channels"]
+    asked = {"recording": kept["id"], "channel": channel["name"], "scenario": spec()}
+    id = client.post("/api/analyses", json=asked).json()["id"]
+    assert "full scale" in wait(client, id)["error"]
+    found = started(client, "analyses", **asked, **{"unit": "0.5 N*m", "from": "20 s"})
+    drive = next(line for line in found["lines"] if line["line"] == "drive_1")
+    assert drive["amplitude_n_m"] == pytest.approx(0.06, rel=0.01)
+    id = client.post("/api/analyses", json={**asked, "unit": "furlong"}).json()["id"]
+    assert "furlong" in wait(client, id)["error"]

@@ -6,6 +6,16 @@ from dataclasses import dataclass
 
 from microvib.io.band_limits import BandLimit
 from microvib.signals.spectrum import Average, Window
+from microvib.testdata.section import Section
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part of a recording that is looked at."""
+
+    section: Section | None = None
+    unit: str = ""
+    """Unit of the channel, or its full scale; empty for the one that the file has."""
 
 
 @dataclass(frozen=True)

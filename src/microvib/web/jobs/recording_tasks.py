@@ -22,6 +22,7 @@ from microvib.io.scenario_file import scenario_of
 from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.scenario import Scenario
+from microvib.model.sentences import validate_part
 from microvib.reports.analysis import analysis_outcome
 from microvib.reports.batch import batch_outcome
 from microvib.reports.comparison import comparison_outcome
@@ -37,10 +38,10 @@ from microvib.studies.compare import compare
 from microvib.studies.cut_limits import cuts_against
 from microvib.studies.repeatability import RecordedRun, repeatability
 from microvib.studies.track import track_orders
+from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording
-from microvib.testdata.section import Section
 from microvib.web.jobs import ProgressCallback, recording_results
-from microvib.web.jobs.processing import Processing
+from microvib.web.jobs.processing import Part, Processing
 
 RecordedFile = tuple[str, str]
 """File of a recording, and what its owner calls it."""
@@ -117,20 +118,28 @@ def _read(path: str, name: str) -> Recording:
     return replace(found, title=name, notes=tuple(note.replace(path, name) for note in found.notes))
 
 
-def _cut(upload: RecordedFile, section: Section | None) -> tuple[Recording, float]:
+def _in_unit(whole: Recording, channel: str, unit: str) -> Recording:
+    """A recording whose channel is in a stated unit; what is wrong with samples is asked later."""
+    if not unit:
+        return whole
+    stated = validate_part(Preparation, {"units": {channel: unit}}, origin=whole.title)
+    return replace(stated.apply(whole), faults=None, alone=None)
+
+
+def _cut(upload: RecordedFile, channel: str, part: Part) -> tuple[Recording, float]:
     """A recording, or a section of it, and the time [s] at which it begins."""
-    whole = recorded(upload)
-    return (whole, 0.0) if section is None else section.cut(whole)
+    whole = _in_unit(recorded(upload), channel, part.unit)
+    return (whole, 0.0) if part.section is None else part.section.cut(whole)
 
 
 def _prepared(
-    recording: RecordedFile, section: Section | None, background: RecordedFile | None
+    recording: RecordedFile, channel: str, part: Part, background: RecordedFile | None
 ) -> tuple[Prepared, float]:
     """A section of a recording beside all of its background, and when it begins [s]."""
-    cut, start = _cut(recording, section)
+    cut, start = _cut(recording, channel, part)
     if background is None:
         return Prepared(cut), start
-    return beside_background(cut, recorded(background)), start
+    return beside_background(cut, _in_unit(recorded(background), channel, part.unit)), start
 
 
 def analysis(  # noqa: PLR0913 - what a process is sent
@@ -138,14 +147,14 @@ def analysis(  # noqa: PLR0913 - what a process is sent
     recording: RecordedFile,
     scenario: Scenario,
     channel: str,
-    section: Section | None,
+    part: Part,
     background: RecordedFile | None,
     processing: Processing,
     tell: ProgressCallback,
 ) -> None:
     """Lines with uncertainties, spectra, waterfall and bands of a recording, or of a section of it."""
     tell(0, None, "", "reading and finding the lines")
-    source, start = _prepared(recording, section, background)
+    source, start = _prepared(recording, channel, part, background)
     found = _processed(processing, source, channel, scenario, recording[1])
     where = Path(folder)
     np.save(where / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
@@ -205,8 +214,8 @@ def tracking(  # noqa: PLR0913 - what a process is sent
     channel: str,
     orders: Sequence[float],
     reference: dict[str, Any],
+    part: Part,
     tell: ProgressCallback,
-    section: Section | None = None,
     fixed: Sequence[str] = (),
     bandwidth: str | None = None,
     limit: Limit | None = None,
@@ -215,11 +224,12 @@ def tracking(  # noqa: PLR0913 - what a process is sent
     opened, whatever a profile is called.
     """
     tell(0, None, "", "finding the speed and tracking the orders")
+    whole = _in_unit(recorded(recording), channel, part.unit)
     found = track_orders(
-        Prepared(recorded(recording)),
+        Prepared(whole),
         orders,
         channel=channel,
-        section=section,
+        section=part.section,
         fixed=fixed,
         bandwidth=bandwidth,
         files=NO_FILES,
@@ -228,7 +238,7 @@ def tracking(  # noqa: PLR0913 - what a process is sent
     found = replace(found, name=recording[1])
     against = None if limit is None else cuts_against(found, limit)
     cut, w = found.cuts[0], found.waterfall
-    start = 0.0 if section is None else section.cut(recorded(recording))[1]
+    start = 0.0 if part.section is None else part.section.cut(whole)[1]
     _keep_waterfall(Path(folder), w.frequency, w.time + float(cut.time[0]) + start, w.amplitude)
     _write(folder, recording_results.tracking_result(found, against, start))
 
@@ -278,7 +288,7 @@ def batch(  # noqa: PLR0913 - what a process is sent
     recordings: Sequence[RecordedFile],
     channel: str,
     scenario: Scenario,
-    section: Section | None,
+    part: Part,
     background: RecordedFile | None,
     processing: Processing,
     tell: ProgressCallback,
@@ -287,7 +297,7 @@ def batch(  # noqa: PLR0913 - what a process is sent
     found = []
     for k, one in enumerate(recordings):
         tell(k, len(recordings), "recordings", f"processing {one[1]}")
-        source, _ = _prepared(one, section, background)
+        source, _ = _prepared(one, channel, part, background)
         found.append(_processed(processing, source, channel, scenario, one[1]))
     outcomes = [analysis_outcome(one) for one in found]
     names = [one[1] for one in recordings]

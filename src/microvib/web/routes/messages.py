@@ -48,7 +48,7 @@ class Run(Body):
 
 
 class SectionOf(Body):
-    """A section of a recording; a Body of texts with units, as on the command line."""
+    """A section of a recording, in texts with units as on the command line, and the unit of its channel."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
@@ -56,6 +56,10 @@ class SectionOf(Body):
     stop: Short | None = Field(default=None, alias="to")
     trigger: Short | None = Field(default=None, description="such as Mz > 5 mN*m")
     pre_trigger: Short | None = None
+    unit: Short | None = Field(
+        default=None,
+        description="unit of the channel, or its full scale, where the file has none: 20 N*m",
+    )
 
 
 class ProcessingOf(SectionOf):

@@ -19,7 +19,7 @@ from microvib.io.pyramid_files import mapped_pyramid
 from microvib.signals.limit_curve import Limit
 from microvib.signals.screen import largest_in_cells
 from microvib.testdata.section import Section
-from microvib.web.jobs.processing import Processing
+from microvib.web.jobs.processing import Part, Processing
 from microvib.web.jobs.store import Store, Upload
 from microvib.web.routes.common import (
     RequestRefused,
@@ -52,8 +52,9 @@ _ROWS, _COLUMNS = 160, 600
 routes = APIRouter(responses=refusals(404, 409, 429))
 
 
-def _section(want: SectionOf) -> Section | None:
-    return Section.stated(want.start, want.stop, want.trigger, want.pre_trigger)
+def _part_of(want: SectionOf) -> Part:
+    section = Section.stated(want.start, want.stop, want.trigger, want.pre_trigger)
+    return Part(section, want.unit or "")
 
 
 def _processing(want: ProcessingOf) -> Processing:
@@ -83,7 +84,7 @@ def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
         recording=upload.file,
         channel=want.channel,
         scenario=requested(store, want.scenario),
-        section=_section(want),
+        part=_part_of(want),
         background=_background(store, want),
         processing=_processing(want),
     )
@@ -103,7 +104,7 @@ def start_batch(want: BatchOf, store: StoreDependency) -> Started:
         recordings=uploads,
         channel=want.channel,
         scenario=requested(store, want.scenario),
-        section=_section(want),
+        part=_part_of(want),
         background=_background(store, want),
         processing=_processing(want),
     )
@@ -122,7 +123,7 @@ def start_tracking(want: TrackingOf, store: StoreDependency) -> Started:
         channel=want.channel,
         orders=_orders(want.orders),
         reference=_reference(store, want),
-        section=_section(want),
+        part=_part_of(want),
         fixed=want.fixed,
         bandwidth=want.bandwidth,
         limit=_limit(want.limit),

@@ -19,6 +19,7 @@ export function makeProcessing(onSection) {
     to: text("to", "end"),
     trigger: h("input", { type: "text", name: "trigger", id: "processing-trigger", placeholder: "Mz > 5 mN*m", spellcheck: "false", title: "The section begins where the channel first rises (>) or falls (<) through the level" }),
     pre_trigger: text("pre_trigger", "0 s"),
+    unit: text("unit", "as read", "Unit of the channel where the file has none, or has another: mN*m, or 20 N*m for full scale"),
     window: choice("window", WINDOWS),
     average: choice("average", AVERAGES),
     resolution: h("input", { type: "text", name: "resolution", id: "processing-resolution", placeholder: "8 / length", title: "Distance between bins of averages, density and waterfall, such as 0.5 Hz", spellcheck: "false" }),
@@ -31,7 +32,7 @@ export function makeProcessing(onSection) {
   const element = h(
     "div",
     { class: "processing" },
-    h("div", { class: "ask" }, labelled("section from", fields.from), labelled("to", fields.to), labelled("or from a trigger", fields.trigger), labelled("time before it", fields.pre_trigger), h("button", { type: "button", class: "quiet", onclick: () => state([null, null]) }, "Whole record")),
+    h("div", { class: "ask" }, labelled("section from", fields.from), labelled("to", fields.to), labelled("or from a trigger", fields.trigger), labelled("time before it", fields.pre_trigger), labelled("channel's unit", fields.unit), h("button", { type: "button", class: "quiet", onclick: () => state([null, null]) }, "Whole record")),
     h("div", { class: "ask" }, labelled("window", fields.window), labelled("average", fields.average), labelled("resolution", fields.resolution), labelled("overlap", fields.overlap), labelled("background (drive off)", fields.background)),
     h(
       "details",
@@ -74,7 +75,7 @@ export function makeProcessing(onSection) {
 
   const given = (name) => fields[name].value.trim() || undefined;
   const figure = (name) => (Number.isFinite(Number(given(name))) ? Number(given(name)) : given(name)); // the server refuses what is none
-  const section = () => Object.fromEntries(["from", "to", "trigger", "pre_trigger"].map((name) => [name, given(name)]));
+  const section = () => Object.fromEntries(["from", "to", "trigger", "pre_trigger", "unit"].map((name) => [name, given(name)]));
 
   return {
     element,
