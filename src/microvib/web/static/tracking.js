@@ -220,16 +220,20 @@ function makeOrderMap() {
   };
 }
 
-/** Ways of the orders through the waterfall, with their names at their ends. */
-const paths = ({ cuts }) =>
-  largest(cuts).map((cut) => ({
+/** Ways of the orders through the waterfall, with their names near their ends. */
+function paths({ cuts }) {
+  const shown = largest(cuts);
+  const traces = shown.map((cut) => ({
     x: cut.frequency,
     y: cut.time,
-    text: cut.time.map((_, k) => (k === Math.floor(NAMED_AT * cut.time.length) ? cut.label : "")),
-    mode: "lines+text",
-    textposition: "bottom right",
-    textfont: { color: "#fff", size: 13 },
+    mode: "lines",
     name: nameOf(cut),
     line: { color: "#fff", width: 1, dash: "dash" },
     hovertemplate: `${nameOf(cut)}<br>%{x:.5g} Hz<br>%{y:.5g} s<extra></extra>`,
   }));
+  const annotations = shown.map((cut) => {
+    const k = Math.floor(NAMED_AT * cut.time.length);
+    return { x: cut.frequency[k], y: cut.time[k], text: cut.label, ax: 26, ay: 10, arrowhead: 0, arrowwidth: 1, arrowcolor: "#fff", bgcolor: "#fff", borderpad: 1, font: { size: 11, color: "#1c2330" } };
+  });
+  return { traces, annotations };
+}

@@ -37,8 +37,8 @@ function ticks(low, high, dB) {
   return { tickvals: powers, ticktext: powers.map((power) => String(Number((10 ** power).toPrecision(3)))) };
 }
 
-/** A card; `paths(result)` are further traces over it, and marks {traces, annotations} of the axes frequency and time. */
-export function makeWaterfall(id, title, paths = () => []) {
+/** A card; `over(result)` are {traces, annotations} over it, by frequency and time. */
+export function makeWaterfall(id, title, over = () => ({ traces: [], annotations: [] })) {
   const plot = h("div", { class: "plot taller", id: `${id}-plot`, role: "img", "aria-label": title });
   const note = h("span", { class: "soft note" });
   const all = h("button", { type: "button", onclick: () => see({ x: null, y: null }) }, "All");
@@ -61,7 +61,9 @@ export function makeWaterfall(id, title, paths = () => []) {
     await asking(
       (signal) => get(`/api/analyses/${result.id}/waterfall`, { from, to, begin, end }, { signal }),
       async ({ f, t, amplitude }) => {
-        await draw(plot, [heat(f, t, amplitude, result.unit, { x: "Hz", y: "s" }), ...paths(result)], {
+        const { traces, annotations } = over(result);
+        await draw(plot, [heat(f, t, amplitude, result.unit, { x: "Hz", y: "s" }), ...traces], {
+          annotations,
           xaxis: { title: { text: "frequency [Hz]" }, range: view.x ?? [f[0], f.at(-1)] },
           yaxis: { title: { text: "time [s]" }, range: view.y ?? [t[0], t.at(-1)] },
           showlegend: false,
