@@ -29,7 +29,7 @@ def analysis_result(a: Analysis, start: float, bands: list[dict[str, Any]]) -> d
     """
     f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
     g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
-    return page_answer(analysis_outcome(a)) | {
+    return page_answer(analysis_outcome(a, with_spectra_files=False)) | {
         "lines": [] if a.table is None else [file_record(line) for line in a.table],
         "spectrum": {"f": f.tolist(), "amplitude": amplitude.tolist(), "made": str(a.spectrum)},
         "density": {"f": g.tolist(), "psd": density.tolist(), "made": str(a.density)},

@@ -299,7 +299,7 @@ def batch(  # noqa: PLR0913 - what a process is sent
         tell(k, len(recordings), "recordings", f"processing {one[1]}")
         source, _ = _prepared(one, channel, part, background)
         found.append(_processed(processing, source, channel, scenario, one[1]))
-    outcomes = [analysis_outcome(one) for one in found]
+    outcomes = [analysis_outcome(one, with_spectra_files=False) for one in found]
     names = [one[1] for one in recordings]
     answer = page_answer(batch_outcome(batch_of(names, found), outcomes), pictures=True)
     _write(folder, answer | recording_results.spectra_of(found))
