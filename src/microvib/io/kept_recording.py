@@ -22,7 +22,7 @@ _KEYS = {
     "notes": list,
     "axes": list,
 }
-"""What the head holds, and of which type."""
+"""Keys of the head, and the types of their values."""
 
 
 def keep_recording(recording: Recording, folder: Path) -> None:

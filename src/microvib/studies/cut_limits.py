@@ -56,7 +56,7 @@ class CutMargin:
 
     @property
     def words(self) -> str:
-        """What it is of: an order, or a line of constant frequency."""
+        """Name for readers: of an order, or of a line of constant frequency."""
         return f"line at {self.order}" if self.order.endswith("Hz") else f"order {self.order}"
 
 
@@ -75,7 +75,7 @@ class CutLimits:
 
     @property
     def words(self) -> str:
-        """What was found, a sentence."""
+        """Sentence on what was found."""
         above = [one.words for one in self.margins if one.finding == ABOVE]
         if above:
             return f"FAIL, above the limit: {', '.join(above)}."
