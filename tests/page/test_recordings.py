@@ -97,6 +97,7 @@ def test_a_time_history_is_browsed_by_mouse_wheel_and_keys(
     now = changed(page, [0, 60])
     assert now == pytest.approx([12, 36], abs=0.5)
     page.get_by_role("button", name="Move", exact=True).click()
+    until(page, f"{PLOT}._fullLayout.dragmode === 'pan'")
     drag(page, 0.6, 0.4)
     moved = changed(page, now)
     assert moved[0] - now[0] == pytest.approx(0.2 * 24, abs=0.5)

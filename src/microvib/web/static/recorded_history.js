@@ -46,6 +46,9 @@ export function makeHistory(onSection) {
   let listening = false;
   addCursors(plot, "time");
   const holder = plot.parentElement;
+  // What arrives while something is dragged waits: a redraw would move the axis below the pointer.
+  let released = Promise.resolve();
+  holder.addEventListener("pointerdown", () => (released = new Promise((done) => window.addEventListener("pointerup", () => setTimeout(done), { once: true, capture: true }))), true);
   holder.addEventListener("keydown", keys);
   holder.addEventListener("wheel", wheel, { passive: false });
   holder.title = "Wheel: zoom, with Shift move, after a click here or with Ctrl. Keys: + − zoom, PageUp PageDown move, Home whole record";
@@ -110,7 +113,10 @@ export function makeHistory(onSection) {
     const query = { channel: view.channel, from, to, points: pointsFor(plot, 1) };
     await asking(
       (signal) => get(`/api/recordings/${id}/series`, query, { signal }),
-      (series) => show(series),
+      async (series) => {
+        await released;
+        if (series.start === span()[0] && series.stop === span()[1]) await show(series);
+      },
     );
   }
 
