@@ -64,6 +64,7 @@ class RequirementRow:
     most: Annotated[float, Column("most_rad", "at most", POINTING_ANGLE, absent="not bounded")]
     lines: Annotated[float, Column("lines_rad", measure=POINTING_ANGLE)]
     noise: Annotated[float, Column("noise_rad", measure=POINTING_ANGLE)]
+    errors: Annotated[float, Column("errors_rad", measure=POINTING_ANGLE)]
     median: Annotated[float, Column("median_rad", "median", POINTING_ANGLE)]
     p95: Annotated[float, Column("p95_rad", "P95", POINTING_ANGLE)]
     p99: Annotated[float, Column("p99_rad", "P99", POINTING_ANGLE)]
@@ -194,6 +195,7 @@ def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
         one.most,
         one.lines,
         one.noise,
+        one.errors,
         median.value,
         p95.value,
         p99.value,
@@ -287,7 +289,7 @@ def _contributors(budget: Budget) -> Table:
     )
 
 
-_PARTS = ("both", "lines", "noise")
+_PARTS = ("both", "lines", "noise", "errors")
 _AXES = ("x", "y", "radial")
 _WINDOW_HEADINGS = {
     "both_x_rad": "x",
@@ -295,6 +297,7 @@ _WINDOW_HEADINGS = {
     "both_radial_rad": "radial",
     "lines_radial_rad": "lines, radial",
     "noise_radial_rad": "noise, radial",
+    "errors_radial_rad": "errors, radial",
 }
 
 
@@ -305,7 +308,9 @@ def _windows(budget: Budget) -> Table:
         Column("window_s", "window", TIME),
         *(Column(key, _WINDOW_HEADINGS.get(key, ""), POINTING_ANGLE) for key in keys),
     )
-    rows = tuple((w.metric, w.window, *w.both, *w.lines, *w.noise) for w in budget.windows)
+    rows = tuple(
+        (w.metric, w.window, *w.both, *w.lines, *w.noise, *w.errors) for w in budget.windows
+    )
     return Table("windows", columns, rows, caption="Rms of all sources.")
 
 

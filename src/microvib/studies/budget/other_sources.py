@@ -26,6 +26,7 @@ from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
+from microvib.studies.budget.errors import SourceError
 from microvib.studies.budget.files import AXES, OtherSource
 from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
@@ -61,6 +62,8 @@ def contribution_of_other(
     """A source of a file of sources, on the hub of ``scenario`` with its drive and array, of which
     ``sticking`` tells the shafts that may stick; its tables are taken from ``files``.
     """
+    if source.error is not None or source.periodic is not None:
+        return _of_class(source)
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
             place = _load_point_motion(source, scenario)
@@ -94,6 +97,8 @@ def excitation_of(source: OtherSource, files: FileAccess) -> Excitation:
             speed = source.wheel.speed
             return Excitation(speed * turns, (source.wheel.speed_to or speed) * turns)
         none = np.zeros(0)
+        if source.lines is None and source.density is None:
+            return Excitation(none, none)
         if source.lines:
             path = files.under("lines").path(source.lines)
             rows, chosen = _line_table(path)
@@ -107,6 +112,34 @@ def excitation_of(source: OtherSource, files: FileAccess) -> Excitation:
             return Excitation(none, none)
         f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
         return Excitation(none, none, (f, S))
+
+
+_IN_WORDS = {"fixed": "known", "uniform": "uniform", "normal": "normal", "arcsine": "arcsine"}
+"""How distributions of errors are told."""
+
+
+def _of_class(source: OtherSource) -> Contribution:
+    """An error of the line of sight by its class, the same on any craft."""
+    beside = f", fully correlated with group {source.group}" if source.group else ""
+    if source.periodic is None:
+        assert source.error is not None
+        kind = {"constant": source.constant, "random": source.random, "drift": source.drift}
+        name = next(key for key, value in kind.items() if value is not None)
+        how = f"{name} error, {_IN_WORDS[source.error.distribution]}{beside}"
+        none = np.zeros((0, 2), dtype=complex)
+        error = SourceError(source.error, source.group)
+        return Contribution(source.name, how, (), np.zeros(0), none, errors=(error,))
+    given = source.periodic
+    clock = f"group {source.group}" if source.group else ""
+    return Contribution(
+        source.name,
+        f"periodic error{beside}",
+        ("periodic",),
+        np.array([given.frequency]),
+        np.array([[given.x, given.y]], dtype=complex),
+        clock,
+        phased=False,
+    )
 
 
 def _load_point_motion(source: OtherSource, scenario: Scenario) -> np.ndarray:

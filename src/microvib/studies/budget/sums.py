@@ -23,14 +23,18 @@ from microvib.analysis.pointing import FREQUENCY_TOLERANCE
 from microvib.analysis.start import steady_start_advice
 from microvib.signals.in_step import LOCKED, SLOW, bases
 from microvib.signals.pointing import UNIFORM_INSTANTS, mean_square_of_lines, windowed_amplitudes
+from microvib.studies.budget.errors import NO_ERRORS, reasons_against, sum_of_errors
 from microvib.studies.budget.figures import (
     AXES,
     INCOHERENT,
     CombinedLines,
+    Moved,
     SweptLines,
     beat_bounds,
     counts_in_band,
     crossing_bounds,
+    evaluate,
+    evaluate_errors,
     evaluate_lines,
     evaluate_metric,
     metric_bounds,
@@ -86,6 +90,8 @@ class Assessment:
     """Angle of the array [rad] at which this holds, where several were looked at: the worst; None
     for that of the scenario.
     """
+    errors: float = 0.0
+    """Errors of sources by their class alone."""
 
     def __repr__(self) -> str:
         return (
@@ -120,7 +126,10 @@ class _SourceLine(NamedTuple):
 def combine_lines(
     contributions: Iterable[Contribution], rule: Rule, *, with_errors: bool = True
 ) -> CombinedLines:
-    """Lines of all sources by frequency; without ``with_errors`` amplitudes count as they are given."""
+    """Lines of all sources by frequency, with their errors of other classes; without ``with_errors``
+    amplitudes count as they are given.
+    """
+    contributions = list(contributions)
     parts = sorted(_source_lines(contributions, rule, with_errors), key=lambda part: part.frequency)
     groups = _lines_of_one_frequency(parts)
     found = [_group_amplitudes(group, rule) for group in groups]
@@ -136,6 +145,7 @@ def combine_lines(
         np.exp(1j * np.angle(tones)),
         _clock_numbers([clock for one in found for clock in one.clocks]).reshape(-1, 2),
         np.array([max(part.off for part in group) for group in groups]),
+        sum_of_errors(error for one in contributions for error in one.errors),
     )
 
 
@@ -323,7 +333,9 @@ def assess(
         figure = figure._replace(most=figure.most + beyond)
     limit = requirement.limit or math.nan
     verdict = figure.verdict(limit)
-    lines = evaluate_lines(requirement, tones) if densities else figure.value
+    lines = figure.value
+    if densities or tones.errors:
+        lines = evaluate_lines(requirement, replace(tones, errors=NO_ERRORS))
     noise = evaluate_metric(requirement, np.zeros(0), np.zeros((0, 2)), densities)
     return Assessment(
         requirement,
@@ -337,6 +349,7 @@ def assess(
         tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (),
         *_rank_shares(requirement, chosen),
         spread=_spread(cases),
+        errors=evaluate_errors(requirement, tones.errors) if tones.errors else 0.0,
     )
 
 
@@ -478,12 +491,16 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     gaps = [gap for one in chosen for gap in side_line_gaps(r, one)]
     f = np.concatenate([tones.frequency, *(gap.frequency for gap in gaps)])
     most = np.concatenate([tones.most, *(gap.most for gap in gaps)])
-    f, most = f[np.isfinite(most).all(axis=1)], most[np.isfinite(most).all(axis=1)]
+    known = np.isfinite(most).all(axis=1)
+    f, most = f[known], most[known]
     if r.curve is not None:
         return float(ratio_to_curve(r, f, most).max(initial=0.0))
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
     densities = [one.most_density for one in chosen if one.most_density is not None]
-    return evaluate_metric(plain, f, most, densities + side_densities(chosen))
+    moved = Moved(f, most, densities + side_densities(chosen))
+    if r.statistic != "level":  # whose rms beside errors would not grow with the lines as it does
+        moved = moved._replace(errors=tones.errors)
+    return evaluate(plain, moved)
 
 
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
@@ -543,6 +560,7 @@ def _with_gaps(
         gaps = (
             *one.gaps,
             *side_line_gaps(r, one),
+            *map(open_gap, reasons_against(r, one.errors)),
             *crossing_bounds(r, source, contributions),
             *beat_bounds(r, one, chosen[k:]),
         )
@@ -633,15 +651,15 @@ def _rank_shares(
             own = []
         else:
             own = [one.density]
-        sources.append(
-            Share(one.source, one.how, math.nan, evaluate_metric(plain, one.frequency, A, own), 0.0)
-        )
+        errors = sum_of_errors(one.errors)
+        whole = evaluate(plain, Moved(one.frequency, A, own, errors=errors))
+        sources.append(Share(one.source, one.how, math.nan, whole, 0.0))
         for k, name in enumerate(one.names):
             rms = evaluate_metric(plain, one.frequency[[k]], A[[k]])
             lines.append(Share(one.source, name, float(one.frequency[k]), rms, 0.0))
-    whole = sum(x.rms**2 for x in sources) or 1.0
+    squares = sum(x.rms**2 for x in sources) or 1.0
     shared = [
-        tuple(replace(x, share=x.rms**2 / whole) for x in sorted(each, key=lambda x: -x.rms))
+        tuple(replace(x, share=x.rms**2 / squares) for x in sorted(each, key=lambda x: -x.rms))
         for each in (sources, lines)
     ]
     return shared[0], shared[1]
@@ -787,7 +805,8 @@ def _case_values(
         each[k] = replace(own, frequency=f, los=case * phases, density=each[k].density)
         tones = combine_lines(each, rule, with_errors=False)
         densities = [one.density for one in each if one.density is not None]
-        found.append(evaluate_metric(r, tones.frequency, tones.value, densities))
+        moved = Moved(tones.frequency, tones.value, densities, errors=tones.errors)
+        found.append(evaluate(r, moved))
         if r.percentile is not None:
             beyond = max(beyond, _side_lines_in_case(r, contributions, number))
     return np.array(found), beyond
