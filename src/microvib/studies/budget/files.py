@@ -238,8 +238,63 @@ class WheelHarmonic(Part):
     ] = 0.0
 
 
+class WhirlPoint(Part):
+    """Measured whirl frequencies of a rocking mode at a speed."""
+
+    speed: Annotated[float, Quantity("rad/s", "speed", ge=0, display="rpm")]
+    backward: Annotated[float, Quantity("Hz", "frequency of the backward whirl", gt=0)]
+    forward: Annotated[float, Quantity("Hz", "frequency of the forward whirl", gt=0)]
+
+
+class WheelMode(Part):
+    """Structural mode of a wheel: its rotor on its bearings, which amplifies its harmonics near it."""
+
+    motion: Literal["rocking", "radial", "axial"] = Field(
+        description="rocking amplifies radial torques, radial radial forces, axial axial forces"
+    )
+    frequency: Annotated[float, Quantity("Hz", "natural frequency at rest", gt=0)] | None = None
+    damping: Annotated[float, Quantity("", "modal damping ratio", gt=0, le=0.5)]
+    inertia_ratio: (
+        Annotated[
+            float,
+            Quantity(
+                "",
+                "of a rocking mode: polar over transverse moment of inertia of the rotor, which splits it into"
+                " backward and forward whirl",
+                ge=0,
+                le=2,
+            ),
+        ]
+        | None
+    ) = None
+    whirl: tuple[WhirlPoint, ...] | None = Field(
+        default=None,
+        max_length=1000,
+        description="of a rocking mode, in place of frequency and inertia_ratio: measured whirl frequencies over"
+        " the speed, straight between points",
+    )
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if self.motion != "rocking":
+            for key in ("inertia_ratio", "whirl"):
+                if getattr(self, key) is not None:
+                    yield f"{key}: is of a rocking mode; a mode that is {self.motion} does not whirl"
+        elif (self.inertia_ratio is None) == (self.whirl is None):
+            yield "inertia_ratio: give polar over transverse inertia, or whirl, the measured whirl frequencies"
+        if (self.frequency is None) == (self.whirl is None):
+            yield "frequency: give the natural frequency at rest, or whirl"
+        points = self.whirl or ()
+        if self.whirl is not None and len(points) < 2:
+            yield "whirl: two speeds or more are expected"
+        if any(b.speed <= a.speed for a, b in pairwise(points)):
+            yield "whirl: ascending speeds are expected"
+        for point in points:
+            if point.forward < point.backward:
+                yield f"whirl: forward, {point.forward:g} Hz, is below backward, {point.backward:g} Hz"
+
+
 class Wheel(Part):
-    """A reaction wheel by its harmonic coefficients: rigid, without its own resonances."""
+    """A reaction wheel by its harmonic coefficients, rigid or with its structural modes."""
 
     speed: Annotated[float, Quantity("rad/s", "speed", gt=0, display="rpm")]
     speed_to: (
@@ -252,15 +307,38 @@ class Wheel(Part):
         | None
     ) = None
     axis: Direction = Field(description="spin axis, hub axes")
-    harmonics: tuple[WheelHarmonic, ...] = Field(max_length=200, description="its disturbances")
+    harmonics: tuple[WheelHarmonic, ...] = Field(
+        default=(), max_length=200, description="its disturbances"
+    )
+    table: str | None = Field(
+        default=None, max_length=1000, description="CSV file of harmonics, in their place"
+    )
+    modes: tuple[WheelMode, ...] = Field(
+        default=(),
+        max_length=50,
+        description="structural modes; harmonics are those far below them",
+    )
 
     def _consistency_errors(self) -> Iterator[str]:
-        if not self.harmonics:
-            yield "harmonics: an empty list makes no disturbance; give at least one"
+        if not self.harmonics and self.table is None:
+            yield "harmonics: an empty list makes no disturbance; give at least one, or table"
+        if self.harmonics and self.table is not None:
+            yield "table: is an alternative of harmonics; give one of them"
+        yield from self._errors_of_whirl()
         if not any(self.axis):
             yield "axis: [0, 0, 0] is not a direction; three components, not all 0, are expected"
         if self.speed_to is not None and self.speed_to <= self.speed:
             yield f"speed_to: {self.speed_to:g} rad/s is not above speed, {self.speed:g} rad/s"
+
+    def _errors_of_whirl(self) -> Iterator[str]:
+        low, high = self.speed, self.speed_to or self.speed
+        for mode in (mode for mode in self.modes if mode.whirl):
+            points = mode.whirl or ()
+            if points and (points[0].speed > low or points[-1].speed < high):
+                yield (
+                    f"modes: whirl is given from {points[0].speed:g} to {points[-1].speed:g} rad/s, and the"
+                    f" wheel turns from {low:g} to {high:g} rad/s"
+                )
 
 
 Spread = Literal["uniform", "normal", "arcsine"]
