@@ -376,3 +376,34 @@ def test_groups_of_a_list_are_checked_as_those_of_a_file() -> None:
 def test_an_interpretation_that_does_not_go_with_a_statistic_is_refused() -> None:
     with pytest.raises(ValueError, match="goes with statistic level or bound"):
         requirement(interpretation="ensemble")
+
+
+def test_contributors_tell_the_value_without_them() -> None:
+    """Of sources, and of their parts; the most costly first."""
+    noise = given("n", random={"spread_x": 0.3, "spread_y": 0.0})
+    two = Contribution(
+        "l", "", ("a", "b"), np.array([2.0, 5.0]), np.array([[0.5, 0.0], [0.2, 0.0]], dtype=complex)
+    )
+    one = judged({"interpretation": "mixed"}, constant("c", **NORMAL), two, noise)
+    squares = {"c": 0.16, "l": 0.5 * (0.25 + 0.04), "n": 0.09}
+    whole = sum(squares.values())
+    for x in one.sources:
+        assert x.without == pytest.approx(math.sqrt(whole - squares[x.source]))
+    assert [x.source for x in one.sources] == ["c", "l", "n"]
+    assert [x.line for x in one.ranking] == [
+        "constant error, normal",
+        "a",
+        "random error, normal",
+        "b",
+    ]
+    assert one.ranking[1].without == pytest.approx(math.sqrt(whole - 0.125))
+    curve = [
+        {"frequency": "1 Hz", "amplitude": "1 rad"},
+        {"frequency": "9 Hz", "amplitude": "1 rad"},
+    ]
+    worst = assess(Requirement.model_validate({"axis": "x", "curve": curve}), [two, noise], "rss")
+    assert worst.ranking[0].line == "a"
+    assert worst.ranking[0].without == pytest.approx(0.2)
+    level = {"statistic": "level", "confidence": 0.95, "interpretation": "mixed"}
+    one = judged(level, constant("c", **NORMAL), two)
+    assert one.sources[0].without == pytest.approx(judged(level, two).value)

@@ -283,6 +283,10 @@ class WheelMode(Part):
             yield "inertia_ratio: give polar over transverse inertia, or whirl, the measured whirl frequencies"
         if (self.frequency is None) == (self.whirl is None):
             yield "frequency: give the natural frequency at rest, or whirl"
+        yield from self._errors_of_points()
+
+    def _errors_of_points(self) -> Iterator[str]:
+        """Sentences on measured whirl frequencies."""
         points = self.whirl or ()
         if self.whirl is not None and len(points) < 2:
             yield "whirl: two speeds or more are expected"

@@ -863,7 +863,8 @@ def _row(one: Assessment) -> dict[str, Any]:
         "verdict": one.verdict, "why": list(one.why),
         "ensemble": {name: {"value_rad": e.value, "low_rad": e.low, "high_rad": e.high}
                      for name, e in zip(("median", "p95", "p99"), spread, strict=False)},
-        "sources": [{"source": c.source, "rms_rad": c.rms, "share": c.share} for c in one.sources],
-        "ranking": [{"source": c.source, "line": c.line, "frequency_hz": c.frequency, "rms_rad": c.rms, "share": c.share}
+        "sources": [{"source": c.source, "rms_rad": c.rms, "share": c.share, "without_rad": c.without} for c in one.sources],
+        "ranking": [{"source": c.source, "line": c.line, "frequency_hz": c.frequency, "rms_rad": c.rms, "share": c.share,
+                     "without_rad": c.without}
                     for c in one.ranking[:20]],
     }  # fmt: skip

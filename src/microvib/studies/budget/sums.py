@@ -61,6 +61,8 @@ class Share:
     frequency: float
     rms: float
     share: float
+    without: float = math.nan
+    """Value of the requirement without it [rad]; nan where that was not looked at."""
 
 
 @dataclass(frozen=True)
@@ -347,7 +349,7 @@ def assess(
         limit,
         verdict,
         tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (),
-        *_rank_shares(requirement, chosen),
+        *_with_values_without(requirement, chosen, rule, _rank_shares(requirement, chosen)),
         spread=_spread(cases),
         errors=evaluate_errors(requirement, tones.errors) if tones.errors else 0.0,
     )
@@ -657,12 +659,67 @@ def _rank_shares(
         for k, name in enumerate(one.names):
             rms = evaluate_metric(plain, one.frequency[[k]], A[[k]])
             lines.append(Share(one.source, name, float(one.frequency[k]), rms, 0.0))
+        if own:
+            noise = evaluate_metric(plain, np.zeros(0), np.zeros((0, 2)), own)
+            lines.append(Share(one.source, DENSITY, math.nan, noise, 0.0))
+        if errors:
+            lines.append(Share(one.source, one.how, math.nan, evaluate_errors(plain, errors), 0.0))
     squares = sum(x.rms**2 for x in sources) or 1.0
     shared = [
         tuple(replace(x, share=x.rms**2 / squares) for x in sorted(each, key=lambda x: -x.rms))
         for each in (sources, lines)
     ]
     return shared[0], shared[1]
+
+
+DENSITY = "density"
+"""Name of a source's density among its lines."""
+LEFT_OUT_IN_TURN = 3
+"""Contributors of each requirement, the largest, without which its value is told."""
+
+
+def _with_values_without(
+    r: Requirement,
+    chosen: Sequence[Contribution],
+    rule: Rule,
+    ranks: tuple[tuple[Share, ...], tuple[Share, ...]],
+) -> tuple[tuple[Share, ...], tuple[Share, ...]]:
+    """Sources and lines with the value of the requirement without each, the largest of them."""
+    sources, lines = ranks
+    if r.percentile is not None:  # of a campaign's cases, not of what sources are given as
+        return ranks
+
+    def without_source(x: Share) -> list[Contribution]:
+        return [one for one in chosen if one.source != x.source]
+
+    def without_line(x: Share) -> list[Contribution]:
+        return [_without_part(one, x.line) if one.source == x.source else one for one in chosen]
+
+    found = []
+    for each, others in ((sources, without_source), (lines, without_line)):
+        told = [replace(x, without=_value_of(r, others(x), rule)) for x in each[:LEFT_OUT_IN_TURN]]
+        found.append((*told, *each[LEFT_OUT_IN_TURN:]))
+    return found[0], found[1]
+
+
+def _without_part(one: Contribution, name: str) -> Contribution:
+    """A source without one of its lines, its density or its error, as to its value."""
+    if name in one.names:
+        los = one.los * (np.array(one.names) != name)[:, None]
+        return replace(one, los=los)
+    if name == DENSITY:
+        return replace(one, density=None)
+    return replace(one, errors=())
+
+
+def _value_of(r: Requirement, chosen: Sequence[Contribution], rule: Rule) -> float:
+    """The figure that is required of what sources are given as; of a curve, that of its worst
+    line.
+    """
+    tones = combine_lines(chosen, rule, with_errors=False)
+    if r.curve is not None:
+        return _size_and_limit_of_worst_line(r, tones)[0]
+    return evaluate_lines(r, tones, [one.density for one in chosen if one.density is not None])
 
 
 # ---- Curves over frequency ----
@@ -674,7 +731,7 @@ def _rank_shares_by_curve(
     """Sources by their lines, for densities do not count; lines by their part of what the curve
     allows each.
     """
-    sources, lines = _rank_shares(r, [replace(one, density=None) for one in chosen])
+    sources, lines = _rank_shares(r, [replace(one, density=None, errors=()) for one in chosen])
     of = {(one.source, name): k for one in chosen for k, name in enumerate(one.names)}
     over = {
         one.source: ratio_to_curve(r, one.frequency, np.abs(one.los) * one.settled[:, None])
@@ -741,7 +798,7 @@ def _assess_by_curve(
         limit,
         verdict,
         tuple(why),
-        *_rank_shares_by_curve(own, chosen),
+        *_with_values_without(own, chosen, rule, _rank_shares_by_curve(own, chosen)),
     )
 
 
