@@ -132,7 +132,7 @@ def pointing_angle(budget: Budget) -> Measure:
 
 def _first_page(budget: Budget) -> Iterator[Item]:
     yield _requirements(budget)
-    yield from map(Text, _not_judged(budget))
+    yield from map(Text, reasons_not_judged(budget))
     yield _worst_sources(budget)
     title = "Lines by source, and rms over windows"
     yield Picture("budget", lambda: draw_budget(budget), title, _CAPTION)
@@ -141,21 +141,14 @@ def _first_page(budget: Budget) -> Iterator[Item]:
 _CAPTION = (
     "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits"
     " one axis, lines about that axis have a marker of their own, as its legend says. Right, radial"
-    " rms of all sources over the length of the window (the largest within each fortieth of a"
+    " rms of the lines of all sources over the length of the window (the largest within each fortieth of a"
     " decade), dashed about x and dotted about y where a limit is on that axis; markers are limits"
     " on them."
 )
 _CUMULATIVE = (
     "Root of the sum of mean squares of lines and densities, from the lowest frequency up and from"
-    " the highest down."
+    " the highest down; errors by their class are not in it."
 )
-
-
-def _margin(one: Assessment) -> float:
-    """Margin to the limit [dB]; nan where there is none."""
-    if 0.0 < one.margin < math.inf:
-        return 20.0 * math.log10(one.margin)
-    return math.nan
 
 
 def _name(one: Assessment) -> str:
@@ -202,7 +195,7 @@ def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
         median.value,
         p95.value,
         p99.value,
-        _margin(one),
+        one.margin_db,
         math.nan if angle is None else angle,
         "; ".join(one.why),
         one.verdict,
@@ -210,7 +203,7 @@ def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
     )
 
 
-def _not_judged(budget: Budget) -> list[str]:
+def reasons_not_judged(budget: Budget) -> list[str]:
     """Why requirements are not judged, those of the same reasons together, the first MOST_REASONS
     of them.
     """
@@ -254,7 +247,7 @@ def _facts(budget: Budget) -> Iterator[Fact]:
     if not known:
         return
     worst = min(known, key=lambda one: one.margin)
-    yield Fact(DECIBEL.figure(_margin(worst)), f"smallest margin judged: {_name(worst)}")
+    yield Fact(DECIBEL.figure(worst.margin_db), f"smallest margin judged: {_name(worst)}")
     if worst.ranking:
         top = worst.ranking[0]
         if worst.requirement.curve:
@@ -504,7 +497,7 @@ def _draw_source(
         color=colour,
         markersize=3,
         linestyle="",
-        label=one.source if axis == "radial" else "_",
+        label=one.source if axis == "radial" and not one.errors else "_",
     )
 
 

@@ -108,6 +108,13 @@ class Assessment:
             return self.limit / self.value
         return math.inf
 
+    @property
+    def margin_db(self) -> float:
+        """Margin to the limit [dB]; nan where there is none."""
+        if 0.0 < self.margin < math.inf:
+            return 20.0 * math.log10(self.margin)
+        return math.nan
+
 
 class _SourceLine(NamedTuple):
     """A line of a source."""
