@@ -407,3 +407,36 @@ def test_contributors_tell_the_value_without_them() -> None:
     level = {"statistic": "level", "confidence": 0.95, "interpretation": "mixed"}
     one = judged(level, constant("c", **NORMAL), two)
     assert one.sources[0].without == pytest.approx(judged(level, two).value)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_drifts_of_one_duration_begin_together(sign: float) -> None:
+    """Known rates of one sign are as large together as one of their sum, and of two signs cancel."""
+    two = [
+        given("a", drift={"x": 0.03, "y": 0.0, "duration": 10.0}),
+        given("b", drift={"x": sign * 0.02, "y": 0.0, "duration": 10.0}),
+    ]
+    level = {"statistic": "level", "confidence": 0.99}
+    whole = 10.0 * (0.03 + sign * 0.02)
+    one = judged(level, *two)
+    assert one.value == pytest.approx(0.99 * whole, rel=2e-3)
+    assert one.most == pytest.approx(one.value)
+    assert judged({}, *two).value == pytest.approx(whole / math.sqrt(3.0))
+    rng = np.random.default_rng(13)
+    spread = {"distribution": "normal", "spread_x": 0.04, "spread_y": 0.0, "duration": 10.0}
+    drawn = (0.03 + 0.04 * rng.normal(size=_DRAWS) + sign * 0.02) * rng.uniform(0, 10.0, _DRAWS)
+    mixed = judged(
+        {**level, "interpretation": "mixed"}, given("c", drift={"x": 0.03, **spread}), two[1]
+    )
+    assert mixed.value == pytest.approx(np.quantile(np.abs(drawn), 0.99), rel=0.012)
+
+
+def test_drifts_of_two_durations_are_not_judged() -> None:
+    two = [
+        given("a", drift={"x": 0.03, "y": 0.0, "duration": 10.0}),
+        given("b", drift={"x": 0.02, "y": 0.0, "duration": 20.0}),
+    ]
+    one = judged({}, *two)
+    assert one.verdict == "not judged"
+    assert any("drift.duration: differs" in why for why in one.why)
+    assert judged({"metric": "rpe", "window": 1.0}, *two).verdict == "pass"

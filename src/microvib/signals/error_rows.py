@@ -62,8 +62,8 @@ class Ramp:
 
     mean: float
     """Mean of the end [rad]."""
-    deviation: Deviation | None = None
-    """Deviation of the end from it, one row; None where it is known."""
+    deviations: tuple[Deviation, ...] = ()
+    """Independent deviations of the end from it, of one row; none where it is known."""
 
     @property
     def variance(self) -> float:
@@ -73,11 +73,11 @@ class Ramp:
     @property
     def reach(self) -> float:
         """Beyond which it is hardly ever [rad]."""
-        return abs(self.mean) + (0.0 if self.deviation is None else float(self.deviation.reach[0]))
+        return abs(self.mean) + sum(float(x.reach[0]) for x in self.deviations)
 
     @property
     def _spread(self) -> float:
-        return 0.0 if self.deviation is None else float(self.deviation.variance[0])
+        return sum(float(x.variance[0]) for x in self.deviations)
 
     def transform(self, at: np.ndarray) -> np.ndarray:
         """Characteristic function at ``at`` (m,) [1/rad], evenly spaced from their spacing up, (1, m).
@@ -85,13 +85,15 @@ class Ramp:
         That of the end times a part t of the time that is uniform from 0 to 1: the mean of the end's
         own from 0 to each.
         """
-        if self.deviation is None:
+        if not self.deviations:
             half = 0.5 * self.mean * at
             return np.asarray(np.exp(1j * half) * np.sinc(half / np.pi))[None]
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         step = float(at[0])
         places = (at[:, None] - 0.5 * step + 0.5 * step * nodes).ravel()
-        own = self.deviation.transform(places)[0] * np.exp(1j * self.mean * places)
+        own = np.exp(1j * self.mean * places)
+        for one in self.deviations:
+            own = own * one.transform(places)[0]
         whole = np.cumsum(own.reshape(-1, _NODES) @ (0.5 * step * weights))
         return np.asarray(whole / at)[None]
 
@@ -136,10 +138,11 @@ class ErrorRows:
         loose, low, high = others, self.mean, self.mean
         for ramp in self.ramps:
             low, high = low + min(ramp.mean, 0.0), high + max(ramp.mean, 0.0)
-            if ramp.deviation is not None and ramp.deviation.kind == "normal":
-                normal = normal + ramp.deviation.variance
-            elif ramp.deviation is not None:
-                loose = loose + ramp.deviation.size
+            for one in ramp.deviations:
+                if one.kind == "normal":
+                    normal = normal + one.variance
+                else:
+                    loose = loose + one.size
         largest = np.maximum(np.abs(low), np.abs(high))
         return np.asarray(largest + loose + SIGMAS * np.sqrt(normal + noise))
 

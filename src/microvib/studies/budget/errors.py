@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -157,19 +158,21 @@ class ErrorSum:
         """
         if r.metric in _WHOLE or r.metric in _BETWEEN:
             instants = np.zeros(1)
-        mean, deviations, ramps = np.zeros(instants.size), list[Deviation](), list[Ramp]()
+        mean, deviations = np.zeros(instants.size), list[Deviation]()
+        ramps = dict[float, Ramp]()  # drifts of one duration begin together
         for one in self.groups:
             if isinstance(one.error, RandomError):
                 if not exact or _keeps_its_distribution(r, one.error):
                     deviations += _random_deviation(r, one, axis)
             elif isinstance(one.error, DriftError) and r.metric in _WHOLE:
-                ramps += _ramp(one, axis, unit)
+                duration = one.error.duration or 0.0
+                ramps[duration] = _added(ramps.get(duration, Ramp(0.0)), one, axis, unit)
             else:
                 factor = _factor(r, one.error, instants)
                 mean = mean + factor * (one.mean[axis] + _own(unit, one, axis))
                 if unit is None and (spread := one.deviation(axis, factor)) is not None:
                     deviations.append(spread)
-        return ErrorRows(mean, tuple(deviations), tuple(ramps))
+        return ErrorRows(mean, tuple(deviations), tuple(x for x in ramps.values() if x.reach))
 
     def crest_over_units(self, r: Requirement, axis: int, instants: np.ndarray) -> np.ndarray:
         """The most that spreads over units add to the mean unit about an axis, (n,) [rad]."""
@@ -257,9 +260,11 @@ def sum_of_errors(errors: Iterable[SourceError]) -> ErrorSum:
     return ErrorSum(tuple(found.values()))
 
 
-def reasons_against(r: Requirement, errors: Sequence[SourceError]) -> Iterator[str]:
-    """Why a requirement cannot be judged beside the errors of a source, a sentence without a stop
-    each; the key that would tell.
+def reasons_against(
+    r: Requirement, errors: Sequence[SourceError], of_all: Sequence[SourceError]
+) -> Iterator[str]:
+    """Why a requirement cannot be judged beside the errors of a source, and those ``of_all``, a
+    sentence without a stop each; the key that would tell.
     """
     if r.curve is not None:
         return
@@ -268,7 +273,8 @@ def reasons_against(r: Requirement, errors: Sequence[SourceError]) -> Iterator[s
             yield from _reasons_against_random(r, error)
         elif _counts(r, error):
             if isinstance(error, DriftError):
-                yield from _reasons_against_drift(r, error)
+                durations = {x.duration for x, _ in of_all if isinstance(x, DriftError)}
+                yield from _reasons_against_drift(r, error, durations - {None})
             if error.distribution != "fixed" and (error.spread_x or error.spread_y):
                 yield from _reasons_against_spread(r)
 
@@ -287,9 +293,16 @@ def _reasons_against_random(r: Requirement, error: RandomError) -> Iterator[str]
         )
 
 
-def _reasons_against_drift(r: Requirement, error: DriftError) -> Iterator[str]:
+def _reasons_against_drift(
+    r: Requirement, error: DriftError, durations: AbstractSet[float | None]
+) -> Iterator[str]:
     if r.metric in _WHOLE and error.duration is None:
         yield f"drift.duration: missing; {r.metric} needs it, such as duration: 1 h"
+    elif r.metric in _WHOLE and len(durations) > 1:
+        yield (
+            "drift.duration: differs from that of another drift, and how far each has come while the"
+            " other lasts is not known (give all the same, or one that is reset sooner as constant)"
+        )
     if r.lowest > 0.0:
         yield (
             "a drift has no frequency, and the requirement's lowest says nothing of it (leave lowest"
@@ -340,13 +353,14 @@ def _own(unit: Unit | None, one: _Group, axis: int) -> float:
     return 0.0 if unit is None else unit.of(one, axis)
 
 
-def _ramp(one: _Group, axis: int, unit: Unit | None) -> list[Ramp]:
-    """A drift of which the instant is not known, from zero to its duration."""
+def _added(ramp: Ramp, one: _Group, axis: int, unit: Unit | None) -> Ramp:
+    """A ramp with another drift of the same duration, from zero to it."""
     assert isinstance(one.error, DriftError)
     duration = one.error.duration or 0.0
     end = duration * (float(one.mean[axis]) + _own(unit, one, axis))
     spread = one.deviation(axis, np.full(1, duration)) if unit is None else None
-    return [Ramp(end, spread)] if end or spread else []
+    more = () if spread is None else (spread,)
+    return Ramp(ramp.mean + end, (*ramp.deviations, *more))
 
 
 def _spectrum(error: RandomError) -> _Spectrum:

@@ -565,11 +565,12 @@ def _with_gaps(
 ) -> list[Contribution]:
     """Chosen contributions with their gaps in the band and the lines that they may meet when swept."""
     highest, found = math.inf if r.highest is None else r.highest, []
+    of_all = [error for one in chosen for error in one.errors]
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (
             *one.gaps,
             *side_line_gaps(r, one),
-            *map(open_gap, reasons_against(r, one.errors)),
+            *map(open_gap, reasons_against(r, one.errors, of_all)),
             *crossing_bounds(r, source, contributions),
             *beat_bounds(r, one, chosen[k:]),
         )
