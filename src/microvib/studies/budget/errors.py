@@ -156,8 +156,7 @@ class ErrorSum:
         With ``exact`` random errors are left out whose distribution in a window is not known, for
         they are not normal (``unknown_crest``).
         """
-        if r.metric in _WHOLE or r.metric in _BETWEEN:
-            instants = np.zeros(1)
+        instants = _instants_of(r, instants)
         mean, deviations = np.zeros(instants.size), list[Deviation]()
         ramps = dict[float, Ramp]()  # drifts of one duration begin together
         for one in self.groups:
@@ -176,8 +175,7 @@ class ErrorSum:
 
     def crest_over_units(self, r: Requirement, axis: int, instants: np.ndarray) -> np.ndarray:
         """The most that spreads over units add to the mean unit about an axis, (n,) [rad]."""
-        if r.metric in _WHOLE or r.metric in _BETWEEN:
-            instants = np.zeros(1)
+        instants = _instants_of(r, instants)
         found = np.zeros(instants.size)
         for one in self._of_units:
             if isinstance(one.error, DriftError) and r.metric in _WHOLE:
@@ -326,6 +324,13 @@ def _reasons_against_spread(r: Requirement) -> Iterator[str]:
 
 def _needs_spectrum(r: Requirement) -> bool:
     return r.metric != "ape" or r.lowest > 0.0 or r.highest is not None
+
+
+def _instants_of(r: Requirement, instants: np.ndarray) -> np.ndarray:
+    """Instants of a window, one where the metric is one value of it."""
+    if r.metric in _WHOLE or r.metric in _BETWEEN:
+        return np.zeros(1)
+    return instants
 
 
 def _counts(r: Requirement, error: ErrorClass) -> bool:
