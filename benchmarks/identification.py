@@ -1,11 +1,12 @@
 """What an identification costs: simulations and processor time, beside another version of the program.
 
 ``python benchmarks/identification.py [--parameters 2 3 5] [--draws 4] [--recordings 1]
-[--before DIRECTORY]``
+[--lacking EFFECT] [--before DIRECTORY]``
 
 Each draw is a drive like state 1, of which as many parameters are off by up to a fifth, recorded for
 20 s after 30 s with noise of 1 mN m, and once more at 0.4 A with ``--recordings 2``. The search starts
-from state 1. ``--before`` names a checkout of another version (``git worktree add DIRECTORY COMMIT``):
+from state 1. With ``--lacking`` the recorded drive has an effect that the model has not: then the
+model explains nothing, and the search takes its longest. ``--before`` names a checkout of another version (``git worktree add DIRECTORY COMMIT``):
 every identification is then made by both in turn, each in a process of its own, and estimates,
 intervals and verdicts are compared. What is imported at first does not count. Nothing is asserted.
 """
@@ -46,9 +47,15 @@ DURATION, RATE, NOISE = 20.0, 4096.0, 1e-3
 """Of a recording [s, Hz, N m]."""
 CURRENTS = ({}, {"motor.current": "0.4 A"})
 """Changes of the scenario in the recordings."""
+LACKING: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "nothing": ({}, {}),
+    "detent": ({}, {"motor.detent_torque": 0.0}),
+    "flux": ({"motor.flux_harmonics": [{"order": 3, "amplitude": 0.03}]}, {}),
+}
+"""Changes of the recorded drive, and of the model."""
 
 
-def identified(parameters: int, draw: int, recordings: int) -> dict[str, Any]:
+def identified(parameters: int, draw: int, recordings: int, lacking: str) -> dict[str, Any]:
     """One identification, on one core."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -63,9 +70,10 @@ def identified(parameters: int, draw: int, recordings: int) -> dict[str, Any]:
     random = np.random.default_rng([draw, parameters])
     start = mv.load_scenario("state-1").with_si({"record.duration": DURATION})
     truth = {key: start[key] * (1.0 + OFF * random.uniform(-1.0, 1.0)) for key in KEYS[parameters]}
-    evidence = []
+    recorded, model = LACKING[lacking]
+    drive, start, evidence = start.with_(recorded), start.with_(model), []
     for number, own in enumerate(CURRENTS[:recordings]):
-        test = start.with_(own) if own else start
+        test = drive.with_(own)
         torque = mv.simulate(test.with_si(truth), channels="T_d")["T_d"]
         noisy = torque + random.normal(0.0, NOISE, torque.size)
         table = lines_of_samples(noisy, RATE, test, measured=True)
@@ -86,7 +94,7 @@ def identified(parameters: int, draw: int, recordings: int) -> dict[str, Any]:
     }
 
 
-def by_version(source: Path, asked: Sequence[int]) -> dict[str, Any]:
+def by_version(source: Path, asked: Sequence[int | str]) -> dict[str, Any]:
     """The same by the program in a directory ``source``, in a process of its own."""
     command = [sys.executable, __file__, "--one", *map(str, asked)]
     own = os.environ | {"PYTHONPATH": str(source / "src")}
@@ -112,17 +120,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parameters", type=int, nargs="+", default=[2, 3, 5], choices=KEYS)
     parser.add_argument("--draws", type=int, default=4)
+    parser.add_argument("--first", type=int, default=1, help="number of the first draw")
     parser.add_argument("--recordings", type=int, default=1, choices=(1, 2))
     parser.add_argument("--before", type=Path, help="checkout of another version")
-    parser.add_argument("--one", type=int, nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--lacking", default="nothing", choices=LACKING)
+    parser.add_argument("--one", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.one:
-        print(json.dumps(identified(*options.one)))
+        *numbers, lacking = options.one
+        print(json.dumps(identified(*map(int, numbers), lacking)))
         return
     here = Path(__file__).parents[1]
     for parameters in options.parameters:
-        for draw in range(1, options.draws + 1):
-            asked = parameters, draw, options.recordings
+        for draw in range(options.first, options.first + options.draws):
+            asked = parameters, draw, options.recordings, options.lacking
             after = by_version(here, asked)
             text = f"{parameters} parameters, draw {draw}: "
             if options.before is None:
