@@ -6,9 +6,10 @@
 Each draw is a drive like state 1, of which as many parameters are off by up to a fifth, recorded for
 20 s after 30 s with noise of 1 mN m, and once more at 0.4 A with ``--recordings 2``. The search starts
 from state 1. With ``--lacking`` the recorded drive has an effect that the model has not: then the
-model explains nothing, and the search takes its longest. ``--before`` names a checkout of another version (``git worktree add DIRECTORY COMMIT``):
-every identification is then made by both in turn, each in a process of its own, and estimates,
-intervals and verdicts are compared. What is imported at first does not count. Nothing is asserted.
+model explains nothing, and the search takes its longest. ``--before`` names a checkout of another
+version (``git worktree add DIRECTORY COMMIT``): every identification is then made by both in turn,
+each in a process of its own, and estimates, intervals and verdicts are compared. What is imported at
+first does not count. Nothing is asserted.
 """
 
 from __future__ import annotations
