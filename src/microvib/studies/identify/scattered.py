@@ -62,12 +62,11 @@ class Regression(NamedTuple):
 
 def is_noisy(problem: Problem, best: Optimum, local: LinearModel) -> bool:
     """Whether figures about the best scatter, so that neither a search nor slopes between
-    neighbours tell anything. Where steady states have the slopes of runs they do not.
+    neighbours tell anything. Runs are asked, whose scatter the recording has, too: steady states may
+    be smooth where runs are not.
     """
     if _any_noise(problem):
         return True
-    if local.steady is not None:
-        return False
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (3, best.x.size))
     points = [
         np.clip(best.x + shift * sign, problem.low, problem.high)
