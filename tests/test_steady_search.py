@@ -68,7 +68,7 @@ def vars_of(state: SteadyState) -> dict:
 
 
 def test_integrated_harmonics_converge_to_lines_of_a_run(state_1: mv.Scenario) -> None:
-    """With the solution's own steps they are good to 4 % at 426 Hz; with finer ones to 2e-5."""
+    """At 426 Hz, too, where steps of the solution's own size would be off by 4 %."""
     run = late_lines(state_1)
     orders, errors = np.arange(1, 9), []
     for refinement in (1, 4):
@@ -78,8 +78,7 @@ def test_integrated_harmonics_converge_to_lines_of_a_run(state_1: mv.Scenario) -
             [abs(x / run[f"drive_{k}"] - 1.0) for k, x in zip(orders, found, strict=True)]
         )
     own, finer = np.array(errors)
-    assert np.max(own[:6]) < 3e-3
-    assert np.max(own) < 0.04
+    assert np.max(own) < 1e-3
     assert np.max(finer) < 1e-3
 
 

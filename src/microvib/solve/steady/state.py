@@ -48,6 +48,8 @@ from microvib.solve.steady.search import (
 )
 from microvib.solve.steady.settling import Settling
 
+FINER_FOR_HARMONICS = 2
+"""By how much steps are finer by which harmonics are integrated: a sixteenth of the error."""
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods
 simulated beforehand.
@@ -101,8 +103,6 @@ class SteadyState:
     """Derivatives of the period's map that its search went by, over what a microstep moves, (1, n, n);
     None where the period was searched in segments, or not at all.
     """
-    searched: PeriodMap | None = field(default=None, repr=False, compare=False)
-    """The period as it was searched, where it was kept."""
 
     def __repr__(self) -> str:
         return f"Steady state of {self.scenario.brief}: repeats every {1.0 / self.frequency:.6g} s"
@@ -217,10 +217,13 @@ class SteadyState:
         ``harmonics`` has them, but integrated over each step of the solution.
 
         They are smooth functions of the drive's parameters. Means over equal intervals are not:
-        lines by them have kinks where an event crosses the edge of an interval.
+        lines by them have kinks where an event crosses the edge of an interval. Steps are finer than
+        the solution's, with which small lines of high orders would jump by some per cent where a
+        step is one more or less.
         """
-        period = self.searched or PeriodMap(self.scenario, self.microsteps)
-        recorded = RecordedPeriod(period, orders)
+        recorded = RecordedPeriod.with_finer_steps(
+            self.scenario, self.microsteps, orders, FINER_FOR_HARMONICS
+        )
         end = recorded.record(self.state - output_offset(recorded.map))
         late = self.scenario.record.settle - self.start + end.late
         shift = np.exp(2j * np.pi * self.frequency * late * orders)
@@ -390,7 +393,6 @@ def _kept(search: Search, seconds: float) -> SteadyState:
     return replace(
         _result_of_search(search, 0.0, seconds),
         derivatives_of_period=search.newton.derivatives,
-        searched=search.period,
     )
 
 
