@@ -144,7 +144,7 @@ class Search:
         raise NotPeriodic(NOT_FOUND)
 
     def follow(self, state: np.ndarray, derivatives: np.ndarray) -> Search:
-        """The same from the ``state`` (n,) at the start of the period of a drive that is hardly another,
+        """Search for such a motion from the ``state`` (n,) at the start of the period of a drive that is hardly another,
         and its ``derivatives`` (1, n, n). The period is one segment here.
         """
         self.from_rest, self.newton = 0.0, _Newton(derivatives)

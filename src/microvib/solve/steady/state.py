@@ -96,7 +96,7 @@ class SteadyState:
     ``state``.
     """
     slow_multipliers: np.ndarray | None = None
-    """What is left after a period of each deviation that decays slowly, complex, one of each
+    """Part that is left after a period of each deviation that decays slowly, complex, one of each
     conjugate pair, (k,); None of a run that settled.
     """
     derivatives_of_period: np.ndarray | None = field(default=None, repr=False, compare=False)
@@ -399,7 +399,7 @@ def _kept(search: Search, seconds: float) -> SteadyState:
 def _searched(
     scenario: Scenario, repeat: int, confirmed: bool, begun: float
 ) -> tuple[SteadyState | None, float]:
-    """What the first of some attempts finds that a start from rest leads to, or None; and the time
+    """State that the first of some attempts finds and a start from rest leads to, or None; and the time
     [s] that others simulated in vain.
     """
     spent = 0.0

@@ -76,7 +76,7 @@ window.
 IN_TIME = "runs in time"
 STEADY_THEN_IN_TIME = "steady states for the search, runs in time at its end and for intervals"
 STEADY = "steady states, confirmed by runs in time and corrected to them"
-"""What simulations are, in words."""
+"""Kind of the simulations, in words."""
 
 
 @dataclass(frozen=True)
@@ -583,7 +583,7 @@ def _fit(
 
 
 def _method(found: Findings) -> str:
-    """What was compared with the evidence, in words."""
+    """Kind of simulations that were compared with the evidence, in words."""
     if found.confirmed is not None and found.confirmed.steady is not None:
         return STEADY
     if found.problem.best_so_far.steady:

@@ -185,7 +185,7 @@ def _steady_state(test: Scenario, begun: SteadyState | None) -> SteadyState | No
 
 @dataclass(frozen=True)
 class Correction:
-    """What residuals of runs are more than those of steady states, to first order about a point."""
+    """Difference of residuals of runs from those of steady states, to first order about a point."""
 
     x: np.ndarray
     """The point, (m,)."""

@@ -336,8 +336,8 @@ def _search_round(
 def _search_steady_states(
     problem: Problem, steady: Problem, seed: int, starts: int, finishes: int
 ) -> list[Optimum]:
-    """The same among steady states, of which each takes a fraction of a run: where a few fits do not
-    explain the evidence, there are as many as without a mode whose frequency is missing.
+    """Local fits from the best points among steady states, of which each takes a fraction of a run: where
+    a few do not explain the evidence, there are as many as without a mode whose frequency is missing.
     """
     points = _sobol_points(problem, seed, starts)
     first, most = points, max(finishes, MAX_FITS)
