@@ -89,6 +89,10 @@ def as_tested(scenario: Scenario, evidence: Evidence, own: TestOverrides) -> Sce
     return test.with_si(record)
 
 
+LEAST_RUN = 30.0
+"""Length of a run [s] from which steady states take its place: one takes as long as a run of some 8 s."""
+
+
 def with_short_record(test: Scenario, evidence: Evidence) -> Scenario:
     """The test with a record, and a time before it, just long enough to tell its observed lines
     apart; itself, if it has no longer.
@@ -126,6 +130,11 @@ def with_short_record(test: Scenario, evidence: Evidence) -> Scenario:
     if short.driving_frequency == test.driving_frequency:
         return short
     return test
+
+
+def _lasts(test: Scenario) -> float:
+    """How long a run of a test is [s]."""
+    return test.record.settle + test.record.duration
 
 
 @dataclass(frozen=True)
@@ -300,6 +309,8 @@ class BestSoFar:
         self.stage, self.simulations, self.stopped = "global", 0, False
         # of the simulations, tests of which the steady state stood for a run
         self.steady = 0
+        # whether a search was made among runs, from points over the ranges
+        self.searched_runs = False
         # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._progress: FitProgress = progress or (lambda *_: None)
@@ -464,8 +475,8 @@ class Problem:
 
     @property
     def _may_repeat(self) -> bool:
-        """Whether steady states are searched for at all in the tests."""
-        return all(is_searched(test) for _, test in self.tests)
+        """Whether steady states are searched for at all in the tests: of short runs they save nothing."""
+        return all(_lasts(test) >= LEAST_RUN and is_searched(test) for _, test in self.tests)
 
     def in_steady_state(self, x: np.ndarray) -> Problem | None:
         """For what is near ``x``: with steady states in place of runs, searched from those there.

@@ -239,7 +239,7 @@ def descend_all(
 
 
 def search(
-    problem: Problem, seed: int, starts: int, finishes: int
+    problem: Problem, seed: int, starts: int, finishes: int, *, by_runs: bool = False
 ) -> tuple[Problem, list[Optimum]]:
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
@@ -247,9 +247,11 @@ def search(
     them, among steady states if there are any, or else in short records as far as these tell the lines
     apart, and end in whole ones: nothing is judged by either alone. Where none explains the evidence, a measured array mode's
     frequency is fitted as well, from there and from as many others; then ranges of ours are widened
-    both ways, as long as that helps.
+    both ways, as long as that helps. ``by_runs`` leaves steady states out.
     """
-    problem, optima = _search(problem.with_cartesian(), seed, starts, finishes)
+    problem = problem.with_cartesian()
+    steady = None if by_runs else problem.steady()
+    problem, optima = _search(problem, steady, seed, starts, finishes)
     return _by_keys(problem, optima)
 
 
@@ -266,11 +268,11 @@ def _by_keys(problem: Problem, optima: Sequence[Optimum]) -> tuple[Problem, list
 
 
 def _search(
-    problem: Problem, seed: int, starts: int, finishes: int
+    problem: Problem, steady: Problem | None, seed: int, starts: int, finishes: int
 ) -> tuple[Problem, list[Optimum]]:
     """The search, in the problem's coordinates."""
     optima: list[Optimum] = []
-    also, steady = [problem.start], problem.steady()
+    also = [problem.start]
     for _ in range(MAX_WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
         found: list[Optimum] = []
@@ -323,6 +325,7 @@ def _search_round(
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
     more show nothing.
     """
+    problem.best_so_far.searched_runs = True
     few = problem.along() is not None
     if few:
         points = _sobol_points(problem, seed, math.ceil(starts / SEARCH_REDUCTION))
