@@ -115,8 +115,18 @@ class Ridge:
     """Decimal logarithm of the chance that noise makes it."""
 
 
-def find_ridges(maps: Sequence[PowerMap]) -> list[Ridge]:
-    """Ridges of maps of the same speeds and frequencies, the most certain first."""
+@dataclass(frozen=True)
+class RidgeSearch:
+    """Ridges of some maps, and what is left of these."""
+
+    ridges: tuple[Ridge, ...]
+    """The most certain first."""
+    left: np.ndarray
+    """Cells that are of no ridge, (maps, n, m)."""
+
+
+def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
+    """Ridges of maps of the same speeds and frequencies."""
     search = _Search(maps)
     found: list[Ridge] = []
     while len(found) < _MOST_RIDGES:
@@ -124,7 +134,7 @@ def find_ridges(maps: Sequence[PowerMap]) -> list[Ridge]:
         if one is None:
             break
         found.append(one)
-    return found
+    return RidgeSearch(tuple(found), search.free)
 
 
 def _log_tail(most: int, share: float) -> np.ndarray:

@@ -125,7 +125,8 @@ _HARMONIC_UNITS = {
     "axial_torque": "n_m",
 }
 _COEFFICIENTS = {
-    f"{key}_{unit}_{per}": (key, size)
+    f"{key}{end}_{unit}_{per}": (f"{key}{end}", size)
+    for end in ("", "_least", "_most")
     for per, size in (("s2_rad2", 1.0), ("rpm2", _RPM**-2))
     for key, unit in _HARMONIC_UNITS.items()
 }
