@@ -34,6 +34,8 @@ class KnownWheel:
     noise: dict[str, float] = field(default_factory=lambda: NOISE)
     mains: float = 2e-3
     """Amplitude of a line at 50 Hz [N, N m]."""
+    scatter: float = 0.0
+    """Standard deviation of the coefficients from speed to speed, over themselves."""
     excited: float = 0.0
     """Noise that the rocking mode answers, over that of the table."""
 
@@ -64,11 +66,12 @@ class KnownWheel:
         each = []
         for speed in speeds:
             total = 0.0
+            own = 1.0 + self.scatter * rng.standard_normal(20)
             for _ in range(averages):
                 x = self.noise[kind] * rng.standard_normal(samples)
                 x += self.mains * np.cos(2.0 * np.pi * 50.0 * t + rng.uniform(0, 7))
-                for order, c in self.coefficients.get(kind, {}).items():
-                    size = c * speed**2 * self.factor(kind, order, speed)
+                for part, (order, c) in zip(own, self.coefficients.get(kind, {}).items(), strict=False):
+                    size = part * c * speed**2 * self.factor(kind, order, speed)
                     x += size * np.cos(order * speed * t + rng.uniform(0, 7))
                 X = np.fft.rfft(x * win)
                 if self.excited and kind == "radial_torque" and self.rocking:

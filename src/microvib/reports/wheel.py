@@ -116,7 +116,7 @@ def harmonics_csv(found: MeasuredWheel) -> str:
         columns += [f"{load}_{unit}", f"{load}_least_{unit}", f"{load}_most_{unit}"]
     rows = []
     for x in found.harmonics:
-        row: list[float | str] = [round(x.order, 7)]
+        row: list[float | str] = [x.order]
         for load in found.maps:
             c = x.coefficients[load]
             row += [c.value, c.least, c.most if np.isfinite(c.most) else ""]

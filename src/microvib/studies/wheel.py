@@ -151,12 +151,19 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
             by_order[reading.order][load] = fit_coefficient(reading, amplification_of(own, reading))
     if "radial_torque" not in maps:
         modes += find_modes("radial_torque", _NONE, whirls)
-    harmonics = [Harmonic(x.values[0], x.uncertainty, by_order[x.values[0]]) for x in orders]
+    harmonics = [
+        Harmonic(_rounded(x), x.uncertainty, by_order[x.values[0]]) for x in orders
+    ]
     found, more = _peaks_left(maps, search.left, modes)
     rows = (*_constant(maps, search.ridges), *found)
     return MeasuredWheel(
         name, maps, search.ridges, tuple(harmonics), tuple(modes), rows, more
     )  # fmt: skip
+
+
+def _rounded(ridge: Ridge) -> float:
+    """An order to the digit of its uncertainty."""
+    return round(ridge.values[0], max(-int(np.floor(np.log10(ridge.uncertainty))), 0))
 
 
 _NONE: tuple[Reading, ...] = ()
