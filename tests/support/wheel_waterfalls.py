@@ -29,7 +29,9 @@ class KnownWheel:
     """Frequency [Hz], damping and ratio of moments of inertia."""
     radial: tuple[float, float] | None = (190.0, 0.01)
     axial: tuple[float, float] | None = (120.0, 0.012)
-    ways: dict[float, float] = field(default_factory=lambda: {1.0: 1.0, 2.0: -1.0, 3.16: -1.0, 5.6: 1.0})
+    ways: dict[float, float] = field(
+        default_factory=lambda: {1.0: 1.0, 2.0: -1.0, 3.16: -1.0, 5.6: 1.0}
+    )
     """Direction in which each order goes round: 1 with the wheel, -1 against it."""
     noise: dict[str, float] = field(default_factory=lambda: NOISE)
     mains: float = 2e-3
@@ -70,7 +72,9 @@ class KnownWheel:
             for _ in range(averages):
                 x = self.noise[kind] * rng.standard_normal(samples)
                 x += self.mains * np.cos(2.0 * np.pi * 50.0 * t + rng.uniform(0, 7))
-                for part, (order, c) in zip(own, self.coefficients.get(kind, {}).items(), strict=False):
+                for part, (order, c) in zip(
+                    own, self.coefficients.get(kind, {}).items(), strict=False
+                ):
                     size = part * c * speed**2 * self.factor(kind, order, speed)
                     x += size * np.cos(order * speed * t + rng.uniform(0, 7))
                 X = np.fft.rfft(x * win)

@@ -194,7 +194,9 @@ def _checked(
             f"{path}: has {speed.size} speeds and {frequency.size} frequencies; at least 8 and 64 are needed"
         )
     steps = np.diff(frequency)
-    if np.any(np.abs(steps - steps.mean()) > _EVEN * frequency[-1] / frequency.size + 0.02 * steps.mean()):
+    if np.any(
+        np.abs(steps - steps.mean()) > _EVEN * frequency[-1] / frequency.size + 0.02 * steps.mean()
+    ):
         raise MicrovibError(
             f"{path}: its frequencies are not evenly spaced; spectra of constant resolution are expected"
         )

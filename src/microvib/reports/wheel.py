@@ -107,9 +107,7 @@ _UNITS = {
 
 
 def harmonics_csv(found: MeasuredWheel) -> str:
-    """Table of harmonics as ``wheel.table`` reads it; a load in which an order could not be read has
-    empty cells.
-    """
+    """Table of harmonics as ``wheel.table`` reads it."""
     columns = ["order"]
     for load in found.maps:
         unit = f"{_UNITS[load]}_s2_rad2"
@@ -119,7 +117,7 @@ def harmonics_csv(found: MeasuredWheel) -> str:
         row: list[float | str] = [x.order]
         for load in found.maps:
             c = x.coefficients[load]
-            row += [c.value, c.least, c.most if np.isfinite(c.most) else ""]
+            row += [c.value, c.least, c.most]
         rows.append(row)
     return rows_csv(columns, rows)
 
@@ -177,7 +175,11 @@ def draw_waterfall(found: MeasuredWheel, load: str) -> Figure:
         if ridge.kind in styles:
             colour, style = styles[ridge.kind]
             ax.plot(
-                ridge_paths(ridge, speed)[0], speed / _RPM, color=colour, linestyle=style, linewidth=0.7
+                ridge_paths(ridge, speed)[0],
+                speed / _RPM,
+                color=colour,
+                linestyle=style,
+                linewidth=0.7,
             )
     motion = {"radial_force": "radial", "axial_force": "axial", "radial_torque": "rocking"}
     for mode in (x for x in found.modes if x.motion == motion.get(load)):

@@ -9,7 +9,7 @@ were tried.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,7 +94,7 @@ class PowerMap:
         """Nearest bins; -1 where there is none."""
         found = np.rint((frequency - self.frequency[0]) / self.spacing)
         inside = (found >= _FIRST_BIN) & (found < self.frequency.size)
-        return np.where(inside, found, -1.0).astype(int)
+        return np.where(inside, found, -1.0).astype(np.int32)
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,27 @@ def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
     return RidgeSearch(tuple(found), search.free)
 
 
+_PORTION = 4096
+"""Paths that are tried at a time."""
+
+
+def _portions(count: int) -> Iterator[slice]:
+    return (slice(k, k + _PORTION) for k in range(0, count, _PORTION))
+
+
+def _least_chance(
+    bins: np.ndarray, free: np.ndarray, above: np.ndarray, tails: Sequence[np.ndarray]
+) -> np.ndarray:
+    """The least of the logarithms of chances by all levels along paths (k, n), (k,)."""
+    rows = np.arange(bins.shape[1])
+    valid = (bins >= 0) & free[rows, bins]
+    count, best = valid.sum(axis=1), np.zeros(len(bins))
+    for level, tail in zip(above, tails, strict=True):
+        hits = (level[rows, bins] & valid).sum(axis=1)
+        best = np.minimum(best, np.where(hits >= LEAST_HITS, tail[hits, count], 0.0))
+    return best
+
+
 def _log_tail(most: int, share: float) -> np.ndarray:
     """Logarithm of the chance of so many hits or more among a count, for all up to ``most``, (most + 1,
     most + 1).
@@ -164,9 +185,7 @@ class _Search:
         self.free = np.ones((len(self.maps), *one.power.shape), dtype=bool)
         self.free[:, :, :_FIRST_BIN] = False
         logs = np.array([x.level for x in self.maps])
-        self.levels = [
-            np.quantile(each[:, _FIRST_BIN:], 1.0 - np.array(_SHARES)) for each in logs
-        ]
+        self.levels = [np.quantile(each[:, _FIRST_BIN:], 1.0 - np.array(_SHARES)) for each in logs]
         self.above = np.array(
             [[x > t for t in levels] for x, levels in zip(logs, self.levels, strict=True)]
         )
@@ -184,18 +203,17 @@ class _Search:
         """Logarithms of the chance that each map has so many cells above a level along paths
         (k, n), (maps, k).
         """
-        rows, found = np.arange(bins.shape[1]), []
-        for free, above in zip(self.free, self.above, strict=True):
-            valid = (bins >= 0) & free[rows, bins]
-            count = valid.sum(axis=1)
-            best = np.zeros(len(bins))
-            for level in above:
-                share = (np.count_nonzero(level & free) + 1.0) / (np.count_nonzero(free) + 1.0)
-                hits = (level[rows, bins] & valid).sum(axis=1)
-                chance = _log_tail(self.turns.size, share)[hits, count]
-                best = np.minimum(best, np.where(hits >= LEAST_HITS, chance, 0.0))
-            found.append(best)
-        return np.array(found)
+        found = np.zeros((len(self.maps), len(bins)))
+        for k, (free, above) in enumerate(zip(self.free, self.above, strict=True)):
+            tails = [self._tail(level, free) for level in above]
+            for some in _portions(len(bins)):
+                found[k, some] = _least_chance(bins[some], free, above, tails)
+        return found
+
+    def _tail(self, above: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Chances of counts of cells above a level, by how many there are."""
+        share = (np.count_nonzero(above & free) + 1.0) / (np.count_nonzero(free) + 1.0)
+        return _log_tail(self.turns.size, share)
 
     def best(self) -> Ridge | None:
         """The next ridge, which is struck out; None where nothing is left."""
@@ -232,17 +250,21 @@ class _Search:
 
     def _branches(self, modes: np.ndarray) -> list[np.ndarray]:
         """Bins of backward and forward whirl of modes (2, k), where these are apart, (k, n) each."""
-        back, forth = (self.one.bins(x) for x in whirl_paths(*modes, self.one.speed))
+        back, forth = (self.one.bins(x) for x in whirl_paths(modes[0], modes[1], self.one.speed))
         return [back, np.where(np.abs(forth - back) >= _APART, forth, -1)]
 
     def _best_mode(self, modes: np.ndarray) -> tuple[int, float, float]:
         """The mode whose whirl is least likely noise, the logarithm of that chance, and of that of its
         less certain branch.
         """
-        each = [self._chances(bins) for bins in self._branches(modes)]
-        both = (each[0] + each[1]).min(axis=0)
-        k = int(np.argmin(both))
-        return k, float(both[k]), max(float(x[:, k].min()) for x in each)
+        both, weaker = [], []
+        for some in _portions(modes.shape[1]):
+            each = [self._chances(bins) for bins in self._branches(modes[:, some])]
+            both.append((each[0] + each[1]).min(axis=0))
+            weaker.append(np.max([x.min(axis=0) for x in each], axis=0))
+        chances = np.concatenate(both)
+        k = int(np.argmin(chances))
+        return k, float(chances[k]), float(np.concatenate(weaker)[k])
 
     def _whirl(self) -> Ridge | None:
         k, chance, weaker = self._best_mode(self.modes)

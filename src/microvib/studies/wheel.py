@@ -5,7 +5,7 @@ stays unexplained.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -17,6 +17,8 @@ from microvib.studies.wheel_fit import (
     FoundMode,
     Reading,
     amplification_of,
+    bound_coefficient,
+    factor_of,
     find_modes,
     fit_coefficient,
     read_order,
@@ -148,12 +150,14 @@ def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWhee
         own = find_modes(load, readings, whirls)
         modes += own
         for reading in readings:
-            by_order[reading.order][load] = fit_coefficient(reading, amplification_of(own, reading))
+            c = fit_coefficient(reading, amplification_of(own, reading))
+            if not np.isfinite(c.most):
+                factor = factor_of(own, reading.order, one.speed)
+                c = replace(c, most=bound_coefficient(one, reading.order, factor), bounded=True)
+            by_order[reading.order][load] = c
     if "radial_torque" not in maps:
         modes += find_modes("radial_torque", _NONE, whirls)
-    harmonics = [
-        Harmonic(_rounded(x), x.uncertainty, by_order[x.values[0]]) for x in orders
-    ]
+    harmonics = [Harmonic(_rounded(x), x.uncertainty, by_order[x.values[0]]) for x in orders]
     found, more = _peaks_left(maps, search.left, modes)
     rows = (*_constant(maps, search.ridges), *found)
     return MeasuredWheel(
@@ -178,8 +182,8 @@ def _unit(load: str, per: str = "") -> str:
 
 
 def _remark(one: Coefficient) -> str:
-    if not np.isfinite(one.most):
-        return "not separable at enough speeds"
+    if one.bounded:
+        return "nowhere apart from others: a bound"
     said = ["not seen"] if one.value == 0.0 else []
     if one.near_modes:
         said.append("near a mode at all speeds")
@@ -191,7 +195,9 @@ def _constant(maps: Mapping[str, PowerMap], ridges: Sequence[Ridge]) -> list[Une
     found = []
     for ridge in (x for x in ridges if x.kind == "line"):
         f = ridge.values[0]
-        load = max(maps, key=lambda x: float(np.median(_line_power(maps[x], f) / maps[x].floor.mean())))
+        load = max(
+            maps, key=lambda x: float(np.median(_line_power(maps[x], f) / maps[x].floor.mean()))
+        )
         one = maps[load]
         amplitude = float(np.sqrt(2.0 * max(float(np.median(_line_power(one, f))), 0.0)))
         found.append(

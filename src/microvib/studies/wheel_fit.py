@@ -78,6 +78,8 @@ class Coefficient:
     """Speeds that it is from."""
     near_modes: bool
     """Whether all of these are near a mode, whose amplification is taken out."""
+    bounded: bool = False
+    """Whether the order is nowhere apart from others, so that only ``most`` is known."""
 
 
 def read_order(one: PowerMap, order: float, ridges: Sequence[Ridge]) -> Reading:
@@ -125,11 +127,16 @@ def log_factor(
 
 def amplification_of(modes: Sequence[FoundMode], reading: Reading) -> np.ndarray:
     """Factor of the modes on a reading at its speeds, (n,)."""
-    total = np.zeros(reading.speed.size)
+    return factor_of(modes, reading.order, reading.speed)
+
+
+def factor_of(modes: Sequence[FoundMode], order: float, speed: np.ndarray) -> np.ndarray:
+    """Factor of the modes on an order at speeds (n,) [rad/s]."""
+    total = np.zeros(speed.size)
     for one in modes:
         mode = np.array([one.frequency, one.damping, one.inertia_ratio])
-        way = one.ways.get(reading.order, 1.0)
-        total += log_factor(mode, reading.frequency, reading.speed, way)
+        way = one.ways.get(order, 1.0)
+        total += log_factor(mode, order * speed / (2.0 * np.pi), speed, way)
     return np.exp(total)
 
 
@@ -167,6 +174,19 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
         return Coefficient(0.0, 0.0, float(most), int(used.sum()), near_modes)
     least = float(np.sqrt(max(q - reach, 0.0)))
     return Coefficient(float(value), least, float(most), int(used.sum()), near_modes)
+
+
+def bound_coefficient(one: PowerMap, order: float, factor: np.ndarray) -> float:
+    """The most that the coefficient of an order may be that is nowhere apart from others, with modes
+    that amplify by ``factor`` (n,) at the map's speeds: all that is in its bins is taken for it.
+    """
+    reading = read_order(one, order, ())
+    kept = np.isin(one.speed, reading.speed)
+    if not reading.speed.size:
+        return float("inf")
+    power = np.maximum(reading.power, 0.0) + _KNOWN * reading.noise
+    each = np.sort(np.sqrt(2.0 * power) / (reading.speed**2 * factor[kept]))
+    return float(each[min(2, each.size - 1)])  # of those at all speeds, one that noise did not make
 
 
 def _robust_ratio(x: np.ndarray, y: np.ndarray, noise: np.ndarray) -> tuple[float, np.ndarray]:
@@ -232,7 +252,9 @@ def _is_same(mode: FoundMode, ridge: Ridge) -> bool:
 def _of_ridge(ridge: Ridge) -> FoundMode:
     f0, ratio = ridge.values
     damping = min(max(0.5 * ridge.width / f0, 1e-4), 0.5)
-    return FoundMode("rocking", f0, damping, ratio, (ridge.uncertainty, np.nan, np.nan), "ridge", {})
+    return FoundMode(
+        "rocking", f0, damping, ratio, (ridge.uncertainty, np.nan, np.nan), "ridge", {}
+    )
 
 
 def _rise(one: Reading) -> _Rise:
@@ -267,8 +289,8 @@ def _next_mode(motion: str, rises: Sequence[_Rise]) -> FoundMode | None:
     before = sum(float(np.sum(_misfits_of_none(x))) for x in rises)
     cost = np.zeros(grid.shape[1])
     for one in rises:
-        ways = (1.0, -1.0) if rocking else (1.0,)
-        cost += np.min([np.sum(_misfits(grid, one, way), axis=1) for way in ways], axis=0)
+        either = (1.0, -1.0) if rocking else (1.0,)
+        cost += np.min([np.sum(_misfits(grid, one, way), axis=1) for way in either], axis=0)
     trial = grid[:, int(np.argmin(cost))]
     ways = {x.order: _way(trial, x) if rocking else 1.0 for x in rises}
     mode, error, after = _polished(trial, rises, ways, rocking)

@@ -157,14 +157,16 @@ def maps_of_recording(
     recording = read_recording(path)
     rate = recording.sample_rate
     width = quantity("resolution", resolution, "Hz", positive=True)
-    samples = int(round(rate / width))
-    starts = np.arange(0, recording.samples - samples + 1, max(int(samples * (1.0 - _SLICES)), 1))
+    samples = round(rate / width)
+    reference = of_tacho(recording, tacho, pulses_per_rev)
+    count = reference.phase.size
+    starts = np.arange(0, count - samples + 1, max(int(samples * (1.0 - _SLICES)), 1))
     if starts.size < 8 or samples < 128:
         raise OptionError(
             "resolution",
             f"{width:g} Hz makes {starts.size} slices of {samples} samples; at least 8 of 128 are needed",
         )
-    speed = 2.0 * np.pi * np.asarray(of_tacho(recording, tacho, pulses_per_rev).speed(rate))
+    speed = 2.0 * np.pi * reference.speed(rate)
     window = window_values("hann", samples)
     f = np.fft.rfftfreq(samples, 1.0 / rate)
     kept = f <= highest * rate
@@ -176,9 +178,12 @@ def maps_of_recording(
     for load, names in channels.items():
         powers = []
         for name in names:
-            x = recording[name]
+            x = recording[name][reference.part]
             spectra = np.array(
-                [np.fft.rfft((x[k : k + samples] - x[k : k + samples].mean()) * window) for k in starts]
+                [
+                    np.fft.rfft((x[k : k + samples] - x[k : k + samples].mean()) * window)
+                    for k in starts
+                ]
             )
             powers.append(2.0 * np.abs(spectra) ** 2 / (samples * np.sum(window**2)))
         if powers:

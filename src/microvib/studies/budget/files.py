@@ -284,9 +284,7 @@ class WheelHarmonic(Part):
     @property
     def uncertain(self) -> bool:
         """Whether a coefficient may differ from its value."""
-        return any(
-            end != getattr(self, load) for load in LOADS_OF_WHEEL for end in self.ends(load)
-        )
+        return any(end != getattr(self, load) for load in LOADS_OF_WHEEL for end in self.ends(load))
 
     @property
     def at_most(self) -> WheelHarmonic:
@@ -371,20 +369,31 @@ class Wheel(Part):
     measured_from: (
         Annotated[
             float,
-            Quantity("rad/s", "lowest speed that was measured; nothing is judged below", gt=0, display="rpm"),
+            Quantity(
+                "rad/s",
+                "lowest speed that was measured; nothing is judged below",
+                gt=0,
+                display="rpm",
+            ),
         ]
         | None
     ) = None
     measured_to: (
         Annotated[
             float,
-            Quantity("rad/s", "highest speed that was measured; nothing is judged above", gt=0, display="rpm"),
+            Quantity(
+                "rad/s",
+                "highest speed that was measured; nothing is judged above",
+                gt=0,
+                display="rpm",
+            ),
         ]
         | None
     ) = None
     measured_up_to: (
         Annotated[
-            float, Quantity("Hz", "highest frequency that was measured; above it nothing is known", gt=0)
+            float,
+            Quantity("Hz", "highest frequency that was measured; above it nothing is known", gt=0),
         ]
         | None
     ) = None

@@ -39,8 +39,8 @@ from microvib.studies.budget.sources import (
     Contribution,
     Unobserved,
     low_frequency_gap,
-    open_gap,
     natural_frequencies,
+    open_gap,
     response_uncertainty,
 )
 from microvib.studies.budget.wheel_modes import MOVED_BY, Resonance, amplification, resonances
@@ -229,9 +229,7 @@ class WheelOnCraft:
 
     def _orders_of(self, mode: WheelMode) -> np.ndarray:
         """Orders whose loads a mode passes on."""
-        moved = [
-            any(h.ends(key)[1] for key in MOVED_BY[mode.motion]) for h in self.wheel.harmonics
-        ]
+        moved = [any(h.ends(key)[1] for key in MOVED_BY[mode.motion]) for h in self.wheel.harmonics]
         return np.unique([h.order for h, of in zip(self.wheel.harmonics, moved, strict=True) if of])
 
     @property
@@ -261,8 +259,10 @@ class WheelOnCraft:
         found = []
         slack = 1.0 + CLOCK_UNCERTAINTY
         if low * slack < first or high > last * slack:
-            what = f"from {_rpm(first):.5g} rpm" if math.isinf(last) else (
-                f"from {_rpm(first):.5g} to {_rpm(last):.5g} rpm"
+            what = (
+                f"from {_rpm(first):.5g} rpm"
+                if math.isinf(last)
+                else (f"from {_rpm(first):.5g} to {_rpm(last):.5g} rpm")
             )
             found.append(open_gap(f"the wheel was measured {what} only"))
         if self.wheel.measured_up_to is not None:
@@ -441,7 +441,9 @@ class WheelOnCraft:
             ratio = found[0].upper / own
         else:
             ratio = 1.0 + TOLERANCE
-        best = replace(best, relative_error=best.relative_errors * np.array([1.0, 0.0])[:, None, None])
+        best = replace(
+            best, relative_error=best.relative_errors * np.array([1.0, 0.0])[:, None, None]
+        )
         # the largest coefficients count at the speed at which they are worst, in ``in_any_state``
         less, more = best.relative_errors + self._response_error(
             best.frequency, np.zeros(self.orders.size)
