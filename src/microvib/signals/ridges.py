@@ -23,6 +23,9 @@ _SHARES = (3e-2, 1e-2, 1e-3)
 """Shares of cells that are above the levels at which cells are counted."""
 _FIRST_BIN = 3
 """First bin that is used: those below hold the mean and its leakage."""
+_LEAST_LOG = -700.0
+"""Logarithm of the smallest chance that is told from others."""
+_MOST_STEPS = 20
 _MOST_RIDGES = 200
 _RATIO_STEP = 0.04
 """Step of the ratio of moments of inertia among whirling modes that are tried."""
@@ -222,17 +225,33 @@ class _Search:
         found = []
         for kind, paths in (("order", self.order_bins), ("line", columns)):
             chances = self._chances(paths)
-            k = int(np.argmin(chances.min(axis=0)))
+            k = self._strongest(paths, chances.min(axis=0))
             found.append((float(chances[:, k].min()) + np.log(self.tests * len(paths)), kind, k))
         chance, kind, k = min(found)
         if chance < self.wanted:
             return self._order(k, chance) if kind == "order" else self._line(k, chance)
         return self._whirl()
 
+    def _strongest(self, paths: np.ndarray, chances: np.ndarray) -> int:
+        """The path of the highest levels among those that are about as unlikely as the least likely:
+        a strong line is wide.
+        """
+        near = np.flatnonzero(chances <= 0.95 * max(float(chances.min()), _LEAST_LOG))
+        rows, best = np.arange(self.turns.size), np.full(near.size, -np.inf)
+        for one, free in zip(self.maps, self.free, strict=True):
+            bins = paths[near]
+            valid = (bins >= 0) & free[rows, bins]
+            logs = np.log(np.maximum(one.level[rows, bins], 1.0))
+            best = np.maximum(best, np.sum(np.where(valid, logs, 0.0), axis=1))
+        return int(near[np.argmax(best)])
+
     def _order(self, k: int, chance: float) -> Ridge:
         order = float(self.orders[k])
-        for _ in range(3):
+        for _ in range(_MOST_STEPS):
+            before = order
             order, uncertainty = self._centre(self.one.bins(order * self.turns), order)
+            if abs(order - before) < 0.1 * uncertainty:
+                break
         bins = self.one.bins(order * self.turns)
         seen = self._seen(bins)
         self._strike(bins)
