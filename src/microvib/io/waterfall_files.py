@@ -14,7 +14,7 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.io.files import as_read_errors, check_file
 from microvib.io.matlab import read_matlab
 from microvib.io.tables import csv_rows, parse_finite
-from microvib.io.uff import read_functions
+from microvib.io.uff import FrequencyFunction, read_functions
 
 LARGEST = 500_000_000  # bytes
 LAYOUTS = ("speeds-in-rows", "speeds-in-columns")
@@ -162,15 +162,7 @@ def _list(names: Mapping[str, Any]) -> str:
 
 
 def _read_uff(path: Path, name: str | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    sets = read_functions(path, _SPECTRA)
-    places = sorted({x.place for x in sets})
-    if name is not None:
-        sets = [x for x in sets if x.place == name]
-    if not sets or len({x.place for x in sets}) > 1:
-        raise MicrovibError(
-            f"{path}: has spectra of {', '.join(places) or 'nothing'}; name one, such as"
-            f" {path.name}:{places[0] if places else 'NAME'}"
-        )
+    sets = _of_one_place(path, read_functions(path, _SPECTRA), name)
     speeds = np.array([x.along_z for x in sets])
     if np.unique(speeds).size < speeds.size:
         raise MicrovibError(
@@ -179,6 +171,20 @@ def _read_uff(path: Path, name: str | None) -> tuple[np.ndarray, np.ndarray, np.
     if any(not np.array_equal(x.frequency, sets[0].frequency) for x in sets):
         raise MicrovibError(f"{path}: its spectra are over different frequencies")
     return speeds, sets[0].frequency, np.array([np.abs(x.values) for x in sets])
+
+
+def _of_one_place(
+    path: Path, sets: list[FrequencyFunction], name: str | None
+) -> list[FrequencyFunction]:
+    """Spectra of the place that is called ``name``, or of the only one."""
+    places = sorted({x.place for x in sets})
+    wanted = places if name is None else [name]
+    if len(wanted) != 1 or wanted[0] not in places:
+        example = f"{path.name}:{places[0] if places else 'NAME'}"
+        raise MicrovibError(
+            f"{path}: has spectra of {', '.join(places) or 'nothing'}; name one, such as {example}"
+        )
+    return [x for x in sets if x.place == wanted[0]]
 
 
 def _checked(

@@ -67,7 +67,7 @@ class ModeRow:
 
 @dataclass(frozen=True)
 class UnexplainedRow:
-    """What is of no order and no mode."""
+    """Ridge or peak that is of no order and no mode."""
 
     what: Annotated[str, Column("what", "what")]
     load: Annotated[str, Column("load", "load")]

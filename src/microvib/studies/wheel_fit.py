@@ -26,7 +26,7 @@ _LEAST_RAISED = 3
 _CRITERION = 20.0
 """By how much the Bayesian information criterion must fall for a mode."""
 _CAPPED = 1.0
-"""Largest misfit of a logarithm that counts among trial modes."""
+"""Largest deviation of a logarithm that counts among trial modes."""
 _DAMPINGS = (0.003, 0.01, 0.03, 0.08)
 _ITERATIONS = 12
 
@@ -272,27 +272,18 @@ def _less_modes(one: _Rise, modes: Sequence[FoundMode]) -> _Rise:
     return replace(one, log=log)
 
 
-def _misfits(modes: np.ndarray, one: _Rise, way: float) -> np.ndarray:
-    """Capped misfits of one order to trial modes (3, g), (g, n)."""
+def _deviations(modes: np.ndarray, one: _Rise, way: float) -> np.ndarray:
+    """Capped deviations of one order to trial modes (3, g), (g, n)."""
     left = one.log - log_factor(modes[:, :, None], one.frequency, one.speed, way)
     return np.minimum(np.abs(left - np.median(left, axis=1, keepdims=True)), _CAPPED)
 
 
 def _next_mode(motion: str, rises: Sequence[_Rise]) -> FoundMode | None:
     """The mode that explains most of what is left of orders; None where none does."""
-    highest = max(float(x.frequency.max()) for x in rises)
-    lowest = min(float(x.frequency.min()) for x in rises)
-    f0 = np.geomspace(lowest, 1.1 * highest, int(np.log(1.1 * highest / lowest) / 0.012) + 2)
     rocking = motion == "rocking"
-    ratios = np.arange(0.1, 2.01, 0.1) if rocking else np.zeros(1)
-    grid = np.array(np.meshgrid(f0, _DAMPINGS, ratios, indexing="ij")).reshape(3, -1)
-    before = sum(float(np.sum(_misfits_of_none(x))) for x in rises)
-    cost = np.zeros(grid.shape[1])
-    for one in rises:
-        either = (1.0, -1.0) if rocking else (1.0,)
-        cost += np.min([np.sum(_misfits(grid, one, way), axis=1) for way in either], axis=0)
-    trial = grid[:, int(np.argmin(cost))]
+    trial = _best_trial(rises, rocking)
     ways = {x.order: _way(trial, x) if rocking else 1.0 for x in rises}
+    before = sum(float(np.sum(_spread_of(x))) for x in rises)
     mode, error, after = _polished(trial, rises, ways, rocking)
     count = sum(x.log.size for x in rises)
     parameters = 3 if rocking else 2
@@ -306,13 +297,27 @@ def _next_mode(motion: str, rises: Sequence[_Rise]) -> FoundMode | None:
     )  # fmt: skip
 
 
-def _misfits_of_none(one: _Rise) -> np.ndarray:
+def _best_trial(rises: Sequence[_Rise], rocking: bool) -> np.ndarray:
+    """Frequency [Hz], damping and ratio of the trial mode that orders deviate least from."""
+    highest = 1.1 * max(float(x.frequency.max()) for x in rises)
+    lowest = min(float(x.frequency.min()) for x in rises)
+    f0 = np.geomspace(lowest, highest, int(np.log(highest / lowest) / 0.012) + 2)
+    ratios = np.arange(0.1, 2.01, 0.1) if rocking else np.zeros(1)
+    either = (1.0, -1.0) if rocking else (1.0,)
+    grid = np.array(np.meshgrid(f0, _DAMPINGS, ratios, indexing="ij")).reshape(3, -1)
+    cost = np.zeros(grid.shape[1])
+    for one in rises:
+        cost += np.min([np.sum(_deviations(grid, one, way), axis=1) for way in either], axis=0)
+    return np.asarray(grid[:, int(np.argmin(cost))])
+
+
+def _spread_of(one: _Rise) -> np.ndarray:
     return np.minimum(np.abs(one.log - np.median(one.log)), _CAPPED)
 
 
 def _way(mode: np.ndarray, one: _Rise) -> float:
     """Direction that fits an order better."""
-    sums = {way: float(np.sum(_misfits(mode[:, None], one, way))) for way in (1.0, -1.0)}
+    sums = {way: float(np.sum(_deviations(mode[:, None], one, way))) for way in (1.0, -1.0)}
     return min(sums, key=lambda way: sums[way])
 
 
@@ -326,7 +331,7 @@ def _raised(mode: np.ndarray, one: _Rise, way: float) -> int:
 def _polished(
     trial: np.ndarray, rises: Sequence[_Rise], ways: Mapping[float, float], rocking: bool
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """The mode that fits best near a trial, its standard uncertainties, and the capped misfit."""
+    """The mode that fits best near a trial, its standard uncertainties, and their capped deviation."""
     from scipy.optimize import least_squares
 
     number = 3 if rocking else 2
@@ -335,7 +340,7 @@ def _polished(
         ratio = p[2] if rocking else 0.0
         return np.array([np.exp(p[0]), np.exp(p[1]), ratio])
 
-    def misfit(p: np.ndarray) -> np.ndarray:
+    def deviation(p: np.ndarray) -> np.ndarray:
         mode = unpacked(p)
         return np.concatenate(
             [
@@ -354,8 +359,8 @@ def _polished(
     if rocking:
         low[2], high[2] = 0.0, 2.0
     start = np.clip(start, low + 1e-9, high - 1e-9)
-    fit = least_squares(misfit, start, loss="soft_l1", f_scale=0.05, bounds=(low, high))
-    mode, left = unpacked(fit.x), misfit(fit.x)
+    fit = least_squares(deviation, start, loss="soft_l1", f_scale=0.05, bounds=(low, high))
+    mode, left = unpacked(fit.x), deviation(fit.x)
     spread = max(1.4826 * float(np.median(np.abs(left))), 1e-4)
     J = fit.jac
     error = spread * np.sqrt(np.maximum(np.diag(np.linalg.pinv(J.T @ J)), 0.0))

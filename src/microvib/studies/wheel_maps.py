@@ -35,7 +35,7 @@ _SLICES = 0.5
 
 @dataclass(frozen=True)
 class Given:
-    """What the numbers of matrices are; None where it was not said."""
+    """Meaning of the numbers of matrices; None where it was not said."""
 
     speeds: str | None = None
     amplitude: str | None = None
