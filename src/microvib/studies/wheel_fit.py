@@ -10,7 +10,7 @@ import numpy as np
 from microvib.signals.ridges import PowerMap, Ridge, whirl_paths
 
 CONFIDENCE = 0.95
-"""Of the intervals of coefficients."""
+"""Confidence level of the intervals of coefficients."""
 NEAR_MODE = 1.5
 """Amplification by a mode, or its inverse, from which a speed tells nothing of a coefficient."""
 _DETECTED = 0.998
