@@ -11,10 +11,11 @@ from support.scenarios import heavy_scenario, limit_of
 
 import microvib as mv
 from microvib.analysis.limits import Judgement, judge, transient_warnings
-from microvib.analysis.start import not_moving_reason, wind_up
+from microvib.analysis.start import not_moving_reason
 from microvib.analysis.stream import lines_of_stream
 from microvib.model.linear import sliding_growth
 from microvib.model.tracking import Leg, Tracking
+from microvib.model.winding_up import wind_up
 from microvib.signals.line_fit import estimate_lines
 from microvib.signals.line_table import BELOW_FLOOR, LineTable, ResidualPeaks
 from microvib.units import Si
@@ -515,7 +516,7 @@ def test_a_drive_that_cannot_slide_evenly_passes_nothing_before_its_modes_are_at
     judged = judge(quiet, limit_of(1.0, 0.5, 100.0), drive)
     assert judged.verdict == "not judged"
     assert "stick-slip" in str(judged)
-    settled = drive.with_({"record.settle": "200 s", "record.duration": "40 s"})
+    settled = drive.with_({"record.settle": "400 s", "record.duration": "40 s"})
     assert judge(quiet, limit_of(1.0, 0.5, 100.0), settled).verdict == "pass"
 
 
