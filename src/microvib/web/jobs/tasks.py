@@ -44,6 +44,7 @@ from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.analyse import analyse
 from microvib.studies.angles import sweep_angles
+from microvib.studies.campaign.design import Design
 from microvib.studies.compare import compare
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_key
@@ -53,7 +54,7 @@ from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import size_simulator
 from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
-from microvib.web.jobs import ProgressCallback, results
+from microvib.web.jobs import ProgressCallback, campaigns, results
 from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
 
 Upload = tuple[str, str]  # a recording's file, and what its owner calls it
@@ -306,6 +307,21 @@ def quiet(  # noqa: PLR0913 - what a process is sent
         on_best=lambda text: best.append(f"best so far {text}"),
     )  # fmt: skip
     _write(folder, results.quiet_result(found, limit))
+
+
+def campaign(folder: str, tell: ProgressCallback, design: Design | None = None) -> None:
+    """A campaign of ``design``, or the rest of the one that is in the folder."""
+    _write(folder, campaigns.compute(Path(folder), design, tell))
+
+
+def campaign_case(folder: str, number: int, tell: ProgressCallback) -> dict[str, Any]:
+    """A case of a campaign as changes of its scenario."""
+    return campaigns.case(Path(folder), number)
+
+
+def campaign_report(folder: str, name: str, tell: ProgressCallback) -> None:
+    """``report.html`` or ``report.pdf`` of a campaign, made when it is asked for."""
+    campaigns.write_report(Path(folder), name)
 
 
 def shapes(

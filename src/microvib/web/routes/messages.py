@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from microvib.studies.campaign.study_file import Method
 from microvib.web.routes.forms import Spec
 
 Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
@@ -109,6 +110,39 @@ class QuietOf(Body):
     cases: int = Field(default=24, ge=8, le=400)
     effort: int = Field(default=24, ge=4, le=1000)
     limit: Short | None = None
+
+
+Given = dict[Short, Short]
+
+
+class CampaignOf(Body):
+    """A campaign: what varies is written as in a study file; no file can be named."""
+
+    scenario: Spec
+    title: Short = ""
+    vary: dict[Short, Given | Annotated[list[Short], Field(max_length=50)]] = Field(
+        max_length=12,
+        description="per key a list of values, a grid {from, to, count, spacing} or a distribution",
+    )
+    method: Method = "sobol"
+    count: int = Field(default=128, ge=1, le=2000, description="points of the sample")
+    seed: int = Field(default=1, ge=0, le=2**32 - 1)
+    noise: Literal["one", "each"] = "one"
+    solve: Literal["record", "steady"] = "steady"
+    limit: Annotated[str, Field(max_length=4000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
+
+
+class CaseOf(BaseModel):
+    """A case of a campaign as changes of its scenario, and whether its steady state was asked for."""
+
+    number: int
+    changes: dict[str, str]
+    labels: dict[str, str]
+    """Values of what varies as a person reads them."""
+    steady: bool
 
 
 class QuietChoices(BaseModel):
@@ -264,6 +298,7 @@ class JobState(BaseModel):
         "rates",
         "angles",
         "quiet",
+        "campaign",
         "shapes",
         "sensitivity",
         "sas",
