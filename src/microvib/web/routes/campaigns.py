@@ -128,14 +128,15 @@ def resume(id: Id, store: StoreDependency) -> Started:
         raise busy(store) from None
 
 
-@routes.get("/{id}/so-far", response_model=Result, responses=refusals(409))
+@routes.get("/{id}/so-far", response_model=Result)
 def so_far(id: Id, store: StoreDependency) -> Response:
-    """What is known of a campaign that is under way or was stopped; all of it when it is done."""
+    """What is known of a campaign that is under way or was stopped; all of it when it is done;
+    empty where no case is computed yet."""
     folder = store.folder(_campaign(store, id))
     for name in ("result.json", SO_FAR):
         if (folder / name).is_file():
             return Response((folder / name).read_bytes(), media_type="application/json")
-    raise RequestRefused(409, "no case of this campaign is computed yet")
+    return Response("{}", media_type="application/json")
 
 
 @routes.get("/{id}/cases/{number}", responses=refusals(409, 429))

@@ -1,6 +1,7 @@
 // The Library tab: runs, studies and recordings that the server keeps, with names and attributes; opened, renamed, deleted, brought back.
 
 import { openAngles } from "./angles.js";
+import { openCampaign } from "./campaign.js";
 import { get, patch, post, remove } from "./api.js";
 import { openRanking } from "./datasheet.js";
 import { announce, h } from "./dom.js";
@@ -19,6 +20,7 @@ const KINDS = {
   comparison: ["comparison", "tab-recording", openRecording],
   identification: ["fit", "tab-recording", openRecording],
   rates: ["rate map", "tab-rates", openRates],
+  campaign: ["campaign", "tab-campaign", openCampaign],
   angles: ["angles", "tab-angles", openAngles],
   quiet: ["quieter drive", "tab-quiet", openQuiet],
   shapes: ["mode shapes", "tab-modes", openModes],
