@@ -135,14 +135,14 @@ def _scatter(results: Results, s: Summary) -> dict[str, Any]:
         for name in results.lines
     ]
     return {
-        "keys": [_values(design, key) for key in design.keys],
+        "keys": [values_of_key(design, key) for key in design.keys],
         "lines": lines,
         "largest": _short(largest_line(results, s.band)),
         "reasons": {str(k): text for k, text in enumerate(results.reasons) if text},
     }
 
 
-def _values(design: Design, key: str) -> dict[str, Any]:
+def values_of_key(design: Design, key: str) -> dict[str, Any]:
     """Values of a key in all cases, in the unit that people use for it."""
     values = design.column(key)
     if values.dtype == object:

@@ -1,4 +1,4 @@
-"""Routes of campaigns: started, gone on with, looked at while they run, their cases and files."""
+"""Routes of campaigns and sweeps: started, gone on with, looked at while they run, their cases and files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from microvib.web.routes.common import (
     start,
 )
 from microvib.web.routes.forms import FILES
-from microvib.web.routes.messages import CampaignOf, CaseOf, Given, Id, Result, Started
+from microvib.web.routes.messages import CampaignOf, CaseOf, Given, Id, Result, Started, SweepOf
 from microvib.web.routes.new_jobs import check_size
 
 SCENARIO = "scenario.yaml"
@@ -43,10 +43,10 @@ _FILES = {
     "report.pdf": "application/pdf",
 }
 
-routes = APIRouter(prefix="/campaigns", responses=refusals(404))
+routes = APIRouter(responses=refusals(404))
 
 
-@routes.post("", status_code=202, responses=refusals(429))
+@routes.post("/campaigns", status_code=202, responses=refusals(429))
 def start_campaign(want: CampaignOf, store: StoreDependency) -> Started:
     """Draw the cases of a campaign and compute them."""
     scenario = requested(store, want.scenario)
@@ -63,6 +63,34 @@ def start_campaign(want: CampaignOf, store: StoreDependency) -> Started:
         )
     title = want.title or f"campaign of {scenario.title}"
     return start(store, "campaign", title, want, design=drawn)
+
+
+@routes.post("/sweeps", status_code=202, responses=refusals(429))
+def start_sweep(want: SweepOf, store: StoreDependency) -> Started:
+    """Lines over one value, from one end to another: the grid of a campaign with one key."""
+    scenario = requested(store, want.scenario)
+    check_size(scenario, store.limits.record // (os.cpu_count() or 1))
+    if want.key in ARRAY:
+        raise OptionError("key", "is not a number of the scenario; the page opens no files")
+    grid = {
+        "from": parse_value(want.low),
+        "to": parse_value(want.high),
+        "count": want.count,
+    }
+    try:
+        study = validate_part(Study, {"scenario": SCENARIO, "vary": {want.key: grid}}, origin=_NAME)
+        drawn = draw_cases(study, FILES, _NAME, scenario)
+    except ScenarioError as error:
+        raise _refused_end(error, want.key) from None
+    title = f"{want.key} of {scenario.title}"
+    return start(store, "sweep", title, want, design=drawn, key=want.key, linear=want.linear)
+
+
+def _refused_end(error: ScenarioError, key: str) -> RequestRefused:
+    """What is wrong with an end of a sweep, and which one it is."""
+    sentence = str(error).split("\n")[0].removeprefix(f"{_NAME}: ").removeprefix(f"vary.{key}")
+    field = sentence.lstrip(".").partition(":")[0]
+    return RequestRefused(422, sentence.lstrip(".: "), field if field in ("from", "to") else "key")
 
 
 def study_of(want: CampaignOf) -> Study:
@@ -114,7 +142,7 @@ def _limit(text: str | None) -> dict[str, Any]:
     }
 
 
-@routes.post("/{id}/resume", status_code=202, responses=refusals(409, 429))
+@routes.post("/campaigns/{id}/resume", status_code=202, responses=refusals(409, 429))
 def resume(id: Id, store: StoreDependency) -> Started:
     """Go on with a campaign that was stopped: computed cases are not computed again."""
     job = _campaign(store, id)
@@ -128,7 +156,7 @@ def resume(id: Id, store: StoreDependency) -> Started:
         raise busy(store) from None
 
 
-@routes.get("/{id}/so-far", response_model=Result)
+@routes.get("/campaigns/{id}/so-far", response_model=Result)
 def so_far(id: Id, store: StoreDependency) -> Response:
     """What is known of a campaign that is under way or was stopped; all of it when it is done;
     empty where no case is computed yet."""
@@ -139,7 +167,7 @@ def so_far(id: Id, store: StoreDependency) -> Response:
     return Response("{}", media_type="application/json")
 
 
-@routes.get("/{id}/cases/{number}", responses=refusals(409, 429))
+@routes.get("/campaigns/{id}/cases/{number}", responses=refusals(409, 429))
 def case_of(id: Id, number: int, store: StoreDependency) -> CaseOf:
     """A case as changes of the scenario that the campaign varies."""
     if number < 0:
@@ -149,7 +177,7 @@ def case_of(id: Id, number: int, store: StoreDependency) -> CaseOf:
 
 
 @routes.get(
-    "/{id}/files/{name}", response_class=FileResponse,
+    "/campaigns/{id}/files/{name}", response_class=FileResponse,
     responses=refusals(409, 429) | {200: {"content": {kind: {} for kind in _FILES.values()}}},
 )  # fmt: skip
 def file_of(id: Id, name: str, store: StoreDependency) -> FileResponse:

@@ -112,6 +112,19 @@ class QuietOf(Body):
     limit: Short | None = None
 
 
+class SweepOf(Body):
+    """Lines over one value of a scenario."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    scenario: Spec
+    key: Short
+    low: Short = Field(alias="from")
+    high: Short = Field(alias="to")
+    count: int = Field(default=11, ge=2, le=200)
+    linear: bool = Field(default=False, description="of the linearised drive, in closed form")
+
+
 Given = dict[Short, Short]
 
 
@@ -299,6 +312,7 @@ class JobState(BaseModel):
         "angles",
         "quiet",
         "campaign",
+        "sweep",
         "shapes",
         "sensitivity",
         "sas",

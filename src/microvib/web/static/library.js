@@ -11,6 +11,7 @@ import { openRates } from "./rates.js";
 import { openRecording } from "./recording.js";
 import * as runs from "./runs.js";
 import { openSas } from "./sas.js";
+import { openSweep } from "./sweep.js";
 
 const openRun = ({ id, title, asked }) => runs.open({ id, name: title, scenario: asked.scenario, steady: asked.steady, seeds: asked.seeds });
 const KINDS = {
@@ -21,6 +22,7 @@ const KINDS = {
   identification: ["fit", "tab-recording", openRecording],
   rates: ["rate map", "tab-rates", openRates],
   campaign: ["campaign", "tab-campaign", openCampaign],
+  sweep: ["sweep", "tab-run", openSweep],
   angles: ["angles", "tab-angles", openAngles],
   quiet: ["quieter drive", "tab-quiet", openQuiet],
   shapes: ["mode shapes", "tab-modes", openModes],
