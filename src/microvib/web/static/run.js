@@ -99,6 +99,7 @@ function redraw() {
 /** The limit, or what is said against it, has changed. */
 function judged() {
   const run = runs.selected();
+  ab.update();
   if (run?.result) {
     showTables(run);
     head.replaceChildren(...headOf(run), ...failure(run));
