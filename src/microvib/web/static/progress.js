@@ -63,7 +63,8 @@ export function makeTask(key, place, show, { remedies = () => [], watch = () => 
     const row = progressRow(name, () => {
       cancel();
       row.element.remove();
-      say(`${name} was cancelled.`);
+      const [best] = /best so far.*/.exec(row.element.querySelector(".words").textContent) ?? []; // which a search would lose otherwise
+      say(`${name} was cancelled${best ? `; ${best}` : ""}.`);
     });
     words.replaceChildren();
     rows.append(row.element);
