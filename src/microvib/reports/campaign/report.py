@@ -120,7 +120,7 @@ def summarise(
 
 
 def allowed_by(limit: Limit | None, band: tuple[float, float]) -> float | LimitCurve | None:
-    """What a limit allows to lines in ``band`` [Hz]: one amplitude [N m], or a curve; None without
+    """The largest torque that a limit allows to lines in ``band`` [Hz]: one amplitude [N m], or a curve; None without
     one.
     """
     if limit is None:

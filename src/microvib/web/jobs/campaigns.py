@@ -30,7 +30,7 @@ from microvib.web.routes.forms import values_of
 CAMPAIGN = "campaign"
 """Folder of the campaign in that of its job."""
 SO_FAR = "partial.json"
-"""What is known of a campaign that is not through."""
+"""File of the answer of a campaign that is not through."""
 _EVERY = 2.0
 """Seconds between two looks at what is known so far, or ten times what one takes."""
 _WORST = 20
@@ -70,7 +70,7 @@ def _write_whole(path: Path, text: str) -> None:
 
 
 def answer(campaign: Campaign, pictures: bool = False) -> dict[str, Any]:
-    """What the page shows of a campaign as far as it is computed."""
+    """Figures, cases and tables of a campaign as far as it is computed, for the page."""
     merge(campaign)
     summary = _summary(campaign)
     outcome = campaign_outcome(summary)

@@ -33,7 +33,7 @@ from microvib.web.routes.messages import CampaignOf, CaseOf, Given, Id, Result, 
 from microvib.web.routes.new_jobs import check_size
 
 SCENARIO = "scenario.yaml"
-"""What a study calls its scenario's file, which lies beside it."""
+"""Name of the scenario's file in a study, which lies beside it."""
 _NAME = "campaign"
 _FILES = {
     "study.yaml": "text/yaml",
@@ -87,7 +87,7 @@ def start_sweep(want: SweepOf, store: StoreDependency) -> Started:
 
 
 def _refused_end(error: ScenarioError, key: str) -> RequestRefused:
-    """What is wrong with an end of a sweep, and which one it is."""
+    """Refusal of an end of a sweep, which it names."""
     sentence = str(error).split("\n")[0].removeprefix(f"{_NAME}: ").removeprefix(f"vary.{key}")
     field = sentence.lstrip(".").partition(":")[0]
     return RequestRefused(422, sentence.lstrip(".: "), field if field in ("from", "to") else "key")
@@ -158,7 +158,7 @@ def resume(id: Id, store: StoreDependency) -> Started:
 
 @routes.get("/campaigns/{id}/so-far", response_model=Result)
 def so_far(id: Id, store: StoreDependency) -> Response:
-    """What is known of a campaign that is under way or was stopped; all of it when it is done;
+    """Results so far of a campaign that is under way or was stopped; all of them when it is done;
     empty where no case is computed yet."""
     folder = store.folder(_campaign(store, id))
     for name in ("result.json", SO_FAR):
