@@ -38,7 +38,9 @@ def near_mains(frequency: float, duration: float) -> bool:
     """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a
     record [s].
     """
-    return any(abs(frequency - m * mains) * duration < MAINS_BINS for mains in MAINS for m in range(1, 7))
+    return any(
+        abs(frequency - m * mains) * duration < MAINS_BINS for mains in MAINS for m in range(1, 7)
+    )
 
 
 _FIRST_LINES = (*map(driving_line, (1, 2, 3)), full_step_line(1), electrical_line(1))

@@ -267,11 +267,9 @@ def _blind_reason(recording: Recording, name: str, limit: BandLimit, roll_off: f
             f"the filter reaches up to {top:.4g} Hz, and {recording.sample_rate:g} samples a second"
             f" show loads up to {passband:.4g} Hz"
         )
-    table = recording.table
-    if table is not None:
-        for part in table.unusable(name):
-            if part.low < top and limit.low * (1.0 - roll_off) < part.high:
-                return part.why
+    for part in recording.unusable(name):
+        if part.low < top and limit.low * (1.0 - roll_off) < part.high:
+            return part.why
     return ""
 
 
