@@ -17,6 +17,7 @@ from microvib.analysis.background import (
 )
 from microvib.analysis.lines import (
     CLOCK_TOLERANCE,
+    clock_warnings,
     lines_of_recording,
     lines_of_samples,
     recording_warnings,
@@ -43,7 +44,7 @@ from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Average, Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
-from microvib.studies.bands import BandPeak, judge_bands, reasons_of_lines
+from microvib.studies.bands import BandPeak, Gaps, judge_bands, reasons_of_lines
 from microvib.testdata.channels import ACCELERATIONS
 from microvib.testdata.recording import Recording, require_usable_channel
 from microvib.testdata.section import Section
@@ -202,6 +203,7 @@ def analyse(  # noqa: PLR0913 - keyword options
             band_limits,
             channel,
             roll_off=roll_off,
+            background=background,
             **_reasons_of(opened, guide, table),
         ),
     )
@@ -231,15 +233,21 @@ def section_of(source: Source, section: Section | None) -> Source:
 
 def _reasons_of(source: Source, guide: Scenario | None, table: LineTable | None) -> dict[str, Any]:
     """Reasons why bands are not judged, for ``judge_bands``: of a simulated torque those for which its
-    lines are not.
+    lines are not, of a recording of a drive that what is seen may not be that drive.
     """
     if isinstance(source, Scenario):
         scenario: Scenario | None = source
     elif isinstance(source, RunFolder):
         scenario = source.scenario or guide
     else:
-        return {}
+        return {} if guide is None or table is None else {"gaps": _other_drive_reasons(table)}
     return {} if table is None else reasons_of_lines(table, scenario)
+
+
+def _other_drive_reasons(table: LineTable) -> Gaps:
+    """Reasons, the same in every band, to question that a recording is of the drive at its rate."""
+    reasons = tuple(clock_warnings(table))
+    return lambda low, high, limit: reasons
 
 
 def _orders(table: LineTable | None, x: np.ndarray) -> tuple[OrderLine, ...]:
