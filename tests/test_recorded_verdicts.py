@@ -112,3 +112,10 @@ def test_other_loads_ask_the_force_table_and_the_background(channel, scenario):
     judged = judge_recording(Prepared(read, background=off), limit, **judge)
     assert judged.verdict == "not judged"
     assert "in the background" in str(judged)
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [("14.5 mN*m", "not judged"), ("15.5 mN*m", "pass")])
+def test_a_line_in_the_background_passes_where_both_together_are_below_the_limit(limit, verdict):
+    on, off = recording((90.0, 0.007)), recording((90.0, 0.008), seed=2)
+    judged = judge_recording(Prepared(on, background=off), Limit(limit, "2 Hz", "300 Hz"))
+    assert judged.verdict == verdict
