@@ -4,6 +4,7 @@ judged."""
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -288,3 +289,20 @@ def test_a_run_whose_lines_are_not_judged_passes_no_band(state_1):
     assert tight.verdict != "pass"
     lines = mv.judge(result.table, mv.Limit("10 N*m", "5 Hz", "150 Hz"), short)
     assert (wide.verdict == "pass") == (not lines.gaps)
+
+
+def test_a_report_that_is_made_again_has_its_bands_again(tmp_path):
+    short = ["record.settle=2 s", "record.duration=4 s"]
+    (tmp_path / "bands.csv").write_text("low_hz,high_hz,limit_mn_m\n20,80,70\n80,150,0.1\n")
+    out = str(tmp_path / "run")
+    command = ["run", "state-1", "--bands", str(tmp_path / "bands.csv"), "--roll-off", "0.1"]
+    command += ["-o", out, *(part for one in short for part in ("--set", one))]
+    made = CliRunner().invoke(main, command)
+    assert made.exit_code == 0, made.output
+    first = (tmp_path / "run" / "report.html").read_text()
+    assert "Peaks in bands" in first
+    again = CliRunner().invoke(main, ["report", out])
+    assert again.exit_code == 0, again.output
+    second = (tmp_path / "run" / "report.html").read_text()
+    said = re.compile(r"Peaks in bands: [^<]*")
+    assert said.findall(second) == said.findall(first) != []
