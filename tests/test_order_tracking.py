@@ -303,6 +303,7 @@ def test_a_section_takes_the_profile_along():
         ({"speed": "turns"}, "rpm, Hz or deg/s is expected"),
         ({"tacho": "Mz"}, "pulses are missing"),
         ({"strongest": -1.0}, "more than 0"),
+        ({"profile": PROFILE, "fixed": ["280 Hz"]}, "fixed: 280 Hz is not allowed; at most 270 Hz"),
     ],
 )
 def test_what_does_not_go_is_said(options, sentence):

@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+import microvib as mv
+from microvib.errors import OptionError
 from microvib.io.recordings import Prepared
 from microvib.signals.limit_curve import Limit
 from microvib.studies.recording_limits import judge_recording
@@ -119,3 +121,21 @@ def test_a_line_in_the_background_passes_where_both_together_are_below_the_limit
     on, off = recording((90.0, 0.007)), recording((90.0, 0.008), seed=2)
     judged = judge_recording(Prepared(on, background=off), Limit(limit, "2 Hz", "300 Hz"))
     assert judged.verdict == verdict
+
+
+def test_a_curve_of_the_torque_judges_no_other_axis():
+    read = recording((90.0, 0.007), channel="Mx")
+    curve = Limit.over_frequency([("2 Hz", "1 N*m"), ("300 Hz", "2 N*m")])
+    assert judge_recording(read, curve, channel="Mx").verdict == "pass"  # said to be the drive's
+    with pytest.raises(OptionError, match="has no curve of Mx"):
+        judge_recording(read, curve, channel="Mx", scenario="state-1")
+
+
+def test_a_band_beyond_half_the_sample_rate_has_no_rms():
+    read = recording((90.0, 0.007))
+    with pytest.raises(OptionError, match="frequencies up to half its sample rate, 500 Hz"):
+        mv.analyse(read, bands=["450:900 Hz"])
+    narrow = mv.analyse(read, bands=["90.3:90.31 Hz"])
+    assert any("narrower than 4 bins" in note for note in narrow.recording.notes)
+    wide = mv.analyse(read, bands=["10:500 Hz"])
+    assert not any("narrower" in note for note in wide.recording.notes)

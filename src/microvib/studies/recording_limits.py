@@ -65,7 +65,15 @@ def judge_recording(
             " folder by microvib report",
         )
     guide = None if scenario is None else as_scenario(scenario)
-    table = _lines(source, channel, None if guide is None else f"M{guide.array.drive_axis}", guide)
+    axis = None if guide is None else f"M{guide.array.drive_axis}"
+    of_torque = not limit.is_one_number and channel not in limit.loads
+    if of_torque and channel in COMPONENTS and axis not in (None, channel):
+        raise OptionError(
+            "limit",
+            f"has no curve of {channel} ({channel.lower()}_nm); its curve of the torque is that about"
+            f" the scenario's drive axis, {axis}",
+        )
+    table = _lines(source, channel, axis, guide)
     return judge_channel(table, limit, channel if channel in COMPONENTS else "")
 
 
