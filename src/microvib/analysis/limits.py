@@ -451,9 +451,11 @@ def _margin_to(
 
 def _margin_in_background(line: Line, allowed: float) -> Margin:
     """The margin of what the drive may have in a line of the background: the recorded amplitude and the
-    background's, which may cancel in part, with three standard uncertainties. It never fails.
+    background's, which may cancel in part, with three standard uncertainties of the first. It never
+    fails.
     """
-    most = line.amplitude + line.background + 3.0 * line.amplitude_uncertainty
+    variance = line.amplitude_uncertainty**2 - 0.5 * line.background**2  # as with_background adds
+    most = line.amplitude + line.background + 3.0 * math.sqrt(max(variance, 0.0))
     found = Margin(line, most, allowed / most, "pass", "", allowed)
     if most <= allowed:
         return found

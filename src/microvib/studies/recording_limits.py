@@ -7,12 +7,14 @@ from collections.abc import Iterator, Sequence
 from microvib.analysis.limits import Judgement, judge_channel
 from microvib.analysis.lines import lines_of_recording, shortest_judged_record
 from microvib.analysis.orders import lines_without_clock
+from microvib.analysis.usable import with_force_table
 from microvib.errors import OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, as_scenario
 from microvib.signals.limit_curve import Limit
+from microvib.signals.line_fit import with_background
 from microvib.signals.line_table import LineTable
 from microvib.testdata.recording import Recording, require_usable_channel
 
@@ -63,7 +65,15 @@ def judge_recording(
             " folder by microvib report",
         )
     guide = None if scenario is None else as_scenario(scenario)
-    table = _lines(source, channel, None if guide is None else f"M{guide.array.drive_axis}", guide)
+    axis = None if guide is None else f"M{guide.array.drive_axis}"
+    of_torque = not limit.is_one_number and channel not in limit.loads
+    if of_torque and channel in COMPONENTS and axis not in (None, channel):
+        raise OptionError(
+            "limit",
+            f"has no curve of {channel} ({channel.lower()}_nm); its curve of the torque is that about"
+            f" the scenario's drive axis, {axis}",
+        )
+    table = lines_of_channel(source, channel, guide)
     return judge_channel(table, limit, channel if channel in COMPONENTS else "")
 
 
@@ -97,16 +107,41 @@ def judge_sides(
     )
 
 
-def _lines(
-    prepared: Prepared, channel: str, axis: str | None, guide: GivenScenario | None
+def lines_of_channel(
+    prepared: Prepared, channel: str, scenario: GivenScenario | None = None
 ) -> LineTable:
-    """Lines of a channel: of the drive-axis torque by their names, of another load all that stand
-    above the floor.
+    """Find the lines of a recording's channel that are judged: of the drive-axis torque by their
+    names, of another load all that stand above the floor.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        The recording and its background.
+    channel : str
+        The channel.
+    scenario : Scenario, str or path, optional
+        The drive that was measured, which gives its lines names.
+
+    Returns
+    -------
+    LineTable
+        Its lines.
+
+    Raises
+    ------
+    RecordingError
+        Where the channel cannot be used, or the record is too short.
     """
+    guide = None if scenario is None else as_scenario(scenario)
+    axis = None if guide is None else f"M{guide.array.drive_axis}"
     recording = prepared.recording
     other = channel in COMPONENTS and (channel.startswith("F") or axis not in (None, channel))
     if other:
-        require_usable_channel(recording, channel, shortest_judged_record(recording, None))
-        return lines_without_clock(recording, channel)
-    scenario = None if guide is None else as_scenario(guide)
-    return lines_of_recording(recording, channel, scenario, prepared.background)
+        shortest = shortest_judged_record(recording, None)
+        require_usable_channel(recording, channel, shortest)
+        table = lines_without_clock(recording, channel)
+        if prepared.background is not None:
+            require_usable_channel(prepared.background, channel, shortest)
+            table = with_background(table, prepared.background[channel])
+        return with_force_table(table, recording, channel)
+    return lines_of_recording(recording, channel, guide, prepared.background)

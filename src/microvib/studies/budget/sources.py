@@ -61,6 +61,7 @@ from microvib.signals.line_table import (
     ResidualPeaks,
 )
 from microvib.solve.steady.period import common_period
+from microvib.studies.budget.errors import SourceError
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.recorded import below_all_bands, higher_orders, unaccounted
 from microvib.studies.budget.side_lines import SideLines, TurningDrives
@@ -173,6 +174,8 @@ class Contribution:
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
     density_bounds: tuple[np.ndarray, np.ndarray] | None = None
     """Smallest and largest densities (n, 2) at these frequencies; None where they are known."""
+    errors: tuple[SourceError, ...] = ()
+    """Errors of a class without lines."""
     gaps: tuple[Unobserved, ...] = ()
     side: SideLines | None = None
     """Side lines that drives that turn may make of its lines and densities."""
@@ -705,10 +708,9 @@ def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
         faults = {channel: check(channel) for channel in given}
         told += [f"channel {channel} {fault}" for channel, fault in faults.items() if fault]
     gaps = [open_gap(why) for why in (*told, *clock_warnings(table))]
-    if recording.table is not None:
-        for channel in given:
-            for one in recording.table.unusable(channel):
-                gaps.append(open_gap(f"channel {channel}: {one.why}", one.low, one.high))
+    for channel in given:
+        for one in recording.unusable(channel):
+            gaps.append(open_gap(f"channel {channel}: {one.why}", one.low, one.high))
     return gaps
 
 
