@@ -228,6 +228,14 @@ def _judged(
     return _row(name, limit, figures, roll_off, looked_at, verdict)
 
 
+def band_history(recording: Recording, peak: BandPeak) -> BandHistory | None:
+    """The time history of which a peak is the largest magnitude; None where there is none."""
+    if not math.isfinite(peak.peak):
+        return None
+    x = recording[peak.channel] - np.mean(recording[peak.channel])
+    return split_band(x, recording.sample_rate, peak.low, peak.high, peak.roll_off)
+
+
 def _history(
     recording: Recording, name: str, limit: BandLimit, roll_off: float
 ) -> BandHistory | None:

@@ -21,12 +21,15 @@ class Limits:
     """Address space of one computation, beyond what is loaded [bytes]; bounded on Linux only."""
     record: int = 400_000_000  # samples of one run, all channels [bytes]
     cases: int = 4000  # rates times microstep counts of a plan
+    campaign: int = 2000  # cases of a campaign
     kept: int = 100  # ended computations that are kept; the one not used for longest goes first
     stored: int = 2_000_000_000  # their files [bytes]
     body: int = 2_000_000  # a request [bytes], unless it is a recording
     structure: int = 20_000  # what of it may stand outside of strings [bytes]
-    recording: int = 200_000_000  # a recording [bytes]
+    recording: int = 1_000_000_000
+    """A recording [bytes]: ten million samples of six channels are 480 MB, of one as CSV 310 MB."""
     recordings: int = 30  # recordings that are kept
+    recorded: int = 12_000_000_000  # their files and samples [bytes]
     receiving: int = 8  # recordings that are taken in at a time
     # how long what a client sends may pause, and how far it may fall behind ``slowest`` [s]
     pause_s: float = 10.0
