@@ -24,6 +24,7 @@ from microvib.signals.pointing import (
     excess_between_instants,
     mean_square_of_density,
     mean_square_of_lines,
+    mean_squares_at_instants,
     metric_weight,
     row_shares,
     windowed_amplitudes,
@@ -91,17 +92,16 @@ def evaluate_metric(
     counts = counts_in_band(r, frequency)
     f, tones = frequency[counts], amplitude[counts]
     A = np.abs(tones)
-    squares = np.array(_noise(r, densities))[axes]
     if r.statistic == "rms":
         total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
-        return math.sqrt(total + float(squares.sum()))
+        return math.sqrt(total + float(np.array(_noise(r, densities))[axes].sum()))
     if r.statistic == "bound":
         each = [
             worst_case_angle(
                 windowed_amplitudes(r.metric, f, A[:, k], window, r.apart, UNIFORM_INSTANTS),
-                math.sqrt(s),
+                _noise_at_instants(r, densities, k, UNIFORM_INSTANTS),
             )
-            for k, s in zip(axes, squares, strict=True)
+            for k in axes
         ]
     else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
         part = 1.0 - (1.0 - r.confidence) / len(axes)
@@ -114,9 +114,9 @@ def evaluate_metric(
         else:
             cells = HALF_WINDOW
         each, shares = [], row_shares(r.metric, cells)
-        for k, s in zip(axes, squares, strict=True):
+        for k in axes:
             rows = windowed_amplitudes(r.metric, f, tones[:, k], window, r.apart, cells.instants)
-            sigma, clocks = math.sqrt(s), of[:, k]
+            sigma, clocks = _noise_at_instants(r, densities, k, cells.instants), of[:, k]
             each.append(
                 confidence_level_angle(rows, sigma, part, frequency=f, clock=clocks, shares=shares)
             )
@@ -339,7 +339,7 @@ def _largest_group_distribution(
     beside = beside + changes(upper, tones.most) + changes(hidden.frequency, hidden.most)
     spread = distribution(
         given[:, group],
-        math.sqrt(_noise(r, densities)[axis]),
+        _noise_at_instants(r, densities, axis, cells.instants),
         frequency=tones.frequency[group],
         clock=np.zeros(int(group.sum()), dtype=int),
         shares=row_shares(r.metric, cells),
@@ -368,18 +368,15 @@ def _mean_square_floor(
     """Below which no level is, whatever the phases [rad].
 
     Lines of other frequencies have the mean square R^2 together. While the sum s of lines is beyond
-    a level x, a part 1 - c of the time, it has no more than its crests S, and the noise n what it
-    has beyond its own level: R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + sqrt(T) sigma)^2. Nor is a
-    level below that of the noise alone.
+    a level x, a part 1 - c of the time, it has no more than its crests S, and the noise n no more
+    than N^2, what it has beyond its own level: R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + N)^2. Nor is
+    a level below that of the noise alone.
     """
-    from scipy.special import ndtri
-
-    z = float(ndtri(0.5 * (1.0 + r.confidence)))
     rest = 1.0 - r.confidence
-    tail = rest + 2.0 * z * math.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     f, most = np.concatenate([upper, hidden.frequency]), np.vstack([tones.most, hidden.most])
     noise, found = _noise(r, densities), []
+    levels, tails = zip(*(_level_of_noise(r, densities, k) for k in range(2)), strict=True)
     for axis in {"x", "y", "radial"} if r.axis == "radial" else {r.axis}:
         own = r.model_copy(update={"axis": axis})
         squares = float(sum(noise[k] for k in AXES[axis]))
@@ -388,9 +385,26 @@ def _mean_square_floor(
         )
         bound = own.model_copy(update={"statistic": "bound"})
         crests = evaluate_metric(bound, f, most) + _excess_of_bound(bound, f, most)
-        beyond = (math.sqrt(rest) * crests + math.sqrt(tail * squares)) ** 2
+        tail = sum(tails[k] for k in AXES[axis])
+        beyond = (math.sqrt(rest) * crests + math.sqrt(tail)) ** 2
         found.append(math.sqrt(max(lines + squares - beyond, 0.0) / r.confidence))
-    return max(*found, z * math.sqrt(max(noise[k] for k in AXES[r.axis])))
+    return max(*found, *(levels[k] for k in AXES[r.axis]))
+
+
+def _level_of_noise(
+    r: Requirement, densities: Sequence[tuple[np.ndarray, np.ndarray]], axis: int
+) -> tuple[float, float]:
+    """Level of the noise alone about an axis [rad], and its mean square while it is beyond [rad^2]."""
+    from scipy.special import ndtr
+
+    sigma = _noise_at_instants(r, densities, axis, HALF_WINDOW.instants)
+    if not sigma.any():
+        return 0.0, 0.0
+    shares = row_shares(r.metric, HALF_WINDOW)
+    level = distribution(np.zeros((sigma.size, 0)), sigma, shares=shares).within(r.confidence)
+    z = level / np.maximum(sigma, 1e-9 * sigma.max())
+    tail = 2.0 * (ndtr(-z) + z * np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi))
+    return level, float(shares @ (sigma**2 * tail))
 
 
 def _window(r: Requirement) -> float:
@@ -403,6 +417,22 @@ def _noise(r: Requirement, densities: Sequence[tuple[np.ndarray, np.ndarray]]) -
         sum((_density_mean_square(r, _window(r), f, S[:, k]) for f, S in densities), 0.0)
         for k in range(2)
     ]
+
+
+def _noise_at_instants(
+    r: Requirement,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    axis: int,
+    instants: np.ndarray,
+) -> np.ndarray:
+    """Sigma of densities about an axis [rad] at ``instants`` of a window, (n,), or of all of it, (1,)."""
+    squares = np.zeros(1)
+    for f, S in densities:
+        grid, values = _density_in_band(r, f, S[:, axis])
+        if grid.size > 1 and values.any():
+            more = mean_squares_at_instants(r.metric, grid, values, _window(r), r.apart, instants)
+            squares = squares + more
+    return np.sqrt(squares)
 
 
 def _extreme_frequencies(
@@ -549,11 +579,19 @@ def counts_in_band(r: Requirement, frequency: np.ndarray) -> np.ndarray:
 
 
 def _density_mean_square(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
+    grid, values = _density_in_band(r, f, S)
+    if grid.size < 2:
+        return 0.0
+    return mean_square_of_density(r.metric, grid, values, window, r.apart)
+
+
+def _density_in_band(r: Requirement, f: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Part of a density that counts; empty where none does."""
     low, high = (
         max(r.lowest, float(f[0])),
         min(math.inf if r.highest is None else r.highest, float(f[-1])),
     )
     if low >= high:
-        return 0.0
+        return np.zeros(0), np.zeros(0)
     grid = np.union1d(f[(f > low) & (f < high)], [low, high])
-    return mean_square_of_density(r.metric, grid, np.interp(grid, f, S), window, r.apart)
+    return grid, np.interp(grid, f, S)
