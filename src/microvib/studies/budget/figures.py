@@ -484,13 +484,19 @@ def crossing_bounds(
         why = f"its lines may meet those of {other.source}, in any phase"
         for swept, size in _swept_lines(moving):
             met, a = _swept_frequencies_met(r, swept, size, f)
-            if met.any() and r.curve is not None:
-                yield Unobserved(why, 0.0, math.inf, f[met], A[met] + a)
-            elif met.any():
-                by = metric_weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
-                worst = [int(np.argmax(by * np.sum((A[met] * a)[:, AXES[r.axis]], axis=1)))]
-                more, apart = np.sqrt(2.0 * A[met] * a)[worst], r.statistic == "level"
-                yield Unobserved(why, 0.0, math.inf, f[met][worst], more, of_squares=apart)
+            if not met.any():
+                continue
+            reach = _meeting_reach(f[met])
+            at = _costliest_frequencies(r, f[met], reach)
+            together = np.abs(np.subtract.outer(f[met], f[met])) <= np.add.outer(reach, reach)
+            A_met = together @ A[met]  # lines so near to each other are met together
+            if r.curve is not None:
+                yield Unobserved(why, 0.0, math.inf, at, A_met + a)
+                continue
+            by = metric_weight(r.metric, at, r.window or r.apart or 1.0, r.apart)
+            worst = [int(np.argmax(by * np.sum((A_met * a)[:, AXES[r.axis]], axis=1)))]
+            more, apart = np.sqrt(2.0 * A_met * a)[worst], r.statistic == "level"
+            yield Unobserved(why, 0.0, math.inf, at[worst], more, of_squares=apart)
 
 
 def beat_bounds(
@@ -514,12 +520,16 @@ def beat_bounds(
         near = (
             (apart > FREQUENCY_TOLERANCE * f)
             & (apart < reach)
-            & counts_in_band(r, f)
             & np.outer(one.settled, other.settled)
         )
         i, j = np.nonzero(near)
+        # Two that are in step count where either may be: each by its own weight there.
+        middle, reach = 0.5 * (f[near] + g[near]), 0.5 * apart[near] + one.off[i] + other.off[j]
+        counted = _reaches_band(r, middle, reach)
+        i, j, middle, reach = i[counted], j[counted], middle[counted], reach[counted]
         if not i.size:
             continue
+        at = _costliest_frequencies(r, middle, reach)
         A, a = np.abs(one.los[i]), np.abs(other.los[j])
         if r.curve is not None:
             most = A + a
@@ -535,7 +545,30 @@ def beat_bounds(
                 f"its lines may coincide in frequency with {whom}, within the frequency uncertainty"
             )
         # in a level crests are counted anyway, for no two that beat so slowly are in step
-        yield Unobserved(why, 0.0, math.inf, f[near], most, of_squares=r.statistic == "level")
+        yield Unobserved(why, 0.0, math.inf, at, most, of_squares=r.statistic == "level")
+
+
+def _reaches_band(r: Requirement, frequency: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Which frequencies (k,) [Hz] may count, off by ``reach`` (k,) at most."""
+    highest = math.inf if r.highest is None else r.highest
+    return np.asarray(np.abs(np.clip(frequency, r.lowest, highest) - frequency) <= reach)
+
+
+def _costliest_frequencies(r: Requirement, frequency: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Frequencies (k,) [Hz] of the band, off by ``reach`` (k,) at most, at which lines count most:
+    by the weight, or where a curve allows least.
+    """
+    at = frequency[:, None] + reach[:, None] * _FREQUENCY_SAMPLES
+    if r.curve is not None:
+        points = np.array([point.frequency for point in r.curve])
+        near = np.clip(points, (frequency - reach)[:, None], (frequency + reach)[:, None])
+        at = np.hstack([at, near])
+    at = np.clip(at, r.lowest, math.inf if r.highest is None else r.highest)
+    if r.curve is not None:
+        by = 1.0 / r.allowed.at(at.ravel()).reshape(at.shape)
+    else:
+        by = metric_weight(r.metric, at, r.window or r.apart or 1.0, r.apart)
+    return np.asarray(at[np.arange(at.shape[0]), np.argmax(by, axis=1)])
 
 
 def frequency_approach(one: Contribution, other: Contribution) -> np.ndarray:
@@ -567,10 +600,15 @@ def _swept_frequencies_met(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, or comes so
     near to that the two add for as long as any window lasts, and its amplitudes there."""
-    near = np.maximum(SLOW, frequency_error_bound(f))
-    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & counts_in_band(r, f)
+    near = _meeting_reach(f)
+    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & _reaches_band(r, f, near)
     right = np.clip(np.searchsorted(swept, f[met]), 1, swept.size - 1)
     return met, np.maximum(size[right - 1], size[right])
+
+
+def _meeting_reach(frequency: np.ndarray) -> np.ndarray:
+    """How near to lines (k,) [Hz] one that passes them is in step with them, (k,) [Hz]."""
+    return np.asarray(np.maximum(SLOW, frequency_error_bound(frequency)))
 
 
 def counts_in_band(r: Requirement, frequency: np.ndarray) -> np.ndarray:

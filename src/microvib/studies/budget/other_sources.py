@@ -73,6 +73,10 @@ def contribution_of_other(
         return _of_density(source, turning, files, states)
 
 
+NEXT_TO_NOTHING = 1e-9
+"""Part of its largest amplitude with which a line counts that is given as nothing."""
+
+
 @dataclass(frozen=True)
 class Excitation:
     """Where over frequency the loads of a source act on the hub; what is given as motion of the line
@@ -255,7 +259,10 @@ def _of_lines(
     left_out = list(dict.fromkeys(filter(None, (row.get(LEFT_OUT, "").strip() for row in rows))))
     gaps += tuple(open_gap(f"{path.name} leaves out: {said}") for said in left_out)
     if chosen == LOS_COLUMNS:
-        relative_error = _stated_errors(path, rows, sizes)
+        least, most = _stated_bounds(path, rows)
+        # A line that is nothing as given, and may be something, counts as next to nothing.
+        tones = np.where((sizes == 0.0) & (most > 0.0), NEXT_TO_NOTHING * most, tones)
+        relative_error = _stated_errors(np.abs(tones), least, most)
     if left_out:  # what is not there may have changed what is
         relative_error = relative_error + _tolerance_of_marked(rows)
     rings = None
@@ -270,17 +277,21 @@ def _of_lines(
     )  # fmt: skip
 
 
-def _stated_errors(path: Path, rows: list[dict[str, str]], sizes: np.ndarray) -> np.ndarray:
-    """By which part amplitudes (k, 2) may be smaller and larger by their own table, (2, k, 2); 0
-    where it does not say.
+def _stated_bounds(path: Path, rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest amplitudes of the lines of a table, (k, 2) each; nan where it does not say."""
+    ends = _columns(path, rows, _BOUNDS)
+    ends[:, [name not in rows[0] for name in _BOUNDS]] = np.nan
+    least, most = np.split(ends, 2, axis=1)
+    return least, most
+
+
+def _stated_errors(sizes: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """By which part amplitudes (k, 2) may be smaller and larger than they are given, (2, k, 2); 0
+    where a bound is not said.
     """
-    least, most = np.split(_columns(path, rows, _BOUNDS), 2, axis=1)
-    ends = []
-    for end, names, sign in ((least, _BOUNDS[:2], -1.0), (most, _BOUNDS[2:], 1.0)):
-        stated = [name in rows[0] for name in names] & np.isfinite(end) & (sizes > 0.0)
-        part = sign * (np.where(stated, end, sizes) / np.where(sizes > 0.0, sizes, 1.0) - 1.0)
-        ends.append(np.where(stated, np.maximum(part, 0.0), 0.0))
-    return np.array(ends)
+    given = np.where(sizes > 0.0, sizes, 1.0)
+    errors = np.array([1.0 - least / given, most / given - 1.0])
+    return np.where(np.isfinite(errors) & (sizes > 0.0), np.maximum(errors, 0.0), 0.0)
 
 
 def _tolerance_of_marked(rows: list[dict[str, str]]) -> np.ndarray:
