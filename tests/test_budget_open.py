@@ -5,6 +5,7 @@ meet between zeros of a weight, clocks, sources that are small in the nominal ca
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from support import craft as whole
 from support.craft_scenarios import scenario_of
 
 from microvib.io.file_access import FileAccess
+from microvib.io.scenario_file import load_scenario
+from microvib.model.drive_states import MAY_STICK, SLIDES
 from microvib.model.spacecraft import SecondWing
 from microvib.signals.pointing import (
     METRICS,
@@ -24,14 +27,17 @@ from microvib.signals.pointing import (
     metric_weight,
     row_shares,
 )
+from microvib.studies.budget.cases import with_craft_of_cases
 from microvib.studies.budget.files import OtherSource, Requirement, Requirements
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import pointing_budget
 from microvib.studies.budget.sums import Assessment, assess
+from microvib.studies.campaign.results import DONE
 from microvib.units import Si
 
 URAD = 1e-6
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def requirement(**keys: object) -> Requirement:
@@ -272,3 +278,63 @@ def test_lines_that_beat_count_in_each_case() -> None:
     other = replace(source("b", (5.001, 0.01)), in_case=lambda _: source("b", (5.001, 3.0)))
     found = assess(requirement(percentile="50 percent"), [drive, other], "rss")
     assert found.most == pytest.approx(4.0 / math.sqrt(2.0) * URAD, rel=2e-3)
+
+
+def test_states_of_drives_count_on_the_craft_of_each_case(tmp_path: Path) -> None:
+    """A shaft that sticks at times may do so in every case, and not in the nominal one alone."""
+    craft = load_scenario(EXAMPLES / "spacecraft.yaml")
+    (tmp_path / "l.csv").write_text("frequency_hz,my_n_m\n1.25,1e-3\n")
+    cooler = OtherSource(name="cooler", lines="l.csv", position=["0 m", "0 m", "0 m"])
+    files, softer = FileAccess(tmp_path), craft.with_({"array.modes.1.frequency": "1.1 Hz"})
+    results = SimpleNamespace(
+        state=np.full(2, DONE),
+        campaign=SimpleNamespace(
+            design=SimpleNamespace(
+                samples=np.zeros((2, 1)),
+                cases=2,
+                uncertain=(1,),
+                changes=lambda _: {"array.modes.1.frequency": 1.1},
+                scenario=lambda _: softer,
+                study=SimpleNamespace(sampling=SimpleNamespace(method="random", count=2)),
+            )
+        ),
+    )
+    nominal = contribution_of_other(cooler, craft, files)
+    (beside,) = with_craft_of_cases([nominal], [cooler], files, results, (MAY_STICK, SLIDES))  # type: ignore[arg-type]
+    assert beside.in_case is not None
+    found = beside.in_case(1)
+    stuck, slides = (
+        contribution_of_other(cooler, softer, files, (own, SLIDES)) for own in (MAY_STICK, SLIDES)
+    )
+    assert found.relative_errors == pytest.approx(stuck.relative_errors)
+    assert np.max(stuck.relative_errors) > 1.05 * np.max(slides.relative_errors)
+
+
+# ---- Correlation ----
+
+
+def test_loads_of_a_density_may_be_of_one_cause(tmp_path: Path) -> None:
+    """A force 1 m above the origin, given as force and moment: both add as amplitudes or cancel, and the truth is between."""
+    craft = scenario_of(whole.FullCraft(bandwidth=0.2, damping=np.full(4, 0.01)))
+    (tmp_path / "force.csv").write_text("frequency_hz,fx_n2_hz\n20,1e-4\n40,1e-4\n")
+    (tmp_path / "both.csv").write_text(
+        "frequency_hz,fx_n2_hz,my_n2_m2_hz\n20,1e-4,1e-4\n40,1e-4,1e-4\n"
+    )
+
+    def given(table: str, height: float) -> Contribution:
+        place = ["0 m", "0 m", f"{height} m"]
+        other = OtherSource(name="n", density=table, position=place)
+        return contribution_of_other(other, craft, FileAccess(tmp_path))
+
+    for axis in "xy":
+        r = requirement(axis=axis)
+        truth = assess(r, [given("force.csv", 1.0)], "rss")
+        below = assess(r, [given("force.csv", -1.0)], "rss")  # the moment the other way round
+        found = assess(r, [given("both.csv", 0.0)], "rss")
+        assert truth.least == pytest.approx(truth.most)  # of one load there is no question
+        for one in (truth.value, below.value):
+            assert found.least * (1.0 - 1e-6) <= one <= found.most * (1.0 + 1e-6)
+        assert found.most == pytest.approx(max(truth.value, below.value), rel=0.3)
+        assert found.value == pytest.approx(
+            math.sqrt(0.5 * (truth.value**2 + below.value**2)), rel=1e-3
+        )

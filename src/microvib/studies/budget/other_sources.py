@@ -373,10 +373,13 @@ def _of_density(
         at = np.maximum(f, 1e-6)
         by = line_of_sight_transfer(scenario, at, place)
         gaps = low_frequency_gap(bool(np.isnan(by).any()))
+        sizes = np.abs(np.nan_to_num(by))
+        extremes = np.array([sizes, sizes])
         if states is not None:
-            found = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
-            bounds = np.einsum("sfkc,fc->sfk", found**2, S)
-        loads, S = S, np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
+            extremes = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
+        if states is not None or np.count_nonzero(S.any(axis=0)) > 1:
+            bounds = _bounds_over_correlations(extremes * np.sqrt(S)[:, None, :])
+        loads, S = S, np.einsum("fkc,fc->fk", sizes**2, S)
         side = turning.of_density(f, loads, turning.craft.on_hub(place), S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
@@ -390,6 +393,19 @@ def _of_density(
         side=side,
         gaps=gaps,
     )
+
+
+def _bounds_over_correlations(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest density (n, 2) of what several loads make of which nobody says how they are
+    correlated; ``parts`` (2, n, 2, c) are the roots of the densities by each at the least and at
+    most.
+
+    Loads of one cause, a force with its moment about another point, add as amplitudes, or cancel.
+    """
+    low, high = parts
+    total = high.sum(axis=-1)
+    left = np.max(low + high - total[..., None], axis=-1)  # of each what the others may leave
+    return np.maximum(left, 0.0) ** 2, total**2
 
 
 _OFFSETS = np.linspace(-30.0, 30.0, 241)

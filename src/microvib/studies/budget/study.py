@@ -250,7 +250,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
             found[:2] = [both_wings(whole, found[0], found[1], runs[0].lines, runs[1].lines)]
         found[0] = with_density_of_cases(with_campaign(found[0], ensemble), ensemble)
         found[1:] = [with_nominal_craft(one, ensemble) for one in found[1:]]
-        beside = with_craft_of_cases(beside, *read_sources(sources), ensemble)
+        beside = with_craft_of_cases(beside, *read_sources(sources), ensemble, sticking)
         if measured is not None:
             found[0] = _with_cases_of_another(found[0])
     found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
