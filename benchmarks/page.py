@@ -1,5 +1,5 @@
 """What somebody in front of the page waits for: its first paint, *Run* that can be pressed, a run's picture with few and many
-runs beside it, and how much comes over the line.
+runs beside it, how much comes over the line, and a long recording's time history, from its file to each window.
 
 Needs a Chromium and playwright, as the tests of the page do.
 """
@@ -10,8 +10,15 @@ import argparse
 import shutil
 import statistics
 import sys
+import tempfile
+import time
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+import microvib as mv
+from microvib.io.recordings import write_recording
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from support.page import api, served
@@ -31,6 +38,10 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=30, help="runs that are there in the end")
     parser.add_argument("--openings", type=int, default=5, help="openings of the page")
     parser.add_argument("--slow", type=int, default=0, help="a line of so many kbit/s, 0 for none")
+    parser.add_argument(
+        "--samples", type=int, default=10_000_000, help="samples of the recording, 0 for none"
+    )
+    parser.add_argument("--format", default="mat", help="of its file: mat, uff or csv")
     asked = parser.parse_args()
     with served() as address, api.sync_playwright() as playwright:
         chromium = shutil.which("chromium") or shutil.which("google-chrome")
@@ -41,7 +52,10 @@ def main() -> None:
         page.goto(address)
         page.wait_for_selector("html[data-ready]")
         openings(window, address.partition("?")[0], asked.openings, asked.slow)
-        clicks(page, asked.runs)
+        if asked.runs:
+            clicks(page, asked.runs)
+        if asked.samples:
+            browsing(page, asked.samples, asked.format)
         browser.close()
 
 
@@ -128,6 +142,45 @@ def click(page: Any, k: int) -> tuple[float, float]:
     found = page.evaluate(MARKS)
     page.wait_for_function(ALL_DRAWN, arg=k, polling=50)
     return tuple(found)
+
+
+SHOWN = "#recorded-history-plot"
+DRAWN_WINDOW = f"document.querySelector('{SHOWN}')?.dataset.shown"
+WINDOWS = 40
+
+
+def browsing(page: Any, samples: int, ending: str) -> None:
+    """From a recording's file to its picture, and from a turn of the wheel or a key to the next."""
+    x = np.random.default_rng(1).normal(size=samples)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"long.{ending}"
+        write_recording(mv.Recording({"Mz": x}, 4096.0, {"Mz": "N*m"}), file)
+        page.click("#tab-recording")
+        begun = time.perf_counter()
+        page.set_input_files("#recording-file", file)
+        page.locator(f"{SHOWN}[data-shown]").wait_for()
+        print(f"\n{samples} samples, {file.stat().st_size / 1e6:.0f} MB as {ending}")
+        print(f"from the file to its picture {time.perf_counter() - begun:8.1f} s")
+    holder = page.locator(SHOWN).locator("..")
+    holder.focus()
+    box = page.locator(SHOWN).bounding_box()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.5 * box["height"])
+    turns = [lambda: page.mouse.wheel(0, -100)] * (WINDOWS // 2)
+    keys = [lambda key=key: page.keyboard.press(key) for key in ("PageDown", "-", "PageUp", "+")]
+    for name, actions in (("wheel", turns), ("keys", keys * (WINDOWS // 8))):
+        each = [window(page, action) for action in actions]
+        found = f"median {1e3 * statistics.median(each):5.0f} ms, slowest {1e3 * max(each):5.0f} ms"
+        print(f"window by {name:6s} {found}, of {len(each)}", flush=True)
+
+
+def window(page: Any, action: Any) -> float:
+    """Seconds from what is done to the picture of the next window."""
+    before = page.evaluate(DRAWN_WINDOW)
+    begun = time.perf_counter()
+    action()
+    while page.evaluate(DRAWN_WINDOW) == before:
+        time.sleep(0.002)
+    return time.perf_counter() - begun
 
 
 if __name__ == "__main__":

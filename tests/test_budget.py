@@ -2077,7 +2077,10 @@ def test_wrong_requirements_are_a_sentence(tmp_path: Path, text: str, says: str)
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("{name: w}", "sources.0.wheel: give one of wheel, lines and density"),
+        (
+            "{name: w}",
+            "sources.0.wheel: give one of wheel, lines, density, constant, random, periodic and drift",
+        ),
         ("{name: w, lines: nowhere.csv}", "nowhere.csv: cannot be read"),
         ("{name: w, lines: l.csv}", "position: missing"),
         ("{name: w, lines: l.csv, point: mirror}", "point: 'mirror' is not on the hub"),

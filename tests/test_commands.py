@@ -92,6 +92,7 @@ DONE = {
     ],
     "repeatability": ["repeatability", "A=old.csv", "A=again.csv"],
     "hammer": ["hammer", "Mz@1m=blows.csv", "--mounted-mass", "0 kg"],
+    "envelope": ["envelope", "old", "old.csv", "again.csv", "--statistic", "mean"],
     "acceptance": [
         "acceptance",
         "A=old.csv",
@@ -160,6 +161,7 @@ REFUSED = {
     "budget": (["budget", "state-1"], "spacecraft: missing"),
     "track": (["track", "old.csv", "--orders", "1"], "no reference is given"),
     "repeatability": (["repeatability", "A=old.csv"], "repeatability needs two or more"),
+    "envelope": (["envelope", "state-1"], "state-1: is no run that was kept"),
     "hammer": (["hammer", "Mz=blows.csv", "--mounted-mass", "0 kg"], "a torque needs a lever arm"),
     "acceptance": (
         ["acceptance", "A=old.csv", "--template", "nowhere.md", "--out", "a"],

@@ -326,7 +326,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path):
     assert done.exit_code == 0, done.output
     assert "Best: 0.2 deg/s with 32 microsteps" in done.output
     assert {p.name for p in out.glob("[!.]*")} == {
-        "best.csv", "rates.csv", "resonances.csv", "forbidden.csv", "stepping_modes.csv", "campbell.png", "largest.png", "report.html",
+        "best.csv", "rates.csv", "resonances.csv", "forbidden.csv", "stepping_modes.csv", "not_seen.csv", "campbell.png", "largest.png", "report.html",
     }  # fmt: skip
     with (out / "rates.csv").open() as stream:
         rows = list(csv.DictReader(stream))

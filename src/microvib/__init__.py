@@ -43,6 +43,7 @@ _HOME = {
     "coupled_modes": "model.linear",
     "dump_scenario": "io.scenario_file",
     "expected_lines": "model.expected",
+    "envelope": "studies.envelope.study",
     "export_as": "export.exporting",
     "find_lines": "analysis.lines",
     "identify": "studies.identify.fit",
@@ -134,6 +135,7 @@ if TYPE_CHECKING:
     from microvib.studies.bands import judge_bands
     from microvib.studies.budget.study import pointing_budget
     from microvib.studies.compare import compare
+    from microvib.studies.envelope.study import envelope
     from microvib.studies.identify.fit import identify
     from microvib.studies.profiles.plan import plan_profile
     from microvib.studies.quiet.study import quiet
@@ -171,6 +173,7 @@ __all__ = [
     "compare",
     "coupled_modes",
     "dump_scenario",
+    "envelope",
     "expected_lines",
     "export_as",
     "find_lines",

@@ -97,9 +97,9 @@ def _seed_statistics(rows: list[Line]) -> SeedLine:
     )
 
 
-def quantile_bounds(values: np.ndarray) -> tuple[float, float]:
-    """Bounds of the quantile of which sorted ``values`` (n,) are draws, each with CONFIDENCE,
-    whatever their distribution.
+def quantile_bounds(values: np.ndarray, quantile: float = QUANTILE) -> tuple[float, float]:
+    """Bounds of a ``quantile`` of the distribution that sorted ``values`` (n,) are drawn from, each
+    with CONFIDENCE, whatever the distribution.
 
     The m-th smallest of n draws is below the quantile as often as a binomial distribution says; nan
     where n is too small.
@@ -107,7 +107,7 @@ def quantile_bounds(values: np.ndarray) -> tuple[float, float]:
     from scipy.special import bdtr
 
     n = values.size
-    below = bdtr(np.arange(n), n, QUANTILE)  # of at most so many draws being below the quantile
+    below = bdtr(np.arange(n), n, quantile)  # of at most so many draws being below the quantile
     low = np.flatnonzero(below <= 1.0 - CONFIDENCE)
     high = np.flatnonzero(below >= CONFIDENCE)
     return (

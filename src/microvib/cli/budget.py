@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,6 +20,9 @@ from microvib.cli.common import (
 )
 from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
+
+if TYPE_CHECKING:
+    from microvib.testdata.recording import Recording
 
 
 @click.command()
@@ -80,6 +83,19 @@ from microvib.errors import OptionError
     is_flag=True,
     help="Assess each requirement at the worst array angle of one revolution; with --angles, between the first and the last.",
 )
+@click.option(
+    "--compare",
+    "other",
+    metavar="SCENARIO",
+    help="A second design, B, beside SCENARIO, A: each with value, margin and verdict, and whether they differ.",
+)
+@click.option(
+    "--compare-sources",
+    "other_sources",
+    type=PATH,
+    metavar="FILE",
+    help="Other sources of design B [default: those of A].",
+)
 @harmonics_option
 @set_option
 @target_options("Folder for tables, JSON and report [default: print only].")
@@ -87,44 +103,96 @@ from microvib.errors import OptionError
 def budget(
     scenarios: tuple[str, ...], requirement: Path | None, sources: Path | None, campaign: Path | None, recording: str | None,
     prepare: Path | None, rule: str, one_clock: bool, short_way: bool, steady: bool, angles: str | None,
-    orbit: bool, harmonics: int,
+    orbit: bool, other: str | None, other_sources: Path | None, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
     """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is "
     "the drive on its spacecraft; further ones are other drives on the same spacecraft."""
-    from microvib.io.recordings import read_prepared
     from microvib.reports.budget import budget_outcome
-    from microvib.studies.angles import angles_in
     from microvib.studies.budget.angles import budget_over_angles
     from microvib.studies.budget.study import Budget, pointing_budget
 
-    if recording is None and prepare is not None:
+    two = other is not None or other_sources is not None
+    if two:
+        key = "compare" if other is not None else "compare_sources"
+        _check_designs(key, scenarios, requirement, campaign, recording, short_way)
+    measured = _measured(recording, prepare)
+    loaded = [load(name, settings) for name in scenarios]
+    several = _several_angles(angles, orbit)
+    judge: Callable[..., Budget] = budget_over_angles if several else pointing_budget
+    common: dict[str, Any] = {
+        "rule": rule, "one_clock": one_clock, "steady": steady, "harmonics": harmonics, **several,
+    }  # fmt: skip
+    with progress_bar(finishing="lines and report (compiles on first use)") as progress:
+        found = judge(
+            loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, short_way=short_way,
+            names=[Path(name).stem for name in scenarios], progress=progress, **common,
+        )  # fmt: skip
+    if not two:
+        target.present(budget_outcome(found))
+        return
+    from microvib.reports.designs import designs_outcome
+    from microvib.studies.budget.designs import Designs
+
+    second, beside = other or scenarios[0], other_sources or sources
+    with progress_bar(finishing="lines and report of design B") as progress:
+        of_b = judge(
+            [load(second, settings)], requirement, sources=beside or (), names=[Path(second).stem],
+            progress=progress, **common,
+        )  # fmt: skip
+    names = _name_of_design(scenarios[0], sources), _name_of_design(second, beside)
+    target.present(designs_outcome(Designs(names, found, of_b)))
+
+
+def _measured(recording: str | None, prepare: Path | None) -> Recording | None:
+    """The recording that takes the place of a run."""
+    from microvib.io.recordings import read_prepared
+
+    if recording is not None:
+        return read_prepared(Path(recording), read_preparation(prepare)).recording
+    if prepare is not None:
         raise OptionError(
             "prepare",
             "describes how a recording is prepared; give a recording as well",
             remedy="recording",
         )
-    if recording is None:
-        measured = None
-    else:
-        measured = read_prepared(Path(recording), read_preparation(prepare)).recording
-    loaded = [load(name, settings) for name in scenarios]
-    if angles is None:
-        turns = None
-    else:
-        turns = angles_in(angles)
-    if turns is None and not orbit:
-        several: dict[str, Any] = {}
-    else:
-        several = {"angles": turns, "orbit": orbit}
-    if several:
-        judge: Callable[..., Budget] = budget_over_angles
-    else:
-        judge = pointing_budget
-    with progress_bar(finishing="lines and report (compiles on first use)") as progress:
-        found = judge(
-            loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, rule=rule,
-            one_clock=one_clock, short_way=short_way, steady=steady, harmonics=harmonics,
-            names=[Path(name).stem for name in scenarios], progress=progress, **several,
-        )  # fmt: skip
-    target.present(budget_outcome(found))
+    return None
+
+
+def _several_angles(angles: str | None, orbit: bool) -> dict[str, Any]:
+    """Keys of a budget over several angles of the array; empty for one."""
+    from microvib.studies.angles import angles_in
+
+    if angles is None and not orbit:
+        return {}
+    return {"angles": None if angles is None else angles_in(angles), "orbit": orbit}
+
+
+def _name_of_design(scenario: str, sources: Path | None) -> str:
+    """The files of a design, which may differ in either."""
+    name = Path(scenario).name
+    if sources is None:
+        return name
+    return f"{name} with {sources.name}"
+
+
+def _check_designs(
+    key: str, scenarios: tuple[str, ...], requirement: Path | None, *of_one: object
+) -> None:
+    """OptionError where two designs are to be compared, by the option ``key``, with what is of one
+    alone; ``of_one`` are campaign, recording and short_way.
+    """
+    if requirement is None:
+        raise OptionError(
+            key, "judges two designs by the same requirements; give them", remedy="requirement"
+        )
+    if len(scenarios) > 1:
+        raise OptionError(
+            key,
+            "takes one scenario for each design; give a second drive as spacecraft.second_wing",
+        )
+    for name, value in zip(("campaign", "recording", "short_way"), of_one, strict=True):
+        if value:
+            raise OptionError(
+                key, f"does not go with {name}, which is of one design; leave one of them out"
+            )

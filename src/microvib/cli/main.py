@@ -20,6 +20,7 @@ try:
         budget,
         campaign,
         docs,
+        envelope,
         export,
         margin,
         new,
@@ -105,7 +106,7 @@ for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
     track.track,
     validation.validate, validation.statements, rates.rates, profile.profile, margin.margin, campaign.campaign,
-    structures.modes, structures.sas, table_tests.hammer, table_tests.repeatability, table_tests.acceptance,
+    structures.modes, structures.sas, table_tests.hammer, table_tests.repeatability, table_tests.acceptance, envelope.envelope,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,
     quiet.quiet, export.export,
 ):  # fmt: skip

@@ -9,6 +9,7 @@ import click
 from microvib.cli.common import (
     Target,
     load_guide,
+    parse_limit,
     read_preparation,
     recording_options,
     section_options,
@@ -68,13 +69,23 @@ from microvib.errors import OptionError
     metavar="FREQUENCY",
     help="Width about each order within which all is taken for it [default: by the distance of the orders].",
 )
+@click.option(
+    "--limit",
+    metavar="TORQUE|FILE",
+    help="Hold the order cuts against this amplitude, or a CSV file of a curve over frequency; a sweep fails, and passes nothing.",
+)
+@click.option(
+    "--limit-band",
+    metavar="LOW:HIGH",
+    help="Band in which the limit applies, e.g. '0.5:150 Hz' [default: everywhere].",
+)
 @section_options
 @with_precompilation
 def track(
     sources: tuple[str, ...], orders: str, channel: str, prepare: Path | None, tacho: str | None, pulses_per_rev: float,
     speed: str | None, profile: str | None, scenario: str | None, strongest: float | None, clock: str,
     fixed: tuple[str, ...], bandwidth: str | None, start: str | None, stop: str | None, trigger: str | None,
-    pre_trigger: str | None, target: Target,
+    pre_trigger: str | None, limit: str | None, limit_band: str | None, target: Target,
 ) -> None:  # fmt: skip
     """Track orders through a rate sweep in each SOURCE, a recording, a run folder or a scenario: order
     cuts, order map, maxima and the resonances that they cross; of several, with one table of mean,
@@ -84,10 +95,12 @@ def track(
     from microvib.reports.batch import batch_outcome
     from microvib.reports.order_tracking import order_outcome
     from microvib.studies.batch import batch_of
+    from microvib.studies.cut_limits import cuts_against
     from microvib.studies.track import track_orders
     from microvib.testdata.section import Section
 
     asked, section = parse_orders(orders), Section.stated(start, stop, trigger, pre_trigger)
+    allowed = parse_limit(limit, limit_band, "limit_band")
     prepared, guide = read_preparation(prepare), load_guide(scenario)
     found = []
     for source in sources:
@@ -110,7 +123,9 @@ def track(
                 progress=progress,
             )
         found.append(tracked)
-    outcomes = [order_outcome(one) for one in found]
+    outcomes = [
+        order_outcome(one, None if allowed is None else cuts_against(one, allowed)) for one in found
+    ]
     if len(found) == 1:
         target.present(outcomes[0])
     else:

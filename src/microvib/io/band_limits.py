@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from microvib.errors import MicrovibError
-from microvib.io.tables import dict_rows, parse_finite
+from microvib.io.tables import dict_rows, parse_finite, text_dict_rows
 
 _LIMITS = {
     "limit_n_m": (1.0, "N*m"),
@@ -19,6 +19,9 @@ _LIMITS = {
     "limit_mg": (1e-3, "g"),
 }
 """Columns of limits: their unit in the one that channels are kept in, and that."""
+_NEEDED = ("low_hz", "high_hz")
+_COLUMNS = (*_NEEDED, *_LIMITS, "channel")
+_WHAT = "bands with limits"
 
 
 @dataclass(frozen=True)
@@ -63,10 +66,14 @@ def read_band_limits(path: Path | str) -> tuple[BandLimit, ...]:
     MicrovibError
         Where the file cannot be read, or a row is wrong: says which.
     """
-    path = Path(path)
-    known = ("low_hz", "high_hz", *_LIMITS, "channel")
-    rows = dict_rows(path, known, what="bands with limits", needed=("low_hz", "high_hz"))
+    rows = dict_rows(Path(path), _COLUMNS, what=_WHAT, needed=_NEEDED)
     return tuple(_limit(f"{path}, row {k}", row) for k, row in enumerate(rows, 2))
+
+
+def band_limits_from_text(text: str, name: str = "bands") -> tuple[BandLimit, ...]:
+    """As ``read_band_limits``, of the contents of a file that its owner calls ``name``."""
+    rows = text_dict_rows(text, name, _COLUMNS, what=_WHAT, needed=_NEEDED)
+    return tuple(_limit(f"{name}, row {k}", row) for k, row in enumerate(rows, 2))
 
 
 def _limit(where: str, row: dict[str, str]) -> BandLimit:

@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from microvib.io.pyramid_files import mapped_pyramid, pyramid_parts
 from microvib.io.recordings import read_prepared
-from microvib.signals.pyramid import Curve, Pyramid, level_sizes
+from microvib.signals.pyramid import Curve, Pyramid
 from microvib.testdata.preparation import Preparation
 from microvib.testdata.recording import Recording, RecordingError
 
@@ -30,8 +31,6 @@ _ENDS = 65536
 """Bytes at each end of a file that are looked at."""
 LARGEST_CACHE = 4_000_000_000
 """Bytes that are kept of all recordings together."""
-_HEAD = 4096
-"""Bytes of the head of a kept channel, a multiple of any size of a sample."""
 
 
 @dataclass(frozen=True)
@@ -165,37 +164,20 @@ def _kept_head(name: str) -> dict[str, Any] | None:
 
 
 def _kept_pyramid(name: str) -> Pyramid | None:
-    """Pyramid that is kept under a name, in the file itself; None where there is none, or not a whole
-    one.
-    """
+    """Pyramid that is kept under a name, which now counts as used; None where there is no whole one."""
     folder = _folder()
     if folder is None:
         return None
-    path = folder / name
-    try:
-        with path.open("rb") as file:
-            head = json.loads(file.read(_HEAD).rstrip(b"\0"))
-        data = np.memmap(path, dtype=head["dtype"], mode="r", offset=_HEAD)
-        os.utime(path)
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    samples, sizes = int(head["samples"]), level_sizes(int(head["samples"]))
-    if data.size != samples + 2 * sum(sizes):
-        return None
-    levels, at = [], samples
-    for size in sizes:
-        levels.append((data[at : at + size], data[at + size : at + 2 * size]))
-        at += 2 * size
-    return Pyramid(data[:samples], float(head["rate"]), tuple(levels))
+    found = mapped_pyramid(folder / name)
+    if found is not None:
+        with contextlib.suppress(OSError):
+            os.utime(folder / name)
+    return found
 
 
 def _keep_pyramid(name: str, made: Pyramid) -> Pyramid | None:
     """The pyramid as it is kept from now on; None where it cannot be kept."""
-    head = {"dtype": made.samples.dtype.str, "samples": made.samples.size, "rate": made.rate}
-    text = json.dumps(head).encode()
-    parts = [text.ljust(_HEAD, b"\0"), np.ascontiguousarray(made.samples).data]
-    parts += [np.ascontiguousarray(x).data for level in made.levels for x in level]
-    _keep(name, parts)
+    _keep(name, pyramid_parts(made))
     return _kept_pyramid(name)
 
 

@@ -160,12 +160,19 @@ def read_prepared(path: Path | str, preparation: Preparation | None = None) -> P
         return Prepared(recording, response_known=bool(preparation.response))
     whole = preparation.model_copy(update={"start": None, "stop": None})
     background = whole.apply(_read(Path(preparation.background), hints))
+    return beside_background(recording, background, bool(preparation.response))
+
+
+def beside_background(
+    recording: Recording, background: Recording, response_known: bool = False
+) -> Prepared:
+    """A recording and its background; RecordingError where their sample rates differ."""
     if background.sample_rate != recording.sample_rate:
         raise RecordingError(
             f"{background.title}: was sampled at {background.sample_rate:g} Hz and the recording at"
             f" {recording.sample_rate:g} Hz; a background needs the recording's sample rate"
         )
-    return Prepared(recording, background, bool(preparation.response))
+    return Prepared(recording, background, response_known)
 
 
 def check_output(path: Path) -> None:

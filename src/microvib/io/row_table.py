@@ -4,6 +4,7 @@ loop of friction.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from microvib.errors import ScenarioError
@@ -19,10 +20,15 @@ def read_row_table(path: Path, *columns: tuple[str, str]) -> list[list[float]]:
     A first line may name the columns, with units such as ``[mN^2*m^2/Hz]``. ScenarioError tells the
     row and column that is wrong.
     """
+    return row_table(str(path), csv_rows(path, ScenarioError), *columns)
+
+
+def row_table(
+    path: str, cells: Sequence[list[str]], *columns: tuple[str, str]
+) -> list[list[float]]:
+    """As ``read_row_table``, of the cells of a table that is called ``path``."""
     names = [name for name, _ in columns]
-    rows = [
-        row for row in csv_rows(path, ScenarioError) if row and not row[0].lstrip().startswith("#")
-    ]
+    rows = [row for row in cells if row and not row[0].lstrip().startswith("#")]
     if rows and not rows[0][0].strip(" +-.")[:1].isdigit():
         head = rows.pop(0)
     else:

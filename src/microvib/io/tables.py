@@ -143,21 +143,36 @@ def dict_rows(
         Of this ``kind``, where the file cannot be read, a column is not known or there twice, or a row has more
         cells than there are columns.
     """
-    names = {name.lower(): name for name in (*known, "comment")}
+    expected = _KnownColumns((*known, "comment"), tuple(needed), ignored, what)
     with _table_at(path, kind) as lines:
-        head, *rows = _cells(lines) or [[]]
-        columns = [names.get(name.strip().lower(), name.strip()) for name in head]
-        rows = [row for row in rows if row]
-        while columns and not columns[-1] and not _has_cells(rows, len(columns) - 1):
-            columns.pop()  # spreadsheets leave empty columns behind
-        expected = _KnownColumns(tuple(names.values()), tuple(needed), ignored, what)
-        _check_columns(path, columns if rows else [], expected, kind)
-        for k, row in enumerate(rows, 2):
-            if _has_cells([row], len(columns)):
-                raise kind(
-                    f"{path}, row {k}: has {len(row)} cells, and the first line names"
-                    f" {len(columns)} columns"
-                )
+        return _dict_rows(str(path), lines, expected, kind)
+
+
+def text_dict_rows(
+    text: str, name: str, known: Iterable[str], *, what: str = "", needed: Sequence[str] = ()
+) -> list[dict[str, str]]:
+    """As ``dict_rows``, of a table that is given as text and called ``name``; MicrovibError."""
+    expected = _KnownColumns((*known, "comment"), tuple(needed), "(?!)", what)
+    return _dict_rows(name, plain_lines(text), expected, MicrovibError)
+
+
+def _dict_rows(
+    name: str, lines: Iterable[str], expected: _KnownColumns, kind: type[MicrovibError]
+) -> list[dict[str, str]]:
+    """Rows of the lines of a table called ``name``, by the names in its first line."""
+    names = {known.lower(): known for known in expected.names}
+    head, *rows = _cells(lines) or [[]]
+    columns = [names.get(cell.strip().lower(), cell.strip()) for cell in head]
+    rows = [row for row in rows if row]
+    while columns and not columns[-1] and not _has_cells(rows, len(columns) - 1):
+        columns.pop()  # spreadsheets leave empty columns behind
+    _check_columns(name, columns if rows else [], expected, kind)
+    for k, row in enumerate(rows, 2):
+        if _has_cells([row], len(columns)):
+            raise kind(
+                f"{name}, row {k}: has {len(row)} cells, and the first line names"
+                f" {len(columns)} columns"
+            )
     return [dict(zip(columns, [*row, *[""] * len(columns)], strict=False)) for row in rows]
 
 
@@ -177,7 +192,7 @@ class _KnownColumns:
 
 
 def _check_columns(
-    path: Path, columns: Sequence[str], known: _KnownColumns, kind: type[MicrovibError]
+    path: str, columns: Sequence[str], known: _KnownColumns, kind: type[MicrovibError]
 ) -> None:
     """Refuse a table that lacks columns which are needed, or has unknown ones, or one twice."""
     what = known.what

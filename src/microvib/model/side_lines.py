@@ -47,8 +47,9 @@ _LARGEST_MOTION = 0.35
 """Electrical angle [rad] by which what varies moves the rotor, above which side lines have no bound:
 full steps, half steps, and steps on a resonance of the rotor. There lines in time were up to five
 times as large as by harmonic balance."""
-_LEAST_PULL = 0.02
-"""Part of the largest torque that any side line is given besides: small ones are known less well."""
+_LEAST_PULL = 0.05
+"""Part of the largest torque that any side line is given besides: small ones are known less well
+(``benchmarks/side_lines.py``)."""
 _ROUNDING = 1e-12
 _SLOWEST = 1e-3
 """Frequency [Hz] in place of one that is zero."""

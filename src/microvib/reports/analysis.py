@@ -74,10 +74,16 @@ class BandRms:
     rms: Annotated[float, Column("rms", "RMS", TORQUE)]
 
 
-def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
+def analysis_outcome(
+    a: Analysis, judged: Judgement | None = None, *, with_spectra_files: bool = True
+) -> Outcome:
     """An analysis for those who read it: lines with uncertainties, amplitude spectrum, density,
     waterfall, RMS in bands; where a limit was given, the verdict on its lines.
+
+    The files of spectra, a row for each bin, are left out where nobody takes them: of millions of
+    samples they take longer than the analysis.
     """
+    files = _files(a) if with_spectra_files else {}
     reach = figures.spectrum_upper_end(_largest(a))
 
     def picture(name: str, made: figures.Spectral, height: float, title: str) -> tuple[Item, ...]:
@@ -112,7 +118,7 @@ def analysis_outcome(a: Analysis, judged: Judgement | None = None) -> Outcome:
             Part("RMS in bands", (_bands(a),)),
             *band_parts(a.band_peaks),
         ),
-        other_files=_files(a) | ({} if judged is None else {"margins.csv": margins_csv(judged)}),
+        other_files=files | ({} if judged is None else {"margins.csv": margins_csv(judged)}),
     )
 
 

@@ -31,7 +31,7 @@ from microvib.signals.pointing import Metric, mean_square_of_density, metric_nam
 from microvib.studies.budget.left_out import left_out_of_lines
 from microvib.studies.budget.sources import Contribution
 from microvib.studies.budget.study import Budget, summary
-from microvib.studies.budget.sums import Assessment, Share, combine_lines
+from microvib.studies.budget.sums import LEFT_OUT_IN_TURN, Assessment, Share, combine_lines
 from microvib.studies.campaign.statistics import NO_ESTIMATE
 from microvib.units import convert, pretty
 
@@ -41,8 +41,10 @@ if TYPE_CHECKING:
 
 MAX_REASONS = 4
 """Reasons that are told on the first page; all are in the tables."""
-RANKED = 8
-"""Lines that a ranking shows."""
+RANKED = 5
+"""Lines that a ranking shows of each requirement."""
+ON_TERMINAL = 25
+"""Lines that a terminal shows of all."""
 COMPARED = 20
 """Lines by which the blocked-load method is compared with the coupled run."""
 _RULES = {
@@ -64,6 +66,7 @@ class RequirementRow:
     most: Annotated[float, Column("most_rad", "at most", POINTING_ANGLE, absent="not bounded")]
     lines: Annotated[float, Column("lines_rad", measure=POINTING_ANGLE)]
     noise: Annotated[float, Column("noise_rad", measure=POINTING_ANGLE)]
+    errors: Annotated[float, Column("errors_rad", measure=POINTING_ANGLE)]
     median: Annotated[float, Column("median_rad", "median", POINTING_ANGLE)]
     p95: Annotated[float, Column("p95_rad", "P95", POINTING_ANGLE)]
     p99: Annotated[float, Column("p99_rad", "P99", POINTING_ANGLE)]
@@ -105,7 +108,7 @@ def budget_outcome(budget: Budget) -> Outcome:
             ),
         ),
         budget.scenario,
-        files=(_source_shares(budget), _lines(budget)),
+        files=(_lines(budget),),
         data={"budget": summary(budget)},
         descriptions={} if required is None else {"requirements": required},
         units=(pointing_angle(budget),),
@@ -129,7 +132,8 @@ def pointing_angle(budget: Budget) -> Measure:
 
 def _first_page(budget: Budget) -> Iterator[Item]:
     yield _requirements(budget)
-    yield from map(Text, _not_judged(budget))
+    yield from map(Text, reasons_not_judged(budget))
+    yield _worst_sources(budget)
     title = "Lines by source, and rms over windows"
     yield Picture("budget", lambda: draw_budget(budget), title, _CAPTION)
 
@@ -137,21 +141,14 @@ def _first_page(budget: Budget) -> Iterator[Item]:
 _CAPTION = (
     "Left, lines by source, radial, 0-to-peak, and curves that limit them; where a curve limits"
     " one axis, lines about that axis have a marker of their own, as its legend says. Right, radial"
-    " rms of all sources over the length of the window (the largest within each fortieth of a"
+    " rms of the lines of all sources over the length of the window (the largest within each fortieth of a"
     " decade), dashed about x and dotted about y where a limit is on that axis; markers are limits"
     " on them."
 )
 _CUMULATIVE = (
     "Root of the sum of mean squares of lines and densities, from the lowest frequency up and from"
-    " the highest down."
+    " the highest down; errors by their class are not in it."
 )
-
-
-def _margin(one: Assessment) -> float:
-    """Margin to the limit [dB]; nan where there is none."""
-    if 0.0 < one.margin < math.inf:
-        return 20.0 * math.log10(one.margin)
-    return math.nan
 
 
 def _name(one: Assessment) -> str:
@@ -194,10 +191,11 @@ def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
         one.most,
         one.lines,
         one.noise,
+        one.errors,
         median.value,
         p95.value,
         p99.value,
-        _margin(one),
+        one.margin_db,
         math.nan if angle is None else angle,
         "; ".join(one.why),
         one.verdict,
@@ -205,7 +203,7 @@ def _requirement_row(one: Assessment, angle: float | None) -> RequirementRow:
     )
 
 
-def _not_judged(budget: Budget) -> list[str]:
+def reasons_not_judged(budget: Budget) -> list[str]:
     """Why requirements are not judged, those of the same reasons together, the first MOST_REASONS
     of them.
     """
@@ -249,45 +247,84 @@ def _facts(budget: Budget) -> Iterator[Fact]:
     if not known:
         return
     worst = min(known, key=lambda one: one.margin)
-    yield Fact(DECIBEL.figure(_margin(worst)), f"smallest margin judged: {_name(worst)}")
+    yield Fact(DECIBEL.figure(worst.margin_db), f"smallest margin judged: {_name(worst)}")
     if worst.ranking:
         top = worst.ranking[0]
         if worst.requirement.curve:
             what = "what its curve allows"
         else:
             what = "its mean square"
-        label = f"of {what}: {top.line} of {top.source}, {FREQUENCY.figure(top.frequency)}"
+        label = f"of {what}: {top.line} of {top.source}"
+        if math.isfinite(top.frequency):
+            label = f"{label}, {FREQUENCY.figure(top.frequency)}"
         yield Fact(SHARE.figure(top.share), label)
 
 
+_CONTRIBUTORS = (
+    Column("name", "requirement", role="group"),
+    Column("requirement"),
+    Column("source", "source"),
+    Column("line", "line"),
+    Column("frequency_hz", "frequency", FREQUENCY),
+    Column("rms_rad", "rms", POINTING_ANGLE),
+    Column("share", "share", SHARE),
+    Column("without_rad", "value without it", POINTING_ANGLE),
+)
+
+
 def _contributors(budget: Budget) -> Table:
-    """Lines that contribute most to each requirement; a terminal shows those of the first."""
-    columns = (
-        Column("name", "requirement", role="group"),
-        Column("requirement"),
-        Column("source", "source"),
-        Column("line", "line"),
-        Column("frequency_hz", "frequency", FREQUENCY),
-        Column("rms_rad", "rms", POINTING_ANGLE),
-        Column("share", "share", SHARE),
-    )
+    """Lines, densities and errors that contribute most to each requirement; a terminal shows those of
+    the first requirements.
+    """
 
     def row(one: Assessment, x: Share) -> tuple[Any, ...]:
-        r = one.requirement
-        return (_name(one), r.text, x.source, x.line, x.frequency, x.rms, x.share)
+        said = one.requirement.text
+        return (_name(one), said, x.source, x.line, x.frequency, x.rms, x.share, x.without)
 
     ranked = [one for one in budget.judged if one.ranking]
+    brief = 0
+    for one in ranked:
+        more = len(one.ranking[:RANKED])
+        if brief and brief + more > ON_TERMINAL:
+            break
+        brief += more
     return Table(
         "contributors",
-        columns,
+        _CONTRIBUTORS,
         tuple(row(one, x) for one in ranked for x in one.ranking),
         tuple(row(one, x) for one in ranked for x in one.ranking[:RANKED]),
-        brief=len(ranked[0].ranking[:RANKED]) if ranked else None,
-        caption="Share: fraction of the mean square; for a curve, amplitude over the curve.",
+        brief=brief if ranked else None,
+        caption="Share: fraction of the mean square; for a curve, amplitude over the curve. Value"
+        " without it: of the requirement, for the largest.",
     )
 
 
-_PARTS = ("both", "lines", "noise")
+def _worst_sources(budget: Budget) -> Table:
+    """Sources by what they contribute to each requirement, the largest on the first page of a report;
+    a terminal has their lines.
+    """
+    columns = tuple(x for x in _CONTRIBUTORS if x.key not in ("line", "frequency_hz"))
+
+    def row(one: Assessment, x: Share) -> tuple[Any, ...]:
+        return (one.requirement.name, one.requirement.text, x.source, x.rms, x.share, x.without)
+
+    def shown(one: Assessment, x: Share) -> tuple[Any, ...]:
+        return (_name(one), *row(one, x)[1:])
+
+    return Table(
+        "sources",
+        columns,
+        tuple(row(one, x) for one in budget.judged for x in one.sources),
+        tuple(
+            shown(one, x) for one in budget.judged for x in one.sources[:LEFT_OUT_IN_TURN] if x.rms
+        ),
+        brief=0,
+        caption="Worst contributors to each requirement, with their share of the mean square and its"
+        " value without them.",
+    )
+
+
+_PARTS = ("both", "lines", "noise", "errors")
 _AXES = ("x", "y", "radial")
 _WINDOW_HEADINGS = {
     "both_x_rad": "x",
@@ -295,6 +332,7 @@ _WINDOW_HEADINGS = {
     "both_radial_rad": "radial",
     "lines_radial_rad": "lines, radial",
     "noise_radial_rad": "noise, radial",
+    "errors_radial_rad": "errors, radial",
 }
 
 
@@ -305,7 +343,9 @@ def _windows(budget: Budget) -> Table:
         Column("window_s", "window", TIME),
         *(Column(key, _WINDOW_HEADINGS.get(key, ""), POINTING_ANGLE) for key in keys),
     )
-    rows = tuple((w.metric, w.window, *w.both, *w.lines, *w.noise) for w in budget.windows)
+    rows = tuple(
+        (w.metric, w.window, *w.both, *w.lines, *w.noise, *w.errors) for w in budget.windows
+    )
     return Table("windows", columns, rows, caption="Rms of all sources.")
 
 
@@ -344,17 +384,6 @@ def _blocked_loads(budget: Budget) -> Table:
         "complex amplitudes, relative to the coupled run."
     )
     return Table("blocked_loads", columns, rows, rows[:COMPARED], caption=caption)
-
-
-def _source_shares(budget: Budget) -> Table:
-    """Contribution of each source to each requirement, for a file."""
-    rows = tuple(
-        (one.requirement.name, one.requirement.text, x.source, x.rms, x.share)
-        for one in budget.judged
-        for x in one.sources
-    )
-    keys = ("name", "requirement", "source", "rms_rad", "share")
-    return Table("sources", tuple(map(Column, keys)), rows)
 
 
 def _lines(budget: Budget) -> Table:
@@ -468,7 +497,7 @@ def _draw_source(
         color=colour,
         markersize=3,
         linestyle="",
-        label=one.source if axis == "radial" else "_",
+        label=one.source if axis == "radial" and not one.errors else "_",
     )
 
 

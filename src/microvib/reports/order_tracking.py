@@ -12,11 +12,12 @@ import numpy as np
 from microvib.reports import sheets
 from microvib.reports.analysis_units import CHANNEL_KINDS, measure_in_unit, table_in_unit
 from microvib.reports.document import Fact, Text
-from microvib.reports.outcome import Outcome, Pairs, Part, Picture
+from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.reports.sheets import COLOURS, GREY
 from microvib.reports.typography import file_name
 from microvib.results import FREQUENCY, TORQUE, Table
 from microvib.signals.spectrum import window_name
+from microvib.studies.cut_limits import CutLimits, CutMargin
 from microvib.studies.track import (
     BEYOND,
     NOT_SEPARABLE,
@@ -48,8 +49,8 @@ _RESONANCE_CAPTION = (
 )
 
 
-def order_outcome(found: OrderTracking) -> Outcome:
-    """Orders of a sweep for those who read it."""
+def order_outcome(found: OrderTracking, against: CutLimits | None = None) -> Outcome:
+    """Orders of a sweep for those who read it; ``against`` a limit where one was given."""
     maxima = Table.of("maxima", Maximum, found.maxima, caption=_MAXIMA_CAPTION)
     resonances = Table.of("resonances", Resonance, found.resonances, caption=_RESONANCE_CAPTION)
     points = chain.from_iterable(cut.points() for cut in found.cuts)
@@ -58,10 +59,11 @@ def order_outcome(found: OrderTracking) -> Outcome:
         "Order tracking report",
         f"Orders of {file_name(found.name)}, channel {found.channel}",
         f"Order cuts, order map and waterfall of {CHANNEL_KINDS[found.unit]} through a rate sweep.",
-        "",
+        "" if against is None else against.verdict,
         tuple(_facts(found)),
         (
             Part("", (Pairs(tuple(_about(found))), _cuts_picture(found))),
+            Part("Against the limit", _against_limit(against, found.unit)),
             Part("Maxima of the orders", (table_in_unit(maxima, found.unit),), new_page=True),
             Part("Resonances that orders cross", (resonances,)),
             _picture_part("Phases", _PHASE_TEXT, _phases_picture(found)),
@@ -70,6 +72,21 @@ def order_outcome(found: OrderTracking) -> Outcome:
         ),
         files=(table_in_unit(cuts, found.unit),),
     )
+
+
+def _against_limit(against: CutLimits | None, unit: str) -> tuple[Item, ...]:
+    """The verdict by a limit, and the orders by their margins."""
+    if against is None:
+        return ()
+    table = Table.of("cut_margins", CutMargin, against.margins, caption=_MARGINS_CAPTION)
+    return (Text(against.words), table_in_unit(table, unit))
+
+
+_MARGINS_CAPTION = (
+    "The point of each order with the least margin. The limit is the least within the bandwidth and up to the"
+    " next points; an order is above it where it exceeds the most of it by two uncertainties. *Told* is the"
+    " part of the order's way through the limit's frequencies at which its amplitude is known."
+).replace("*", "")
 
 
 def _picture_part(title: str, text: str, picture: Picture) -> Part:

@@ -5,19 +5,22 @@ bands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from microvib.analysis.margins import frequency_error_bound
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Text
 from microvib.reports.numbers import count_text, plain_number
 from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
 from microvib.results import (
     COUNT,
+    FREQUENCY,
     MICROSTEPS,
+    ORDER,
     RATE,
     TORQUE,
     TORQUE_LIMIT,
@@ -46,6 +49,8 @@ if TYPE_CHECKING:
 MIN_DRAWN_RATIO = 1e-3
 """Amplitude over the largest of the plan below which a Campbell diagram draws nothing."""
 SHOWN = 12
+_NO_END = 1e9
+"""Frequency [Hz] for one that has no upper end, in files."""
 
 
 def _deg(rate: float) -> str:
@@ -92,7 +97,7 @@ def rates_outcome(plan: RatePlan, note: str = "") -> Outcome:
             Part("Without a steady state", tuple(map(Text, _unsolved(plan)))),
         ),
         plan.scenario,
-        files=(_lines_at_rates(plan),),
+        files=(_lines_at_rates(plan), Table.of("not_seen", NotSeen, _not_seen(plan))),
     )
 
 
@@ -348,6 +353,43 @@ def _lines_at_rates(plan: RatePlan) -> Table:
             figures = (getattr(line, field) for field in of_line)
             rows.append((case.rate, case.microsteps, *figures, status))
     return Table("rates", columns, tuple(rows), for_readers=())
+
+
+@dataclass(frozen=True)
+class NotSeen:
+    """Something that may be at a rate beside the lines that the plan has, for those who judge its lines later."""
+
+    rate: Annotated[float, Column("rate_deg_s", measure=RATE)]
+    microsteps: Annotated[int, Column("microsteps", measure=COUNT)]
+    what: Annotated[str, Column("what")]
+    low: Annotated[float, Column("from_hz", measure=FREQUENCY)]
+    high: Annotated[float, Column("to_hz", measure=FREQUENCY)]
+    """Empty (nan) where it has no end."""
+    at_most: Annotated[float, Column("at_most_n_m", measure=TORQUE)]
+    """Empty (nan) where that is not known."""
+    overstated: Annotated[float, Column("overstated", measure=ORDER)] = 1.0
+    """Times by which the record may show the lines too large."""
+
+
+def _not_seen(plan: RatePlan) -> Iterator[NotSeen]:
+    """All that is not seen at each rate that did not fail: lines that are hidden, with what they may have at most,
+    all above the passband, and what the record lacks.
+    """
+    for case in plan.cases:
+        if case.failed:
+            continue
+        at = case.rate, case.microsteps
+        for x in case.hidden:
+            reach = max(float(frequency_error_bound(x.frequency)), x.away)
+            low, high = max(x.frequency - reach, 0.0), x.frequency + reach
+            yield NotSeen(*at, x.name, low, high, x.amplitude)
+        if case.shown > 0.0:
+            what = "lines above the passband"
+        else:
+            what = "lines that the linearised drive lacks"
+        yield NotSeen(*at, what, min(case.shown, _NO_END), math.nan, math.nan)
+        if case.gap is not None:
+            yield NotSeen(*at, case.gap.why, 0.0, math.nan, math.nan, case.gap.overstated)
 
 
 def _how_solved(plan: RatePlan, case: RateCase) -> str:

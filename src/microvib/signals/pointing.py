@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from microvib.errors import MicrovibError
+from microvib.signals.error_rows import ErrorRows
 from microvib.signals.in_step import bases
 
 Metric = Literal["ape", "mpe", "rpe", "smear", "jitter", "stability", "pde"]
@@ -324,7 +325,7 @@ def mean_squares_at_instants(
     window have one row, as in ``windowed_amplitudes``. Raises MicrovibError.
     """
     whole = mean_square_of_density(metric, frequency, density, window, apart)
-    if metric not in _WITHIN_WINDOW:
+    if metric not in WITHIN_WINDOW:
         return np.array([whole])
     tau = np.asarray(instants, dtype=float)
     if metric == "smear":
@@ -400,6 +401,10 @@ class Distribution:
                 high = middle
         return high
 
+    def part_within(self, angle: float) -> float:
+        """Part of the time within an angle [rad]."""
+        return self._part(angle, np.zeros(len(self.inside)))
+
     def _part(self, angle: float, beside: np.ndarray) -> float:
         """Part of the time within an angle, less what is ``beside`` (n,)."""
         x, rows = angle - beside, np.arange(len(self.inside))
@@ -410,6 +415,23 @@ class Distribution:
         share = np.clip((x - left) / (right - left), 0.0, 1.0)
         low, high = self.inside[rows, below], self.inside[rows, below + 1]
         return float(self.shares @ np.where(x >= 0.0, low + share * (high - low), 0.0))
+
+
+def within_all(spreads: Sequence[Distribution], confidence: float) -> float:
+    """Angle [rad] that all of several errors certainly stay within for a part ``confidence`` of what
+    they are spread over: the parts in which they pass it add, as if they never did so together.
+    """
+    if len(spreads) == 1:
+        return spreads[0].within(confidence)
+    low = max(one.within(confidence) for one in spreads)
+    high = max(one.within(1.0 - (1.0 - confidence) / len(spreads)) for one in spreads)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if sum(1.0 - one.part_within(middle) for one in spreads) > 1.0 - confidence:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def confidence_level_angle(
@@ -432,7 +454,7 @@ def confidence_level_angle(
 
 def distribution(
     amplitudes: Sequence[float] | np.ndarray,
-    sigma: np.ndarray | float,
+    sigma: np.ndarray | float | ErrorRows,
     *,
     frequency: np.ndarray | None = None,
     clock: np.ndarray | None = None,
@@ -442,7 +464,9 @@ def distribution(
     """How the sum of lines and Gaussian noise is spread over time.
 
     ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of
-    the noise, of all rows or of each, (n,). Several rows (n, k) are ``shares`` (n,) of the time with amplitudes of their own,
+    the noise, of all rows or of each (n,), or independent errors of other kinds, noise among them
+    (then over time and over all that may be). Several rows (n, k) are ``shares`` (n,) of the time with
+    amplitudes of their own,
     equal ones where none are given. Lines below ``noise_ratio`` of the largest count as noise. The
     densities are convolved as products of their characteristic functions, J_0(x A) and exp(-(x
     sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle. Lines
@@ -459,12 +483,17 @@ def distribution(
     if shares is None:
         shares = np.full(len(lines), 1.0 / len(lines))
     small = _lines_counted_as_noise(lines, of, noise_ratio)
-    noise = np.hypot(sigma, np.sqrt(0.5 * np.sum(lines[:, small] ** 2, axis=1)))
+    errors = sigma if isinstance(sigma, ErrorRows) else None
+    gaussian = 0.0 if isinstance(sigma, ErrorRows) else np.asarray(sigma)
+    noise = np.hypot(gaussian, np.sqrt(0.5 * np.sum(lines[:, small] ** 2, axis=1)))
     lines, moved, f, of = lines[:, ~small], moved[:, ~small], f[~small], of[~small]
-    reach = 1.02 * float(np.max(lines.sum(axis=1) + 8.0 * noise, initial=0.0))
+    beside = 0.0 if errors is None else errors.reach
+    reach = 1.02 * float(np.max(lines.sum(axis=1) + 8.0 * noise + beside, initial=0.0))
     if reach == 0.0:
         return Distribution(np.zeros(1), np.ones((len(lines), 1)), shares)
-    if not noise.any() and lines.shape[1] == 1:
+    if errors is not None and errors.known and not noise.any() and not lines.any():
+        return _of_known(np.broadcast_to(np.abs(errors.mean), len(lines)), shares)
+    if not noise.any() and lines.shape[1] == 1 and errors is None:
         angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
         over = angle / np.maximum(lines, 1e-300)
         return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
@@ -473,20 +502,32 @@ def distribution(
     n = np.arange(1, _TERMS_OF_LEVEL)
     at = np.pi * n / reach
     each, alone = np.exp(-0.5 * np.outer(noise, at) ** 2), of < 0
+    if errors is not None:
+        # noise of one cell of the angle keeps the series of a narrow spread about a mean from ringing
+        each = each * errors.with_noise(reach / _TERMS_OF_LEVEL).transform(at)
     for one in np.unique(of[~alone]):
         its = np.flatnonzero(of == one)
         for group, base in bases(f[its], lines[:, its].max(axis=0)):
             if group.size == 1:
                 alone[its[group]] = True
             else:
-                each = each * _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
+                sums = _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
+                # without errors sums are taken as even: which sign they have then does not matter
+                each = each * (sums if errors is not None else sums.real)
     _multiply_unrelated(each, lines[:, alone], at)
     terms = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
-    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each
+    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each.real
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
     inside = x - np.fft.rfft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
     rising = np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
     return Distribution(reach * x, rising, shares)
+
+
+def _of_known(size: np.ndarray, shares: np.ndarray) -> Distribution:
+    """Distribution of what is ``size`` (n,) [rad] in each row, with either sign."""
+    just_below = size * (1.0 - 1e-12)
+    angle = np.unique(np.concatenate([np.zeros(1), size, just_below]))
+    return Distribution(angle, (angle >= size[:, None]).astype(float), shares)
 
 
 def _multiply_unrelated(each: np.ndarray, lines: np.ndarray, at: np.ndarray) -> None:
@@ -528,7 +569,7 @@ def _instants(orders: np.ndarray) -> int:
 
 
 def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.ndarray:
-    """Even part of the characteristic function of the sum of lines that keep their phases, at pi
+    """Characteristic function of the sum of lines that keep their phases, at pi
     n/``half``, of each row (m, k).
 
     They are the harmonics ``ratio`` (k,), whole numbers but for rounding, of what they repeat with.
@@ -550,7 +591,7 @@ def _transform_of_sum(ratio: np.ndarray, rows: np.ndarray, half: float) -> np.nd
         density = np.bincount(left, 1.0 - share, cells) + np.bincount(
             (left + 1) % cells, share, cells
         )
-        found.append(np.fft.rfft(density)[1:_TERMS_OF_LEVEL].real / instants)
+        found.append(np.fft.rfft(density)[1:_TERMS_OF_LEVEL].conj() / instants)
     return np.array(found) * (-1.0) ** np.arange(1, _TERMS_OF_LEVEL)
 
 
@@ -573,7 +614,7 @@ def windowed_amplitudes(
     """
     A, f = np.asarray(amplitude), np.asarray(frequency, dtype=float)
     u = np.pi * f * window
-    if metric not in _WITHIN_WINDOW:
+    if metric not in WITHIN_WINDOW:
         change = np.exp(2j * np.pi * f * (window if apart is None else apart)) - 1.0
         mean = np.sinc(u / np.pi) if metric in ("mpe", "pde") else 1.0
         return np.asarray(A * mean * (change if metric in ("stability", "pde") else 1.0))[None]
@@ -587,13 +628,13 @@ def windowed_amplitudes(
     return np.asarray(A * moved)
 
 
-_WITHIN_WINDOW: tuple[Metric, ...] = ("rpe", "smear", "jitter")
+WITHIN_WINDOW: tuple[Metric, ...] = ("rpe", "smear", "jitter")
 """Metrics that differ from one instant of a window to another."""
 
 
 def row_shares(metric: Metric, cells: WindowCells) -> np.ndarray:
     """Shares of the time, (n,), of the rows of ``windowed_amplitudes`` at the cells' instants."""
-    if metric in _WITHIN_WINDOW:
+    if metric in WITHIN_WINDOW:
         return cells.shares
     return np.ones(1)
 
@@ -632,7 +673,7 @@ def change_within_cells(
     """By how much lines (k,) of amplitude 1 differ within cells from what they are in the middle,
     at most, (n, k).
     """
-    if metric not in _WITHIN_WINDOW:
+    if metric not in WITHIN_WINDOW:
         return np.zeros((1, np.size(frequency)))
     reach = cells.reach[:, None]
     return reach * slope_in_window(
@@ -647,7 +688,7 @@ def excess_between_instants(
     than at both of them, (k,).
     """
     u = np.pi * np.asarray(frequency, dtype=float) * window
-    if metric not in _WITHIN_WINDOW or metric == "smear":  # a straight line is largest at its end
+    if metric not in WITHIN_WINDOW or metric == "smear":  # a straight line is largest at its end
         return np.zeros_like(u)
     left = np.abs(np.sinc(u / np.pi))
     if metric == "jitter":

@@ -45,3 +45,19 @@ def extremes(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest of each ``size`` samples, the last group perhaps shorter."""
     starts = np.arange(0, x.size, size)
     return np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
+
+
+def largest_in_cells(
+    amplitude: np.ndarray, rows: int, columns: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A map (t, m) in at most ``rows`` times ``columns`` cells, each the largest of what it covers, so
+    that no line is lost, and the first row and column of each.
+    """
+    starts = [
+        np.arange(cells) * size // cells
+        for size, most in zip(amplitude.shape, (rows, columns), strict=True)
+        for cells in (min(size, most),)
+    ]
+    down, across = starts
+    cells = np.maximum.reduceat(np.maximum.reduceat(amplitude, down, axis=0), across, axis=1)
+    return cells, down, across

@@ -24,7 +24,7 @@ from microvib.io.band_limits import BandLimit
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.results import COUNT, DECIBEL, SHARE, TIME, TORQUE, TORQUE_LIMIT, Column, Measure
-from microvib.signals.band_split import filter_reach, roll_off_for, split_band
+from microvib.signals.band_split import BandHistory, filter_reach, roll_off_for, split_band
 from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import LineTable
 from microvib.testdata.recording import Recording, require_usable_channel
@@ -203,6 +203,14 @@ def _judged(
     figures = (history.peak, history.least, history.largest, history.place / rate)
     verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps))
     return _row(name, limit, figures, roll_off, looked_at, verdict)
+
+
+def band_history(recording: Recording, peak: BandPeak) -> BandHistory | None:
+    """The time history of which a peak is the largest magnitude; None where there is none."""
+    if not math.isfinite(peak.peak):
+        return None
+    x = recording[peak.channel] - np.mean(recording[peak.channel])
+    return split_band(x, recording.sample_rate, peak.low, peak.high, peak.roll_off)
 
 
 def _row(

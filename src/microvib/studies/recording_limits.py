@@ -63,7 +63,7 @@ def judge_recording(
             " folder by microvib report",
         )
     guide = None if scenario is None else as_scenario(scenario)
-    table = _lines(source, channel, None if guide is None else f"M{guide.array.drive_axis}", guide)
+    table = lines_of_channel(source, channel, guide)
     return judge_channel(table, limit, channel if channel in COMPONENTS else "")
 
 
@@ -97,16 +97,36 @@ def judge_sides(
     )
 
 
-def _lines(
-    prepared: Prepared, channel: str, axis: str | None, guide: GivenScenario | None
+def lines_of_channel(
+    prepared: Prepared, channel: str, scenario: GivenScenario | None = None
 ) -> LineTable:
-    """Lines of a channel: of the drive-axis torque by their names, of another load all that stand
-    above the floor.
+    """Find the lines of a recording's channel that are judged: of the drive-axis torque by their
+    names, of another load all that stand above the floor.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        The recording and its background.
+    channel : str
+        The channel.
+    scenario : Scenario, str or path, optional
+        The drive that was measured, which gives its lines names.
+
+    Returns
+    -------
+    LineTable
+        Its lines.
+
+    Raises
+    ------
+    RecordingError
+        Where the channel cannot be used, or the record is too short.
     """
+    guide = None if scenario is None else as_scenario(scenario)
+    axis = None if guide is None else f"M{guide.array.drive_axis}"
     recording = prepared.recording
     other = channel in COMPONENTS and (channel.startswith("F") or axis not in (None, channel))
     if other:
         require_usable_channel(recording, channel, shortest_judged_record(recording, None))
         return lines_without_clock(recording, channel)
-    scenario = None if guide is None else as_scenario(guide)
-    return lines_of_recording(recording, channel, scenario, prepared.background)
+    return lines_of_recording(recording, channel, guide, prepared.background)

@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from microvib.analysis.lines import CLOCK_TOLERANCE
 from microvib.errors import MicrovibError, OptionError, ScenarioError
-from microvib.io.row_table import read_row_table
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
+from microvib.io.row_table import row_table
+from microvib.io.tables import csv_rows, text_rows
 from microvib.model.scenario import Scenario
 from microvib.signals.order_tracking import OrderError
 from microvib.signals.sweep_clock import (
@@ -71,14 +72,18 @@ def speed_in_hz(key: str, given: GivenQuantity) -> float:
         return float(quantity(key, given, "rad/s", example="rpm")) / (2.0 * math.pi)
 
 
-def stated_speed(profile: str, t: np.ndarray) -> np.ndarray:
-    """Speed [Hz] at the times ``t`` (n,) [s] of a profile: points ``0 s:10 Hz, 5 s:40 Hz``, or a CSV
-    file with times and speeds; between points it changes linearly, before and after it stays.
+def stated_speed(profile: str, t: np.ndarray, files: FileAccess = WORKING_FOLDER) -> np.ndarray:
+    """Speed [Hz] at the times ``t`` (n,) [s] of a profile: points ``0 s:10 Hz, 5 s:40 Hz``, a table of
+    times and speeds as text of several lines, or a CSV file of one; between points it changes
+    linearly, before and after it stays.
 
-    OptionError or ScenarioError where it is no profile.
+    OptionError or ScenarioError where it is no profile, or names a file and ``files`` opens none.
     """
-    if profile.lower().endswith((".csv", ".txt")):
-        points = _profile_file(Path(profile))
+    if "\n" in profile.strip():
+        points = _profile_rows("profile", text_rows(profile))
+    elif profile.strip().lower().endswith((".csv", ".txt")):
+        path = files.under("profile").path(profile.strip())
+        points = _profile_rows(str(path), csv_rows(path, ScenarioError))
     else:
         points = [[*_point(text)] for text in profile.split(",")]
     times, speeds = np.array(points).T
@@ -100,15 +105,15 @@ def _point(text: str) -> tuple[float, float]:
     return float(quantity("profile", time.strip(), "s")), speed_in_hz("profile", speed.strip())
 
 
-def _profile_file(path: Path) -> list[list[float]]:
+def _profile_rows(name: str, rows: list[list[str]]) -> list[list[float]]:
     """Rows of times [s] and speeds [Hz]; the header may name rpm or deg/s."""
     try:
-        return read_row_table(path, ("time", "s"), ("speed", "Hz"))
+        return row_table(name, rows, ("time", "s"), ("speed", "Hz"))
     except ScenarioError as error:
         if "mixes angles and cycles" not in str(error):
             raise
-    rows = read_row_table(path, ("time", "s"), ("speed", "rad/s"))
-    return [[time, speed / (2.0 * math.pi)] for time, speed in rows]
+    found = row_table(name, rows, ("time", "s"), ("speed", "rad/s"))
+    return [[time, speed / (2.0 * math.pi)] for time, speed in found]
 
 
 def of_tacho(recording: Recording, channel: str, pulses_per_rev: float) -> Reference:
@@ -219,10 +224,13 @@ def of_speed_channel(recording: Recording, channel: str) -> Reference:
     return Reference(phase, slice(0, x.size), f"speed channel {channel}")
 
 
-def of_profile(samples: int, rate: float, profile: str, offset: float) -> tuple[np.ndarray, str]:
+def of_profile(
+    samples: int, rate: float, profile: str, offset: float, files: FileAccess = WORKING_FOLDER
+) -> tuple[np.ndarray, str]:
     """Stated speed [Hz] (n,) of a section that begins at ``offset`` [s], and words for it."""
     t = offset + np.arange(samples) / rate
-    return stated_speed(profile, t), f"stated profile {profile}"
+    words = "a table" if "\n" in profile.strip() else profile
+    return stated_speed(profile, t, files), f"stated profile {words}"
 
 
 def of_scenario(

@@ -14,6 +14,7 @@ import numpy as np
 
 from microvib.analysis import spectra
 from microvib.errors import MicrovibError, OptionError, expect_list
+from microvib.io.file_access import WORKING_FOLDER, FileAccess
 from microvib.io.recordings import Prepared
 from microvib.io.sources import RunFolder, Source
 from microvib.model.linear import coupled_modes
@@ -207,6 +208,7 @@ def track_orders(  # noqa: PLR0913 - keyword options
     fixed: Sequence[GivenQuantity] = (),
     bandwidth: GivenQuantity | None = None,
     section: Section | None = None,
+    files: FileAccess = WORKING_FOLDER,
     progress: Progress | None = None,
 ) -> OrderTracking:
     """Track orders through a rate sweep: amplitude and phase of each over time and speed.
@@ -231,7 +233,7 @@ def track_orders(  # noqa: PLR0913 - keyword options
     speed : str, optional
         Channel that is the speed of the reference, in rpm, Hz or deg/s.
     profile : str, optional
-        Speed profile of the reference: ``"0 s:10 Hz, 5 s:40 Hz"``, or a CSV file.
+        Speed profile of the reference: ``"0 s:10 Hz, 5 s:40 Hz"``, a CSV file, or the text of one.
     scenario : Scenario, str or path, optional
         Drive whose command is the reference: order 1 is once per electrical period.
     strongest : float, optional
@@ -244,6 +246,8 @@ def track_orders(  # noqa: PLR0913 - keyword options
         Width about each order within which all is taken for it.
     section : Section, optional
         Part of the record.
+    files : FileAccess
+        Permission to open the file of a profile.
     progress : callable, optional
         Called as ``progress(done, total)``, with simulated seconds.
 
@@ -288,7 +292,7 @@ def track_orders(  # noqa: PLR0913 - keyword options
     elif speed is not None:
         reference = of_speed_channel(recording, speed)
     elif profile is not None:
-        stated, words = of_profile(x.size, rate, profile, offset)
+        stated, words = of_profile(x.size, rate, profile, offset, files)
         reference = with_clock(x, rate, stated, words, tracked_orders, clock)
     elif strongest is not None:
         reference = of_strongest(x, rate, strongest, tracked_orders, _seconds(x.size / rate))

@@ -6,17 +6,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from microvib.analysis.margins import frequency_error_bound
 from microvib.analysis.pointing import FREQUENCY_TOLERANCE
+from microvib.signals.error_rows import ErrorRows
 from microvib.signals.in_step import SLOW, in_step
 from microvib.signals.pointing import (
     HALF_WINDOW,
     UNIFORM_INSTANTS,
     WHOLE_WINDOW,
+    WITHIN_WINDOW,
     Distribution,
     change_within_cells,
     confidence_level_angle,
@@ -28,8 +31,10 @@ from microvib.signals.pointing import (
     metric_weight,
     row_shares,
     windowed_amplitudes,
+    within_all,
     worst_case_angle,
 )
+from microvib.studies.budget.errors import CORNERS, NO_ERRORS, ErrorSum, Unit
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Unobserved
 from microvib.units import within_band as in_band
@@ -64,6 +69,8 @@ class CombinedLines:
     """
     off: np.ndarray
     """By how much frequencies may be off [Hz], (k,)."""
+    errors: ErrorSum = NO_ERRORS
+    """Errors of the sources beside lines and densities."""
 
     @property
     def frequency_bounds(self) -> np.ndarray:
@@ -87,51 +94,106 @@ def evaluate_metric(
     what one of them does. A level depends on the phases that lines of one ``clock`` (k, 2) keep, of
     complex amplitudes; those of all others count as unrelated.
     """
-    r, axes = requirement, AXES[requirement.axis]
-    window = _window(r)
-    counts = counts_in_band(r, frequency)
-    f, tones = frequency[counts], amplitude[counts]
-    A = np.abs(tones)
+    moved = Moved(frequency, amplitude, densities, clock)
+    return evaluate(requirement, moved, single_axis=single_axis)
+
+
+class Moved(NamedTuple):
+    """Motion of the line of sight: lines (k,) [Hz] with amplitudes (k, 2) [rad], densities and errors."""
+
+    frequency: np.ndarray
+    amplitude: np.ndarray
+    densities: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+    clock: np.ndarray | None = None
+    """Clocks of the lines, (k, 2), as in ``evaluate_metric``."""
+    errors: ErrorSum = NO_ERRORS
+
+    def in_band(self, r: Requirement) -> Moved:
+        """Motion with the lines that count alone."""
+        counts = counts_in_band(r, self.frequency)
+        f, tones = self.frequency[counts], self.amplitude[counts]
+        clock = np.full(tones.shape, INCOHERENT) if self.clock is None else self.clock[counts]
+        return self._replace(frequency=f, amplitude=tones, clock=clock)
+
+
+NOTHING = Moved(np.zeros(0), np.zeros((0, 2)))
+
+
+def evaluate(r: Requirement, moved: Moved, *, single_axis: bool = False) -> float:
+    """The figure that is required of all that moves the line of sight [rad]."""
+    axes, moved = AXES[r.axis], moved.in_band(r)
     if r.statistic == "rms":
-        total = float(np.sum(mean_square_of_lines(r.metric, f, A[:, axes], window, r.apart)))
-        return math.sqrt(total + float(np.array(_noise(r, densities))[axes].sum()))
+        A, window = np.abs(moved.amplitude), _window(r)
+        lines = mean_square_of_lines(r.metric, moved.frequency, A[:, axes], window, r.apart)
+        noise = np.array(_noise(r, moved.densities))[axes]
+        errors = sum(moved.errors.mean_square(r, k) for k in axes) if moved.errors else 0.0
+        return math.sqrt(float(np.sum(lines)) + float(noise.sum()) + errors)
     if r.statistic == "bound":
-        each = [
-            worst_case_angle(
-                windowed_amplitudes(r.metric, f, A[:, k], window, r.apart, UNIFORM_INSTANTS),
-                _noise_at_instants(r, densities, k, UNIFORM_INSTANTS),
-            )
-            for k in axes
-        ]
+        each = [_crest(r, moved, k) for k in axes]
     else:  # both axes within theirs, each for a part of the time such that both are for the part that is asked for
         part = 1.0 - (1.0 - r.confidence) / len(axes)
-        if clock is None:
-            of = np.full(A.shape, INCOHERENT)
-        else:
-            of = clock[counts]
-        if np.any(of != INCOHERENT):
-            cells = WHOLE_WINDOW
-        else:
-            cells = HALF_WINDOW
-        each, shares = [], row_shares(r.metric, cells)
-        for k in axes:
-            rows = windowed_amplitudes(r.metric, f, tones[:, k], window, r.apart, cells.instants)
-            sigma, clocks = _noise_at_instants(r, densities, k, cells.instants), of[:, k]
-            each.append(
-                confidence_level_angle(rows, sigma, part, frequency=f, clock=clocks, shares=shares)
-            )
+        each = [_level(r, moved, k, part) for k in axes]
     if single_axis:
         return max(each)
     return math.hypot(*each)
+
+
+def _crest(r: Requirement, moved: Moved, axis: int) -> float:
+    """All at their crests at the worst instant of a window, about an axis [rad]."""
+    A = np.abs(moved.amplitude[:, axis])
+    f, sigma = moved.frequency, _noise_at_instants(r, moved.densities, axis, UNIFORM_INSTANTS)
+    rows = windowed_amplitudes(r.metric, f, A, _window(r), r.apart, UNIFORM_INSTANTS)
+    if not moved.errors:
+        return worst_case_angle(rows, sigma)
+    unknown = moved.errors.unknown_crest(r, axis)
+    bounded = math.isfinite(unknown)  # if not, its reason keeps a requirement from being judged
+    errors = moved.errors.rows(r, axis, UNIFORM_INSTANTS, exact=bounded)
+    lines = np.sum(np.abs(np.atleast_2d(rows)), axis=1)
+    return float(np.max(lines + errors.crest(sigma**2))) + (unknown if bounded else 0.0)
+
+
+def _level(r: Requirement, moved: Moved, axis: int, part: float) -> float:
+    """Within which the error about an axis is for a part of the time, of units or of both [rad]."""
+    if r.interpretation == "ensemble":
+        time_alone = _crest(r, moved._replace(errors=moved.errors.over_time), axis)
+        units = [distribution(_NO_LINES, one) for one in moved.errors.ends(r, axis)]
+        return time_alone + max(one.within(part) for one in units)
+    assert moved.clock is not None
+    clocks = moved.clock[:, axis]
+    cells = WHOLE_WINDOW if np.any(moved.clock != INCOHERENT) else HALF_WINDOW
+    f, tones = moved.frequency, moved.amplitude[:, axis]
+    rows = windowed_amplitudes(r.metric, f, tones, _window(r), r.apart, cells.instants)
+    sigma = _noise_at_instants(r, moved.densities, axis, cells.instants)
+    shares = row_shares(r.metric, cells)
+    if not moved.errors:
+        return confidence_level_angle(rows, sigma, part, frequency=f, clock=clocks, shares=shares)
+    found = []
+    for unit in units_of(r):
+        beside = moved.errors.rows(r, axis, cells.instants, unit).with_noise(sigma)
+        spread = distribution(rows, beside, frequency=f, clock=clocks, shares=shares)
+        found.append(spread.within(part))
+    return max(found)
+
+
+def units_of(r: Requirement) -> tuple[Unit | None, ...]:
+    """Units of which the worst counts: any, or those that a temporal interpretation looks at."""
+    return CORNERS if r.interpretation == "temporal" else (None,)
+
+
+_NO_LINES = np.zeros((1, 0))
 
 
 def evaluate_lines(
     r: Requirement, tones: CombinedLines, densities: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 ) -> float:
     """The figure that is required of what the sources are given as."""
-    return evaluate_metric(
-        r, tones.frequency, tones.value * tones.phasor, densities, clock=tones.clock
-    )
+    value = tones.value * tones.phasor
+    return evaluate(r, Moved(tones.frequency, value, densities, tones.clock, tones.errors))
+
+
+def evaluate_errors(r: Requirement, errors: ErrorSum) -> float:
+    """The figure that is required of errors alone."""
+    return evaluate(r, NOTHING._replace(errors=errors))
 
 
 def metric_bounds(
@@ -152,7 +214,8 @@ def metric_bounds(
         return _level_bounds(r, tones, gaps, (densities, largest), moving or SweptLines(tones))
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     hidden_at, hidden = _unobserved_lines(gaps)
-    least = evaluate_metric(r, lower, tones.least, densities, single_axis=True)
+    smallest = Moved(lower, tones.least, densities, errors=tones.errors)
+    least = evaluate(r, smallest, single_axis=True)
     least = max(least - _crest_offset(r, tones, lower, tones.least, -1.0), 0.0)
     if not np.all(np.isfinite(hidden)):
         return least, math.inf
@@ -162,7 +225,7 @@ def metric_bounds(
         )
     f, most = np.concatenate([upper, hidden_at]), np.vstack([tones.most, hidden])
     beyond = _excess_of_bound(r, f, most) + _crest_offset(r, tones, upper, tones.most, 1.0)
-    return least, evaluate_metric(r, f, most, largest) + beyond
+    return least, evaluate(r, Moved(f, most, largest, errors=tones.errors)) + beyond
 
 
 def _crest_offset(
@@ -243,7 +306,7 @@ def _crest_bound(
     amplitude = np.vstack([moving.others.most, hidden.most])
     each = [r.model_copy(update={"axis": "xy"[k]}) for k in AXES[r.axis]]
     found = [
-        evaluate_metric(one, frequency, amplitude, densities)
+        evaluate(one, Moved(frequency, amplitude, densities, errors=moving.others.errors))
         + _excess_of_bound(one, frequency, amplitude)
         + _crest_offset(one, moving.others, upper, moving.others.most, 1.0)
         for one in each
@@ -278,6 +341,8 @@ def _level_bounds(
     tells more, which does not depend on phases: above x for a part 1 - c of the time it is (1 - c)
     x^2 at the least.
     """
+    if r.interpretation == "ensemble":
+        return _ensemble_bounds(r, tones, gaps, densities, moving)
     at, hidden = _unobserved_lines([gap for gap in gaps if not gap.of_squares])
     bounded = np.all(np.isfinite(hidden), axis=1)
     if r.confidence < MIN_MONOTONE_CONFIDENCE and not bounded.all():
@@ -286,14 +351,15 @@ def _level_bounds(
     both_within = 1.0 - (1.0 - r.confidence) / len(axes)
     known = Unobserved("", 0.0, math.inf, at[bounded], hidden[bounded])
     smallest, largest = densities
-    found = [_largest_group_distribution(r, tones, known, smallest, k) for k in axes]
-    least = max(spread.within(r.confidence, -beside) for spread, beside in found)
-    least = max(least, _mean_square_floor(r, tones, known, smallest))
+    least, found = _least_level(r, tones, known, smallest)
     if not bounded.all():
         return least, math.inf
     _, squares = metric_bounds(r.model_copy(update={"statistic": "rms"}), tones, gaps, largest)
-    if moving.together or largest is not smallest:
-        found = [_largest_group_distribution(r, moving.others, known, largest, k) for k in axes]
+    if moving.together or largest is not smallest or r.interpretation == "temporal":
+        found = [_of_worst(r, moving.others, known, largest, k) for k in axes]
+    by_squares = squares / math.sqrt(1.0 - r.confidence)
+    if not all(np.all(np.isfinite(beside)) for _, beside in found):
+        return least, by_squares
     most = moving.upper_bound_with(
         axes,
         lambda more: [
@@ -301,7 +367,83 @@ def _level_bounds(
             for x, (spread, beside) in zip(more, found, strict=True)
         ],
     )
-    return least, min(most, squares / math.sqrt(1.0 - r.confidence))
+    return least, min(most, by_squares)
+
+
+def _least_level(
+    r: Requirement,
+    tones: CombinedLines,
+    known: Unobserved,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> tuple[float, list[tuple[Distribution, np.ndarray]]]:
+    """Level below which none is, whatever the phases that nobody stated [rad], and the distributions
+    about each axis, of each unit that is looked at, that it follows from.
+    """
+    found = [
+        _largest_group_distribution(r, tones, known, densities, _Of(k, unit))
+        for unit in units_of(r)
+        for k in AXES[r.axis]
+    ]
+    least = max(spread.within(r.confidence, -beside) for spread, beside in found)
+    if not tones.errors:
+        least = max(least, _mean_square_floor(r, tones, known, densities))
+    return least, found
+
+
+def _of_worst(
+    r: Requirement,
+    tones: CombinedLines,
+    hidden: Unobserved,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    axis: int,
+) -> tuple[Distribution, np.ndarray]:
+    """``_largest_group_distribution`` of all units or, in a temporal interpretation, of the mean one
+    with what the worst has beyond it beside.
+    """
+    temporal = r.interpretation == "temporal"
+    of = _Of(axis, CORNERS[0] if temporal else None, worst=temporal)
+    return _largest_group_distribution(r, tones, hidden, densities, of)
+
+
+def _ensemble_bounds(
+    r: Requirement,
+    tones: CombinedLines,
+    gaps: Sequence[Unobserved],
+    densities: tuple[Sequence[tuple[np.ndarray, np.ndarray]], ...],
+    moving: SweptLines,
+) -> tuple[float, float]:
+    """Least and most of a level over units, each at its largest over the time.
+
+    What changes with time has a mean of zero: beside a constant B its largest value is B and the crests
+    of all at most, and the root of the mean square of both at least. A unit with a drift has passed
+    neither its beginning nor its end, each taken by itself, in all but the sum of both parts.
+    """
+    smallest, largest = densities
+    axes, confidence = AXES[r.axis], r.confidence
+    both_within = 1.0 - (1.0 - confidence) / len(axes)
+    over_time = tones.errors.over_time
+    still = replace(tones, errors=over_time)
+    others = replace(moving, others=replace(moving.others, errors=over_time))
+    least, most = 0.0, []
+    for k in axes:
+        own = r.model_copy(update={"axis": "xy"[k], "interpretation": None})
+        rms, bound = (own.model_copy(update={"statistic": x}) for x in ("rms", "bound"))
+        _, crest = metric_bounds(bound, still, gaps, smallest, others, largest)
+        squares, _ = metric_bounds(rms, still, gaps, smallest)
+        units = [distribution(_NO_LINES, one) for one in tones.errors.ends(r, k)]
+        least = max(least, math.hypot(squares, max(one.within(confidence) for one in units)))
+        most.append(crest + within_all(units, both_within) if math.isfinite(crest) else math.inf)
+    return least, math.hypot(*most)
+
+
+class _Of(NamedTuple):
+    """Axis of the line of sight, and units."""
+
+    axis: int
+    unit: Unit | None = None
+    """The unit whose errors count with their sign; None for all of them."""
+    worst: bool = False
+    """Whether what units may have beyond it is beside."""
 
 
 def _largest_group_distribution(
@@ -309,7 +451,7 @@ def _largest_group_distribution(
     tones: CombinedLines,
     hidden: Unobserved,
     densities: Sequence[tuple[np.ndarray, np.ndarray]],
-    axis: int,
+    of: _Of,
 ) -> tuple[Distribution, np.ndarray]:
     """The largest group of lines with known phases, or the largest line, with noise; and what is
     beside it at most, (n,) [rad].
@@ -317,7 +459,7 @@ def _largest_group_distribution(
     Rows are cells of a window, in which all is as in their middles; by how much it changes within
     them is beside it.
     """
-    cells, window = WHOLE_WINDOW, _window(r)
+    cells, window, axis = WHOLE_WINDOW, _window(r), of.axis
 
     def moved(f: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
         at = cells.instants
@@ -337,9 +479,19 @@ def _largest_group_distribution(
     beside = high[:, ~group].sum(axis=1) + relative_error.sum(axis=1)
     beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
     beside = beside + changes(upper, tones.most) + changes(hidden.frequency, hidden.most)
+    sigma = _noise_at_instants(r, densities, axis, cells.instants)
+    noise: np.ndarray | ErrorRows = sigma
+    if tones.errors:
+        errors = tones.errors.rows(r, axis, cells.instants, of.unit, exact=True)
+        noise = errors.with_noise(sigma)
+        beside = beside + tones.errors.unknown_crest(r, axis)
+        if r.metric in WITHIN_WINDOW:
+            beside = beside + cells.reach * tones.errors.slope(r, axis)
+        if of.worst:
+            beside = beside + tones.errors.crest_over_units(r, axis, np.abs(cells.instants))
     spread = distribution(
         given[:, group],
-        _noise_at_instants(r, densities, axis, cells.instants),
+        noise,
         frequency=tones.frequency[group],
         clock=np.zeros(int(group.sum()), dtype=int),
         shares=row_shares(r.metric, cells),

@@ -4,7 +4,7 @@ the drives.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +23,7 @@ from microvib.units import Quantity, unit_of
 
 AXES = ("x", "y", "radial")
 Statistic = Literal["rms", "level", "bound"]
+Interpretation = Literal["temporal", "ensemble", "mixed"]
 
 
 class CurvePoint(Part):
@@ -71,6 +72,12 @@ class Requirement(Part):
     confidence: Annotated[
         float, Quantity("", "part of the time", ge=0.5, display="percent", le=0.999999)
     ] = 0.997
+    interpretation: Interpretation | None = Field(
+        default=None,
+        description="over what rms and level are taken where errors of sources have spreads over units:"
+        " temporal, the time, of the worst unit; ensemble, units, each at its largest over the time"
+        " (level); mixed, time and units together",
+    )
     percentile: (
         Annotated[
             float,
@@ -114,9 +121,20 @@ class Requirement(Part):
             yield f"highest: {self.highest:g} Hz is not above lowest, {self.lowest:g} Hz"
         if self.percentile is not None and self.statistic == "level":
             yield "percentile: goes with statistic rms or bound; a level of each case of a campaign is not computed"
-        if self.curve is None:
-            return
-        steps = [point.frequency for point in self.curve]
+        yield from self._errors_of_interpretation()
+        if self.curve is not None:
+            yield from self._errors_of_curve(self.curve)
+
+    def _errors_of_interpretation(self) -> Iterator[str]:
+        if self.interpretation == "ensemble" and self.statistic == "rms":
+            yield "interpretation: ensemble is of the largest error over the time; it goes with statistic level or bound"
+        if self.interpretation == "ensemble" and self.percentile is not None:
+            yield "percentile: is over a campaign's cases; interpretation: ensemble does not go with it"
+        if self.interpretation is not None and self.curve is not None:
+            yield "interpretation: does not go with curve, which limits each line"
+
+    def _errors_of_curve(self, curve: tuple[CurvePoint, ...]) -> Iterator[str]:
+        steps = [point.frequency for point in curve]
         if len(steps) < 2 or any(b <= a for a, b in pairwise(steps)):
             yield "curve: two points or more with ascending frequencies are expected"
         if self.metric != "ape" or self.percentile is not None:
@@ -168,6 +186,8 @@ class Requirement(Part):
             kind = "lines"
         else:
             kind = f"{self.metric.upper()}{window}{apart}"
+        if self.interpretation is not None:
+            level = f"{level}, {self.interpretation}"
         return f"{kind}{axis}, {'amplitude over frequency' if self.curve else level}{ensemble}"
 
 
@@ -218,8 +238,67 @@ class WheelHarmonic(Part):
     ] = 0.0
 
 
+class WhirlPoint(Part):
+    """Measured whirl frequencies of a rocking mode at a speed."""
+
+    speed: Annotated[float, Quantity("rad/s", "speed", ge=0, display="rpm")]
+    backward: Annotated[float, Quantity("Hz", "frequency of the backward whirl", gt=0)]
+    forward: Annotated[float, Quantity("Hz", "frequency of the forward whirl", gt=0)]
+
+
+class WheelMode(Part):
+    """Structural mode of a wheel: its rotor on its bearings, which amplifies its harmonics near it."""
+
+    motion: Literal["rocking", "radial", "axial"] = Field(
+        description="rocking amplifies radial torques, radial radial forces, axial axial forces"
+    )
+    frequency: Annotated[float, Quantity("Hz", "natural frequency at rest", gt=0)] | None = None
+    damping: Annotated[float, Quantity("", "modal damping ratio", gt=0, le=0.5)]
+    inertia_ratio: (
+        Annotated[
+            float,
+            Quantity(
+                "",
+                "of a rocking mode: polar over transverse moment of inertia of the rotor, which splits it into"
+                " backward and forward whirl",
+                ge=0,
+                le=2,
+            ),
+        ]
+        | None
+    ) = None
+    whirl: tuple[WhirlPoint, ...] | None = Field(
+        default=None,
+        max_length=1000,
+        description="of a rocking mode, in place of frequency and inertia_ratio: measured whirl frequencies over"
+        " the speed, straight between points",
+    )
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if self.motion != "rocking":
+            for key in ("inertia_ratio", "whirl"):
+                if getattr(self, key) is not None:
+                    yield f"{key}: is of a rocking mode; a mode that is {self.motion} does not whirl"
+        elif (self.inertia_ratio is None) == (self.whirl is None):
+            yield "inertia_ratio: give polar over transverse inertia, or whirl, the measured whirl frequencies"
+        if (self.frequency is None) == (self.whirl is None):
+            yield "frequency: give the natural frequency at rest, or whirl"
+        yield from self._errors_of_points()
+
+    def _errors_of_points(self) -> Iterator[str]:
+        """Sentences on measured whirl frequencies."""
+        points = self.whirl or ()
+        if self.whirl is not None and len(points) < 2:
+            yield "whirl: two speeds or more are expected"
+        if any(b.speed <= a.speed for a, b in pairwise(points)):
+            yield "whirl: ascending speeds are expected"
+        for point in points:
+            if point.forward < point.backward:
+                yield f"whirl: forward, {point.forward:g} Hz, is below backward, {point.backward:g} Hz"
+
+
 class Wheel(Part):
-    """A reaction wheel by its harmonic coefficients: rigid, without its own resonances."""
+    """A reaction wheel by its harmonic coefficients, rigid or with its structural modes."""
 
     speed: Annotated[float, Quantity("rad/s", "speed", gt=0, display="rpm")]
     speed_to: (
@@ -232,19 +311,166 @@ class Wheel(Part):
         | None
     ) = None
     axis: Direction = Field(description="spin axis, hub axes")
-    harmonics: tuple[WheelHarmonic, ...] = Field(max_length=200, description="its disturbances")
+    harmonics: tuple[WheelHarmonic, ...] = Field(
+        default=(), max_length=200, description="its disturbances"
+    )
+    table: str | None = Field(
+        default=None, max_length=1000, description="CSV file of harmonics, in their place"
+    )
+    modes: tuple[WheelMode, ...] = Field(
+        default=(),
+        max_length=50,
+        description="structural modes; harmonics are those far below them",
+    )
 
     def _consistency_errors(self) -> Iterator[str]:
-        if not self.harmonics:
-            yield "harmonics: an empty list makes no disturbance; give at least one"
+        if not self.harmonics and self.table is None:
+            yield "harmonics: an empty list makes no disturbance; give at least one, or table"
+        if self.harmonics and self.table is not None:
+            yield "table: is an alternative of harmonics; give one of them"
+        yield from self._errors_of_whirl()
         if not any(self.axis):
             yield "axis: [0, 0, 0] is not a direction; three components, not all 0, are expected"
         if self.speed_to is not None and self.speed_to <= self.speed:
             yield f"speed_to: {self.speed_to:g} rad/s is not above speed, {self.speed:g} rad/s"
 
+    def _errors_of_whirl(self) -> Iterator[str]:
+        low, high = self.speed, self.speed_to or self.speed
+        for mode in (mode for mode in self.modes if mode.whirl):
+            points = mode.whirl or ()
+            if points and (points[0].speed > low or points[-1].speed < high):
+                yield (
+                    f"modes: whirl is given from {points[0].speed:g} to {points[-1].speed:g} rad/s, and the"
+                    f" wheel turns from {low:g} to {high:g} rad/s"
+                )
+
+
+Spread = Literal["uniform", "normal", "arcsine"]
+_SPREAD = "half-width of a uniform distribution, standard deviation of a normal, amplitude of an arcsine (bimodal)"
+
+
+class ConstantError(Part):
+    """Constant error of the line of sight, about x and about y: a bias, known or with a spread over
+    units.
+    """
+
+    x: Annotated[float, Quantity("rad", "known part, or centre of the spread", display="urad")] = (
+        0.0
+    )
+    y: Annotated[float, Quantity("rad", "the same about y", display="urad")] = 0.0
+    distribution: Literal["fixed"] | Spread = Field(
+        default="fixed", description="how it is spread over units; fixed: it is x and y"
+    )
+    spread_x: Annotated[float, Quantity("rad", _SPREAD, ge=0, display="urad")] | None = None
+    spread_y: Annotated[float, Quantity("rad", "the same about y", ge=0, display="urad")] | None = (
+        None
+    )
+
+    def _consistency_errors(self) -> Iterator[str]:
+        yield from _errors_of_spread(self)
+
+
+class RandomError(Part):
+    """Random error of the line of sight, about zero, that changes with time."""
+
+    distribution: Literal["normal", "uniform"] = Field(
+        default="normal", description="how it is spread over time"
+    )
+    spread_x: Annotated[
+        float,
+        Quantity(
+            "rad", "standard deviation, of a uniform one its half-width", ge=0, display="urad"
+        ),
+    ]
+    spread_y: Annotated[float, Quantity("rad", "the same about y", ge=0, display="urad")]
+    correlation_time: (
+        Annotated[
+            float,
+            Quantity(
+                "s",
+                "time constant of its autocorrelation, exponential (first-order Gauss-Markov); this or a"
+                " band is needed by windows",
+                gt=0,
+                display="s",
+            ),
+        ]
+        | None
+    ) = None
+    lowest: (
+        Annotated[float, Quantity("Hz", "beginning of the band in which it is even", ge=0)] | None
+    ) = None
+    highest: Annotated[float, Quantity("Hz", "end of that band", gt=0)] | None = None
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if not self.spread_x and not self.spread_y:
+            yield "spread_x: 0 about both axes makes no error; give spread_x or spread_y"
+        if (self.lowest is None) != (self.highest is None):
+            yield "highest: a band has two ends; give lowest and highest"
+        if self.lowest is not None and self.correlation_time is not None:
+            yield "correlation_time: is an alternative of lowest and highest; give one of them"
+        if self.lowest is not None and self.highest is not None and self.highest <= self.lowest:
+            yield f"highest: {self.highest:g} Hz is not above lowest, {self.lowest:g} Hz"
+
+
+class PeriodicError(Part):
+    """Periodic error of the line of sight: a line whose phase is not known."""
+
+    x: Annotated[float, Quantity("rad", "amplitude about x, 0-to-peak", ge=0, display="urad")]
+    y: Annotated[float, Quantity("rad", "amplitude about y, 0-to-peak", ge=0, display="urad")]
+    frequency: Annotated[float, Quantity("Hz", "frequency", gt=0)]
+
+    def _consistency_errors(self) -> Iterator[str]:
+        if not self.x and not self.y:
+            yield "x: 0 about both axes makes no error; give x or y"
+
+
+class DriftError(Part):
+    """Drift of the line of sight: an even rate from zero on, known or with a spread over units."""
+
+    x: Annotated[float, Quantity("rad/s", "known rate, or centre of the spread")] = 0.0
+    y: Annotated[float, Quantity("rad/s", "the same about y")] = 0.0
+    distribution: Literal["fixed"] | Spread = Field(
+        default="fixed", description="how the rate is spread over units; fixed: it is x and y"
+    )
+    spread_x: Annotated[float, Quantity("rad/s", _SPREAD, ge=0)] | None = None
+    spread_y: Annotated[float, Quantity("rad/s", "the same about y", ge=0)] | None = None
+    duration: (
+        Annotated[
+            float,
+            Quantity("s", "how long it drifts, such as from one calibration to the next; ape and mpe need it", gt=0),
+        ]
+        | None
+    ) = None  # fmt: skip
+
+    def _consistency_errors(self) -> Iterator[str]:
+        yield from _errors_of_spread(self)
+
+
+def _errors_of_spread(one: ConstantError | DriftError) -> Iterator[str]:
+    """Sentences on what does not go together in a constant or a drift."""
+    spreads = {"spread_x": one.spread_x, "spread_y": one.spread_y}
+    if one.distribution == "fixed":
+        for key in (key for key, value in spreads.items() if value is not None):
+            yield f"{key}: goes with distribution uniform, normal or arcsine; fixed has none"
+        missing = [key for key in ("x", "y") if key not in one.model_fields_set]
+    else:
+        missing = [key for key, value in spreads.items() if value is None]
+    for key in missing:
+        yield f"{key}: missing; give it about both axes, 0 where there is none"
+    if not missing and not any((one.x, one.y, one.spread_x, one.spread_y)):
+        yield "x: 0 about both axes makes no error"
+
+
+ErrorClass = ConstantError | RandomError | DriftError
+"""Classes of errors that are no lines."""
+_CLASSES = ("constant", "random", "periodic", "drift")
+_KINDS = ("wheel", "lines", "density", *_CLASSES)
+
 
 class OtherSource(Part):
-    """Source of line-of-sight motion besides the drives: a wheel, or lines or a density from a file."""
+    """Source of line-of-sight motion besides the drives: a wheel, lines or a density from a file, or
+    an error by its class.
+    """
 
     name: str = Field(min_length=1, max_length=100, description="what it is")
     wheel: Wheel | None = None
@@ -255,6 +481,15 @@ class OtherSource(Part):
     )
     density: str | None = Field(
         default=None, max_length=1000, description="CSV file of one-sided densities of the same"
+    )
+    constant: ConstantError | None = None
+    random: RandomError | None = None
+    periodic: PeriodicError | None = None
+    drift: DriftError | None = None
+    group: str = Field(
+        default="",
+        max_length=60,
+        description="errors of one group are fully correlated: amplitudes, spreads and rates add",
     )
     point: str | None = Field(
         default=None, max_length=60, description="where loads act: a named point of the hub"
@@ -270,14 +505,57 @@ class OtherSource(Part):
     )
 
     def _consistency_errors(self) -> Iterator[str]:
-        if sum(x is not None for x in (self.wheel, self.lines, self.density)) != 1:
-            yield "wheel: give one of wheel, lines and density"
+        yield from self._errors_of_kind()
         if self.point is not None and self.position is not None:
             yield "position: is an alternative of point; give one of them"
         if self.clock and self.lines is None:
             yield "clock: keeps the phases of lines from a file; those of a wheel or a density are not known"
         if self.wheel is not None and self.point is None and self.position is None:
             yield "position: missing; a wheel needs its place on the hub, position or point"
+
+    def _errors_of_kind(self) -> Iterator[str]:
+        """Sentences on what it is, and on keys that go with other kinds."""
+        given = [key for key in _KINDS if getattr(self, key) is not None]
+        if len(given) != 1:
+            first = given[1] if given else "wheel"
+            yield f"{first}: give one of {', '.join(_KINDS[:-1])} and {_KINDS[-1]}"
+        of_class = [key for key in given if key in _CLASSES]
+        if self.group and not of_class:
+            yield f"group: is of errors by their class: {', '.join(_CLASSES[:-1])} or {_CLASSES[-1]}"
+        for key in ("point", "position"):
+            if of_class and getattr(self, key) is not None:
+                yield f"{key}: is where loads act; {of_class[0]} is an error of the line of sight"
+
+    @property
+    def error(self) -> ErrorClass | None:
+        """Its error, where it is one of a class without lines."""
+        return self.constant or self.random or self.drift
+
+
+def group_errors(sources: Sequence[OtherSource]) -> Iterator[str]:
+    """Sentences on groups whose errors cannot be fully correlated: they differ in class, distribution,
+    frequency, spectrum or duration.
+    """
+    of_group: dict[str, tuple[str, tuple[tuple[str, Any], ...]]] = {}
+    for one in sources:
+        if not one.group:
+            continue
+        kind = next(key for key in _CLASSES if getattr(one, key) is not None)
+        error = getattr(one, kind)
+        alike = {
+            key: getattr(error, key)
+            for key in type(error).model_fields
+            if key not in ("x", "y", "spread_x", "spread_y")
+        }
+        own = (one.name, (("class", kind), *alike.items()))
+        name, first = of_group.setdefault(one.group, own)
+        differs = [key for key, value in own[1] if dict(first).get(key) != value]
+        if differs:
+            yield (
+                f"group: '{one.group}' has {name} and {one.name}, which differ in {differs[0]}; errors of"
+                " one group are of one class with the same distribution, frequency, spectrum and"
+                " duration (give the others a group of their own, or none)"
+            )
 
 
 class Sources(Part):
@@ -293,6 +571,7 @@ class Sources(Part):
             yield "sources: the list is empty; give at least one, or leave the file out"
         for name in (name for name in names if names.count(name) > 1):
             yield f"sources: '{name}' occurs twice; each source needs its own name"
+        yield from group_errors(self.sources)
 
 
 Kind = TypeVar("Kind", Requirements, Sources)

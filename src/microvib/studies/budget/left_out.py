@@ -39,6 +39,8 @@ def _left_out(one: Contribution) -> Iterator[str]:
         yield f"other speeds ({one.how}, of which one is listed)"
     if one.density is not None:
         yield f"its density ({one.how})"
+    if one.errors:
+        yield f"its error without lines ({one.how})"
     if one.side is not None:
         yield "side lines that the varying spring of a drive makes of it"
     if one.cases is not None or one.in_case is not None:

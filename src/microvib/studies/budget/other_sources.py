@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,8 @@ from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
-from microvib.studies.budget.files import AXES, OtherSource
+from microvib.studies.budget.errors import SourceError
+from microvib.studies.budget.files import AXES, OtherSource, Wheel, WheelHarmonic
 from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
     Contribution,
@@ -38,6 +40,7 @@ from microvib.studies.budget.sources import (
     unseen_axes,
 )
 from microvib.studies.budget.wheels import WheelOnCraft, bound_over_phases
+from microvib.units import Si
 
 _LOAD_DENSITIES = ("fx_n2_hz", "fy_n2_hz", "fz_n2_hz", "mx_n2_m2_hz", "my_n2_m2_hz", "mz_n2_m2_hz")
 _LOS_DENSITIES = ("los_x_rad2_hz", "los_y_rad2_hz")
@@ -61,11 +64,13 @@ def contribution_of_other(
     """A source of a file of sources, on the hub of ``scenario`` with its drive and array, of which
     ``sticking`` tells the shafts that may stick; its tables are taken from ``files``.
     """
+    if source.error is not None or source.periodic is not None:
+        return _of_class(source)
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
             place = _load_point_motion(source, scenario)
-            wheel = WheelOnCraft(source.name, source.wheel, scenario, place, sticking)
-            return wheel.contribution()
+            given = _with_table(source.wheel, files)
+            return WheelOnCraft(source.name, given, scenario, place, sticking).contribution()
         states = drive_states(scenario, sticking=sticking)
         turning = TurningDrives(scenario, sticking)
         if source.lines:
@@ -94,10 +99,13 @@ def excitation_of(source: OtherSource, files: FileAccess) -> Excitation:
     """Where over frequency the loads of a source act, whose tables are taken from ``files``."""
     with error_context(f"sources: {source.name}"):
         if source.wheel is not None:
-            turns = np.unique([h.order for h in source.wheel.harmonics]) / (2.0 * math.pi)
+            harmonics = _with_table(source.wheel, files).harmonics
+            turns = np.unique([h.order for h in harmonics]) / (2.0 * math.pi)
             speed = source.wheel.speed
             return Excitation(speed * turns, (source.wheel.speed_to or speed) * turns)
         none = np.zeros(0)
+        if source.lines is None and source.density is None:
+            return Excitation(none, none)
         if source.lines:
             path = files.under("lines").path(source.lines)
             rows, chosen = _line_table(path)
@@ -111,6 +119,87 @@ def excitation_of(source: OtherSource, files: FileAccess) -> Excitation:
             return Excitation(none, none)
         f, S = _columns(path, rows, ("frequency_hz",))[:, 0], _columns(path, rows, chosen)
         return Excitation(none, none, (f, S))
+
+
+_RPM = 2.0 * math.pi / 60.0
+_HARMONIC_UNITS = {
+    "radial_force": "n",
+    "axial_force": "n",
+    "radial_torque": "n_m",
+    "axial_torque": "n_m",
+}
+_COEFFICIENTS = {
+    f"{key}_{unit}_{per}": (key, size)
+    for per, size in (("s2_rad2", 1.0), ("rpm2", _RPM**-2))
+    for key, unit in _HARMONIC_UNITS.items()
+}
+"""Columns of a table of harmonics: what each is, and its unit in N s^2/rad^2 or N m s^2/rad^2."""
+
+
+def _with_table(wheel: Wheel, files: FileAccess) -> Wheel:
+    """The wheel with the harmonics of its table, where it names one."""
+    if wheel.table is None:
+        return wheel
+    path = files.under("wheel.table").path(wheel.table)
+    require_unchanged(path, EDITED_COPY)
+    rows = dict_rows(
+        path, ("order", *_COEFFICIENTS), what="harmonics of a wheel", needed=("order",)
+    )
+    columns = [name for name in _COEFFICIENTS if rows and name in rows[0]]
+    keys = [_COEFFICIENTS[name][0] for name in columns]
+    with error_context(path):
+        if not columns:
+            raise MicrovibError(
+                f"is not a table of harmonics: order and one of {', '.join(_COEFFICIENTS)} are expected"
+            )
+        twice = next((key for key in keys if keys.count(key) > 1), None)
+        if twice is not None:
+            raise MicrovibError(f"has {twice} in two units; leave one of the columns out")
+        harmonics = []
+        for k, row in enumerate(rows, 2):
+            given: dict[str, Any] = {"order": _above_zero(k, row, "order")}
+            for name in columns:
+                key, size = _COEFFICIENTS[name]
+                given[key] = Si(size * _above_zero(k, row, name, allowed=True))
+            harmonics.append(WheelHarmonic.model_validate(given))
+    return wheel.model_copy(update={"harmonics": tuple(harmonics), "table": None})
+
+
+def _above_zero(k: int, row: Mapping[str, str], name: str, *, allowed: bool = False) -> float:
+    """Number of a cell of row ``k``, which is above 0, or 0 where that is ``allowed``."""
+    value = parse_finite(f"row {k}: {name}", row[name])
+    if value < 0.0 or (value == 0.0 and not allowed):
+        least = "0 or more" if allowed else "more than 0"
+        raise MicrovibError(f"row {k}: {name}: {value:g} is not allowed; {least} is expected")
+    return value
+
+
+_IN_WORDS = {"fixed": "known", "uniform": "uniform", "normal": "normal", "arcsine": "arcsine"}
+"""How distributions of errors are told."""
+
+
+def _of_class(source: OtherSource) -> Contribution:
+    """An error of the line of sight by its class, the same on any craft."""
+    beside = f", fully correlated with group {source.group}" if source.group else ""
+    if source.periodic is None:
+        assert source.error is not None
+        kind = {"constant": source.constant, "random": source.random, "drift": source.drift}
+        name = next(key for key, value in kind.items() if value is not None)
+        how = f"{name} error, {_IN_WORDS[source.error.distribution]}{beside}"
+        none = np.zeros((0, 2), dtype=complex)
+        error = SourceError(source.error, source.group)
+        return Contribution(source.name, how, (), np.zeros(0), none, errors=(error,))
+    given = source.periodic
+    clock = f"group {source.group}" if source.group else ""
+    return Contribution(
+        source.name,
+        f"periodic error{beside}",
+        ("periodic",),
+        np.array([given.frequency]),
+        np.array([[given.x, given.y]], dtype=complex),
+        clock,
+        phased=False,
+    )
 
 
 def _load_point_motion(source: OtherSource, scenario: Scenario) -> np.ndarray:

@@ -61,6 +61,7 @@ from microvib.signals.line_table import (
     ResidualPeaks,
 )
 from microvib.solve.steady.period import common_period
+from microvib.studies.budget.errors import SourceError
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.recorded import below_all_bands, higher_orders, unaccounted
 from microvib.studies.budget.side_lines import SideLines, TurningDrives
@@ -173,6 +174,8 @@ class Contribution:
     """Frequencies (n,) [Hz] and densities (n, 2) [rad^2/Hz]."""
     density_bounds: tuple[np.ndarray, np.ndarray] | None = None
     """Smallest and largest densities (n, 2) at these frequencies; None where they are known."""
+    errors: tuple[SourceError, ...] = ()
+    """Errors of a class without lines."""
     gaps: tuple[Unobserved, ...] = ()
     side: SideLines | None = None
     """Side lines that drives that turn may make of its lines and densities."""

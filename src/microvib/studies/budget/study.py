@@ -45,8 +45,15 @@ from microvib.studies.budget.cases import (
     with_density_of_cases,
     with_nominal_craft,
 )
-from microvib.studies.budget.figures import CombinedLines, evaluate_metric
-from microvib.studies.budget.files import OtherSource, Requirement, Requirements, Sources, read_file
+from microvib.studies.budget.figures import CombinedLines, evaluate_errors, evaluate_metric
+from microvib.studies.budget.files import (
+    OtherSource,
+    Requirement,
+    Requirements,
+    Sources,
+    group_errors,
+    read_file,
+)
 from microvib.studies.budget.other_sources import contribution_of_other
 from microvib.studies.budget.side_lines import TurningDrives
 from microvib.studies.budget.sources import (
@@ -76,13 +83,15 @@ FAINT_LINE = 1e-3
 @dataclass(frozen=True)
 class Window:
     """One metric in one window: rms of all sources [rad] about both axes and radial; lines,
-    densities, and both.
+    densities, errors, and all together.
     """
 
     metric: Metric
     window: float
     lines: tuple[float, float, float]
     noise: tuple[float, float, float]
+    errors: tuple[float, float, float]
+    """Errors of sources by their class, over time and units."""
     both: tuple[float, float, float]
 
 
@@ -492,6 +501,8 @@ def read_sources(
                 f"sources: {quoted_value(source)} is not an OtherSource; one for each source is"
                 " expected"
             )
+    for why in group_errors(sources):
+        raise ObjectError(f"sources: {why}")
     return list(sources), WORKING_FOLDER
 
 
@@ -810,11 +821,12 @@ def _windows(
             )
             lines = [evaluate_metric(r, tones.frequency, tones.value) for r in asked]
             noise = [evaluate_metric(r, np.zeros(0), np.zeros((0, 2)), densities) for r in asked]
-            both = np.hypot(lines, noise)
+            errors = [evaluate_errors(r, tones.errors) for r in asked]
+            both = np.sqrt(np.square(lines) + np.square(noise) + np.square(errors))
             yield Window(
                 metric,
                 window,
-                *((float(x[0]), float(x[1]), float(x[2])) for x in (lines, noise, both)),
+                *((float(x[0]), float(x[1]), float(x[2])) for x in (lines, noise, errors, both)),
             )
 
 
@@ -842,7 +854,8 @@ def summary(budget: Budget) -> dict[str, Any]:
         "windows": [
             {"metric": w.metric, "window_s": w.window, **{
                 f"{part}_{axis}_rad": value
-                for part in ("lines", "noise", "both") for axis, value in zip(("x", "y", "radial"), getattr(w, part), strict=True)
+                for part in ("lines", "noise", "errors", "both")
+                for axis, value in zip(("x", "y", "radial"), getattr(w, part), strict=True)
             }}
             for w in budget.windows
         ],
@@ -858,11 +871,13 @@ def _row(one: Assessment) -> dict[str, Any]:
     spread = one.spread or ()
     return {
         "name": one.requirement.name, "requirement": one.requirement.text, "limit_rad": one.limit, "value_rad": one.value,
-        "least_rad": one.least, "most_rad": one.most, "lines_rad": one.lines, "noise_rad": one.noise, "margin": one.margin,
+        "least_rad": one.least, "most_rad": one.most, "lines_rad": one.lines, "noise_rad": one.noise, "errors_rad": one.errors,
+        "margin": one.margin,
         "verdict": one.verdict, "why": list(one.why),
         "ensemble": {name: {"value_rad": e.value, "low_rad": e.low, "high_rad": e.high}
                      for name, e in zip(("median", "p95", "p99"), spread, strict=False)},
-        "sources": [{"source": c.source, "rms_rad": c.rms, "share": c.share} for c in one.sources],
-        "ranking": [{"source": c.source, "line": c.line, "frequency_hz": c.frequency, "rms_rad": c.rms, "share": c.share}
+        "sources": [{"source": c.source, "rms_rad": c.rms, "share": c.share, "without_rad": c.without} for c in one.sources],
+        "ranking": [{"source": c.source, "line": c.line, "frequency_hz": c.frequency, "rms_rad": c.rms, "share": c.share,
+                     "without_rad": c.without}
                     for c in one.ranking[:20]],
     }  # fmt: skip

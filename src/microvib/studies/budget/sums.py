@@ -23,14 +23,18 @@ from microvib.analysis.pointing import FREQUENCY_TOLERANCE
 from microvib.analysis.start import steady_start_advice
 from microvib.signals.in_step import LOCKED, SLOW, bases
 from microvib.signals.pointing import UNIFORM_INSTANTS, mean_square_of_lines, windowed_amplitudes
+from microvib.studies.budget.errors import NO_ERRORS, reasons_against, sum_of_errors
 from microvib.studies.budget.figures import (
     AXES,
     INCOHERENT,
     CombinedLines,
+    Moved,
     SweptLines,
     beat_bounds,
     counts_in_band,
     crossing_bounds,
+    evaluate,
+    evaluate_errors,
     evaluate_lines,
     evaluate_metric,
     metric_bounds,
@@ -57,6 +61,8 @@ class Share:
     frequency: float
     rms: float
     share: float
+    without: float = math.nan
+    """Value of the requirement without it [rad]; nan where that was not looked at."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +92,8 @@ class Assessment:
     """Angle of the array [rad] at which this holds, where several were looked at: the worst; None
     for that of the scenario.
     """
+    errors: float = 0.0
+    """Errors of sources by their class alone."""
 
     def __repr__(self) -> str:
         return (
@@ -99,6 +107,13 @@ class Assessment:
         if self.value > 0.0:
             return self.limit / self.value
         return math.inf
+
+    @property
+    def margin_db(self) -> float:
+        """Margin to the limit [dB]; nan where there is none."""
+        if 0.0 < self.margin < math.inf:
+            return 20.0 * math.log10(self.margin)
+        return math.nan
 
 
 class _SourceLine(NamedTuple):
@@ -120,7 +135,10 @@ class _SourceLine(NamedTuple):
 def combine_lines(
     contributions: Iterable[Contribution], rule: Rule, *, with_errors: bool = True
 ) -> CombinedLines:
-    """Lines of all sources by frequency; without ``with_errors`` amplitudes count as they are given."""
+    """Lines of all sources by frequency, with their errors of other classes; without ``with_errors``
+    amplitudes count as they are given.
+    """
+    contributions = list(contributions)
     parts = sorted(_source_lines(contributions, rule, with_errors), key=lambda part: part.frequency)
     groups = _lines_of_one_frequency(parts)
     found = [_group_amplitudes(group, rule) for group in groups]
@@ -136,6 +154,7 @@ def combine_lines(
         np.exp(1j * np.angle(tones)),
         _clock_numbers([clock for one in found for clock in one.clocks]).reshape(-1, 2),
         np.array([max(part.off for part in group) for group in groups]),
+        sum_of_errors(error for one in contributions for error in one.errors),
     )
 
 
@@ -321,7 +340,9 @@ def assess(
         figure = figure.at(None if lacking else cases, requirement.percentile)
     limit = requirement.limit or math.nan
     verdict = figure.verdict(limit)
-    lines = evaluate_lines(requirement, tones) if densities else figure.value
+    lines = figure.value
+    if densities or tones.errors:
+        lines = evaluate_lines(requirement, replace(tones, errors=NO_ERRORS))
     noise = evaluate_metric(requirement, np.zeros(0), np.zeros((0, 2)), densities)
     return Assessment(
         requirement,
@@ -333,8 +354,9 @@ def assess(
         limit,
         verdict,
         tuple(why or [WITHIN_UNCERTAINTY]) if verdict == "not judged" else (),
-        *_rank_shares(requirement, chosen),
+        *_with_values_without(requirement, chosen, rule, _rank_shares(requirement, chosen)),
         spread=_spread(cases),
+        errors=evaluate_errors(requirement, tones.errors) if tones.errors else 0.0,
     )
 
 
@@ -487,12 +509,16 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     gaps = [gap for one in chosen for gap in side_line_gaps(r, one)]
     f = np.concatenate([tones.frequency, *(gap.frequency for gap in gaps)])
     most = np.concatenate([tones.most, *(gap.most for gap in gaps)])
-    f, most = f[np.isfinite(most).all(axis=1)], most[np.isfinite(most).all(axis=1)]
+    known = np.isfinite(most).all(axis=1)
+    f, most = f[known], most[known]
     if r.curve is not None:
         return float(ratio_to_curve(r, f, most).max(initial=0.0))
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
     densities = [one.most_density for one in chosen if one.most_density is not None]
-    return evaluate_metric(plain, f, most, densities + side_densities(chosen))
+    moved = Moved(f, most, densities + side_densities(chosen))
+    if r.statistic != "level":  # whose rms beside errors would not grow with the lines as it does
+        moved = moved._replace(errors=tones.errors)
+    return evaluate(plain, moved)
 
 
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
@@ -548,10 +574,12 @@ def _with_gaps(
 ) -> list[Contribution]:
     """Chosen contributions with their gaps in the band and the lines that they may meet when swept."""
     highest, found = math.inf if r.highest is None else r.highest, []
+    of_all = [error for one in chosen for error in one.errors]
     for k, (one, source) in enumerate(zip(chosen, contributions, strict=True)):
         gaps = (
             *one.gaps,
             *side_line_gaps(r, one),
+            *map(open_gap, reasons_against(r, one.errors, of_all)),
             *crossing_bounds(r, source, contributions),
             *beat_bounds(r, one, chosen[k:]),
         )
@@ -642,18 +670,73 @@ def _rank_shares(
             own = []
         else:
             own = [one.density]
-        sources.append(
-            Share(one.source, one.how, math.nan, evaluate_metric(plain, one.frequency, A, own), 0.0)
-        )
+        errors = sum_of_errors(one.errors)
+        whole = evaluate(plain, Moved(one.frequency, A, own, errors=errors))
+        sources.append(Share(one.source, one.how, math.nan, whole, 0.0))
         for k, name in enumerate(one.names):
             rms = evaluate_metric(plain, one.frequency[[k]], A[[k]])
             lines.append(Share(one.source, name, float(one.frequency[k]), rms, 0.0))
-    whole = sum(x.rms**2 for x in sources) or 1.0
+        if own:
+            noise = evaluate_metric(plain, np.zeros(0), np.zeros((0, 2)), own)
+            lines.append(Share(one.source, DENSITY, math.nan, noise, 0.0))
+        if errors:
+            lines.append(Share(one.source, one.how, math.nan, evaluate_errors(plain, errors), 0.0))
+    squares = sum(x.rms**2 for x in sources) or 1.0
     shared = [
-        tuple(replace(x, share=x.rms**2 / whole) for x in sorted(each, key=lambda x: -x.rms))
+        tuple(replace(x, share=x.rms**2 / squares) for x in sorted(each, key=lambda x: -x.rms))
         for each in (sources, lines)
     ]
     return shared[0], shared[1]
+
+
+DENSITY = "density"
+"""Name of a source's density among its lines."""
+LEFT_OUT_IN_TURN = 3
+"""Contributors of each requirement, the largest, without which its value is told."""
+
+
+def _with_values_without(
+    r: Requirement,
+    chosen: Sequence[Contribution],
+    rule: Rule,
+    ranks: tuple[tuple[Share, ...], tuple[Share, ...]],
+) -> tuple[tuple[Share, ...], tuple[Share, ...]]:
+    """Sources and lines with the value of the requirement without each, the largest of them."""
+    sources, lines = ranks
+    if r.percentile is not None:  # of a campaign's cases, not of what sources are given as
+        return ranks
+
+    def without_source(x: Share) -> list[Contribution]:
+        return [one for one in chosen if one.source != x.source]
+
+    def without_line(x: Share) -> list[Contribution]:
+        return [_without_part(one, x.line) if one.source == x.source else one for one in chosen]
+
+    found = []
+    for each, others in ((sources, without_source), (lines, without_line)):
+        told = [replace(x, without=_value_of(r, others(x), rule)) for x in each[:LEFT_OUT_IN_TURN]]
+        found.append((*told, *each[LEFT_OUT_IN_TURN:]))
+    return found[0], found[1]
+
+
+def _without_part(one: Contribution, name: str) -> Contribution:
+    """A source without one of its lines, its density or its error, as to its value."""
+    if name in one.names:
+        los = one.los * (np.array(one.names) != name)[:, None]
+        return replace(one, los=los)
+    if name == DENSITY:
+        return replace(one, density=None)
+    return replace(one, errors=())
+
+
+def _value_of(r: Requirement, chosen: Sequence[Contribution], rule: Rule) -> float:
+    """The figure that is required of what sources are given as; of a curve, that of its worst
+    line.
+    """
+    tones = combine_lines(chosen, rule, with_errors=False)
+    if r.curve is not None:
+        return _size_and_limit_of_worst_line(r, tones)[0]
+    return evaluate_lines(r, tones, [one.density for one in chosen if one.density is not None])
 
 
 # ---- Curves over frequency ----
@@ -665,7 +748,7 @@ def _rank_shares_by_curve(
     """Sources by their lines, for densities do not count; lines by their part of what the curve
     allows each.
     """
-    sources, lines = _rank_shares(r, [replace(one, density=None) for one in chosen])
+    sources, lines = _rank_shares(r, [replace(one, density=None, errors=()) for one in chosen])
     of = {(one.source, name): k for one in chosen for k, name in enumerate(one.names)}
     over = {
         one.source: ratio_to_curve(r, one.frequency, np.abs(one.los) * one.settled[:, None])
@@ -732,7 +815,7 @@ def _assess_by_curve(
         limit,
         verdict,
         tuple(why),
-        *_rank_shares_by_curve(own, chosen),
+        *_with_values_without(own, chosen, rule, _rank_shares_by_curve(own, chosen)),
     )
 
 
@@ -799,7 +882,8 @@ def _case_figures(
         each[k] = replace(own, frequency=f, los=case * phases, density=each[k].density)
         densities = [one.density for one in each if one.density is not None]
         tones = combine_lines(each, rule, with_errors=False)
-        value = evaluate_metric(r, tones.frequency, tones.value, densities)
+        moved = Moved(tones.frequency, tones.value, densities, errors=tones.errors)
+        value = evaluate(r, moved)
         bounds = math.nan, math.nan
         if r.percentile is not None:
             each[k] = replace(each[k], relative_error=_errors_in_case(drawn, case))

@@ -28,7 +28,7 @@ from microvib.signals.pointing import (
     metric_weight,
     windowed_amplitudes,
 )
-from microvib.studies.budget.files import Requirement, Wheel
+from microvib.studies.budget.files import Requirement, Wheel, WheelMode
 from microvib.studies.budget.side_lines import (
     MAX_METRIC_GAIN,
     MAX_METRIC_WEIGHT,
@@ -42,6 +42,7 @@ from microvib.studies.budget.sources import (
     natural_frequencies,
     response_uncertainty,
 )
+from microvib.studies.budget.wheel_modes import MOVED_BY, Resonance, amplification, resonances
 from microvib.units import within_band as in_band
 
 SPEEDS = 101
@@ -66,11 +67,17 @@ _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
 _CREST_INSTANTS = UNIFORM_INSTANTS[::2]
 
 
-def bound_over_phases(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bound_over_phases(
+    sizes: np.ndarray, smallest: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Largest amplitudes (...) that parts (p, ...) of a line make whose phases to each other are
-    not known, and by which part of them the line may be smaller and larger, (2, ...)."""
+    not known, and by which part of them the line may be smaller and larger, (2, ...); ``smallest``
+    are the parts as small as they may be, where they are not known.
+    """
     most = np.sum(sizes, axis=0)
     least = np.maximum(2.0 * np.max(sizes, axis=0) - most, 0.0)
+    if smallest is not None:
+        least = np.maximum(np.max(smallest + sizes, axis=0) - most, 0.0)
     less = np.divide(most - least, most, out=np.zeros_like(most), where=most > 0.0)
     return most, np.array([less, 0.0 * less])
 
@@ -105,14 +112,21 @@ class WheelOnCraft:
         """Side lines of each order at its speed."""
         speed, _ = self.speeds
         (f,) = self.frequencies(np.array([speed]))
-        return self.turning.of_lines(f, self._forces() * speed**2)
+        gain = self._gain(f[:, None])[1, :, :, 0].T
+        return self.turning.of_lines(f, self._forces() * gain[:, None, :] * speed**2)
 
     @cached_property
     def _rotor_motions(self) -> list[np.ndarray]:
         """Motion of each drive's rotor by each order over the grid [rad], (o, m)."""
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
+        gains = self._largest_gain_on_grid.transpose(1, 2, 0)
         return [
-            np.array([one.rotor_motion(self.grid, on).sum(axis=1) for on in self._forces()])
+            np.array(
+                [
+                    np.sum(one.rotor_motion(self.grid, on) * gain, axis=1)
+                    for on, gain in zip(self._forces(), gains, strict=True)
+                ]
+            )
             * speed**2
             for one in self.turning.drives
         ]
@@ -140,9 +154,14 @@ class WheelOnCraft:
         """Cycles per turn, ascending, (o,)."""
         return np.unique([h.order for h in self.wheel.harmonics])
 
-    @cached_property
+    @property
     def _parts(self) -> np.ndarray:
         """Loads by the square of the speed, each with a phase of its own, (p, o, 6)."""
+        return self._parts_by_key[1]
+
+    @cached_property
+    def _parts_by_key(self) -> tuple[list[str], np.ndarray]:
+        """Loads as in ``_parts``, and of which key of a harmonic each is."""
         axis = np.array(self.wheel.axis) / np.linalg.norm(self.wheel.axis)
         first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         first /= np.linalg.norm(first)
@@ -153,21 +172,64 @@ class WheelOnCraft:
         ]
         shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
         parts = [
-            getattr(h, key) * shape * (self.orders == h.order)[:, None]
+            (key, getattr(h, key) * shape * (self.orders == h.order)[:, None])
             for h in self.wheel.harmonics
             for key, shape in shapes
         ]
-        return np.array([part for part in parts if part.any()] or parts[:1])
+        kept = [one for one in parts if one[1].any()] or parts[:1]
+        return [key for key, _ in kept], np.array([part for _, part in kept])
+
+    def _gain(self, frequency: np.ndarray) -> np.ndarray:
+        """Smallest and largest factor of the wheel's modes on the parts of each order at its
+        frequencies (o, n) [Hz], (2, p, o, n).
+        """
+        keys, parts = self._parts_by_key
+        found = np.ones((2, len(parts), *frequency.shape))
+        for mode in self.wheel.modes:
+            of_mode = amplification(mode, np.maximum(frequency, 1e-12), self.orders)
+            for k, key in enumerate(keys):
+                if key in MOVED_BY[mode.motion]:
+                    found[:, k] *= of_mode
+        return found
+
+    @cached_property
+    def _largest_gain_on_grid(self) -> np.ndarray:
+        """Largest factor of the wheel's modes over the grid, (p, o, m)."""
+        return self._gain(np.broadcast_to(self.grid, (self.orders.size, self.grid.size)))[1]
+
+    @cached_property
+    def resonances(self) -> list[Resonance]:
+        """Where an order meets a mode of the wheel."""
+        found: list[Resonance] = []
+        for mode in self.wheel.modes:
+            found += resonances(mode, self._orders_of(mode))
+        return found
+
+    def _orders_of(self, mode: WheelMode) -> np.ndarray:
+        """Orders whose loads a mode passes on."""
+        moved = [
+            any(getattr(h, key) for key in MOVED_BY[mode.motion]) for h in self.wheel.harmonics
+        ]
+        return np.unique([h.order for h, of in zip(self.wheel.harmonics, moved, strict=True) if of])
+
+    @property
+    def natural_frequencies(self) -> np.ndarray:
+        """Natural frequencies of drive, spacecraft and wheel as its orders meet them [Hz]."""
+        own = natural_frequencies(self.scenario, self.states)
+        return np.concatenate([own, [one.frequency for one in self.resonances]])
 
     def _sizes(self, frequency: np.ndarray) -> np.ndarray:
-        """Amplitudes [rad] of the parts of each order at its frequencies (o, n) [Hz], (p, o, n, 2)."""
+        """Smallest and largest amplitudes [rad] of the parts of each order at its frequencies (o, n)
+        [Hz], (2, p, o, n, 2).
+        """
         by = line_of_sight_transfer(self.scenario, frequency.ravel(), self.place).reshape(
             *frequency.shape, 2, 6
         )
         speed = 2.0 * np.pi * frequency / self.orders[:, None]
-        return np.asarray(
-            np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2
-        )
+        sizes = np.abs(np.einsum("onkc,poc->ponk", by, self._parts)) * speed[:, :, None] ** 2
+        if not self.wheel.modes:
+            return np.array([sizes, sizes])
+        return np.asarray(self._gain(frequency)[..., None] * sizes)
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -181,7 +243,8 @@ class WheelOnCraft:
     def at(self, speeds: np.ndarray) -> tuple[Contribution, ...]:
         """Its lines at each of the speeds (n,) [rad/s]."""
         f = self.frequencies(speeds)
-        los, relative_error = bound_over_phases(self._sizes(f.T).transpose(0, 2, 1, 3))
+        small, large = self._sizes(f.T).transpose(0, 1, 3, 2, 4)
+        los, relative_error = bound_over_phases(large, small)
         names = tuple(f"order {order:g}" for order in self.orders)
         return tuple(
             Contribution(
@@ -213,6 +276,7 @@ class WheelOnCraft:
             for m in coupled_modes(self.scenario)
             for x in (-0.5, 0.0, 0.5)
         ]
+        modes += [x.frequency for x in self.resonances]
         met = np.outer(2.0 * np.pi * np.array(modes), 1.0 / self.orders).ravel()
         each = self.at(np.union1d(np.linspace(low, high, SPEEDS), met[(met > low) & (met < high)]))
         largest = max(each, key=lambda one: float(np.sum(np.abs(one.los) ** 2)))
@@ -226,13 +290,12 @@ class WheelOnCraft:
         responses = [self._response]
         if self.states is not None:
             responses.append(self._responses_of_states)
-        modes = natural_frequencies(self.scenario, self.states)
-        return response_uncertainty(responses, frequency, off, modes)
+        return response_uncertainty(responses, frequency, off, self.natural_frequencies)
 
     def _response(self, at: np.ndarray) -> np.ndarray:
         """Amplitudes (o n, 2) at frequencies (o n,) of one order after another."""
         return np.asarray(
-            bound_over_phases(self._sizes(at.reshape(self.orders.size, -1)))[0].reshape(-1, 2)
+            bound_over_phases(self._sizes(at.reshape(self.orders.size, -1))[1])[0].reshape(-1, 2)
         )
 
     def _responses_of_states(self, at: np.ndarray) -> np.ndarray:
@@ -240,7 +303,9 @@ class WheelOnCraft:
         assert self.states is not None
         order = np.repeat(np.arange(self.orders.size), at.size // self.orders.size)
         forces = self.states.on_hub(self.place) @ self._parts.transpose(1, 2, 0)
-        found = self.states.extremes(at, forces[order]).sum(axis=-1)
+        gain = self._gain(at.reshape(self.orders.size, -1))[1]
+        each = gain.reshape(len(gain), -1).T[:, None, :]
+        found = np.sum(self.states.extremes(at, forces[order]) * each, axis=-1)
         speed = 2.0 * np.pi * at / self.orders[order]
         return np.asarray(found * speed[:, None] ** 2)
 
@@ -255,6 +320,7 @@ class WheelOnCraft:
         modes = [(mode.frequency, mode.damping) for mode in coupled_modes(self.scenario)]
         if self.states is not None:
             modes += [(f, width / f) for f, width in self.states.natural_frequencies.tolist()]
+        modes += [(one.frequency, one.damping) for one in self.resonances]
         for frequency, damping in ((f, max(x, 1e-6)) for f, x in modes):
             reach = math.asinh(max(30.0, 2.0 * _GRID / damping))
             found.append(
@@ -279,8 +345,8 @@ class WheelOnCraft:
         """Amplitudes of each order over the grid [rad], (o, m, 2), 0 where they mean nothing."""
         by = line_of_sight_transfer(self.scenario, self.grid, self.place)
         found = np.zeros((self.orders.size, self.grid.size, 2))
-        for part in self._parts:
-            found += np.abs(np.einsum("mkc,oc->omk", np.nan_to_num(by), part))
+        for part, gain in zip(self._parts, self._largest_gain_on_grid, strict=True):
+            found += np.abs(np.einsum("mkc,oc->omk", np.nan_to_num(by), part)) * gain[:, :, None]
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
         return found * speed[:, :, None] ** 2
 
@@ -429,7 +495,7 @@ class _Score:
 
     def breaks(self) -> Sequence[float]:
         """Frequencies [Hz] at which something changes at once."""
-        modes = natural_frequencies(self.wheel.scenario, self.wheel.states).tolist()
+        modes = self.wheel.natural_frequencies.tolist()
         return [f for f in (self.low, self.high, *modes) if 0.0 < f < math.inf]
 
     def amplitude(self, f: np.ndarray) -> np.ndarray:

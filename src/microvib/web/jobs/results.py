@@ -19,7 +19,6 @@ from microvib.model.array import Array
 from microvib.model.line_names import driving_line
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.reports.analysis import analysis_outcome
 from microvib.reports.angles import angles_outcome
 from microvib.reports.craft import craft_words, draw_craft
 from microvib.reports.identification import fit_outcome
@@ -38,17 +37,14 @@ from microvib.reports.rendering import address
 from microvib.reports.run.outcome import run_outcome
 from microvib.reports.sheets import svg
 from microvib.results import file_record
-from microvib.signals.screen import decimate_spectrum
 from microvib.solve.channels import CHANNELS
 from microvib.solve.motion import Motion
-from microvib.studies.analyse import Analysis
 from microvib.studies.angles import AngleSweep
 from microvib.studies.identify import Fit
 from microvib.studies.quiet.study import QuietDrive
 from microvib.studies.rates import RatePlan
 from microvib.web.routes.forms import values_of
 
-_POINTS = 6000
 _MAX_MODES = 40
 
 
@@ -148,21 +144,6 @@ def _drivetrain(motion: Motion, shares: dict[str, TorqueContribution]) -> dict[s
 def _rms(*phases: np.ndarray) -> float:
     """Root mean square of one phase, over both."""
     return math.sqrt(float(np.mean([np.mean(x**2) for x in phases])))
-
-
-def analysis_result(a: Analysis) -> dict[str, Any]:
-    """Result of one channel, with the page's drawings: lines, spectrum, density."""
-    f, amplitude = decimate_spectrum(a.spectrum.frequency, a.spectrum.amplitude, _POINTS)
-    g, density = decimate_spectrum(a.density.frequency, a.density.density, _POINTS)
-    return page_answer(analysis_outcome(a)) | {
-        "lines": [] if a.table is None else [file_record(line) for line in a.table],
-        "spectrum": {"f": f.tolist(), "amplitude": amplitude.tolist(), "made": str(a.spectrum)},
-        "density": {"f": g.tolist(), "psd": density.tolist(), "made": str(a.density)},
-        "clock_ratio": a.clock_ratio,
-        "channel": a.channel,
-        "unit": a.unit,
-        "run_channel": a.channel if a.table is None else "T_d",  # what a run has of the same load
-    }
 
 
 def identification_result(fit: Fit, scenario: Scenario) -> dict[str, Any]:

@@ -31,7 +31,13 @@ class Upload:
     id: str
     name: str
     path: Path
+    """Its file, in a folder of its own beside its samples."""
     facts: dict[str, Any]
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its file and of its samples as they were read."""
+        return self.path.parent
 
     @property
     def file(self) -> tuple[str, str]:
@@ -164,9 +170,11 @@ class Store:
             total -= sizes[job.id]
             self.drop(job)
 
-    def new_file(self, suffix: str) -> Path:
-        """A name that nothing has yet."""
-        return self.root / f"{secrets.token_hex(8)}{suffix}"
+    def new_recording(self, suffix: str) -> Path:
+        """A file for a recording that is taken in, in a folder of its own."""
+        folder = self.root / secrets.token_hex(8)
+        folder.mkdir(mode=0o700)
+        return folder / f"{RECORDING}{suffix}"
 
     @contextmanager
     def receiving(self) -> Iterator[bool]:
@@ -186,31 +194,41 @@ class Store:
 
     def keep(self, name: str, path: Path, facts: dict[str, Any]) -> Upload:
         """Keep a recording that was read, and what is in it."""
-        upload = Upload(path.stem, name, self._kept_recording(name, path, facts), facts)
+        id = path.parent.name
+        folder = self._kept_recording(name, path.parent, facts)
+        upload = Upload(id, name, folder / path.name, facts)
         with self._lock:
             self._uploads[upload.id] = upload
-            others = [id for id in self._uploads if not self._stays(id)]
-            surplus = others[: max(len(others) - self.limits.recordings, 0)]
-            old = [self._uploads.pop(id) for id in surplus]
+            old = [self._uploads.pop(one.id) for one in self._surplus()]
             for one in old:
                 self._forget(one.id)
         for one in old:
-            one.path.unlink(missing_ok=True)
+            shutil.rmtree(one.folder, ignore_errors=True)
         return upload
 
-    def _kept_recording(self, name: str, path: Path, facts: dict[str, Any]) -> Path:
-        """Where a recording is from now on."""
+    def _surplus(self) -> list[Upload]:
+        """Recordings that are too many, or too large together; never the newest."""
+        others = [one for id, one in self._uploads.items() if not self._stays(id)]
+        sizes = {one.id: _size(one.folder) for one in others}
+        total, surplus = sum(sizes.values()), []
+        for k, one in enumerate(others[:-1]):
+            few = len(others) - k <= self.limits.recordings
+            if few and total <= self.limits.recorded:
+                break
+            total -= sizes[one.id]
+            surplus.append(one)
+        return surplus
+
+    def _kept_recording(self, name: str, folder: Path, facts: dict[str, Any]) -> Path:
+        """Folder in which a recording is from now on."""
         if self.library is None:
-            return path
-        folder, file = self.root / path.stem, f"{RECORDING}{path.suffix}"
-        folder.mkdir(mode=0o700)
-        os.rename(path, folder / file)
-        entry = Entry(id=path.stem, kind=RECORDING, title=name, facts=facts)
+            return folder
+        entry = Entry(id=folder.name, kind=RECORDING, title=name, facts=facts)
         try:
-            return self.library.take(folder, entry) / file
+            return self.library.take(folder, entry)
         except OSError as error:
             _log_not_kept(name, error)
-            return folder / file
+            return folder
 
     def rename(self, id: str, changes: dict[str, Any]) -> Entry | None:
         """Change title, attributes or whether an entry of the library is kept; None where it is
@@ -257,6 +275,11 @@ class Store:
         with self._lock:
             return _touch(self._uploads, id)
 
+    def uploads(self) -> list[Upload]:
+        """All recordings, the one used last at the end."""
+        with self._lock:
+            return list(self._uploads.values())
+
     def close(self) -> None:
         """End all computations."""
         self.closed = True
@@ -290,4 +313,4 @@ def _touch(kept: dict[str, Kept], id: str) -> Kept | None:
 
 
 def _size(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.glob("*"))
+    return sum(file.stat().st_size for file in folder.glob("*") if file.is_file())

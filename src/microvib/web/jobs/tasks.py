@@ -4,7 +4,6 @@ are MicrovibErrors.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import pickle
@@ -21,17 +20,14 @@ from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
 from microvib.export.targets import target_of_file
-from microvib.io.recordings import Prepared, read_recording
+from microvib.io.recordings import Prepared
 from microvib.io.runs import write_motion
-from microvib.io.scenario_file import scenario_of
 from microvib.io.tables import to_json
-from microvib.io.yaml_text import parse_yaml
 from microvib.model.line_names import driving_line
 from microvib.model.linear import linear_lines
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
-from microvib.reports.comparison import comparison_outcome
 from microvib.reports.identification import values_text
 from microvib.reports.outcome import page_answer, page_facts, page_part, report
 from microvib.reports.run.folder import run_summary, run_texts
@@ -42,21 +38,27 @@ from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import BELOW_FLOOR
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
-from microvib.studies.analyse import analyse
 from microvib.studies.angles import sweep_angles
-from microvib.studies.compare import compare
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_key
 from microvib.studies.quiet.study import quiet as search_quieter
 from microvib.studies.rates import plan_rates
 from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import size_simulator
-from microvib.testdata.recording import Recording
 from microvib.units import Band, Si
 from microvib.web.jobs import ProgressCallback, results
+from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
+    RecordedFile,
+    analysis,
+    batch,
+    comparison,
+    recorded,
+    recording,
+    repeated,
+    samples,
+    tracking,
+)
 from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
-
-Upload = tuple[str, str]  # a recording's file, and what its owner calls it
 
 
 def _write(folder: str, data: dict[str, Any]) -> None:
@@ -189,65 +191,14 @@ def lines_now(scenario: Scenario, linear: bool, tell: ProgressCallback) -> dict[
     return {"lines": lines, "reason": found.fallback}
 
 
-def recording(path: str, name: str, tell: ProgressCallback) -> dict[str, Any]:
-    """Contents of a recording that its owner calls ``name``."""
-    found = _read(path, name)
-    channels = [
-        {
-            "name": key,
-            "unit": found.units.get(key, ""),
-            "rms": float(np.std(x)) if x.size else math.nan,
-        }
-        for key, x in found.channels.items()
-    ]
-    facts = {"channels": channels, "sample_rate": found.sample_rate, "samples": found.samples}
-    return dict(
-        json.loads(to_json(facts | {"duration": found.duration, "notes": list(found.notes)}))
-    )
-
-
-def _read(path: str, name: str) -> Recording:
-    """A recording under the name that its owner gave it, as are errors and notes about it."""
-    try:
-        found = read_recording(path)
-    except MicrovibError as error:
-        raise MicrovibError(str(error).replace(path, name)) from None
-    return replace(found, title=name, notes=tuple(note.replace(path, name) for note in found.notes))
-
-
 def view(spec: dict[str, Any], tell: ProgressCallback) -> dict[str, Any]:
     """A scenario that needs finite elements, as the form shows it."""
     return view_of(Spec(**spec))
 
 
-def analysis(
-    folder: str, recording: Upload, scenario: Scenario, channel: str, tell: ProgressCallback
-) -> None:
-    """Lines with uncertainties and spectra of a recording."""
-    tell(0, None, "", "reading and finding the lines")
-    found = analyse(Prepared(_read(*recording)), scenario=scenario, channel=channel)
-    np.save(Path(folder) / "amplitude.npy", [found.spectrum.frequency, found.spectrum.amplitude])
-    np.save(Path(folder) / "density.npy", [found.density.frequency, found.density.density])
-    _write(folder, results.analysis_result(found))
-
-
-def comparison(
-    folder: str, recording: Upload, run: str, run_title: str, channel: str, tell: ProgressCallback
-) -> None:
-    """Lines of a recording beside those of a run's scenario (its file), simulated at the clock that
-    the recording shows.
-    """
-    scenario = scenario_of(parse_yaml(Path(run).read_text(encoding="utf-8"), run_title), run_title)
-    found = compare(
-        Prepared(_read(*recording)), scenario, names=(recording[1], run_title), channel=channel,
-        progress=lambda done, total: tell(done, total, "s", "simulating"),
-    )  # fmt: skip
-    _write(folder, page_answer(comparison_outcome(*found)))
-
-
 def identification(  # noqa: PLR0913 - what a process is sent
     folder: str,
-    recordings: list[Upload],
+    recordings: list[RecordedFile],
     scenario: Scenario,
     channel: str,
     fit: list[str],
@@ -261,7 +212,7 @@ def identification(  # noqa: PLR0913 - what a process is sent
 
     keys = [parse_key(scenario, text) for text in fit]
     tests: list[tuple[Any, dict[str, object]]] = [
-        (evidence_of(Prepared(_read(*one)), scenario, channel), {}) for one in recordings
+        (evidence_of(Prepared(recorded(one)), scenario, channel), {}) for one in recordings
     ]
     found = identify(scenario, tests, keys, starts=starts, progress=progress)
     _write(folder, results.identification_result(found, scenario))

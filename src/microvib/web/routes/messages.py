@@ -6,11 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from microvib.signals.spectrum import Average, Window
 from microvib.web.routes.forms import Spec
 
 Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 Short = Annotated[str, Field(max_length=200)]
-
+Table = Annotated[str, Field(max_length=4000)]
+"""A table as text."""
+MAX_TESTS = 30
 
 MAX_DRAWS = 1000
 
@@ -44,20 +47,96 @@ class Run(Body):
     )
 
 
-class AnalysisOf(Body):
-    """Lines and spectra of a recording."""
+class SectionOf(Body):
+    """A section of a recording, in texts with units as on the command line, and the unit of its channel."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    start: Short | None = Field(default=None, alias="from")
+    stop: Short | None = Field(default=None, alias="to")
+    trigger: Short | None = Field(default=None, description="such as Mz > 5 mN*m")
+    pre_trigger: Short | None = None
+    unit: Short | None = Field(
+        default=None,
+        description="unit of the channel, or its full scale, where the file has none: 20 N*m",
+    )
+
+
+class ProcessingOf(SectionOf):
+    """A section and how it is processed."""
+
+    window: Window = "hann"
+    average: Average = "none"
+    resolution: Short | None = None
+    overlap: float = Field(default=0.5, ge=0.0, le=0.95)
+    background: Id | None = Field(default=None, description="a recording with the drive off")
+    bands: Table | None = Field(
+        default=None, description="bands with a limit each, as the text of a CSV table"
+    )
+    roll_off: float | None = Field(default=None, allow_inf_nan=False)
+
+
+class AnalysisOf(ProcessingOf):
+    """Lines, spectra and bands of a recording."""
 
     recording: Id
     channel: Short = "Mz"
     scenario: Spec
 
 
-class ComparisonOf(Body):
-    """A recording beside a run."""
+class BatchOf(ProcessingOf):
+    """Several recordings processed alike."""
+
+    recordings: list[Id] = Field(min_length=2, max_length=MAX_TESTS)
+    channel: Short = "Mz"
+    scenario: Spec
+
+
+class TrackingOf(SectionOf):
+    """Orders through a rate sweep; exactly one reference of its speed."""
 
     recording: Id
-    run: Id
     channel: Short = "Mz"
+    orders: Short = Field(description="orders, separated by commas: 0.5,1,4,6")
+    scenario: Spec | None = None
+    profile: Table | None = Field(
+        default=None, description="TIME:SPEED, TIME:SPEED, or the text of a CSV table"
+    )
+    tacho: Short | None = None
+    pulses_per_rev: float = Field(default=1.0, gt=0.0, le=1e6)
+    speed: Short | None = None
+    strongest: float | None = Field(default=None, gt=0.0, le=1e6)
+    clock: Literal["found", "stated"] = "found"
+    fixed: list[Short] = Field(default_factory=list, max_length=20)
+    bandwidth: Short | None = None
+    limit: Table | None = Field(
+        default=None, description="a torque, or the text of a table of a limit over frequency"
+    )
+
+
+class ComparisonOf(Body):
+    """A recording beside a run, or beside another recording, whose lines a scenario names."""
+
+    recording: Id
+    run: Id | None = None
+    other: Id | None = None
+    scenario: Spec | None = None
+    channel: Short = "Mz"
+
+
+class TestOf(Body):
+    """A test of a unit."""
+
+    recording: Id
+    unit: Short = ""
+
+
+class RepeatedOf(Body):
+    """Repeated tests."""
+
+    tests: list[TestOf] = Field(min_length=2, max_length=MAX_TESTS)
+    channels: list[Short] = Field(default=["Mz"], min_length=1, max_length=6)
+    scenario: Spec
 
 
 class IdentificationOf(Body):
@@ -267,6 +346,9 @@ class JobState(BaseModel):
         "shapes",
         "sensitivity",
         "sas",
+        "tracking",
+        "batch",
+        "repeated",
     ]
     title: str
     state: Literal["queued", "running", "done", "failed", "cancelled"]
@@ -292,6 +374,16 @@ class RecordingFacts(BaseModel):
     samples: int
     duration: float
     notes: list[str]
+
+
+class RecordingHere(BaseModel):
+    """A recording that can be processed, in short."""
+
+    id: str
+    name: str
+    channels: list[str]
+    duration: float
+    sample_rate: float
 
 
 class Kept(BaseModel):
@@ -344,6 +436,19 @@ class Series(BaseModel):
     exact: bool
     t: list[float]
     channels: dict[str, Band]
+
+
+class RecordedSeries(BaseModel):
+    """A window of a recording's channel: samples, or the smallest and largest of groups of them."""
+
+    start: float
+    stop: float
+    exact: bool
+    unit: str
+    t: list[float]
+    min: list[float | None]
+    max: list[float | None]
+    """Empty where every sample is there."""
 
 
 class SpectrumOf(BaseModel):
@@ -403,6 +508,14 @@ class LinesNow(BaseModel):
 
     lines: list[LineNow]
     reason: str
+
+
+class RecordedMap(BaseModel):
+    """Amplitudes over frequency [Hz] and time [s], the largest of each cell, in the unit of the analysis."""
+
+    f: list[float]
+    t: list[float]
+    amplitude: list[list[float]]
 
 
 class RecordedSpectrum(BaseModel):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,7 +27,7 @@ from microvib.studies.quiet.starts import require_constant_rate
 from microvib.studies.rates import rate_grid
 from microvib.studies.sensitivity import NOT_RANKED
 from microvib.units import Si, band, quantity
-from microvib.web.jobs.store import Store, Upload, private
+from microvib.web.jobs.store import private
 from microvib.web.routes.common import (
     RequestRefused,
     StoreDependency,
@@ -37,9 +38,7 @@ from microvib.web.routes.common import (
 )
 from microvib.web.routes.forms import FILES
 from microvib.web.routes.messages import (
-    AnalysisOf,
     AnglesOf,
-    ComparisonOf,
     Id,
     IdentificationOf,
     QuietOf,
@@ -51,7 +50,7 @@ from microvib.web.routes.messages import (
     ShapesOf,
     Started,
 )
-from microvib.web.routes.results import finished_run
+from microvib.web.routes.recordings import upload_of
 
 _RAW = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 
@@ -110,12 +109,12 @@ async def take_recording(
     with store.receiving() as free:
         if not free:
             raise RequestRefused(429, "other recordings are being loaded; try again in a moment")
-        path = store.new_file(suffix)
+        path = store.new_recording(suffix)
         try:
             await _receive(request, path)
             facts = await asyncio.to_thread(ask, store, "recording", path=str(path), name=shown)
         except BaseException:
-            path.unlink(missing_ok=True)
+            shutil.rmtree(path.parent, ignore_errors=True)
             raise
     upload = store.keep(shown, path, facts)
     return RecordingFacts(id=upload.id, name=shown, **facts)
@@ -124,7 +123,7 @@ async def take_recording(
 @routes.get("/recordings/{id}", responses=refusals(404))
 def recording_of(id: Id, store: StoreDependency) -> RecordingFacts:
     """Contents of a recording that is here."""
-    upload = _upload(store, id)
+    upload = upload_of(store, id)
     return RecordingFacts(id=upload.id, name=upload.name, **upload.facts)
 
 
@@ -137,39 +136,10 @@ async def _receive(request: Request, path: Path) -> None:
         raise RequestRefused(507, f"the recording could not be stored: {error.strerror}") from None
 
 
-def _upload(store: Store, id: str) -> Upload:
-    found = store.upload(id)
-    if found is None:
-        raise RequestRefused(
-            404, "this recording is no longer on the server; load it again", "recording"
-        )
-    return found
-
-
-@routes.post("/analyses", status_code=202, responses=refusals(404))
-def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
-    """Lines with uncertainty and spectra of a recording."""
-    upload = _upload(store, want.recording)
-    return start(
-        store, "analysis", f"{upload.name}, {want.channel}", want, recording=upload.file, channel=want.channel,
-        scenario=requested(store, want.scenario),
-    )  # fmt: skip
-
-
-@routes.post("/comparisons", status_code=202, responses=refusals(404, 409))
-def start_comparison(want: ComparisonOf, store: StoreDependency) -> Started:
-    """A recording beside a run's scenario, simulated at the recording's clock."""
-    upload, job = _upload(store, want.recording), finished_run(store, want.run)
-    return start(
-        store, "comparison", f"{upload.name} and {job.title}", want, recording=upload.file, channel=want.channel,
-        run=str(store.folder(job) / "scenario.yaml"), run_title=job.title,
-    )  # fmt: skip
-
-
 @routes.post("/identifications", status_code=202, responses=refusals(404))
 def start_identification(want: IdentificationOf, store: StoreDependency) -> Started:
     """Parameters from recordings."""
-    uploads = [_upload(store, id) for id in want.recordings]
+    uploads = [upload_of(store, id) for id in want.recordings]
     return start(
         store, "identification", ", ".join(u.name for u in uploads), want, recordings=[u.file for u in uploads],
         scenario=requested(store, want.scenario), channel=want.channel, fit=want.fit, starts=want.starts,

@@ -7,7 +7,7 @@ import json
 from collections.abc import AsyncIterator
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Query, Response
@@ -30,7 +30,6 @@ from microvib.web.routes.common import RequestRefused, StoreDependency, ask, ref
 from microvib.web.routes.messages import (
     Id,
     JobState,
-    RecordedSpectrum,
     Result,
     Series,
     SpectrumOf,
@@ -93,7 +92,8 @@ def _job(store: Store, id: str) -> Job:
     return job
 
 
-def _done(store: Store, id: str) -> Job:
+def done(store: Store, id: str) -> Job:
+    """A computation that is done; Refused with how it stands."""
     job = _job(store, id)
     if job.state != "done":
         raise RequestRefused(409, job.error or f"this computation is {job.state}")
@@ -104,7 +104,7 @@ def finished_run(store: Store, id: str) -> Job:
     """A run that is done; Refused if there is none of this id."""
     if _job(store, id).kind != "run":
         raise RequestRefused(404, "this computation is not a run")
-    return _done(store, id)
+    return done(store, id)
 
 
 def _whole_run(store: Store, id: str) -> Job:
@@ -166,11 +166,12 @@ async def _states(job: Job, store: Store) -> AsyncIterator[str]:
 @routes.get("/jobs/{id}/result", response_model=Result, responses=refusals(409))
 def result(id: Id, store: StoreDependency) -> Response:
     """Result of a computation, by its kind."""
-    file = _there(store.folder(_done(store, id)) / "result.json")
+    file = there(store.folder(done(store, id)) / "result.json")
     return Response(file.read_bytes(), media_type="application/json")
 
 
-def _there(path: Path) -> Path:
+def there(path: Path) -> Path:
+    """A file of a result; Refused where it was dropped."""
     if not path.is_file():
         raise RequestRefused(404, "this result was dropped for newer ones; run it again")
     return path
@@ -236,7 +237,7 @@ def spectrum_of(
     """Amplitude spectrum of a channel, 0-to-peak."""
     folder, axis = _run(store, id)
     s = amplitude_spectrum(np.asarray(_channel(folder, channel)), axis["sample_rate"], window)
-    f, amplitude = _stretch(s.frequency, s.amplitude, low, high, points, log)
+    f, amplitude = stretch(s.frequency, s.amplitude, low, high, points, log)
     return SpectrumOf(
         f=f,
         amplitude=amplitude,
@@ -246,20 +247,7 @@ def spectrum_of(
     )
 
 
-@routes.get("/analyses/{id}/spectrum", responses=refusals(409))
-def recorded(
-    id: Id, store: StoreDependency, *, of: Literal["amplitude", "density"] = "amplitude", points: Points = 4000, low: From = None,
-    high: To = None, log: Log = False,
-) -> RecordedSpectrum:  # fmt: skip
-    """Amplitude spectrum, 0-to-peak, or power spectral density of an analysed recording."""
-    if _job(store, id).kind != "analysis":
-        raise RequestRefused(404, "this computation is not an analysis")
-    f, y = np.load(_there(store.folder(_done(store, id)) / f"{of}.npy"), mmap_mode="r")
-    f, y = _stretch(f, y, low, high, points, log)
-    return RecordedSpectrum(f=f, values=y)
-
-
-def _stretch(
+def stretch(
     f: np.ndarray, y: np.ndarray, low: float | None, high: float | None, points: int, log: bool
 ) -> tuple[list[float], list[float]]:
     """Outline of a spectrum from ``low`` to ``high`` [Hz]."""
@@ -271,7 +259,7 @@ def _stretch(
 def _run(store: Store, id: str) -> tuple[Path, dict[str, Any]]:
     """Folder and time axis of a run."""
     folder = store.folder(finished_run(store, id))
-    return folder, json.loads(_there(folder / "axis.json").read_text(encoding="utf-8"))
+    return folder, json.loads(there(folder / "axis.json").read_text(encoding="utf-8"))
 
 
 def _channel(folder: Path, name: str) -> np.ndarray:
@@ -328,7 +316,7 @@ def file_of(
     if name in GENERATED_FILES and not (folder / (mark + name)).is_file():
         _whole_run(store, id)
         ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
-    return FileResponse(_there(folder / (mark + name)), media_type=FILES[name], filename=name)
+    return FileResponse(there(folder / (mark + name)), media_type=FILES[name], filename=name)
 
 
 @routes.get(
@@ -342,10 +330,10 @@ def export_of(id: Id, name: str, store: StoreDependency, option: Options = ()) -
     folder = store.folder(finished_run(store, id))
     found = target_of_file(name)
     if found is None:
-        there = ", ".join(
+        names = ", ".join(
             target.name + ending for target in TARGETS.values() for ending in target.endings
         )
-        raise RequestRefused(404, f"there is no such file; there are {there}")
+        raise RequestRefused(404, f"there is no such file; there are {names}")
     target, _ = found
     options = options_of(target, typed_options(option))
     mark = ""
@@ -355,4 +343,4 @@ def export_of(id: Id, name: str, store: StoreDependency, option: Options = ()) -
     if not kept.is_file():
         _whole_run(store, id)
         ask(store, "export", folder=str(folder), name=name, options=options, mark=mark)
-    return FileResponse(_there(kept), media_type=EXPORTED, filename=name)
+    return FileResponse(there(kept), media_type=EXPORTED, filename=name)

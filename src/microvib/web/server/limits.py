@@ -25,8 +25,10 @@ class Limits:
     stored: int = 2_000_000_000  # their files [bytes]
     body: int = 2_000_000  # a request [bytes], unless it is a recording
     structure: int = 20_000  # what of it may stand outside of strings [bytes]
-    recording: int = 200_000_000  # a recording [bytes]
+    recording: int = 1_000_000_000
+    """A recording [bytes]: ten million samples of six channels are 480 MB, of one as CSV 310 MB."""
     recordings: int = 30  # recordings that are kept
+    recorded: int = 12_000_000_000  # their files and samples [bytes]
     receiving: int = 8  # recordings that are taken in at a time
     # how long what a client sends may pause, and how far it may fall behind ``slowest`` [s]
     pause_s: float = 10.0

@@ -37,14 +37,19 @@ const key = () => localStorage.getItem("microvib.key") ?? "";
 
 async function request(path, options = {}) {
   const { answer, text } = await fetched(path, options);
-  hear(answer.headers.get("microvib-server"));
-  if (server.shut !== (answer.status === NOT_LET_IN)) {
+  return read(answer.status, answer.statusText, text, answer.headers.get("microvib-server"));
+}
+
+/** What an answer says, and that of the server; Refused where it is a refusal. */
+function read(status, words, text, name) {
+  hear(name);
+  if (server.shut !== (status === NOT_LET_IN)) {
     server.shut = !server.shut;
     tell(server.shut ? "shut" : "open");
   }
-  if (!answer.ok) {
+  if (status < 200 || status > 299) {
     const { error, key } = parsed(text) ?? {};
-    throw new Refused(error ?? `The server answers ${answer.status} ${answer.statusText}.`, key, answer.status);
+    throw new Refused(error ?? `The server answers ${status} ${words}.`, key, status);
   }
   return parsed(text);
 }
@@ -161,10 +166,30 @@ export const patch = (path, data) =>
 
 export const remove = (path) => request(path, { method: "DELETE" });
 
-export const upload = (path, query, body, options = {}) => {
-  const headers = { "Content-Type": "application/octet-stream" };
-  return request(`${path}?${new URLSearchParams(query)}`, { ...options, method: "POST", headers, body });
-};
+/** Send a file; `onSent(bytes)` hears how much of it has gone. Fetch does not tell that. */
+export function upload(path, query, body, { signal, onSent = () => {} } = {}) {
+  const sending = new XMLHttpRequest();
+  return new Promise((resolve, reject) => {
+    sending.open("POST", `${path}?${new URLSearchParams(query)}`);
+    sending.setRequestHeader("Content-Type", "application/octet-stream");
+    sending.setRequestHeader("X-Microvib-Key", key());
+    sending.upload.onprogress = ({ loaded }) => onSent(loaded);
+    sending.onload = () => {
+      try {
+        resolve(read(sending.status, sending.statusText, sending.responseText, sending.getResponseHeader("microvib-server")));
+      } catch (error) {
+        reject(error);
+      }
+    };
+    sending.onabort = () => reject(new DOMException("aborted", "AbortError"));
+    sending.onerror = () => {
+      hearNothing();
+      reject(new Silent(NO_ANSWER));
+    };
+    signal?.addEventListener("abort", () => sending.abort());
+    sending.send(body);
+  });
+}
 
 /** A file of the server as a blob. */
 export async function file(path) {

@@ -50,8 +50,13 @@ export const tsvOf = (rows) => rows.map((row) => row.map((value) => String(value
 export function plotRows({ data, layout }) {
   const title = (axis, otherwise) => layout[axis]?.title?.text || otherwise;
   const rows = [["curve", title("xaxis", "x"), title("yaxis", "y")]];
-  for (const { x = [], y = [], name = "", visible } of data) {
+  for (const { x = [], y = [], name = "", visible, customdata, type } of data) {
     if (visible === false) continue;
+    if (type === "heatmap") {
+      if (rows[0].length === 3) rows[0].push("value");
+      customdata.forEach((row, r) => row.forEach((value, c) => rows.push([name || "map", x[c], y[r], value])));
+      continue;
+    }
     for (let k = 0; k < y.length; k++) rows.push([name, x[k], y[k]]);
   }
   return rows;

@@ -15,6 +15,7 @@ const LIST = [
   ["c", "on a plot: the next kind of cursor; Esc: none"],
   ["← and →", "on a plot: the cursor to the next point; with Shift to the next peak"],
   ["d", "on a plot: move the other of two cursors"],
+  ["+ and −", "on a recording's time history: less or more time; PageUp and PageDown: earlier, later; Home: all"],
   ["?", "this list"],
 ];
 

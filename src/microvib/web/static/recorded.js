@@ -10,7 +10,7 @@ import { latest } from "./latest.js";
 import { amplitudeAxis, densityAxis, onUnits } from "./measures.js";
 import { bounds, draw, onZoom, stretch } from "./plots.js";
 import * as runs from "./runs.js";
-import { LINE, RECORDED } from "./styles.js";
+import { BACKGROUND, LINE, RECORDED } from "./styles.js";
 
 const HIGHEST = 200;
 
@@ -91,7 +91,11 @@ const runBeneath = () => (beneath.value === CHOSEN ? runs.selected() : runs.all(
 export const spectrum = picture("recording", "Spectrum", {
   more: [beneath],
   ask: (analysis, query, options) =>
-    Promise.all([recorded(analysis, "amplitude", query, options), beside(analysis, query, options)]),
+    Promise.all([
+      recorded(analysis, "amplitude", query, options),
+      beside(analysis, query, options),
+      analysis.background ? recorded(analysis, "background", query, options) : null,
+    ]),
   paint: paintSpectrum,
 });
 
@@ -109,7 +113,7 @@ async function beside({ run_channel: channel }, query, options) {
   return found && { run, channel, ...found };
 }
 
-function paintSpectrum(analysis, view, [{ f, values }, other]) {
+function paintSpectrum(analysis, view, [{ f, values }, other, off]) {
   const axis = amplitudeAxis(analysis.unit);
   const unit = axis.printed ?? unitText(analysis.unit);
   const log = view.log && !axis.dB;
@@ -123,7 +127,7 @@ function paintSpectrum(analysis, view, [{ f, values }, other]) {
     hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>`,
   };
   return [
-    [...(other ? [under(other, axis)] : []), curve, marks(seen(analysis), unit, axis)],
+    [...(other ? [under(other, axis)] : []), ...(off ? background(off, analysis, unit, axis) : []), curve, marks(seen(analysis), unit, axis)],
     {
       xaxis: { title: { text: "frequency [Hz]" }, range: view.window ?? [0, f.at(-1)] },
       yaxis: {
@@ -132,8 +136,34 @@ function paintSpectrum(analysis, view, [{ f, values }, other]) {
         dtick: log ? 1 : undefined,
         range: view.y ?? bounds(axis.y(largest), view.log, axis.dB),
       },
+      ...mains(analysis),
     },
   ];
+}
+
+/** What is there with the drive off: its spectrum, and its lines. */
+function background({ f, values }, { background_lines: lines }, unit, axis) {
+  const spectrum = { x: f, y: values.map(axis.y), mode: "lines", name: "background, drive off", line: { color: BACKGROUND, width: 1 } };
+  const marked = {
+    x: lines.map((line) => line.frequency_hz),
+    y: lines.map((line) => axis.y(line.amplitude_n_m)),
+    text: lines.map(({ line, mains }) => [line && `beside ${line}`, mains && `mains? ${mains}`].filter(Boolean).join("<br>") || "line of the background"),
+    mode: "markers",
+    name: "lines of the background",
+    marker: { color: BACKGROUND, size: 7, symbol: "x-thin", line: { color: BACKGROUND, width: 1.6 } },
+    hovertemplate: `<b>%{text}</b><br>%{x:.7g} Hz<br>%{y:.5g} ${unit}<extra></extra>`,
+  };
+  return [{ ...spectrum, hovertemplate: `%{x:.6g} Hz<br>%{y:.4g} ${unit}<extra></extra>` }, ...(lines.length ? [marked] : [])];
+}
+
+/** Places of lines that may be pick-up of the mains. */
+function mains({ mains: found = [], background_lines: off = [] }) {
+  const marked = [...found, ...off.filter((line) => line.mains).map((line) => ({ frequency: line.frequency_hz, mains: line.mains }))];
+  const places = [...new Map(marked.map((one) => [one.mains, one])).values()];
+  return {
+    shapes: places.map(({ frequency: x }) => ({ type: "line", x0: x, x1: x, yref: "paper", y0: 0, y1: 1, line: { color: BACKGROUND, width: 0.9, dash: "dot" } })),
+    annotations: places.map(({ frequency: x, mains: words }) => ({ x, yref: "paper", y: 1, yanchor: "top", xanchor: "left", textangle: -90, showarrow: false, text: `mains? ${words}`, font: { size: 10, color: BACKGROUND } })),
+  };
 }
 
 const under = ({ run, channel, f, amplitude }, axis) => ({

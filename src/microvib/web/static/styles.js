@@ -18,4 +18,5 @@ export const PHASE = { i_A: ["#A6761D", "solid"], i_B: ["#7570B3", "solid"], i_r
 export const STICK = { stuck_output: ["#7F9183", "shaft sticks"], stuck_rotor: ["#C25B6E", "rotor sticks"] };
 export const RECORDED = "#5D4A8A";
 export const LINE = "#B8336A"; // what was found in a recording
+export const BACKGROUND = "#7A7F87"; // what is there with the drive off
 export const LIMIT = "#B3261E";

@@ -1,0 +1,1 @@
+"""Envelopes: statistics of lines, spectra and densities over many runs or recordings, band by band."""
