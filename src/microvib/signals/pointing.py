@@ -262,8 +262,8 @@ def _averaged_integral(
 
 
 def _ripples_of_pde(highest: float, window: float, apart: float | None) -> dict[float, float]:
-    """What of (1 - cos 2 pi f T_s) (1 - cos 2 pi f T), the weight of pde times u^2, is beside 1 and
-    has few periods up to the ``highest`` frequency [Hz]: parts, by times [s] of which they are
+    """Parts of (1 - cos 2 pi f T_s) (1 - cos 2 pi f T), the weight of pde times u^2, that are beside 1 and
+    have few periods up to the ``highest`` frequency [Hz], by times [s] of which they are
     cosines.
     """
     later = window if apart is None else apart

@@ -639,7 +639,7 @@ def crossing_bounds(
             if not met.any():
                 continue
             reach = _meeting_reach(f[met])
-            at = _costliest_frequencies(r, f[met], reach)
+            at = _frequencies_that_count_most(r, f[met], reach)
             together = np.abs(np.subtract.outer(f[met], f[met])) <= np.add.outer(reach, reach)
             A_met = together @ A[met]  # lines so near to each other are met together
             if r.curve is not None:
@@ -681,7 +681,7 @@ def beat_bounds(
         i, j, middle, reach = i[counted], j[counted], middle[counted], reach[counted]
         if not i.size:
             continue
-        at = _costliest_frequencies(r, middle, reach)
+        at = _frequencies_that_count_most(r, middle, reach)
         A, a = np.abs(one.los[i]), np.abs(other.los[j])
         if r.curve is not None:
             most = A + a
@@ -706,7 +706,9 @@ def _reaches_band(r: Requirement, frequency: np.ndarray, reach: np.ndarray) -> n
     return np.asarray(np.abs(np.clip(frequency, r.lowest, highest) - frequency) <= reach)
 
 
-def _costliest_frequencies(r: Requirement, frequency: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def _frequencies_that_count_most(
+    r: Requirement, frequency: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
     """Frequencies (k,) [Hz] of the band, off by ``reach`` (k,) at most, at which lines count most:
     by the weight, or where a curve allows least.
     """

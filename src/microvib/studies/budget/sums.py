@@ -164,7 +164,7 @@ def _source_lines(
     """Lines of all sources one by one, those without a clock each with one of its own."""
     own = count()
     for source, one in enumerate(contributions):
-        relative_errors = one.relative_errors if with_errors else 0.0 * one.relative_errors
+        relative_errors = one.relative_errors if with_errors else np.zeros_like(one.relative_errors)
         for k, frequency in enumerate(one.frequency):
             yield _SourceLine(
                 float(frequency),
@@ -867,18 +867,10 @@ def _case_figures(
         relative_error=0.0,
         frequency_error=None,  # of the nominal lines alone, and a case counts as it was found
     )
-    at = (
-        [drawn.frequency] * len(drawn.cases)
-        if drawn.cases_frequency is None
-        else drawn.cases_frequency
-    )
     found, beyond = [], 0.0
-    for number, (f, case) in enumerate(zip(at, drawn.cases, strict=True)):
-        sources = [one if one.in_case is None else one.in_case(number) for one in contributions]
-        each = [
-            one if source.in_case is None else worst_alternative(r, there)
-            for one, source, there in zip(chosen, contributions, sources, strict=True)
-        ]
+    at = zip(_frequencies_of_cases(drawn), drawn.cases, strict=True)
+    for number, (f, case) in enumerate(at):
+        sources, each = _sources_in_case(r, number, chosen, contributions)
         each[k] = replace(own, frequency=f, los=case * phases, density=each[k].density)
         densities = [one.density for one in each if one.density is not None]
         tones = combine_lines(each, rule, with_errors=False)
@@ -893,6 +885,31 @@ def _case_figures(
         found.append((bounds[0], value, bounds[1]))
     least, values, most = np.array(found).reshape(-1, 3).T
     return _CaseFigures(values, least, most, beyond)
+
+
+def _sources_in_case(
+    r: Requirement,
+    number: int,
+    chosen: Sequence[Contribution],
+    contributions: Sequence[Contribution],
+) -> tuple[list[Contribution], list[Contribution]]:
+    """Sources on the craft of a case, and each at the alternative that is worst there; where they are
+    the same in all cases, as they are ``chosen``.
+    """
+    there = [one if one.in_case is None else one.in_case(number) for one in contributions]
+    each = [
+        one if source.in_case is None else worst_alternative(r, own)
+        for one, source, own in zip(chosen, contributions, there, strict=True)
+    ]
+    return there, each
+
+
+def _frequencies_of_cases(drawn: Contribution) -> Sequence[np.ndarray]:
+    """Frequencies [Hz] of the lines of a drive in each case."""
+    assert drawn.cases is not None
+    if drawn.cases_frequency is None:
+        return [drawn.frequency] * len(drawn.cases)
+    return list(drawn.cases_frequency)
 
 
 def _errors_in_case(drawn: Contribution, case: np.ndarray) -> np.ndarray:
