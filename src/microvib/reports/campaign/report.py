@@ -35,7 +35,7 @@ from microvib.results import (
     Measure,
     Table,
 )
-from microvib.signals.limit_curve import LimitCurve, in_band, limit_words
+from microvib.signals.limit_curve import Limit, LimitCurve, in_band, limit_words
 from microvib.studies.campaign import statistics
 from microvib.studies.campaign.design import limit_of
 from microvib.studies.campaign.effects import Indices, Tornado, sobol, tornado
@@ -131,6 +131,18 @@ def summarise(
     else:
         any_level = None
     return Summary(results, limit, band, rows, any_level, lines, worst, tornados, indices)
+
+
+def allowed_by(limit: Limit | None, band: tuple[float, float]) -> float | LimitCurve | None:
+    """The largest torque that a limit allows to lines in ``band`` [Hz]: one amplitude [N m], or a curve; None without
+    one.
+    """
+    if limit is None:
+        return None
+    curve = limit.torque_curve("a campaign")
+    if limit.is_one_number:
+        return curve.least
+    return in_band(curve, band)
 
 
 def shown_rows(s: Summary) -> list[LineStatistics]:
