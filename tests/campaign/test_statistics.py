@@ -24,6 +24,7 @@ from microvib.reports.campaign.report import (
 from microvib.reports.document import Table
 from microvib.reports.outcome import study_contents, terminal_text
 from microvib.reports.rendering import html
+from microvib.signals.limit_curve import LimitCurve
 from microvib.studies.campaign import effects, statistics
 from microvib.studies.campaign.cases import VERDICTS
 from microvib.studies.campaign.design import design
@@ -150,9 +151,10 @@ def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_i
 
 
 def test_a_line_where_nothing_is_limited_has_no_exceedance(monkeypatch):
-    monkeypatch.setattr(statistics, "limit_of", lambda study: limit_of(0.010))
+    curve = LimitCurve((50.0, 100.0), (0.010, 0.010))  # the line is at 5 Hz
+    monkeypatch.setattr(statistics, "limit_of", lambda study: mv.Limit.of_curves(curve))
     passed = np.full(400, VERDICTS.index("pass"))
-    rows = {row.line: row for row in line_statistics(_Cases(passed), 0.010, (50.0, 100.0))}
+    rows = {row.line: row for row in line_statistics(_Cases(passed), curve, EVERYTHING)}
     assert rows["drive_1"].judged == 0
     assert rows["drive_1"].exceedance is None
     assert above_limit(rows["drive_1"]) == "outside"
