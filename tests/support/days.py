@@ -36,7 +36,12 @@ def blocks(page: str) -> Iterator[tuple[str, str, str]]:
 
 
 def run(line: str, folder: Path) -> str:
-    """The answer of a command line in a folder; what stands behind > goes into a file."""
+    """The answers of a command line in a folder."""
+    return "\n".join(_run(part.strip(), folder) for part in line.split("&&"))
+
+
+def _run(line: str, folder: Path) -> str:
+    """The answer of a command; what stands behind > goes into a file."""
     line, _, into = line.partition(" > ")
     program, *words = shlex.split(line)
     if program == "python":
