@@ -152,6 +152,16 @@ def test_any_line_is_above_wherever_one_line_is_and_what_is_unknown_widens_its_i
     assert above_limit(mode).startswith("0 of 400, 214 not judged: 0 % (0 to 58")
 
 
+def test_a_line_where_nothing_is_limited_has_no_exceedance(monkeypatch):
+    curve = LimitCurve((50.0, 100.0), (0.010, 0.010))  # the line is at 5 Hz
+    monkeypatch.setattr(statistics, "limit_of", lambda study: mv.Limit.of_curves(curve))
+    passed = np.full(400, VERDICTS.index("pass"))
+    rows = {row.line: row for row in line_statistics(_Cases(passed), curve, EVERYTHING)}
+    assert rows["drive_1"].judged == 0
+    assert rows["drive_1"].exceedance is None
+    assert above_limit(rows["drive_1"]) == "outside"
+
+
 def test_lines_of_cases_that_pass_are_below_though_others_hide_them(monkeypatch):
     monkeypatch.setattr(statistics, "limit_of", lambda study: limit_of(0.010))
     rows = {

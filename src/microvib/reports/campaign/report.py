@@ -170,6 +170,8 @@ def above_limit(r: LineStatistics) -> str:
     """Draws above the limit, with the probability that this says of the next one and its interval."""
     if r.above is None:
         return ""
+    if not r.judged:
+        return "outside"  # of what is limited, as a run says
     if r.exceedance is None:
         if r.above:
             return "above"

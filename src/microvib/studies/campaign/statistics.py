@@ -206,6 +206,9 @@ def _statistics_of_line(
     unknown = line.count(UNKNOWN)
     judged = 0 if line.verdicts is None else line.verdicts.size - line.count(ABSENT)
     chance = x.size > 1 and level.draws > 1
+    exceeds = None
+    if above is not None and chance and judged:  # a line is not judged where nothing is limited
+        exceeds = proportion(above, judged, unknown)
     return LineStatistics(
         line=name,
         level=level,
@@ -219,7 +222,7 @@ def _statistics_of_line(
         largest=largest,
         worst=line.worst,
         above=above,
-        exceedance=proportion(above, judged, unknown) if above is not None and chance else None,
+        exceedance=exceeds,
         unknown=unknown,
         judged=judged,
     )
