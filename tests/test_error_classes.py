@@ -363,6 +363,23 @@ def test_wrong_errors_are_a_sentence(tmp_path: Path, text: str, says: str) -> No
         read_file(path, Sources)
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("constant: {distribution: triangular, x: 1 urad, y: 0 urad}", "distribution: 'triangular'"),
+        ("position: [0 m, 0 m, 0 m]\n    wheel: {speed: 1 rpm, axis: [0, 0, .nan], table: a.csv}",
+         "nan] is not a direction"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "sources.yaml"
+    path.write_text(f"sources:\n  - name: a\n    {text}\n")
+    with pytest.raises(ScenarioError) as found:
+        read_file(path, Sources)
+    assert says in str(found.value)
+    assert str(found.value).count("sources.0.") == 1
+
+
 def test_groups_of_a_list_are_checked_as_those_of_a_file() -> None:
     bias = {"x": 1.0, "y": 0.0}
     listed = [
