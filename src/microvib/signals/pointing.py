@@ -497,30 +497,51 @@ def distribution(
         angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
         over = angle / np.maximum(lines, 1e-300)
         return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
-    # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi
-    # n/L; its integral from -x to x.
-    n = np.arange(1, _TERMS_OF_LEVEL)
-    at = np.pi * n / reach
-    each, alone = np.exp(-0.5 * np.outer(noise, at) ** 2), of < 0
+    at = np.pi * np.arange(1, _TERMS_OF_LEVEL) / reach
+    each = np.exp(-0.5 * np.outer(noise, at) ** 2)
     if errors is not None:
         # noise of one cell of the angle keeps the series of a narrow spread about a mean from ringing
         each = each * errors.with_noise(reach / _TERMS_OF_LEVEL).transform(at)
+    # without errors sums are taken as even: which sign they have then does not matter
+    sums, alone = _transform_of_harmonics(moved, f, of, reach, even=errors is None)
+    each = each * sums
+    _multiply_unrelated(each, lines[:, alone], at)
+    return Distribution(*_integral_of_series(each.real, reach), shares)
+
+
+def _transform_of_harmonics(
+    moved: np.ndarray, f: np.ndarray, of: np.ndarray, reach: float, *, even: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Characteristic function (n, _TERMS_OF_LEVEL - 1) of lines (n, k) that are harmonics of one
+    clock, each sum as often with either sign where taken as ``even``, and which lines (k,) are not
+    among them.
+    """
+    found = np.ones((len(moved), _TERMS_OF_LEVEL - 1), dtype=float if even else complex)
+    alone = of < 0
     for one in np.unique(of[~alone]):
         its = np.flatnonzero(of == one)
-        for group, base in bases(f[its], lines[:, its].max(axis=0)):
+        for group, base in bases(f[its], np.abs(moved[:, its]).max(axis=0)):
             if group.size == 1:
                 alone[its[group]] = True
             else:
                 sums = _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
-                # without errors sums are taken as even: which sign they have then does not matter
-                each = each * (sums if errors is not None else sums.real)
-    _multiply_unrelated(each, lines[:, alone], at)
-    terms = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
-    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each.real
+                found *= sums.real if even else sums
+    return found, alone
+
+
+def _integral_of_series(transform: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angles (t,) [rad] and the part of the time (n, t) within them, of a characteristic function
+    (n, t - 1) at pi n / reach.
+
+    On (-reach, reach) the density is a series of cosines c_n cos(pi n x / reach) with c_n the
+    characteristic function; this is its integral from -x to x.
+    """
+    n = np.arange(1, _TERMS_OF_LEVEL)
+    terms = np.zeros((len(transform), 2 * _TERMS_OF_LEVEL))
+    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * transform
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
     inside = x - np.fft.rfft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
-    rising = np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
-    return Distribution(reach * x, rising, shares)
+    return reach * x, np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
 
 
 def _of_known(size: np.ndarray, shares: np.ndarray) -> Distribution:
