@@ -416,8 +416,8 @@ class Wheel(Part):
         if self.harmonics and self.table is not None:
             yield "table: is an alternative of harmonics; give one of them"
         yield from self._errors_of_whirl()
-        if not any(self.axis):
-            yield "axis: [0, 0, 0] is not a direction; three components, not all 0, are expected"
+        if not (any(self.axis) and all(map(math.isfinite, self.axis))):
+            yield f"axis: {list(self.axis)} is not a direction; three components, not all 0, are expected"
         if (self.measured_to or math.inf) <= (self.measured_from or 0.0):
             yield "measured_to: is not above measured_from"
         if self.speed_to is not None and self.speed_to <= self.speed:
@@ -439,7 +439,6 @@ class Wheel(Part):
                 )
 
 
-Spread = Literal["uniform", "normal", "arcsine"]
 _SPREAD = "half-width of a uniform distribution, standard deviation of a normal, amplitude of an arcsine (bimodal)"
 
 
@@ -452,7 +451,7 @@ class ConstantError(Part):
         0.0
     )
     y: Annotated[float, Quantity("rad", "the same about y", display="urad")] = 0.0
-    distribution: Literal["fixed"] | Spread = Field(
+    distribution: Literal["fixed", "uniform", "normal", "arcsine"] = Field(
         default="fixed", description="how it is spread over units; fixed: it is x and y"
     )
     spread_x: Annotated[float, Quantity("rad", _SPREAD, ge=0, display="urad")] | None = None
@@ -523,7 +522,7 @@ class DriftError(Part):
 
     x: Annotated[float, Quantity("rad/s", "known rate, or centre of the spread")] = 0.0
     y: Annotated[float, Quantity("rad/s", "the same about y")] = 0.0
-    distribution: Literal["fixed"] | Spread = Field(
+    distribution: Literal["fixed", "uniform", "normal", "arcsine"] = Field(
         default="fixed", description="how the rate is spread over units; fixed: it is x and y"
     )
     spread_x: Annotated[float, Quantity("rad/s", _SPREAD, ge=0)] | None = None
