@@ -4,6 +4,7 @@ judged."""
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.io.band_limits import BandLimit, read_band_limits
 from microvib.signals.band_split import LEAK, roll_off_for, split_band
 from microvib.studies.bands import judge_bands, verdict_on
+from microvib.testdata.bench_parts import Resonance
 from microvib.testdata.force_table import ForceTable
 from microvib.testdata.recording import Recording
 
@@ -160,6 +162,36 @@ def test_a_band_about_which_the_table_says_nothing_is_not_judged():
     assert below.verdict == "not judged"
 
 
+def test_a_background_neither_fails_a_band_nor_is_one_passed_that_it_may_hide_the_drive_in():
+    drive_on, drive_off = record((5.0, 1.0)), record((5.0, 0.8))
+    options = {"background": drive_off}
+    for limit, verdict in ((0.1, "fail"), (0.9, "not judged"), (1.5, "not judged"), (1.9, "pass")):
+        assert judged(drive_on, 1.0, 10.0, limit, **options).verdict == verdict
+    assert "the background has a peak of" in judged(drive_on, 1.0, 10.0, 1.5, **options).why
+    elsewhere = {"background": record((50.0, 0.8))}
+    assert judged(drive_on, 1.0, 10.0, 1.1, **elsewhere).verdict == "pass"
+    short = {"background": record((50.0, 0.8), seconds=1.0)}
+    assert judged(drive_on, 1.0, 10.0, 1.1, **short).verdict == "not judged"
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [(0.8, "fail"), (1.03, "not judged"), (1.2, "pass")])
+def test_what_the_table_changes_of_a_band_is_in_its_verdict(limit, verdict):
+    resonance = Resonance(component="Mz", frequency="50 Hz", damping="1 percent")
+    assert judged(record((5.0, 1.0)), 2.0, 7.0, limit).verdict != "not judged"
+    on_table = record((5.0, 1.0), table=ForceTable("table", (resonance,)))
+    assert judged(on_table, 2.0, 7.0, limit).verdict == verdict
+
+
+def test_bands_of_a_recording_in_which_the_drive_does_not_run_are_not_judged(state_1):
+    off = record((17.0, 0.002), noise=1e-4, rate=1024.0)
+    limits = [BandLimit(20.0, 80.0, 0.1, "N*m")]
+    alone = mv.analyse(off, band_limits=limits)
+    assert [peak.verdict for peak in alone.band_peaks] == ["pass"]
+    [peak] = mv.analyse(off, scenario=state_1, band_limits=limits).band_peaks
+    assert peak.verdict == "not judged"
+    assert "no line of the step clock is detected" in peak.why
+
+
 def test_the_first_seconds_of_a_filter_are_left_out():
     """A step at the start of the record is the filter's transient, not a peak."""
     tones = record((5.0, 1.0))
@@ -257,3 +289,20 @@ def test_a_run_whose_lines_are_not_judged_passes_no_band(state_1):
     assert tight.verdict != "pass"
     lines = mv.judge(result.table, mv.Limit("10 N*m", "5 Hz", "150 Hz"), short)
     assert (wide.verdict == "pass") == (not lines.gaps)
+
+
+def test_a_report_that_is_made_again_has_its_bands_again(tmp_path):
+    short = ["record.settle=2 s", "record.duration=4 s"]
+    (tmp_path / "bands.csv").write_text("low_hz,high_hz,limit_mn_m\n20,80,70\n80,150,0.1\n")
+    out = str(tmp_path / "run")
+    command = ["run", "state-1", "--bands", str(tmp_path / "bands.csv"), "--roll-off", "0.1"]
+    command += ["-o", out, *(part for one in short for part in ("--set", one))]
+    made = CliRunner().invoke(main, command)
+    assert made.exit_code == 0, made.output
+    first = (tmp_path / "run" / "report.html").read_text()
+    assert "Peaks in bands" in first
+    again = CliRunner().invoke(main, ["report", out])
+    assert again.exit_code == 0, again.output
+    second = (tmp_path / "run" / "report.html").read_text()
+    said = re.compile(r"Peaks in bands: [^<]*")
+    assert said.findall(second) == said.findall(first) != []

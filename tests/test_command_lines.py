@@ -16,7 +16,11 @@ PAGES = [
     *sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "docs").rglob("*.md")),
 ]
 
-RUN_ELSEWHERE = {"docs/howto/acceptance-test.md": "tests/test_acceptance.py"}
+RUN_ELSEWHERE = {
+    "docs/howto/acceptance-test.md": "tests/test_acceptance.py",
+    "docs/howto/test-day.md": "tests/test_days.py",
+    "docs/howto/systems-evening.md": "tests/test_days.py",
+}
 """Pages with a test of their own, which runs their lines as they stand."""
 SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],

@@ -10,10 +10,10 @@ from support.scenarios import baseline
 from support.stopped import rows_at
 
 import microvib as mv
-from microvib.analysis.start import wind_up
 from microvib.model.linear import coupled_modes, matrices
 from microvib.model.presliding import quasi_static_torque
 from microvib.model.ranges import values_without_range
+from microvib.model.winding_up import wind_up
 from microvib.reports.parameters import provenance
 from microvib.solve import kernel
 from microvib.solve.pack import pack

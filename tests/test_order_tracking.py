@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import bilinear, lfilter
 from support.vold_kalman import vold_kalman
 
 import microvib as mv
@@ -302,6 +303,7 @@ def test_a_section_takes_the_profile_along():
         ({"speed": "turns"}, "rpm, Hz or deg/s is expected"),
         ({"tacho": "Mz"}, "pulses are missing"),
         ({"strongest": -1.0}, "more than 0"),
+        ({"profile": PROFILE, "fixed": ["280 Hz"]}, "fixed: 280 Hz is not allowed; at most 270 Hz"),
     ],
 )
 def test_what_does_not_go_is_said(options, sentence):
@@ -357,3 +359,23 @@ def test_a_measured_sweep_whose_clock_is_off(state_1):
         ours, theirs = found.cut(order), true.cut(order)
         away = ours.amplitude - theirs.amplitude
         assert np.median(np.abs(away / theirs.amplitude)) < 0.01
+
+
+@pytest.mark.parametrize("orders", [[4, 8], [16], [4, 64]])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_clock_is_as_good_as_stated_through_a_structure_s_resonance(orders, seed):
+    """Orders that a resonance turns by up to half a turn, and makes several times as large."""
+    rng = np.random.default_rng(seed)
+    seconds, begin, end, ratio = 8.0, 6.0, 17.0, 1.0 + rng.uniform(-0.01, 0.01)
+    rate = max(2.6 * end * max(orders), 400.0)
+    t = np.arange(round(seconds * rate)) / rate
+    turns = ratio * (begin * t + 0.5 * (end - begin) / seconds * t**2)
+    x = sum(np.cos(2.0 * np.pi * order * turns + rng.uniform(0.0, 6.0)) for order in orders)
+    w, zeta = 2.0 * np.pi * rng.uniform(7.0, 16.0) * orders[0], 10.0 ** rng.uniform(-1.5, -1.0)
+    numerator, denominator = bilinear([w**2], [1.0, 2.0 * zeta * w, w**2], fs=rate)
+    read = 0.3 * x + lfilter(numerator, denominator, x) + rng.normal(0.0, 0.03, t.size)
+    record = mv.Recording({"Mz": read}, rate, {"Mz": "N*m"}, "sweep")
+    found = track_orders(record, orders, profile=f"0 s:{begin:g} Hz, {seconds:g} s:{end:g} Hz")
+    clock = found.reference.clock
+    mean = (clock.phase[-1] - clock.phase[0]) / (turns[-1] - turns[0])
+    assert abs(mean - 1.0) < 3.0 * clock.uncertainty

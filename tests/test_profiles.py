@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import microvib as mv
-from microvib.analysis.start import wind_up
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.linear import coupled_modes, rate_step_response
+from microvib.model.winding_up import wind_up
 from microvib.reports.outcome import terminal_text, text_files
 from microvib.reports.profiles import profile_outcome
 from microvib.studies.profiles.manoeuvre import Manoeuvre, lag

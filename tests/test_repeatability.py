@@ -1,6 +1,7 @@
 """Repeated tests: scatter of drawn runs comes back, estimates' own errors apart; outliers are named by the stated rule."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import microvib as mv
 from microvib.cli.main import main
 from microvib.io.recordings import Prepared, write_recording
 from microvib.signals.scatter import OUTLIER_RATIO, median_factor, outliers, random_effects
+from microvib.studies.acceptance import acceptance
 from microvib.studies.repeatability import RecordedRun, repeatability
 from microvib.testdata.recording import Recording
 
@@ -229,3 +231,42 @@ def test_the_uncertainty_of_one_table_is_no_scatter_and_hides_none():
     assert np.sqrt(np.mean([row.run**2 for row in rows])) == pytest.approx(0.01, rel=0.3)
     assert all(row.run_high > 0.005 for row in rows)
     assert all(row.uncertainty > 0.019 * row.mean for row in rows)
+
+
+def judged(*runs: RecordedRun):
+    limit = mv.Limit("60 mN*m", "5 Hz", "150 Hz")
+    return acceptance(runs, limit=limit)
+
+
+@pytest.mark.parametrize(
+    ("gains", "noise"), [(0.0, 2e-3), (1e-3, 2e-6), (0.3, 2e-3), ([0, 0, 0, 1, 1, 1], 2e-3)]
+)
+@pytest.mark.parametrize("others", [1, 2, 3])
+def test_a_test_is_not_passed_with_a_run_that_lacks_what_the_others_show(gains, noise, others):
+    alike = [run(seed, "A") for seed in range(others)]
+    odd = run(9, "A", gains=np.asarray(gains), noise=noise)
+    found = judged(*alike, odd)
+    assert [one.verdict for one in found.runs] == ["pass"] * (others + 1)
+    assert found.verdict == "not judged"
+    assert found.run_warnings[0].startswith("r9 has far less of the lines at ")
+    assert judged(*alike, run(9, "A")).verdict == "pass"
+
+
+def test_a_run_with_other_gain_is_questioned():
+    found = judged(run(1), run(2), run(3), run(4, gains=1.4))
+    assert found.verdict == "pass"
+    limit = mv.Limit("400 mN*m", "5 Hz", "150 Hz")
+    found = acceptance([run(1), run(2), run(3), run(4, gains=5.0)], limit=limit)
+    assert found.verdict == "not judged"
+    assert re.match(
+        r"r4 has (5|4.99|5.01) times the amplitudes of the other runs", found.run_warnings[0]
+    )
+
+
+def test_units_may_differ_and_a_record_that_cannot_show_a_line_lacks_none():
+    assert judged(run(1, "A"), run(2, "B", gains=0.4)).verdict == "pass"
+    assert judged(run(1, "A"), run(2, "B", gains=0.02)).verdict == "not judged"
+    noisy = run(3, "A", noise=0.05)
+    assert noisy.name not in repeatability([run(1, "A"), run(2, "A"), noisy]).absent
+    slow = Prepared(recorded(4).decimated(8))  # shows lines up to 22 Hz
+    assert not repeatability([run(1), run(2), RecordedRun("slow", slow)]).absent

@@ -216,3 +216,9 @@ def test_orders_of_several_sweeps(tmp_path):
     [row] = [x for x in (out / "comparison.csv").read_text().splitlines() if "order 4, mean" in x]
     assert float(row.split('"')[2].split(",")[2]) == pytest.approx(1.015, abs=2e-3)
     assert (out / "sweep-2_order_cuts.csv").is_file()
+
+
+def test_a_section_between_two_samples_is_said_to_be_empty():
+    record = mv.Recording({"Mz": np.zeros(4096)}, 1024.0, {"Mz": "N*m"}, "zeros")
+    with pytest.raises(mv.MicrovibError, match=r"holds no sample; samples are 0\.000977 s apart"):
+        record.trimmed(1.0, 1.0001)

@@ -28,6 +28,7 @@ from microvib.studies.budget.files import Requirements
 from microvib.studies.budget.study import pointing_budget
 from microvib.studies.compare import compare
 from microvib.studies.measure import measure
+from microvib.studies.recording_limits import judge_recording
 from microvib.testdata.bench_parts import Resonance
 from microvib.testdata.force_table import ForceTable
 from microvib.testdata.preparation import Preparation
@@ -110,6 +111,30 @@ def test_no_limit_below_the_torque_of_the_running_drive_is_passed(
     table = mv.find_lines(recorded(UNSTEADY[name](t, torque)), scenario=scenario)
     for part in (0.3, 0.5, 0.7, 0.9):
         assert judge(table, limit_of(part * running, 40.0, 60.0), scenario).verdict != "pass"
+
+
+@pytest.mark.parametrize("frequency", [50.1, 99.97, 120.0])
+@pytest.mark.parametrize("part", [0.15, 0.5])
+def test_what_comes_and_goes_at_a_multiple_of_the_mains_is_no_line_of_theirs(
+    frequency: float, part: float
+) -> None:
+    t = np.arange(30 * 1000) / 1000.0
+    width = part * t[-1]
+    loud = np.where(np.abs(t - 14.0) < 0.5 * width, np.cos(np.pi * (t - 14.0) / width) ** 2, 0.0)
+    x = 0.01 * loud * np.cos(2.0 * np.pi * frequency * t + 1.0)
+    x += 1e-6 * np.random.default_rng(3).standard_normal(t.size)
+    limit = mv.Limit("8 mN*m", "20 Hz", "300 Hz")
+    table = mv.Recording({"Mz": x}, 1000.0, {"Mz": "N*m"}, "burst")
+    assert judge_recording(table, limit).verdict != "pass"
+
+
+def test_the_mains_beside_a_line_of_the_drive_are_a_line_of_their_own() -> None:
+    t = np.arange(16 * 1000) / 1000.0
+    x = 0.01 * np.cos(2.0 * np.pi * 53.0 * t) + 0.006 * np.cos(2.0 * np.pi * 50.0 * t + 1.0)
+    x += 1e-5 * np.random.default_rng(3).standard_normal(t.size)
+    table = mv.Recording({"Mz": x}, 1000.0, {"Mz": "N*m"}, "mains")
+    limit = mv.Limit("10.5 mN*m", "20 Hz", "300 Hz")
+    assert judge_recording(table, limit).verdict == "pass"
 
 
 def test_a_steady_recording_stays_judged(torque: np.ndarray, scenario: mv.Scenario) -> None:

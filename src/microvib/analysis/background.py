@@ -11,7 +11,7 @@ import numpy as np
 
 from microvib.analysis import spectra
 from microvib.results import LINE_FREQUENCY, TORQUE, Column
-from microvib.signals.clock import MAINS
+from microvib.signals.clock import MAINS, MAINS_BINS
 from microvib.signals.line_fit import BACKGROUND_DRIFT, estimate_lines
 from microvib.signals.line_table import IN_BACKGROUND, LineTable
 from microvib.signals.spectrum import Density, tone_amplitude
@@ -19,8 +19,6 @@ from microvib.signals.tones import HannSpectrum
 from microvib.testdata.recording import Recording
 from microvib.units import Si
 
-MAINS_BINS = 5.0
-"""Bins of a record within which a line may be pick-up of the mains."""
 MOST_HARMONICS = 20
 """Multiples of the mains' frequency that are marked."""
 _MOST_NAMED = 6

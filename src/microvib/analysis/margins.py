@@ -11,10 +11,16 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from microvib.analysis.start import SETTLED_EFOLDINGS, may_still_ring, rounded_up
+from microvib.analysis.start import (
+    SETTLED_EFOLDINGS,
+    may_still_ring,
+    rounded_up,
+    time_to_settle,
+)
 from microvib.model.expected import distance_to_clock_line
 from microvib.model.linear import CoupledMode, coupled_modes
 from microvib.model.scenario import Scenario
+from microvib.model.turning import decay_in_motion
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import CANCELLED, SEPARATION
@@ -43,6 +49,8 @@ passband, for what friction and detent torque add there, and on bins that severa
 SHARED_BINS_FACTOR = 2.0
 """Factor by which a line may be larger or smaller than is found while the record is too short to
 tell it from others of the clock."""
+_HELD_DECAY = 0.5
+"""Part of a mode's own decay below which what rings in its place is not the start's alone."""
 RINGING_FACTOR = 0.1
 """Part of what rings in a record by which a line may change until that has died away: friction
 couples them.
@@ -222,6 +230,8 @@ def _judge_record(
         found = amplitude + error_bound if math.isfinite(amplitude) else 0.0
         largest = max(found, line.hidden)
         return _passes(largest, largest, most, "below the noise floor; increase record.duration")
+    if why := _held_mode_reason(line, most, error_bound, table, scenario):
+        return _Judged(amplitude, "not judged", why)
     if line.status in ("decaying", "growing"):
         start = line.amplitude_at_start(table.duration)
         largest = max(start, amplitude) + error_bound
@@ -234,6 +244,33 @@ def _judge_record(
     if why := _shared_bins_reason(line, most, error_bound, table, scenario):
         return _Judged(amplitude, "not judged", why)
     return _judge_beside_ringing(line, most, table, ringing, scenario)
+
+
+def _held_mode_reason(
+    line: Line, most: float, error_bound: float, table: LineTable, scenario: Scenario | None
+) -> str:
+    """Why a mode is not passed that falls more slowly than its damping says, before its ringing has died
+    away; empty where it is not so, or the limit is far from what is found.
+
+    Something lasts there, the ringing beats with it, and the record may be of a part where they cancel.
+    """
+    if scenario is None or not line.is_mode or line.status not in ("ok", "decaying"):
+        return ""
+    largest = max(line.amplitude, line.amplitude_at_start(table.duration))
+    if line.amplitude > most or SHARED_BINS_FACTOR * largest + error_bound <= most:
+        return ""
+    mode = next((m for m in coupled_modes(scenario) if m.name == line.name), None)
+    if mode is None or not may_still_ring(mode, scenario):
+        return ""
+    own = decay_in_motion(mode, scenario)
+    if own <= 0.0 or line.decay >= _HELD_DECAY * own:
+        return ""
+    settled = time_to_settle(scenario)
+    wanted = scenario.record.settle - settled + SETTLED_EFOLDINGS / own
+    return (
+        "it falls more slowly than its damping says, and may hold a line that lasts and what rings from"
+        f" the start, one against the other; record.settle >= {rounded_up(wanted)} s"
+    )
 
 
 def _passes(amplitude: float, largest: float, most: float, why: str) -> _Judged:

@@ -9,9 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from microvib.model.driver import motor_of_mean_spring
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, sliding_growth
 from microvib.model.scenario import Scenario
@@ -29,6 +26,12 @@ from microvib.model.turning import (
     TurningDrive,
     decay_in_motion,
     turning_drive,
+)
+from microvib.model.winding_up import (
+    commanded_travel,
+    seconds_until_sliding,
+    sliding_travel,
+    wind_up,
 )
 from microvib.signals.line_table import Line
 
@@ -92,42 +95,12 @@ def time_to_settle(scenario: Scenario) -> float:
     return float(settle - max(changes))
 
 
-def wind_up(scenario: Scenario) -> float:
-    """Angle at the output [rad] that is commanded from rest until the output breaks away; infinite
-    if the motor is too weak.
-
-    The twist of the gear and the lag of the rotor on its electromagnetic spring, the mean over an
-    electrical turn, T_max sin(z lag),
-    at the breakaway torques of both shafts with what a harness adds, and half of the backlash;
-    without detent torque and flux harmonics.
-    """
-    motor, reducer = motor_of_mean_spring(scenario.driver, scenario.motor), scenario.reducer
-    held, harness = scenario.friction.breakaway_torque, scenario.friction.harness
-    if held == 0.0:
-        return 0.0
-    if harness is not None:
-        held += harness.friction + harness.stiffness * abs(harness.neutral_angle)
-    most = motor.electromagnetic_stiffness / motor.rotor_teeth
-    asked = held / reducer.ratio + motor.friction.breakaway_torque
-    if asked >= most:
-        return math.inf
-    if reducer.stiffness == "rigid":
-        twist = 0.0
-    else:
-        twist = held / float(reducer.stiffness)
-    return (
-        math.asin(asked / most) / motor.rotor_teeth / reducer.ratio
-        + twist
-        + 0.5 * (reducer.backlash or 0.0)
-    )
-
-
 def not_moving_reason(scenario: Scenario) -> str:
     """Why the record begins before the array turns, and what to do; empty where it turns by then,
     or is not to turn.
     """
     end = scenario.record.settle
-    turned, rate, whole = _commanded_travel(scenario, end)
+    turned, rate, whole = commanded_travel(scenario, end)
     needed = wind_up(scenario) * (1.0 if whole else 2.0)  # after a reversal it is first wound off
     if rate == 0.0 or turned >= needed:
         return ""
@@ -145,26 +118,6 @@ def rounded_up(value: float) -> str:
     else:
         digits = 1.0
     return f"{math.ceil(value / digits - 1e-9) * digits:.6g}"
-
-
-def _commanded_travel(scenario: Scenario, end: float) -> tuple[float, float, bool]:
-    """Angle [rad] commanded one way up to the time ``end`` [s], the rate then, and whether that is
-    all since the start.
-    """
-    times, rates = scenario.tracking.breakpoints()
-    before = times < end
-    t = np.append(times[before], end)
-    v = np.append(rates[before], np.interp(end, times, rates))
-    ramps = np.flatnonzero(v[1:] * v[:-1] < 0.0)  # through zero, where each is parted
-    zeros = t[ramps] + np.diff(t)[ramps] * v[ramps] / (v[ramps] - v[ramps + 1])
-    t, v = np.insert(t, ramps + 1, zeros), np.insert(v, ramps + 1, 0.0)
-    steps = 0.5 * (v[1:] + v[:-1]) * np.diff(t)
-    against = np.flatnonzero(steps * v[-1] < 0.0)
-    if against.size:
-        first = int(against[-1]) + 1
-    else:
-        first = 0
-    return abs(float(np.sum(steps[first:]))), float(v[-1]), first == 0
 
 
 def full_step_time(scenario: Scenario) -> float:
@@ -234,21 +187,36 @@ def record_gap(
     """Reason why a record of ``duration`` [s] does not show the lines of tracking; None where it does.
 
     The command has rates that the record does not see; the array does not turn yet; the motion is
-    not yet the lasting one; the record is shorter than two full steps, of which a slow drive may slip
-    but once in each; or it holds less than two cycles of something that changes the drive more
-    slowly. Limits, budgets, rate plans and campaigns all ask here. Of a recording that is not
-    ``simulated`` the start is not known; in a ``steady`` state only the rates are asked for.
+    not yet the lasting one; frictions with memory do not slide yet; the record is shorter than two
+    full steps, of which a slow drive may slip but once in each; or it holds less than two cycles of
+    something that changes the drive more slowly. Limits, budgets, rate plans and campaigns all ask
+    here. Of a recording that is not ``simulated`` the start is not known; in a ``steady`` state only
+    the rates are asked for.
     """
     if scenario is None:
         return None
-    if simulated and (unseen := unseen_rates_gap(scenario)):
-        return unseen
+    if simulated:
+        gap = unseen_rates_gap(scenario)
+        if gap is None and not steady:
+            gap = _start_gap(scenario)
+        if gap is not None:
+            return gap
     if steady:
         return None
-    if simulated and (held := not_moving_reason(scenario)):
+    return _short_record_gap(scenario, duration)
+
+
+def _start_gap(scenario: Scenario) -> RecordGap | None:
+    """Reason why a record begins before the motion is the lasting one; None where it does not."""
+    if held := not_moving_reason(scenario):
         return RecordGap(held, turns=False)
-    if simulated and (why := _not_lasting_reason(scenario)):
+    if why := _not_lasting_reason(scenario) or not_sliding_reason(scenario):
         return RecordGap(why, turns=True)
+    return None
+
+
+def _short_record_gap(scenario: Scenario, duration: float) -> RecordGap | None:
+    """Reason why a record of ``duration`` [s] is too short for what changes slowly; None where it is not."""
     if slow := unseen_variations(scenario, duration):
         why = _unseen_variation_reason(slow[0], scenario)
         changed = 1.0 + _CHANGE_BY_SHARE * sum(one.share for one in slow)
@@ -353,6 +321,21 @@ def _not_lasting_reason(scenario: Scenario) -> str:
         return ""
     longer = rounded_up(scenario.record.settle - settled + needed)
     return f"{what} (record.settle >= {longer} s{steady_start_advice(scenario)})"
+
+
+def not_sliding_reason(scenario: Scenario) -> str:
+    """Why lines of a run in time are those of frictions with memory that do not slide yet, and what to
+    do; empty where they do by then.
+    """
+    settle = scenario.record.settle
+    wait = seconds_until_sliding(scenario, settle)
+    if wait == 0.0:
+        return ""
+    travel = math.degrees(sliding_travel(scenario))
+    return (
+        "lines of friction that slides: presliding lasts until the array has turned by"
+        f" {travel:.3g} deg (record.settle >= {rounded_up(settle + wait)} s)"
+    )
 
 
 def _oscillation(turning: TurningDrive) -> str:

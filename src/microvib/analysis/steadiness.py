@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from microvib.signals.clock import near_mains
+from microvib.signals.clock import MAINS_BINS, near_mains
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import NO_ORDER
 from microvib.signals.line_table import Line, LineTable
@@ -102,10 +102,18 @@ def _doubled(line: Line) -> Line:
 
 def _counts(line: Line, seen: Sequence[Line], table: LineTable) -> bool:
     """Whether a line is one of its own: a listed one, or an unlisted one that the clock makes, or
-    that no modulation of a larger one does."""
+    that no modulation of a larger one does.
+
+    The mains may be beside a larger line of the drive. Of several lines at one of their multiples
+    the largest counts alone, since what comes and goes there is parted into several, too.
+    """
     if line.kind != "other":
         return True
-    if near_mains(line.frequency, table.duration):
+    if near_mains(line.frequency, table.duration) and not any(
+        x.amplitude > line.amplitude
+        and abs(x.frequency - line.frequency) * table.duration < 2.0 * MAINS_BINS
+        for x in seen
+    ):
         return True
     if line.origin and line.origin != NO_ORDER:
         return True

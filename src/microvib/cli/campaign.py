@@ -226,16 +226,10 @@ def _report_limit(
     study's.
     """
     from microvib.io.limit_files import given_limit
-    from microvib.signals.limit_curve import in_band
+    from microvib.reports.campaign.report import allowed_by
     from microvib.studies.campaign.design import limit_of
 
-    asked = limit_of(study) if limit is None else given_limit(limit)
-    if asked is None:
-        return None
-    curve = asked.torque_curve("a campaign")
-    if asked.is_one_number:
-        return curve.least
-    return in_band(curve, within)
+    return allowed_by(limit_of(study) if limit is None else given_limit(limit), within)
 
 
 @campaign.command()

@@ -196,7 +196,8 @@ def report(
     overwrite: bool,
     form: Form,
 ) -> None:
-    """Make the report of a run again from its FOLDER, with the run's limit and band or with others.
+    """Make the report of a run again from its FOLDER, with the run's limit and band or with others,
+    and with the bands of its time history.
 
     report.html of the folder is replaced, with --pdf report.pdf too. --limit none leaves the limit
     out.
@@ -204,9 +205,11 @@ def report(
     from microvib.analysis.run import RunResult
     from microvib.io.runs import read_run
     from microvib.io.writing import write_file
+    from microvib.reports.bands import with_bands
     from microvib.reports.outcome import report as report_of
     from microvib.reports.rendering import html, pdf
     from microvib.reports.run.outcome import run_outcome
+    from microvib.studies.bands import judge_bands_of_run
 
     if output is None:
         targets = [folder / f"report{kind}" for kind in (_KINDS if form.pdf else _KINDS[:1])]
@@ -218,7 +221,9 @@ def report(
     if run.unchecked:
         click.echo(run.unchecked, err=True)
     allowed = _limit(run.limit, limit, band)
-    outcome = run_outcome(RunResult.of_motion(run.motion, run.table), allowed, run.versions)
+    result = RunResult.of_motion(run.motion, run.table)
+    peaks = judge_bands_of_run(result, run.band_limits, run.roll_off)
+    outcome = with_bands(run_outcome(result, allowed, run.versions), peaks)
     document = report_of(outcome).in_form(form)
     contents = [
         pdf(document) if target.suffix.lower() == ".pdf" else html(document) for target in targets

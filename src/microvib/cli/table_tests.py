@@ -102,7 +102,10 @@ def _parse_hits(given: str) -> tuple[str, float, str]:
         return load, 1.0, file
     if arm is None:
         raise MicrovibError(f"'{given}': a torque needs a lever arm, such as {load}@0.2m={file}")
-    length = quantity(f"{load}, lever arm", arm, "m")
+    try:
+        length = quantity("lever arm", arm, "m")
+    except OptionError as error:
+        raise MicrovibError(f"'{given}': {error}") from None
     if length == 0.0:
         raise MicrovibError(f"'{given}': a lever arm of 0 m makes no torque")
     return load, length, file

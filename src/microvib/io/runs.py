@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from microvib.errors import MicrovibError, expect_path
+from microvib.io.band_limits import BandLimit
 from microvib.io.csv_cells import unescape_formula
 from microvib.io.netcdf import new_netcdf
 from microvib.io.scenario_file import dump_scenario, load_scenario
@@ -49,6 +50,10 @@ class Run:
     versions: dict[str, str]
     limit: Limit | None = None
     """Limit that the lines were judged by."""
+    band_limits: tuple[BandLimit, ...] = ()
+    """Bands in which the time history was judged."""
+    roll_off: float | None = None
+    """Roll-off of their filters, where one was asked for."""
     unchecked: str = ""
     """Sentence on a folder that does not tell whether its files are those of the run; else empty."""
 
@@ -217,6 +222,8 @@ def read_run(folder: Path | str) -> Run:
         first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
         digest, versions, record = (said[key] for key in ("scenario_sha256", "versions", "record"))
         limit = None if said.get("limit") is None else Limit.from_dict(said["limit"])
+        of_bands = said.get("band_limits") or {"roll_off": None, "bands": ()}
+        bands = tuple(BandLimit(**one) for one in of_bands["bands"])
     written = folder / "scenario.yaml"
     if hashlib.sha256(written.read_bytes()).hexdigest() != digest:
         raise MicrovibError(
@@ -239,7 +246,7 @@ def read_run(folder: Path | str) -> Run:
         )  # fmt: skip
     with _expected(folder / SEED_PEAKS, "a table of peaks over draws") as path:
         table = replace(table, seed_peaks=_seed_peaks(path))
-    return Run(motion, table, versions, limit, unchecked)
+    return Run(motion, table, versions, limit, bands, of_bands["roll_off"], unchecked)
 
 
 def check_run_folder(folder: Path) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from microvib.analysis.start import wind_up
 from microvib.model.compensation import largest_slope
 from microvib.model.driver import motor_of_mean_spring
 from microvib.model.expected import angle_errors
@@ -19,6 +18,7 @@ from microvib.model.linear import coupled_modes
 from microvib.model.orders import drive_orders
 from microvib.model.part import Part, flatten_parameters
 from microvib.model.scenario import Scenario
+from microvib.model.winding_up import wind_up
 from microvib.reports.document import Text
 from microvib.reports.outcome import Item, Pairs
 from microvib.results import Column, Measure, Table

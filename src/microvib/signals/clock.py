@@ -30,13 +30,17 @@ record's.
 _MIN_COMB_LINES = 3
 """Lines of such a clock, other than driving lines, without which its comb may be any machine's."""
 MAINS = (50.0, 60.0)
+MAINS_BINS = 5.0
+"""Bins of a record within which a line may be pick-up of the mains."""
 
 
 def near_mains(frequency: float, duration: float) -> bool:
     """Whether pick-up of the mains, or of one of its first harmonics, may stand in a line [Hz] of a
     record [s].
     """
-    return any(abs(frequency - m * mains) * duration < 5.0 for mains in MAINS for m in range(1, 7))
+    return any(
+        abs(frequency - m * mains) * duration < MAINS_BINS for mains in MAINS for m in range(1, 7)
+    )
 
 
 _FIRST_LINES = (*map(driving_line, (1, 2, 3)), full_step_line(1), electrical_line(1))

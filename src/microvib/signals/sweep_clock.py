@@ -8,13 +8,14 @@ of all orders, which turn with the difference between their frequencies and thos
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from microvib.signals.line_table import DETECTION_RATIO
-from microvib.signals.order_tracking import track_components
+from microvib.signals.order_tracking import Tracked, track_components
 
 _GRID = 21
 """Steps of the search on each side together."""
@@ -28,6 +29,10 @@ _MIN_SHARE = 0.5
 _STRUCTURE = 0.25
 """Turns by which a structure shifts the phase of an order over a sweep, as a standard uncertainty: half a
 turn where it crosses a resonance."""
+_POINTS_ALIKE = 4.0
+"""Points of an amplitude between two knots, whose noise is alike."""
+_RANK = 1e-9
+"""Singular value of the fit of the speed, over the largest, below which it is not told."""
 _SETTLED = 1e-4
 """Part of a revolution below which a round changes nothing."""
 _CYCLES = 12.0
@@ -167,10 +172,12 @@ def refine_clock(
         u = 2.0 * middle * rate / x.size - 1.0
         basis = np.polynomial.legendre.legvander(np.tile(u, len(orders)), _TERMS - 1)
         root = np.sqrt(weight).ravel()
-        c = np.linalg.lstsq(basis * root[:, None], off.ravel() * root, rcond=None)[0]
+        solve = np.linalg.pinv(basis * root[:, None], rcond=_RANK)
+        c = solve @ (off.ravel() * root)
         change = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, x.size), c)
         speed = np.maximum(speed + change, 1e-6 * np.max(speed))
-        sigma = _speed_uncertainty(tracked.noise, tracked.amplitude, orders, x.size / rate)
+        shares = (solve[0] * root).reshape(off.shape)
+        sigma = _speed_uncertainty(tracked, shares, np.asarray(orders), step)
         if np.max(np.abs(np.cumsum(change))) / rate < _SETTLED:
             break
     relative = sigma / float(np.mean(speed))
@@ -178,17 +185,22 @@ def refine_clock(
 
 
 def _speed_uncertainty(
-    noise: np.ndarray, amplitude: np.ndarray, orders: Sequence[float], duration: float
+    tracked: Tracked, shares: np.ndarray, orders: np.ndarray, step: float
 ) -> float:
-    """Standard uncertainty [Hz] of the mean speed, of the orders together: that of the slope of a
-    line through their phases, which a structure turns, too.
+    """Standard uncertainty [Hz] of the mean speed, which is the sum of ``shares`` (K, m) times what the
+    phases of each order say of it between points ``step`` [s] apart.
+
+    A structure turns the phase of an order by up to half a turn where it crosses a resonance, wherever
+    that is, and all orders in the same direction. Where no order is seen the speed is that of the
+    polynomial through the rest, to which few points have large shares.
     """
-    size = np.mean(np.abs(amplitude), axis=1)
-    points = amplitude.shape[1] / 2.0
-    phase = np.mean(noise, axis=1) / np.maximum(size, 1e-300) / np.sqrt(points)
-    each = np.sqrt(12.0) * phase / (2.0 * np.pi * np.asarray(orders) * duration)
-    each = np.hypot(each, _STRUCTURE / (np.asarray(orders) * duration))
-    return float(1.0 / np.sqrt(np.sum(each**-2.0)))
+    size = np.maximum(np.abs(tracked.amplitude), 1e-300)
+    phase = np.minimum(tracked.noise / size, math.pi) / (2.0 * math.pi)
+    ends = np.pad(shares, ((0, 0), (1, 1)))
+    by_point = np.diff(ends, axis=1) / (orders[:, None] * step)
+    noise = math.sqrt(_POINTS_ALIKE * float(np.sum((by_point * phase) ** 2)))
+    structure = _STRUCTURE * float(np.sum(np.max(np.abs(shares), axis=1) / (orders * step)))
+    return math.hypot(noise, structure)
 
 
 def revolutions(speed: np.ndarray, rate: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from microvib.analysis.background import (
 )
 from microvib.analysis.lines import (
     CLOCK_TOLERANCE,
+    clock_warnings,
     lines_of_recording,
     lines_of_samples,
     recording_warnings,
@@ -43,7 +44,7 @@ from microvib.signals.line_table import LineTable
 from microvib.signals.spectrum import Average, Density, Spectrum, Waterfall, Window
 from microvib.solve.integration import Progress
 from microvib.solve.simulate import simulate
-from microvib.studies.bands import BandPeak, judge_bands, reasons_of_lines
+from microvib.studies.bands import BandPeak, Gaps, judge_bands, reasons_of_lines
 from microvib.testdata.channels import ACCELERATIONS
 from microvib.testdata.recording import Recording, require_usable_channel
 from microvib.testdata.section import Section
@@ -52,6 +53,8 @@ from microvib.units import Band, GivenQuantity, Si, band
 NO_CLOCK_NOTE = (
     "lines are not identified, because neither a step rate nor a scenario was given to name them"
 )
+_BAND_BINS = 4.0
+"""Bins of the density below which a band has a note."""
 NO_SCENARIO_NOTE = "lines are not identified, because no scenario was given to predict them"
 
 
@@ -181,6 +184,13 @@ def analyse(  # noqa: PLR0913 - keyword options
         of_background = spectra.spectrum(background, channel, window)
         for note in background_notes(recording, background, channel, table):
             recording = recording.noted(note)
+    in_bands = tuple(_rms_in_bands(density, bands))
+    for low, high, _ in in_bands:
+        if high - low < _BAND_BINS * density.resolution:
+            recording = recording.noted(
+                f"the band from {low:g} to {high:g} Hz is narrower than {_BAND_BINS:g} bins of the density,"
+                f" {density.resolution:g} Hz each: its RMS is a part of theirs, and a window's leakage is in it"
+            )
     return Analysis(
         name=name or recording.title,
         channel=channel,
@@ -193,7 +203,7 @@ def analyse(  # noqa: PLR0913 - keyword options
         ),
         density=density,
         waterfall=spectra.waterfall(recording, channel, resolution, window, overlap),
-        bands=tuple((low, high, density.band_rms(low, high)) for low, high in map(band, bands)),
+        bands=in_bands,
         background=of_background,
         background_lines=lines_of_background(recording, background, channel, table),
         orders=_orders(table, recording[channel]) if clock else (),
@@ -202,9 +212,23 @@ def analyse(  # noqa: PLR0913 - keyword options
             band_limits,
             channel,
             roll_off=roll_off,
+            background=background,
             **_reasons_of(opened, guide, table),
         ),
     )
+
+
+def _rms_in_bands(density: Density, bands: Sequence[Band]) -> Iterator[tuple[float, float, float]]:
+    """Bands [Hz] and their RMS; OptionError for one that reaches above half the sample rate."""
+    top = 0.5 * density.sample_rate
+    for low, high in map(band, bands):
+        if high > top * (1.0 + 1e-9):
+            raise OptionError(
+                "band",
+                f"{low:g} to {high:g} Hz is not allowed; the record shows frequencies up to half its"
+                f" sample rate, {top:g} Hz",
+            )
+        yield low, high, density.band_rms(low, high)
 
 
 def opened_source(source: Source | Recording | str | os.PathLike[str]) -> Source:
@@ -231,15 +255,21 @@ def section_of(source: Source, section: Section | None) -> Source:
 
 def _reasons_of(source: Source, guide: Scenario | None, table: LineTable | None) -> dict[str, Any]:
     """Reasons why bands are not judged, for ``judge_bands``: of a simulated torque those for which its
-    lines are not.
+    lines are not, of a recording of a drive that what is seen may not be that drive.
     """
     if isinstance(source, Scenario):
         scenario: Scenario | None = source
     elif isinstance(source, RunFolder):
         scenario = source.scenario or guide
     else:
-        return {}
+        return {} if guide is None or table is None else {"gaps": _other_drive_reasons(table)}
     return {} if table is None else reasons_of_lines(table, scenario)
+
+
+def _other_drive_reasons(table: LineTable) -> Gaps:
+    """Reasons, the same in every band, to question that a recording is of the drive at its rate."""
+    reasons = tuple(clock_warnings(table))
+    return lambda low, high, limit: reasons
 
 
 def _orders(table: LineTable | None, x: np.ndarray) -> tuple[OrderLine, ...]:

@@ -35,6 +35,10 @@ MIN_CYCLES = 5.0
 ROLL_OFFS = (0.01, 0.5)
 """Least and largest roll-off that may be asked for."""
 _EDGE = Measure("Hz", form=".6g")
+_SIGMAS = 3.0
+"""Standard uncertainties that a peak keeps from its limit, as lines do."""
+_GRID = 64
+"""Frequencies of a band at which the force table is asked."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,16 @@ class BandPeak:
         return f"{self.low:g} to {self.high:g} Hz"
 
 
+@dataclass(frozen=True)
+class _Tolerance:
+    """By how much what was read in a band may differ from the drive's load."""
+
+    size: float
+    """In the unit of the channel."""
+    why: str
+    """Cause of it, as a clause; empty where nothing does."""
+
+
 Gaps = Callable[[float, float, float], Sequence[str]]
 """Reasons why lines between two frequencies [Hz] are not judged against a limit, in words."""
 
@@ -100,16 +114,20 @@ def reasons_of_lines(
     return {"gaps": gaps, "broken": failed_invariants_reason(table.broken, scenario)}
 
 
-def judge_bands(
+def judge_bands(  # noqa: PLR0913 - keyword options
     recording: Recording,
     limits: Sequence[BandLimit],
     channel: str = "Mz",
     *,
     roll_off: float | None = None,
+    background: Recording | None = None,
     gaps: Gaps = no_gaps,
     broken: str = "",
 ) -> tuple[BandPeak, ...]:
     """Judge the peak of a channel's time history in each band.
+
+    What the force table changes and is not corrected counts with three standard uncertainties, the
+    peak of a background as a whole: it may add to the drive's, or hide as much of it.
 
     Parameters
     ----------
@@ -122,6 +140,8 @@ def judge_bands(
     roll_off : float, optional
         Part of an edge's frequency, on both sides, within which filters fall from 1 to 0; without it
         0.2, or less where a band is narrow.
+    background : Recording, optional
+        The table with the drive off, prepared alike.
     gaps : callable, optional
         Further reasons why a band passes nothing.
     broken : str
@@ -150,7 +170,7 @@ def judge_bands(
                 f"bands: the limit from {limit.low:g} to {limit.high:g} Hz is in"
                 f" {pretty(limit.unit)}, and channel {name} is in {pretty(unit)}"
             )
-        found.append(_judged(recording, name, limit, roll_off, (gaps, broken)))
+        found.append(_judged((recording, background), name, limit, roll_off, (gaps, broken)))
     return tuple(found)
 
 
@@ -182,26 +202,29 @@ def verdict_on(peaks: Sequence[BandPeak]) -> Verdict | NoVerdict:
 
 
 def _judged(
-    recording: Recording,
+    recorded: tuple[Recording, Recording | None],
     name: str,
     limit: BandLimit,
     asked: float | None,
     reasons: tuple[Gaps, str],
 ) -> BandPeak:
+    recording, background = recorded
     rate = recording.sample_rate
     roll_off = roll_off_for(limit.low, limit.high) if asked is None else asked
-    x = recording[name] - np.mean(recording[name])
     gaps, broken = reasons
     blind = broken or _blind_reason(recording, name, limit, roll_off)
-    usable = (limit.high * (1.0 + roll_off)) < 0.5 * rate and not _narrow(limit, roll_off)
-    history = split_band(x, rate, limit.low, limit.high, roll_off) if usable else None
+    history = _history(recording, name, limit, roll_off)
     if history is None:
         nan = math.nan
         why = blind or _too_short(recording, limit, roll_off)
         return _row(name, limit, (nan, nan, nan, nan), roll_off, 0.0, ("not judged", why))
     looked_at = history.values.size / rate
     figures = (history.peak, history.least, history.largest, history.place / rate)
-    verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps))
+    tolerances = (
+        _tolerance_of_table(recording, name, limit, roll_off, history.largest),
+        _tolerance_of_background(background, name, limit, roll_off),
+    )
+    verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps), tolerances)
     return _row(name, limit, figures, roll_off, looked_at, verdict)
 
 
@@ -211,6 +234,49 @@ def band_history(recording: Recording, peak: BandPeak) -> BandHistory | None:
         return None
     x = recording[peak.channel] - np.mean(recording[peak.channel])
     return split_band(x, recording.sample_rate, peak.low, peak.high, peak.roll_off)
+
+
+def _history(
+    recording: Recording, name: str, limit: BandLimit, roll_off: float
+) -> BandHistory | None:
+    """Time history of a band; None where a filter for it does not fit the record."""
+    rate, x = recording.sample_rate, recording[name] - np.mean(recording[name])
+    if limit.high * (1.0 + roll_off) >= 0.5 * rate or _narrow(limit, roll_off):
+        return None
+    return split_band(x, rate, limit.low, limit.high, roll_off)
+
+
+def _tolerance_of_table(
+    recording: Recording, name: str, limit: BandLimit, roll_off: float, largest: float
+) -> _Tolerance:
+    """Change of a band's peak by the force table: its resonances, or how well its response is known."""
+    table = recording.table
+    if table is None:
+        return _Tolerance(0.0, "")
+    low, high = limit.low * (1.0 - roll_off), limit.high * (1.0 + roll_off)
+    frequency = np.linspace(max(low, 1e-3 * high), high, _GRID)
+    sigma = max(table.amplitude_uncertainty(name, f, largest) for f in frequency.tolist())
+    if not sigma > 0.0:
+        return _Tolerance(0.0, "")
+    part = 100.0 * _SIGMAS * sigma / largest
+    return _Tolerance(_SIGMAS * sigma, f"the force table leaves it unsure by {part:.2g} %")
+
+
+def _tolerance_of_background(
+    background: Recording | None, name: str, limit: BandLimit, roll_off: float
+) -> _Tolerance:
+    """Part of a band's peak that may be the background's, or hidden by it."""
+    if background is None or name not in background.channels:
+        return _Tolerance(0.0, "")
+    history = _history(background, name, limit, roll_off)
+    if history is None:
+        return _Tolerance(math.inf, "the background is shorter than the band's filter")
+    milli = 1e3 * history.largest
+    return _Tolerance(
+        history.largest,
+        f"the background has a peak of {milli:.3g} m{pretty(limit.unit)} there, which may add to the"
+        " drive's or hide as much",
+    )
 
 
 def _row(
@@ -240,7 +306,11 @@ def _row(
 
 
 def _verdict(
-    limit: BandLimit, figures: tuple[float, float, float, float], blind: str, unseen: str
+    limit: BandLimit,
+    figures: tuple[float, float, float, float],
+    blind: str,
+    unseen: str,
+    tolerances: Sequence[_Tolerance],
 ) -> tuple[Verdict, str]:
     """Verdict and reason. What was not seen passes nothing; a peak above the limit is one all the
     same, unless the record does not show the loads of this band.
@@ -248,12 +318,15 @@ def _verdict(
     _, least, largest, _ = figures
     if blind:
         return "not judged", blind
-    if least > limit.limit:
+    off = sum(one.size for one in tolerances)
+    if least - off > limit.limit:
         return "fail", ""
     if unseen:
         return "not judged", unseen
-    if largest <= limit.limit:
+    if largest + off <= limit.limit:
         return "pass", ""
+    if least > limit.limit or largest <= limit.limit:
+        return "not judged", "; ".join(one.why for one in tolerances if one.why)
     return "not judged", (
         "the filter decides: what is on the slopes of its edges puts the peak below or above the limit;"
         " a smaller roll-off, and a longer record, tell"
@@ -275,11 +348,9 @@ def _blind_reason(recording: Recording, name: str, limit: BandLimit, roll_off: f
             f"the filter reaches up to {top:.4g} Hz, and {recording.sample_rate:g} samples a second"
             f" show loads up to {passband:.4g} Hz"
         )
-    table = recording.table
-    if table is not None:
-        for part in table.unusable(name):
-            if part.low < top and limit.low * (1.0 - roll_off) < part.high:
-                return part.why
+    for part in recording.unusable(name):
+        if part.low < top and limit.low * (1.0 - roll_off) < part.high:
+            return part.why
     return ""
 
 

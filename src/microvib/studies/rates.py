@@ -17,6 +17,7 @@ from microvib.analysis.lines import Steady, steady_lines
 from microvib.analysis.margins import (
     ABOVE_PASSBAND_FACTOR,
     GROWTH_FACTOR,
+    SHARED_BINS_FACTOR,
     amplitude_bound,
     frequency_error_bound,
 )
@@ -847,7 +848,7 @@ def _mode_amplitude_bound(x: Line, duration: float) -> float:
         return amplitude_bound(x)
     if x.status == "decaying":
         return x.amplitude_at_start(duration) * math.exp(-x.decay * duration)
-    return x.amplitude
+    return SHARED_BINS_FACTOR * x.amplitude  # what lasts there, and what rings against it
 
 
 _NOISE_QUANTILE_FACTOR = 2.0

@@ -7,12 +7,14 @@ from collections.abc import Iterator, Sequence
 from microvib.analysis.limits import Judgement, judge_channel
 from microvib.analysis.lines import lines_of_recording, shortest_judged_record
 from microvib.analysis.orders import lines_without_clock
+from microvib.analysis.usable import with_force_table
 from microvib.errors import OptionError, expect
 from microvib.io.recordings import Prepared
 from microvib.io.sources import Source
 from microvib.model.rigid import COMPONENTS
 from microvib.model.scenario import GivenScenario, as_scenario
 from microvib.signals.limit_curve import Limit
+from microvib.signals.line_fit import with_background
 from microvib.signals.line_table import LineTable
 from microvib.testdata.recording import Recording, require_usable_channel
 
@@ -63,6 +65,14 @@ def judge_recording(
             " folder by microvib report",
         )
     guide = None if scenario is None else as_scenario(scenario)
+    axis = None if guide is None else f"M{guide.array.drive_axis}"
+    of_torque = not limit.is_one_number and channel not in limit.loads
+    if of_torque and channel in COMPONENTS and axis not in (None, channel):
+        raise OptionError(
+            "limit",
+            f"has no curve of {channel} ({channel.lower()}_nm); its curve of the torque is that about"
+            f" the scenario's drive axis, {axis}",
+        )
     table = lines_of_channel(source, channel, guide)
     return judge_channel(table, limit, channel if channel in COMPONENTS else "")
 
@@ -127,6 +137,11 @@ def lines_of_channel(
     recording = prepared.recording
     other = channel in COMPONENTS and (channel.startswith("F") or axis not in (None, channel))
     if other:
-        require_usable_channel(recording, channel, shortest_judged_record(recording, None))
-        return lines_without_clock(recording, channel)
+        shortest = shortest_judged_record(recording, None)
+        require_usable_channel(recording, channel, shortest)
+        table = lines_without_clock(recording, channel)
+        if prepared.background is not None:
+            require_usable_channel(prepared.background, channel, shortest)
+            table = with_background(table, prepared.background[channel])
+        return with_force_table(table, recording, channel)
     return lines_of_recording(recording, channel, guide, prepared.background)

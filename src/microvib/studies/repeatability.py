@@ -6,19 +6,26 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
 from microvib.analysis.background import background_notes
-from microvib.analysis.lines import find_lines, lines_of_recording, recording_warnings
+from microvib.analysis.lines import (
+    CLOCK_TOLERANCE,
+    find_lines,
+    lines_of_recording,
+    recording_warnings,
+)
 from microvib.errors import MicrovibError
 from microvib.io.recordings import Prepared
 from microvib.model.line_names import is_unlisted
+from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
 from microvib.results import COUNT, FREQUENCY, SHARE, TORQUE, TORQUE_UNCERTAINTY, Column, Measure
+from microvib.signals.line_fit import SEPARATION
 from microvib.signals.line_table import NOT_THE_DRIVES, Line, LineTable
 from microvib.signals.scatter import (
     FEWEST_FOR_OUTLIERS,
@@ -27,9 +34,14 @@ from microvib.signals.scatter import (
     outliers,
     random_effects,
 )
+from microvib.signals.tones import HannSpectrum
 
 _SAME_FREQUENCY = 1e-4
 """Relative difference of frequency up to which lines without names are the same."""
+OTHER_FACTOR, OTHER_UNIT_FACTOR = 2.0, 10.0
+"""Factors between the amplitudes of a run and those of the others of its unit, or of other units where it is
+the only one of its own, from which it is questioned."""
+_MOST_NAMED = 6
 _ABSENT = Scatter(math.nan, math.nan, math.nan)
 _BOUND = Measure("%", 0.01, ".3g")
 
@@ -97,6 +109,8 @@ class Repeatability:
     deviations: tuple[RunDeviation, ...]
     outlying_runs: dict[str, float]
     """Runs of which half of the lines or more are outliers, and the median of amplitude over their unit's, less one."""
+    absent: dict[str, tuple[str, ...]]
+    """Runs with less than 1/``OTHER_FACTOR`` of half or more of the lines that the others show, and those lines."""
     not_judged: tuple[str, ...]
     """Lines of runs that were left out, and why, a sentence without a stop each."""
     notes: tuple[str, ...]
@@ -105,6 +119,26 @@ class Repeatability:
     def groups(self) -> tuple[str, ...]:
         """Units under test."""
         return tuple(dict.fromkeys(run.unit for run in self.runs))
+
+    @property
+    def run_warnings(self) -> tuple[str, ...]:
+        """Sentences without a stop on runs that are not of the same drive, motion, gain or channel as the others:
+        lines are absent, or all of them are off by a factor of ``OTHER_FACTOR``.
+        """
+        told = []
+        for name, lines in self.absent.items():
+            names = ", ".join(lines[:_MOST_NAMED]) + (" ..." if len(lines) > _MOST_NAMED else "")
+            told.append(
+                f"{name} has far less of the lines {names} than the others: was the drive running, and are channel,"
+                " unit of measure and gain the same?"
+            )
+        for name, part in self.outlying_runs.items():
+            if name not in self.absent and not 1.0 / OTHER_FACTOR < 1.0 + part < OTHER_FACTOR:
+                told.append(
+                    f"{name} has {1.0 + part:.3g} times the amplitudes of the other runs of its unit: are"
+                    " unit of measure and gain the same?"
+                )
+        return tuple(told)
 
 
 def repeatability(
@@ -148,6 +182,7 @@ def repeatability(
     left_out: list[str] = []
     notes: list[str] = []
     units: dict[str, str] = {}
+    lacking: dict[str, tuple[str, ...]] = {}
     for channel in channels:
         tables = [_lines(run, channel, guide, notes) for run in runs]
         kinds = {table.unit for table in tables}
@@ -158,6 +193,8 @@ def repeatability(
         units[channel] = kinds.pop()
         found = _Matched.of(runs, channel, tables)
         left_out += found.left_out
+        for name, lines in found.absent():
+            lacking[name] = (*lacking.get(name, ()), *lines)
         more, each = found.rows()
         rows += more
         deviations += each
@@ -168,6 +205,7 @@ def repeatability(
         tuple(rows),
         tuple(deviations),
         _outlying_runs(deviations),
+        lacking,
         tuple(left_out),
         tuple(notes),
     )
@@ -214,6 +252,45 @@ class _Matched:
                     left_out.append(f"{channel}, {name} of {runs[k].name}: {why}")
                     each[k] = None
         return cls(runs, channel, lines, left_out)
+
+    def absent(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Runs that have too little of half or more of the lines that the others show, and those lines."""
+        for k, run in enumerate(self.runs):
+            others = [j for j in self._alike(k) if j != k]
+            factor = OTHER_FACTOR if run.unit == self.runs[others[0]].unit else OTHER_UNIT_FACTOR
+            expected = {
+                name: one.amplitude / factor
+                for name, each in self.lines.items()
+                if (one := _common(each, others)) is not None and self._may_show(run, one.frequency)
+            }
+            lacking = tuple(
+                name for name, least in expected.items() if self._amplitude(name, k) < least
+            )
+            if lacking and 2 * len(lacking) >= len(expected):
+                yield run.name, lacking
+
+    def _amplitude(self, name: str, k: int) -> float:
+        """Amplitude of a line in run ``k``, or of the highest peak where it may be."""
+        there = self.lines[name][k]
+        if there is not None:
+            return there.amplitude
+        recording = self.runs[k].source.recording
+        x = recording[self.channel]
+        spectrum = HannSpectrum.of(x - x.mean(), recording.sample_rate)
+        f = next(one.frequency for one in self.lines[name] if one is not None)
+        return spectrum.peak((1.0 - CLOCK_TOLERANCE) * f, (1.0 + CLOCK_TOLERANCE) * f)[1]
+
+    def _alike(self, k: int) -> list[int]:
+        """Runs of the unit of run ``k``, or all where it is the only one."""
+        same = [j for j, run in enumerate(self.runs) if run.unit == self.runs[k].unit]
+        return same if len(same) > 1 else list(range(len(self.runs)))
+
+    def _may_show(self, run: RecordedRun, frequency: float) -> bool:
+        """Whether a run can show a line at a ``frequency`` [Hz]."""
+        recording = run.source.recording
+        lowest, highest = SEPARATION / recording.duration, PASSBAND * recording.sample_rate
+        hidden = any(x.low <= frequency <= x.high for x in recording.unusable(self.channel))
+        return lowest < frequency < highest and not hidden
 
     def _by_table(self, line: Line | None, run: RecordedRun) -> float:
         """The part of a line's uncertainty that is its table's, and so common to runs on one table."""
@@ -297,6 +374,14 @@ class _Matched:
             found.groups.high / found.mean,
             ", ".join([*told, *(f"unit {unit}" for unit in units)]),
         )
+
+
+def _common(each: Sequence[Line | None], of: Sequence[int]) -> Line | None:
+    """The smallest of a line in the runs ``of``; None where fewer than half of these show it."""
+    shown = [one for k in of if (one := each[k]) is not None]
+    if not shown or 2 * len(shown) < len(of):
+        return None
+    return min(shown, key=lambda one: one.amplitude)
 
 
 def _not_compared(line: Line) -> str:

@@ -270,8 +270,9 @@ def with_clock(
     found = find_clock(x, rate, speed, orders, CLOCK_TOLERANCE)
     if found is None:
         raise OrderError(
-            f"no order is above the noise floor within {100.0 * CLOCK_TOLERANCE:g} % of {words}; check it, or take"
-            " it as it is with clock stated",
+            f"no order is above the noise floor within {100.0 * CLOCK_TOLERANCE:g} % of {words} for half of"
+            " the record, or a structure turns their phases more than such a clock would; check it, or take it"
+            " as it is with clock stated",
             remedy="clock",
         )
     return Reference(found.phase, whole, f"{words}, its clock found in the record", clock=found)

@@ -286,7 +286,7 @@ def track_orders(  # noqa: PLR0913 - keyword options
     x, rate = recording[channel] - np.mean(recording[channel]), recording.sample_rate
     given = [one for one in (tacho, speed, profile, scenario, strongest) if one is not None]
     if len(given) > 1:
-        raise OptionError("clock", f"several references are given; {_ONE_REFERENCE}")
+        raise MicrovibError(f"several references are given; {_ONE_REFERENCE}")
     if tacho is not None:
         reference = of_tacho(recording, tacho, pulses_per_rev)
     elif speed is not None:
@@ -302,8 +302,15 @@ def track_orders(  # noqa: PLR0913 - keyword options
         reference = with_clock(x, rate, stated, words, tracked_orders, kind)
         reference = named(reference, "electrical period")
     else:
-        raise OptionError("clock", f"no reference is given; {_ONE_REFERENCE}")
+        raise MicrovibError(f"no reference is given; {_ONE_REFERENCE}")
     lines = [float(quantity("fixed", one, "Hz", positive=True)) for one in fixed]
+    for f in lines:
+        if f > HIGHEST * rate:
+            raise OptionError(
+                "fixed",
+                f"{f:g} Hz is not allowed; at most {HIGHEST * rate:g} Hz are tracked at"
+                f" {rate:g} samples a second",
+            )
     if len(lines) + len(tracked_orders) > MAX_ORDERS:
         raise OptionError("orders", f"at most {MAX_ORDERS} orders and fixed lines are tracked")
     width = (

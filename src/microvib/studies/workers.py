@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
@@ -61,6 +62,30 @@ def local(workers: int | None = None) -> Iterator[Backend]:
             yield pool
         finally:
             pool.close()
+
+
+@contextmanager
+def in_threads(count: int | None = None) -> Iterator[Backend]:
+    """Threads of this process, one per core by default: for a process that may start no others. A
+    case that ends its worker ends this process.
+    """
+    with threads(count) as pool:
+        yield _Threads(pool, count or os.cpu_count() or 1)
+
+
+@dataclass
+class _Threads:
+    """Threads as a place where cases are computed: none dies, and none is looked after."""
+
+    pool: Executor
+    workers: int
+    deaths: tuple[type[BaseException], ...] = ()
+
+    def executor(self) -> Executor:
+        return self.pool
+
+    def watch(self) -> None:
+        """Nothing to look after."""
 
 
 class _Local:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class UnusableBand(NamedTuple):
     low: float
     high: float
     why: str
+    cause: Literal["table", "chain", "trend"] = "table"
+    """Force table, measuring chain, or a polynomial that was removed."""
 
 
 @dataclass(frozen=True, eq=False)

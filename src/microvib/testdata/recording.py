@@ -28,7 +28,7 @@ from microvib.testdata.channels import (
     yaml_quoted,
 )
 from microvib.testdata.floors import raised_floors
-from microvib.testdata.force_table import ForceTable
+from microvib.testdata.force_table import LARGEST_BIAS, ForceTable, UnusableBand
 from microvib.text_tables import counted
 from microvib.units import Si, quantity
 
@@ -42,6 +42,7 @@ SMALL_PART = (
     0.01  # part of a component, or lever arm [m], that brings no faults or resonances along
 )
 MAX_LOAD = 1e12  # largest force [N] or torque [N m] that is taken for one
+TOLD_FROM_MEAN = 2.5  # cycles of a line in a record, from which it is told from the mean
 
 
 class RecordingError(MicrovibError):
@@ -74,6 +75,8 @@ class Recording:
         What the file holds beside the channels.
     table : ForceTable, optional
         What is known of the force table: its resonances, its usable band and its channels' noise.
+    lost : tuple of UnusableBand
+        Frequencies at which preparing left too little of the loads, in all channels.
 
     Raises
     ------
@@ -103,6 +106,8 @@ class Recording:
     """Names of what the file holds beside the channels: time axes, and channels that were left out."""
     table: ForceTable | None = None
     """The force table that made it, where it is known."""
+    lost: tuple[UnusableBand, ...] = ()
+    """Frequencies at which preparing left too little of the loads, in all channels."""
 
     def __post_init__(self) -> None:
         expect_mapping(self.channels, "channels", "{'Mz': samples}")
@@ -213,6 +218,22 @@ class Recording:
         return tuple(notes)
 
     told = FormerName("notes_on")
+
+    def unusable(self, name: str) -> tuple[UnusableBand, ...]:
+        """Find where a channel does not show its load: by its force table, and by what preparing left.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        tuple of UnusableBand
+            Bands of frequencies [Hz] with a reason each, ascending.
+        """
+        of_table = () if self.table is None else self.table.unusable(name)
+        return tuple(sorted((*of_table, *self.lost), key=lambda one: (one.low, one.high)))
 
     def glitch(self, name: str) -> str:
         """Find samples of a channel that stand alone, as a converter's or a line's glitches do.
@@ -524,6 +545,11 @@ class Recording:
             Where the part is not within the recording.
         """
         first, last = round(start * self.sample_rate), round(stop * self.sample_rate)
+        if 0 <= first == last <= self.samples and start < stop:
+            raise RecordingError(
+                f"{self.title}: {start:.9g} to {stop:.9g} s holds no sample;"
+                f" samples are {1.0 / self.sample_rate:.3g} s apart"
+            )
         if not 0 <= first < last <= self.samples:
             raise RecordingError(
                 f"{self.title}: {start:g} to {stop:g} s is not within its {self.duration:g} s"
@@ -533,6 +559,9 @@ class Recording:
 
     def detrended(self, order: int = 1) -> Recording:
         """Subtract from each channel its least-squares polynomial.
+
+        A polynomial of higher order follows slow lines, too: below the frequency at which it takes 5 %
+        of a tone's amplitude nothing is judged.
 
         Parameters
         ----------
@@ -550,7 +579,17 @@ class Recording:
             name: x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
             for name, x in self.channels.items()
         }
-        return self.looked_at().noted(f"polynomial of order {order} removed", channels=channels)
+        note, lost = f"polynomial of order {order} removed", self.lost
+        cycles = _cycles_beyond_polynomial(order)
+        if cycles > TOLD_FROM_MEAN:
+            f = cycles / self.duration
+            why = (
+                f"the polynomial of order {order} that was removed takes more than"
+                f" {100.0 * LARGEST_BIAS:g} % of a line below {f:.3g} Hz"
+            )
+            lost = (*lost, UnusableBand(0.0, f, why, "trend"))
+            note += f"; lines below {f:.3g} Hz, of which it takes a part, are not judged"
+        return self.looked_at().noted(note, channels=channels, lost=lost)
 
     def decimated(self, factor: int) -> Recording:
         """Take every ``factor``-th sample after a zero-phase low-pass (FIR, 80 dB).
@@ -703,6 +742,25 @@ def _find_glitches(x: np.ndarray, rate: float) -> str:
         many = ""
     what = f"{x[k]:.4g}, {times:.2g} times the local second difference, typical of a glitch"
     return f"has an isolated outlier sample{many} at {k / rate:.6g} s: {what}"
+
+
+def _cycles_beyond_polynomial(order: int) -> float:
+    """Cycles of a tone in a record from which a least-squares polynomial takes no more than
+    ``LARGEST_BIAS`` of its amplitude, whatever its phase.
+
+    Over the record from -1 to 1 the Legendre polynomial of order k has the part (2 k + 1) j_k(x)^2 of
+    the mean square of exp(i x u), with the spherical Bessel function j_k: those of even order its
+    cosine's, those of odd order its sine's.
+    """
+    from scipy.special import spherical_jn
+
+    k = np.arange(order + 1)[:, None]
+    cycles = np.arange(0.5, 20.0 * (order + 1.0), 0.01)
+    x = math.pi * cycles
+    parts = (2 * k + 1) * spherical_jn(k, x) ** 2
+    whole = 0.5 + 0.25 * np.sin(2.0 * x) / x, 0.5 - 0.25 * np.sin(2.0 * x) / x
+    taken = np.maximum(parts[::2].sum(axis=0) / whole[0], parts[1::2].sum(axis=0) / whole[1])
+    return float(cycles[np.flatnonzero(taken > LARGEST_BIAS)[-1]])
 
 
 def _clipped(x: np.ndarray) -> int:

@@ -4,6 +4,7 @@ recording.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -13,6 +14,7 @@ from pydantic import BeforeValidator, Field
 
 from microvib.model.part import Part
 from microvib.testdata.channels import LOADS
+from microvib.testdata.force_table import UnusableBand
 from microvib.testdata.recording import Recording, RecordingError
 from microvib.units import Quantity
 
@@ -133,6 +135,8 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
     """Forces and torques ahead of the chain: their spectra over the response, wherever that is at
     least ``MIN_RESPONSE``.
 
+    Elsewhere the recording does not show its loads, and says so (``Recording.unusable``).
+
     The record is continued at both ends as its mirror image turned about the end's value, so that
     no step is filtered. Its first and last samples still depend on what came before and after.
     RecordingError where a channel is not finite, or nothing can be corrected.
@@ -166,11 +170,33 @@ def without_response(recording: Recording, chain: tuple[Stage, ...]) -> Recordin
         longer = np.pad(x, room, mode="reflect", reflect_type="odd")
         channels[name] = np.fft.irfft(np.fft.rfft(longer) * gain, longer.size)[room : room + n]
     low, high = f[usable][[0, -1]]
+    lost = tuple(_lost_bands(f, usable))
+    beyond = " and not judged" if lost else ""
     factor = float(np.max(np.abs(gain[usable])))
     return recording.looked_at().noted(
         f"response of the measuring chain removed ({', '.join(map(str, chain))}) from {low:.4g} to"
         f" {high:.5g} Hz, where it is at"
         f" least {MIN_RESPONSE:g}; by a factor of at most {factor:.4g}; outside, lines are as"
-        " recorded",
+        f" recorded{beyond}",
         channels=channels,
+        lost=(*recording.lost, *lost),
     )
+
+
+def _lost_bands(frequency: np.ndarray, usable: np.ndarray) -> Iterator[UnusableBand]:
+    """Frequencies [Hz] about those that are not ``usable`` (m,), up to their neighbours that are."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~usable).astype(np.int8), [0]])))
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        low = float(frequency[first - 1]) if first else 0.0
+        high = float(frequency[end]) if end < frequency.size else math.inf
+        if high <= frequency[1]:
+            continue  # the mean alone, of which no line is made
+        if math.isinf(high):
+            where = f"above {low:.4g} Hz"
+        else:
+            where = f"from {low:.4g} to {high:.4g} Hz"
+        why = (
+            f"the measuring chain passes less than {MIN_RESPONSE:g} of a load {where}, or is not"
+            " known there"
+        )
+        yield UnusableBand(low, high, why, "chain")

@@ -6,6 +6,7 @@ import math
 import os
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,8 @@ def run_to_folder(  # noqa: PLR0913 - keyword options
     )
     peaks = judge_bands_of_run(result, band_limits, roll_off)
     outcome = with_bands(run_outcome(result, limit), peaks)
-    files = _contents(result, outcome, limit, form or Form(), begun) | bands_files(peaks)
+    judged_by = _judged_by(limit, band_limits, roll_off)
+    files = _contents(result, outcome, judged_by, form or Form(), begun) | bands_files(peaks)
     write_folder(out, files, overwrite)
     return result, outcome, tuple(files)
 
@@ -109,15 +111,28 @@ def write_run(
     """
     expect(result, RunResult, "what a run found (mv.run_scenario)")
     expect_path(out)
-    files = _contents(result, run_outcome(result, limit), limit, form or Form())
+    files = _contents(result, run_outcome(result, limit), _judged_by(limit), form or Form())
     write_folder(Path(out), files, overwrite)
     return tuple(files)
+
+
+def _judged_by(
+    limit: Limit | None, band_limits: Sequence[BandLimit] = (), roll_off: float | None = None
+) -> dict[str, Any]:
+    """Limits that a run was judged by, for ``summary.json``, so that its report can be made again."""
+    told: dict[str, Any] = {"limit": None if limit is None else limit.as_dict()}
+    if band_limits:
+        told["band_limits"] = {
+            "roll_off": roll_off,
+            "bands": [asdict(one) for one in band_limits],
+        }
+    return told
 
 
 def _contents(
     result: RunResult,
     outcome: Outcome,
-    limit: Limit | None,
+    judged_by: dict[str, Any],
     form: Form,
     begun: float | None = None,
 ) -> dict[str, Any]:
@@ -130,9 +145,7 @@ def _contents(
         files |= report_files(report(outcome), form)
     total = {} if begun is None else {"total": time.perf_counter() - begun}
     summed = run_summary(result, **total)
-    # so that the report can be made again
-    summed |= outcome.data
-    summed["limit"] = None if limit is None else limit.as_dict()
+    summed |= {**outcome.data, **judged_by}
     return files | run_texts(result, summed) | dict(outcome.other_files)
 
 

@@ -106,6 +106,11 @@ class RunFromRest:
             return packed.torque_of(samples.rows)
         return (np.zeros(0), np.zeros(0))
 
+    @property
+    def now(self) -> float:
+        """Time of the run [s], since the start of the scenario."""
+        return float(self.period.packed.state.clock[kernel.NOW])
+
     def seen(self, period: PeriodMap | None = None, ahead: int = 0) -> np.ndarray:
         """The state at the start of a ``period`` that begins ``ahead`` microsteps before the run's
         own, seen from the command.

@@ -269,7 +269,8 @@ class Search:
         These are powers of one part's, too coarse near 1 and blind to what changes over the period.
         Deviations along their right eigenvectors, real and imaginary parts by themselves, are
         therefore simulated in all segments, and the left eigenvectors read off what becomes of
-        them: the product of these small matrices has the multipliers.
+        them: the product of these small matrices has the multipliers. Beside a direction that grows by
+        many powers of ten others vanish; then nothing is known, and the multiplier is infinite.
         """
         from scipy.linalg import eig  # slow to import, and runs from rest need none of it
 
@@ -286,9 +287,11 @@ class Search:
             along.append(derivative @ along[-1])
         for derivative in derivatives[::-1]:
             seen.insert(0, seen[0] @ derivative)
-        with np.errstate(all="ignore"):
-            # Beside a direction that grows by many powers of ten others vanish, and nothing is known.
-            found = self._reduced(np.array(along), [*seen[:-1], readings.T])
+        try:
+            with np.errstate(all="ignore"):
+                found = self._reduced(np.array(along), [*seen[:-1], readings.T])
+        except np.linalg.LinAlgError:
+            return math.inf
         if not np.all(np.isfinite(found)):
             return math.inf
         multipliers, by_shape = np.linalg.eig(found.T)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.model.scenario import Scenario
+from microvib.model.winding_up import seconds_until_sliding
 from microvib.solve.steady.attitude import AttitudeModes
 from microvib.solve.steady.from_rest import RunFromRest, rms
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
@@ -114,6 +115,7 @@ class Settling:
         """
         most = self._most()
         self.run.begin(self.parts)
+        most += self._wind_up()
         rows = self.run.rows * math.ceil(rows / self.run.rows)
         looked = math.ceil(
             GIVE_UP_CRITERION[0]
@@ -136,6 +138,22 @@ class Settling:
             if most == self.run.longest
             else NOT_SETTLED
         )
+
+    def _wind_up(self) -> float:
+        """Advance until frictions with memory slide, unwatched: before, the motion may repeat, too, but
+        only for a time. Returns how long that takes [s]; NotPeriodic where it is too long.
+        """
+        run, period = self.run, self.run.period
+        wait = seconds_until_sliding(period.scenario, run.now)
+        if wait == 0.0:
+            return 0.0
+        if wait + run.simulated + self._expected() > run.longest:
+            raise NotPeriodic(
+                f"friction with memory slides only after {wait:.3g} s, too long for a run from rest"
+            )
+        stretches = math.ceil(wait / (self.stretch * period.microstep_time))
+        run.advance(stretches * self.stretch)
+        return stretches * self.stretch * period.microstep_time
 
     def _multiples(self) -> range:
         """Periods of the command after which the motion may repeat."""

@@ -708,10 +708,9 @@ def _recording_gaps(recording: Recording, table: LineTable) -> list[Unobserved]:
         faults = {channel: check(channel) for channel in given}
         told += [f"channel {channel} {fault}" for channel, fault in faults.items() if fault]
     gaps = [open_gap(why) for why in (*told, *clock_warnings(table))]
-    if recording.table is not None:
-        for channel in given:
-            for one in recording.table.unusable(channel):
-                gaps.append(open_gap(f"channel {channel}: {one.why}", one.low, one.high))
+    for channel in given:
+        for one in recording.unusable(channel):
+            gaps.append(open_gap(f"channel {channel}: {one.why}", one.low, one.high))
     return gaps
 
 

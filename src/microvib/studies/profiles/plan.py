@@ -10,11 +10,11 @@ from typing import Literal, cast
 
 import numpy as np
 
-from microvib.analysis.start import wind_up
 from microvib.errors import MicrovibError, OptionError
 from microvib.model.line_names import CONTROL_MODE, LineName
 from microvib.model.linear import CoupledMode, coupled_modes, rate_step_response
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.model.winding_up import wind_up
 from microvib.solve.command import Command
 from microvib.solve.integration import Progress
 from microvib.studies.profiles.correction import (

@@ -11,6 +11,7 @@ import numpy as np
 from microvib.analysis.accuracy import failed_invariants_reason
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import find_lines
+from microvib.analysis.start import not_moving_reason, not_sliding_reason
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
 from microvib.signals.line_table import Line, LineTable
@@ -65,7 +66,11 @@ def failed(problem: str) -> DriveLines:
 def measure_lines(scenario: Scenario, *, pointing: bool = False) -> DriveLines:
     """Simulate a drive from rest and measure the lines of its record, those of the line of sight,
     too, with ``pointing``.
+
+    It has failed where the record begins before the array turns, or before frictions with memory slide.
     """
+    if why := not_moving_reason(scenario) or not_sliding_reason(scenario):
+        return failed(why)
     try:
         if pointing:
             return _with_line_of_sight(scenario)

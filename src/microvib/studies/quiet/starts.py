@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from microvib.analysis.start import not_moving_reason, not_sliding_reason
 from microvib.errors import MicrovibError
 from microvib.model.scenario import Scenario
 from microvib.units import Si
@@ -69,7 +70,8 @@ SEARCHED = STARTS[:2]
 
 
 def require_constant_rate(scenario: Scenario) -> None:
-    """MicrovibError unless a drive runs at one rate from rest, as starts presume."""
+    """MicrovibError unless a drive runs at one rate from rest, as starts presume, and turns by the time of
+    its record."""
     if scenario.tracking.rate is None:
         raise MicrovibError(
             "tracking.profile: a search for a quieter drive wants one rate; set tracking.rate, such"
@@ -82,3 +84,5 @@ def require_constant_rate(scenario: Scenario) -> None:
             "driver.drive: is pulse, of which no lines of a steady motion are searched for; current or"
             " voltage is expected"
         )
+    if why := not_moving_reason(scenario) or not_sliding_reason(scenario):
+        raise MicrovibError(f"the record begins too early for a search: {why}")

@@ -87,7 +87,7 @@ class Library:
 
     def size(self, id: str) -> int:
         """Bytes of an entry's files."""
-        return sum(file.stat().st_size for file in self.folder(id).glob("*") if file.is_file())
+        return sum(file.stat().st_size for file in self.folder(id).rglob("*") if file.is_file())
 
     def take(self, folder: Path, entry: Entry) -> Path:
         """Move a folder of the same disk in, whole, and describe it; OSError where it cannot be."""

@@ -22,6 +22,8 @@ from microvib.web.server.limits import Limits
 
 RECORDING = "recording"
 """Kind of a recording in the library, and its file's name."""
+RESUMABLE = ("campaign",)
+"""Kinds of jobs that go on where they were stopped."""
 
 
 @dataclass(frozen=True)
@@ -80,17 +82,31 @@ class Store:
         """Start the task that is called as its kind; Busy where too many wait."""
         job = Job(kind, {}, kind, title, asked=asked or {}, settle=self._settle)
         folder = job.folder = self.root / job.id
-        job.arguments = {"folder": str(folder), **arguments}
         folder.mkdir(mode=0o700)
+        if kind in RESUMABLE:  # what it has computed outlasts the server at any time
+            self._settle(job)
+            folder = job.folder
+        job.arguments = {"folder": str(folder), **arguments}
         try:
             self._long.submit(job)
         except BaseException:
-            folder.rmdir()
+            self._forget(job.id)
+            shutil.rmtree(folder, ignore_errors=True)
             raise
         with self._lock:
             self._jobs[job.id] = job
         self._make_room()
         return job
+
+    def resume(self, job: Job) -> Job:
+        """Go on with a job of RESUMABLE that ended before it was through; Busy where too many wait."""
+        again = Job(job.task, {}, job.kind, job.title, job.id, settle=self._settle)
+        again.folder, again.asked = job.folder, job.asked
+        again.arguments = {"folder": str(job.folder)}
+        self._long.submit(again)
+        with self._lock:
+            self._jobs[job.id] = again
+        return again
 
     def ask(self, task: str, **arguments: Any) -> Job:
         """A short job, waited for."""
@@ -109,7 +125,7 @@ class Store:
 
     def _settle(self, job: Job) -> None:
         """Keep what a job has left; where the disk does not take it, it is there until the end."""
-        if self.library is None:
+        if self.library is None or self.library.get(job.id) is not None:
             return
         entry = Entry(id=job.id, kind=job.kind, title=job.title, asked=job.asked)
         try:
@@ -128,7 +144,10 @@ class Store:
         job = Job(
             entry.kind, {}, entry.kind, entry.title, entry.id, folder=folder, asked=entry.asked
         )
-        job.end("done")
+        if entry.kind in RESUMABLE and not (folder / "result.json").is_file():
+            job.end("cancelled")
+        else:
+            job.end("done")
         self._jobs[entry.id] = job
 
     def job(self, id: str) -> Job | None:
@@ -313,4 +332,4 @@ def _touch(kept: dict[str, Kept], id: str) -> Kept | None:
 
 
 def _size(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.glob("*") if file.is_file())
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())

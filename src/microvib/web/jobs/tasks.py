@@ -39,14 +39,16 @@ from microvib.signals.line_table import BELOW_FLOOR
 from microvib.solve.channels import CHANNELS, MODAL
 from microvib.solve.motion import Motion
 from microvib.studies.angles import sweep_angles
+from microvib.studies.campaign.design import Design
 from microvib.studies.evidence import evidence_of
 from microvib.studies.identify import identify, parse_key
 from microvib.studies.quiet.study import quiet as search_quieter
 from microvib.studies.rates import plan_rates
 from microvib.studies.sensitivity import sensitivities
 from microvib.studies.sizing import size_simulator
+from microvib.studies.workers import parallel_calls
 from microvib.units import Band, Si
-from microvib.web.jobs import ProgressCallback, results
+from microvib.web.jobs import ProgressCallback, campaigns, results
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
     RecordedFile,
     analysis,
@@ -257,6 +259,41 @@ def quiet(  # noqa: PLR0913 - what a process is sent
         on_best=lambda text: best.append(f"best so far {text}"),
     )  # fmt: skip
     _write(folder, results.quiet_result(found, limit))
+
+
+def campaign(folder: str, tell: ProgressCallback, design: Design | None = None) -> None:
+    """A campaign of ``design``, or the rest of the one that is in the folder."""
+    _write(folder, campaigns.compute(Path(folder), design, tell))
+
+
+def sweep(folder: str, design: Design, key: str, linear: bool, tell: ProgressCallback) -> None:
+    """Lines of a scenario over one value: of the steady state, or of the linearised drive."""
+
+    axis = campaigns.values_of_key(design, key)
+
+    def lines(value: float) -> dict[str, Any]:
+        text = f"{value!r} {axis['unit']}".strip()
+        point = {"value": text, "lines": [], "reason": "", "error": ""}
+        try:
+            return point | lines_now(design.base.with_({key: text}), linear, tell)
+        except MicrovibError as error:  # the other points have their lines nevertheless
+            return point | {"error": str(error)}
+
+    with parallel_calls(lambda done, total: tell(done, total, "points", "solving")) as calls:
+        points = calls(lines, [(value,) for value in axis["values"]])
+    if all(point["error"] for point in points):
+        raise MicrovibError(points[0]["error"])
+    _write(folder, axis | {"linear": linear, "points": points})
+
+
+def campaign_case(folder: str, number: int, tell: ProgressCallback) -> dict[str, Any]:
+    """A case of a campaign as changes of its scenario."""
+    return campaigns.case(Path(folder), number)
+
+
+def campaign_report(folder: str, name: str, tell: ProgressCallback) -> None:
+    """``report.html`` or ``report.pdf`` of a campaign, made when it is asked for."""
+    campaigns.write_report(Path(folder), name)
 
 
 def shapes(

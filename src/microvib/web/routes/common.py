@@ -127,9 +127,13 @@ def start(store: Store, kind: str, title: str, want: BaseModel, **arguments: Any
     try:
         job: Job = store.submit(kind, title[:200], asked, **arguments)
     except QueueFull:
-        raise RequestRefused(
-            429,
-            f"{store.limits.waiting} computations are waiting already; cancel some, or wait for"
-            " them",
-        ) from None
+        raise busy(store) from None
     return Started(id=job.id)
+
+
+def busy(store: Store) -> RequestRefused:
+    """Refusal of one more computation where too many wait."""
+    return RequestRefused(
+        429,
+        f"{store.limits.waiting} computations are waiting already; cancel some, or wait for them",
+    )

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from microvib.signals.spectrum import Average, Window
+from microvib.studies.campaign.study_file import Method
 from microvib.web.routes.forms import Spec
 
 Id = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
@@ -190,6 +191,52 @@ class QuietOf(Body):
     limit: Short | None = None
 
 
+class SweepOf(Body):
+    """Lines over one value of a scenario."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    scenario: Spec
+    key: Short
+    low: Short = Field(alias="from")
+    high: Short = Field(alias="to")
+    count: int = Field(default=11, ge=2, le=200)
+    linear: bool = Field(default=False, description="of the linearised drive, in closed form")
+
+
+Given = dict[Short, Short]
+
+
+class CampaignOf(Body):
+    """A campaign: what varies is written as in a study file; no file can be named."""
+
+    scenario: Spec
+    title: Short = ""
+    vary: dict[Short, Given | Annotated[list[Short], Field(max_length=50)]] = Field(
+        max_length=12,
+        description="per key a list of values, a grid {from, to, count, spacing} or a distribution",
+    )
+    method: Method = "sobol"
+    count: int = Field(default=128, ge=1, le=2000, description="points of the sample")
+    seed: int = Field(default=1, ge=0, le=2**32 - 1)
+    noise: Literal["one", "each"] = "one"
+    solve: Literal["record", "steady"] = "steady"
+    limit: Annotated[str, Field(max_length=4000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
+
+
+class CaseOf(BaseModel):
+    """A case of a campaign as changes of its scenario, and whether its steady state was asked for."""
+
+    number: int
+    changes: dict[str, str]
+    labels: dict[str, str]
+    """Values of what varies as a person reads them."""
+    steady: bool
+
+
 class QuietChoices(BaseModel):
     """Lines and levers of a scenario that a search for a quieter drive can be asked for."""
 
@@ -343,6 +390,8 @@ class JobState(BaseModel):
         "rates",
         "angles",
         "quiet",
+        "campaign",
+        "sweep",
         "shapes",
         "sensitivity",
         "sas",

@@ -65,7 +65,7 @@ def start_run(want: Run, store: StoreDependency) -> Started:
         scenario = scenario.with_({"record.start": "steady"})
     if want.seeds:
         check_seeds(scenario, want.seeds)
-    _check_size(scenario, store.limits.record)
+    check_size(scenario, store.limits.record)
     return start(
         store,
         "run",
@@ -76,7 +76,8 @@ def start_run(want: Run, store: StoreDependency) -> Started:
     )
 
 
-def _check_size(scenario: Scenario, most: int) -> None:
+def check_size(scenario: Scenario, most: int) -> None:
+    """OptionError where a record of this scenario takes more than ``most`` bytes."""
     size, samples = record_bytes(scenario), scenario.record.samples
     if size > most:
         raise OptionError(
@@ -177,7 +178,7 @@ def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
     if want.steady:
         scenario = scenario.with_({"record.start": "steady"})
     check_sweep(scenario)
-    _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
+    check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     return start(
         store, "angles", f"angles of {scenario.title}", want, scenario=scenario, angles=angles
     )
@@ -194,7 +195,7 @@ def start_quiet(want: QuietOf, store: StoreDependency) -> Started:
         limit = None
     else:
         limit = quantity("limit", want.limit, "N*m", positive=True)
-    _check_size(scenario, store.limits.record // (os.cpu_count() or 1))
+    check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     return start(
         store, "quiet", f"quieter drive for {scenario.title}", want, scenario=scenario,
         objective=want.objective, levers=want.levers, bits=want.bits, cases=want.cases,

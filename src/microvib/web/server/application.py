@@ -12,7 +12,15 @@ from starlette.types import Receive, Scope, Send
 from microvib import __version__
 from microvib.errors import MicrovibError
 from microvib.web.jobs.store import Store
-from microvib.web.routes import kept, new_jobs, processing, recordings, results, scenarios
+from microvib.web.routes import (
+    campaigns,
+    kept,
+    new_jobs,
+    processing,
+    recordings,
+    results,
+    scenarios,
+)
 from microvib.web.routes.common import RequestRefused, refusals, refused
 from microvib.web.server.access import Access
 from microvib.web.server.assets import FOREVER, PLOTLY, Asset, Assets
@@ -33,7 +41,7 @@ def create_app(store: Store, access: Access, assets: Assets | None = None) -> Gu
     )  # fmt: skip
     app.state.store = store
     api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
-    for part in (scenarios, new_jobs, recordings, processing, results, kept):
+    for part in (scenarios, new_jobs, recordings, processing, campaigns, results, kept):
         api.include_router(part.routes)
     app.include_router(api)
     _add_page(app, assets or Assets())
@@ -50,7 +58,7 @@ class _Packed(GZipMiddleware):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         packs = scope["type"] == "http" and scope["path"].endswith(
-            ("/result", "/series", "/spectrum", "/waterfall", "/schema", "/scenario")
+            ("/result", "/series", "/spectrum", "/waterfall", "/schema", "/scenario", "/so-far")
         )
         await (super().__call__ if packs else self.app)(scope, receive, send)
 

@@ -21,6 +21,7 @@ class Limits:
     """Address space of one computation, beyond what is loaded [bytes]; bounded on Linux only."""
     record: int = 400_000_000  # samples of one run, all channels [bytes]
     cases: int = 4000  # rates times microstep counts of a plan
+    campaign: int = 2000  # cases of a campaign
     kept: int = 100  # ended computations that are kept; the one not used for longest goes first
     stored: int = 2_000_000_000  # their files [bytes]
     body: int = 2_000_000  # a request [bytes], unless it is a recording

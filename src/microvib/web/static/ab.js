@@ -1,9 +1,11 @@
 // Two runs line by line: amplitudes of A and B, and B over A in percent and dB.
 
 import { fixed, h, number } from "./dom.js";
+import * as limit from "./limit.js";
 import { amplitudeAxis, onUnits } from "./measures.js";
 import * as runs from "./runs.js";
 import { table } from "./tables.js";
+import * as verdict from "./ab_verdict.js";
 
 const choice = (label) => h("select", { "aria-label": `Run ${label}`, onchange: () => show() });
 const [first, second] = [choice("A"), choice("B")];
@@ -12,10 +14,12 @@ export const card = h(
   "section",
   { class: "card", id: "ab", hidden: true },
   h("div", { class: "bar" }, h("h2", {}, "A and B"), h("label", {}, "A ", first), h("label", {}, "B ", second), h("button", { type: "button", onclick: swap }, "Swap")),
+  verdict.place,
   place,
 );
 
 let filled = ""; // what stands in the table
+const state = () => JSON.stringify([first.value, second.value, limit.query()]);
 const ended = () => runs.all().filter((run) => run.result && run.state === "done");
 
 /** Offer the runs that have ended; B is the chosen one where nothing else was asked for. */
@@ -30,7 +34,7 @@ export function update() {
   if (!known(second.value)) second.value = there.at(-1).id;
   const other = there.filter((run) => run.id !== second.value).at(-1).id;
   first.value = known(a) && a !== second.value ? a : other;
-  if (filled !== `${first.value} ${second.value}`) fill();
+  if (filled !== state()) fill();
 }
 
 function show() {
@@ -80,8 +84,9 @@ export function compared(a, b) {
 
 function fill() {
   const [a, b] = [first, second].map((select) => ended().find((run) => run.id === select.value));
-  filled = `${a?.id} ${b?.id}`;
+  filled = state();
   if (!a || !b) return place.replaceChildren();
+  verdict.update(a, b);
   const resolution = 1 / Math.min(...[a, b].map(({ result }) => result.t1 - result.t0));
   const axis = amplitudeAxis("N*m");
   const amplitude = (value) => (value === null ? number(null) : number(axis.y(value), 4));

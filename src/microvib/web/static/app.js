@@ -49,7 +49,7 @@ function makeBase() {
     if (event.target.files.length) open(event.target.files[0]);
     event.target.value = "";
   });
-  onDrop($("#scenario"), open);
+  onDrop($("#scenario"), ([file]) => open(file));
   scenario.onCheck(() => {
     const name = scenario.baseName();
     $("option[data-uploaded]", select)?.remove();
@@ -153,8 +153,9 @@ function makeNotice() {
 
 /** The other tabs: their scripts are not needed before a scenario can be run. */
 async function makeOthers() {
-  const [angles, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
+  const [angles, campaign, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
     import("./angles.js"),
+    import("./campaign.js"),
     import("./datasheet.js"),
     import("./library.js"),
     import("./modes.js"),
@@ -168,6 +169,7 @@ async function makeOthers() {
   rates.makeRates($("#rates"));
   quiet.makeQuiet($("#quiet"));
   angles.makeAngles($("#angles"));
+  campaign.makeCampaign($("#campaign"));
   modes.makeModes($("#modes"));
   sas.makeSas($("#sas"));
   library.makeLibrary($("#library"));

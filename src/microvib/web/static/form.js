@@ -3,6 +3,7 @@
 import { $, h, symbol } from "./dom.js";
 import { moveLive } from "./live.js";
 import * as scenario from "./scenario.js";
+import { sweepOver } from "./sweep.js";
 
 const LONG = 60; // characters of a meaning, of which the label then shows the beginning
 const rows = new Map();
@@ -203,6 +204,9 @@ function makeRow(key) {
     h("span", {}, brief(field.meaning) || name),
     status,
   );
+  // Tab gets to the same from the field, by "Sweep it" below it: a stop at every label would double the way through the form.
+  const over = h("button", { type: "button", class: "over", tabindex: "-1", title: `Lines over ${key}`, "aria-label": `Sweep ${key}`, onclick: () => sweepOver(key) }, "⇢");
+  const named = field.kind === "quantity" ? h("span", { class: "named" }, label, over) : label;
   const parts = scenario.partsOf(key);
   const facts = [
     brief(field.meaning) === field.meaning ? "" : `${field.meaning}. `,
@@ -213,10 +217,12 @@ function makeRow(key) {
     " ",
     field.kind === "quantity" && h("button", { type: "button", class: "quiet", onclick: () => moveLive(key) }, "Move it live"),
     " ",
+    field.kind === "quantity" && h("button", { type: "button", class: "quiet", onclick: () => sweepOver(key) }, "Sweep it"),
+    " ",
     source,
   ];
   const help = h("p", { class: "help", id: `${id}-help` }, ...facts);
-  const element = h("div", { class: field.items ? "field long" : "field", "data-key": key }, label, input, undo, error, help);
+  const element = h("div", { class: field.items ? "field long" : "field", "data-key": key }, named, input, undo, error, help);
   return { element, input, undo, error, source, status, words: `${key} ${field.meaning} ${field.symbol ?? ""}`.toLowerCase() };
 }
 

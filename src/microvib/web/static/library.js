@@ -1,6 +1,7 @@
 // The Library tab: runs, studies and recordings that the server keeps, with names and attributes; opened, renamed, deleted, brought back.
 
 import { openAngles } from "./angles.js";
+import { openCampaign } from "./campaign.js";
 import { get, patch, post, remove } from "./api.js";
 import { openRanking } from "./datasheet.js";
 import { announce, h } from "./dom.js";
@@ -10,6 +11,7 @@ import { openRates } from "./rates.js";
 import { openRecording } from "./recording.js";
 import * as runs from "./runs.js";
 import { openSas } from "./sas.js";
+import { openSweep } from "./sweep.js";
 
 const openRun = ({ id, title, asked }) => runs.open({ id, name: title, scenario: asked.scenario, steady: asked.steady, seeds: asked.seeds });
 const KINDS = {
@@ -22,6 +24,8 @@ const KINDS = {
   repeated: ["repeatability", "tab-recording", openRecording],
   identification: ["fit", "tab-recording", openRecording],
   rates: ["rate map", "tab-rates", openRates],
+  campaign: ["campaign", "tab-campaign", openCampaign],
+  sweep: ["sweep", "tab-run", openSweep],
   angles: ["angles", "tab-angles", openAngles],
   quiet: ["quieter drive", "tab-quiet", openQuiet],
   shapes: ["mode shapes", "tab-modes", openModes],

@@ -11,7 +11,7 @@ import { table } from "./tables.js";
 
 const place = h("div", {});
 const result = h("div", { class: "figures" });
-const task = makeTask("modes", place, show, wayOn);
+const task = makeTask("modes", place, show, { remedies: wayOn });
 
 export function makeModes(tab) {
   const button = (of, words) => h("button", { type: "button", onclick: () => find(of) }, words);

@@ -1,6 +1,6 @@
 // A job under way: bar, words, cancel.
 
-import { drop } from "./api.js";
+import { drop, remove } from "./api.js";
 import { announce, h, number } from "./dom.js";
 import { follow } from "./jobs.js";
 import { keep, kept } from "./kept.js";
@@ -33,9 +33,11 @@ export function progressRow(name, cancel) {
 
 /**
  * A place for one job at a time: one that the server accepts takes the place of the last, whose end then counts no more. It is
- * found again after a reload. `remedies(sentence)` are elements that lead on from an error. `show(result, context, id)` gets what came out, and what `start` was told.
+ * found again after a reload. `remedies(sentence, job)` are elements that lead on from an error, or from a job that ended before it was
+ * through; `watch(state, job)` hears each state on the way; with `goesOn` a job that is cancelled still counts. `show(result, context, id)` gets what came out, and what `start` was told.
  */
-export function makeTask(key, place, show, remedies = () => []) {
+export function makeTask(key, place, show, { remedies = () => [], watch = () => {}, goesOn = false } = {}) {
+  const stop = goesOn ? cancel : forget;
   const rows = h("div", { class: "going" });
   const words = h("div", {});
   place.append(rows, words);
@@ -61,7 +63,8 @@ export function makeTask(key, place, show, remedies = () => []) {
     const row = progressRow(name, () => {
       cancel();
       row.element.remove();
-      say(`${name} was cancelled.`);
+      const [best] = /best so far.*/.exec(row.element.querySelector(".words").textContent) ?? []; // which a search would lose otherwise
+      say(`${name} was cancelled${best ? `; ${best}` : ""}.`);
     });
     words.replaceChildren();
     rows.append(row.element);
@@ -72,15 +75,15 @@ export function makeTask(key, place, show, remedies = () => []) {
     mine = job;
     keep(key, job);
     rows.replaceChildren();
-    const row = addRow(job.name, leave);
+    const row = addRow(job.name, () => (goesOn ? stop(job.id) : leave()));
     announce(`${job.name} …`);
-    const end = await follow(job.id, row.show);
+    const end = await follow(job.id, (state) => (row.show(state), watch(state, job)));
     row.element.remove();
     job.ended = true;
     if (job !== mine) return;
     if (end.state !== "done") {
       say(end.error ?? `${job.name} was cancelled.`, end.state !== "cancelled");
-      words.append(...remedies(end.error ?? ""));
+      words.append(...remedies(end.error ?? "", job));
       return;
     }
     announce(`${job.name}: done.`);
@@ -89,7 +92,7 @@ export function makeTask(key, place, show, remedies = () => []) {
 
   /** What is under way, or shown, counts no more; what has ended stays in the library. */
   function leave() {
-    if (mine && !mine.ended) forget(mine.id);
+    if (mine && !mine.ended) stop(mine.id);
     mine = null;
     keep(key, null);
     words.replaceChildren();
@@ -109,6 +112,7 @@ export function makeTask(key, place, show, remedies = () => []) {
   return {
     start,
     leave,
+    isNow: (id) => mine?.id === id,
     /** Show what ended before, {id, name, context}. */
     open: (job) => {
       leave();
@@ -120,3 +124,5 @@ export function makeTask(key, place, show, remedies = () => []) {
 }
 
 const forget = (id) => drop(id).catch(() => null);
+/** Stop a job that may be gone on with, of which is asked again. */
+const cancel = (id) => remove(`/api/jobs/${id}`).catch(() => null);

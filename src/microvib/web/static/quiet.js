@@ -195,7 +195,7 @@ async function over(found) {
   }
 }
 
-/** Both drives as runs, whose spectra lie over each other; one that is there already is not run again. */
+/** Both drives as runs in their steady state, where they have one, whose spectra lie over each other; one that is there already is not run again. */
 async function overlay(before, found, name) {
   document.getElementById("tab-run").click();
   try {
@@ -208,7 +208,7 @@ async function overlay(before, found, name) {
 
 async function runOnce(what, name) {
   const text = JSON.stringify(what);
-  const same = runs.all().find((run) => JSON.stringify(run.scenario) === text && !run.steady && !run.seeds && (run.result || runs.going(run)));
+  const same = runs.all().find((run) => JSON.stringify(run.scenario) === text && run.steady && !run.seeds && (run.result || runs.going(run)));
   if (same) return runs.choose(same);
-  await runs.start({ scenario: what, name, steady: false, seeds: null });
+  await runs.start({ scenario: what, name, steady: true, seeds: null });
 }

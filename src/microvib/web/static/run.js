@@ -16,6 +16,7 @@ import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
 import { makeSlowMotion } from "./slow.js";
 import * as spectrum from "./spectrum.js";
+import * as sweep from "./sweep.js";
 import { partCards } from "./tables.js";
 
 const bars = new Map();
@@ -50,7 +51,8 @@ export function makeRun(place) {
   const slow = makeSlowMotion(showDrawing);
   picture.append(sketch, slow, caption, drawingExports(() => sketch.querySelector("svg"), "Drive train"));
   live.makeLive();
-  place.append(chips, going, head, limit.bar, figures, answer, ab.card, history.card, live.card, craft, picture, tables);
+  sweep.makeSweep();
+  place.append(chips, going, head, limit.bar, figures, answer, ab.card, history.card, live.card, sweep.card, craft, picture, tables);
   limit.makeLimit(judged);
   runs.onChange((what) => {
     if (what === "runs") return show();
@@ -97,6 +99,7 @@ function redraw() {
 /** The limit, or what is said against it, has changed. */
 function judged() {
   const run = runs.selected();
+  ab.update();
   if (run?.result) {
     showTables(run);
     head.replaceChildren(...headOf(run), ...failure(run));

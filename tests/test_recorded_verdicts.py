@@ -1,0 +1,141 @@
+"""Verdicts on recordings pass nothing that preparation, force table or background do not let them show."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import microvib as mv
+from microvib.errors import OptionError
+from microvib.io.recordings import Prepared
+from microvib.signals.limit_curve import Limit
+from microvib.studies.recording_limits import judge_recording
+from microvib.testdata.bench_parts import Resonance
+from microvib.testdata.force_table import ForceTable
+from microvib.testdata.preparation import Preparation
+from microvib.testdata.recording import Recording
+
+RATE = 1000.0
+
+
+def recording(
+    *lines: tuple[float, float], seconds: float = 16.0, channel: str = "Mz", seed: int = 1
+) -> Recording:
+    """Lines of a frequency [Hz] and an amplitude each, and little noise."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    x = 1e-5 * np.random.default_rng(seed).standard_normal(t.size)
+    for f, size in lines:
+        x += size * np.cos(2.0 * math.pi * f * t + f)
+    unit = "N" if channel.startswith("F") else "N*m"
+    return Recording({channel: x}, RATE, {channel: unit}, "test")
+
+
+def butterworth(f: float, corner: float, order: int) -> float:
+    """Amplitude of a low-pass."""
+    return 1.0 / math.sqrt(1.0 + (f / corner) ** (2 * order))
+
+
+def test_a_line_that_the_measuring_chain_hardly_passes_is_not_judged():
+    load, corner = 0.05, "60 Hz"
+    read = recording((40.0, 0.005), (100.0, load * butterworth(100.0, 60.0, 8)))
+    how = Preparation(response=[{"kind": "butterworth", "order": 8, "corner": corner}])
+    prepared = how.apply(read)
+    judged = judge_recording(prepared, Limit("10 mN*m", "1 Hz", "300 Hz"))
+    assert judged.verdict == "not judged"
+    assert "the measuring chain passes less than 0.25 of a load above 71.05 Hz" in str(judged)
+    (status,) = {m.line.status for m in judged.margins if m.line.frequency > 90.0}
+    assert status == "beyond the measuring chain"
+    assert judge_recording(prepared, Limit("10 mN*m", "1 Hz", "70 Hz")).verdict == "pass"
+
+
+def test_a_high_pass_hides_slow_lines():
+    load, f, corner = 0.03, 1.0, 5.0
+    read = recording((f, load * math.sqrt(1.0 - butterworth(f, corner, 1) ** 2)), (40.0, 0.005))
+    stage = {"kind": "butterworth", "order": 1, "corner": "5 Hz", "passes": "high"}
+    prepared = Preparation(response=[stage]).apply(read)
+    assert judge_recording(prepared, Limit("10 mN*m", "0.8 Hz", "300 Hz")).verdict == "not judged"
+    assert judge_recording(prepared, Limit("10 mN*m", "2 Hz", "300 Hz")).verdict == "pass"
+
+
+def test_a_chain_that_passes_all_of_the_band_leaves_it_judged():
+    prepared = Preparation(response="boxcar").apply(recording((40.0, 0.005)))
+    assert prepared.unusable("Mz") == ()
+    assert judge_recording(prepared, Limit("10 mN*m", "1 Hz", "300 Hz")).verdict == "pass"
+
+
+@pytest.mark.parametrize("order", [3, 5, 8])
+def test_a_slow_line_in_a_removed_trend_is_not_judged(order):
+    cycles, seconds = 2.6, 8.0
+    read = recording((cycles / seconds, 0.03), (40.0, 0.005), seconds=seconds)
+    limit = Limit("10 mN*m", "0.31 Hz", "100 Hz")
+    assert judge_recording(read, limit).verdict == "fail"
+    prepared = read.detrended(order)
+    judged = judge_recording(prepared, limit)
+    assert judged.verdict != "pass"
+    assert f"the polynomial of order {order} that was removed" in str(judged.all_gaps)
+    assert judge_recording(prepared, Limit("10 mN*m", "2 Hz", "100 Hz")).verdict == "pass"
+
+
+@pytest.mark.parametrize("order", range(9))
+def test_what_a_trend_takes_of_a_line_is_as_stated(order):
+    n = 20_000
+    lost = Recording({"Mz": np.arange(float(n))}, RATE, {"Mz": "N*m"}).detrended(order).lost
+    cycles = 2.5 if not lost else lost[0].high * n / RATE
+    t = np.arange(n) / n
+    kept = []
+    for c in (cycles, 1.01 * cycles, 1.3 * cycles, 2.0 * cycles):
+        for phase in np.linspace(0.0, math.pi, 25):
+            x = np.cos(2.0 * math.pi * c * t + phase)
+            left = Recording({"Mz": x}, RATE, {"Mz": "N*m"}).detrended(order)["Mz"]
+            kept.append(np.dot(left, x) / np.dot(x, x))
+    assert min(kept) > 0.947
+    assert order < 2 or min(kept) < 0.953
+
+
+@pytest.mark.parametrize("channel", ["Fx", "Mx"])
+@pytest.mark.parametrize("scenario", [None, "state-1"])
+def test_other_loads_ask_the_force_table_and_the_background(channel, scenario):
+    read = recording((250.0, 0.5), channel=channel)
+    unit = "N" if channel == "Fx" else "N*m"
+    limit = Limit.of_curves(
+        None, {channel: Limit.over_frequency([("2 Hz", "1 N*m"), ("300 Hz", "1 N*m")]).curve}
+    )
+    judge = {"channel": channel, "scenario": scenario}
+    assert judge_recording(read, limit, **judge).verdict == "pass"
+    resonance = Resonance(component=channel, frequency="150 Hz", damping="1 percent")
+    table = ForceTable("soft", (resonance,))
+    on_table = Recording(dict(read.channels), RATE, {channel: unit}, "test", table=table)
+    judged = judge_recording(on_table, limit, **judge)
+    assert judged.verdict == "not judged"
+    assert "near a table resonance" in str(judged)
+    off = recording((250.0, 0.6), channel=channel, seed=2)
+    judged = judge_recording(Prepared(read, background=off), limit, **judge)
+    assert judged.verdict == "not judged"
+    assert "in the background" in str(judged)
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [("14.5 mN*m", "not judged"), ("15.5 mN*m", "pass")])
+def test_a_line_in_the_background_passes_where_both_together_are_below_the_limit(limit, verdict):
+    on, off = recording((90.0, 0.007)), recording((90.0, 0.008), seed=2)
+    judged = judge_recording(Prepared(on, background=off), Limit(limit, "2 Hz", "300 Hz"))
+    assert judged.verdict == verdict
+
+
+def test_a_curve_of_the_torque_judges_no_other_axis():
+    read = recording((90.0, 0.007), channel="Mx")
+    curve = Limit.over_frequency([("2 Hz", "1 N*m"), ("300 Hz", "2 N*m")])
+    assert judge_recording(read, curve, channel="Mx").verdict == "pass"  # said to be the drive's
+    with pytest.raises(OptionError, match="has no curve of Mx"):
+        judge_recording(read, curve, channel="Mx", scenario="state-1")
+
+
+def test_a_band_beyond_half_the_sample_rate_has_no_rms():
+    read = recording((90.0, 0.007))
+    with pytest.raises(OptionError, match="frequencies up to half its sample rate, 500 Hz"):
+        mv.analyse(read, bands=["450:900 Hz"])
+    narrow = mv.analyse(read, bands=["90.3:90.31 Hz"])
+    assert any("narrower than 4 bins" in note for note in narrow.recording.notes)
+    wide = mv.analyse(read, bands=["10:500 Hz"])
+    assert not any("narrower" in note for note in wide.recording.notes)
