@@ -294,6 +294,20 @@ def test_a_mode_that_falls_more_slowly_than_its_damping_says_is_not_passed_by_wh
     assert judge(falls, limit_of(1.1 * start), scenario).verdict == "pass"
 
 
+def test_ringing_that_turns_the_rotor_far_passes_no_line_of_a_high_order(table, scenario):
+    """A line of order 10 of a direct drive read 1.7 times too small, its rest in sidebands of the ringing."""
+    own = table["array_mode_1"].decay
+    ringing = only(table, "array_mode_1", status="decaying", decay=own, amplitude=0.3)
+    stiff = scenario.with_({"reducer.ratio": 10})
+    one_newton_metre = limit_of(1.0, 240.0, 260.0)
+    assert judge(ringing, one_newton_metre, scenario).verdict == "pass"
+    judged = judge(ringing, one_newton_metre, stiff)
+    assert judged.verdict == "not judged"
+    assert "spread by the ringing of the start (record.settle >=" in str(judged)
+    smaller = only(table, "array_mode_1", status="decaying", decay=own, amplitude=0.03)
+    assert judge(smaller, one_newton_metre, stiff).verdict == "pass"
+
+
 RECORDS = (
     {"record.sample_rate": "150 Hz"}, {"record.sample_rate": "900 Hz"}, {"record.duration": "5 s"}, {"record.settle": "0 s"},
     {"record.settle": "6 s"},

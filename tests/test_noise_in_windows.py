@@ -96,4 +96,4 @@ def test_a_density_over_many_periods_of_a_window(metric: str) -> None:
     at = np.linspace(1.0, 40.0, 4_000_001)
     there = np.interp(at, f, S) * metric_weight(metric, at, window)
     wanted = float(np.trapezoid(there, at))
-    assert mean_square_of_density(metric, f, S, window) == pytest.approx(wanted, rel=1e-4, abs=1e-9)
+    assert mean_square_of_density(metric, f, S, window) == pytest.approx(wanted, rel=1e-4)

@@ -248,17 +248,19 @@ def test_a_test_is_not_passed_with_a_run_that_lacks_what_the_others_show(gains, 
     found = judged(*alike, odd)
     assert [one.verdict for one in found.runs] == ["pass"] * (others + 1)
     assert found.verdict == "not judged"
-    assert found.doubts[0].startswith("r9 has far less of the lines at ")
+    assert found.run_warnings[0].startswith("r9 has far less of the lines at ")
     assert judged(*alike, run(9, "A")).verdict == "pass"
 
 
-def test_a_run_with_other_gain_is_in_doubt():
+def test_a_run_with_other_gain_is_questioned():
     found = judged(run(1), run(2), run(3), run(4, gains=1.4))
     assert found.verdict == "pass"
     limit = mv.Limit("400 mN*m", "5 Hz", "150 Hz")
     found = acceptance([run(1), run(2), run(3), run(4, gains=5.0)], limit=limit)
     assert found.verdict == "not judged"
-    assert re.match(r"r4 has (5|4.99|5.01) times the amplitudes of the other runs", found.doubts[0])
+    assert re.match(
+        r"r4 has (5|4.99|5.01) times the amplitudes of the other runs", found.run_warnings[0]
+    )
 
 
 def test_units_may_differ_and_a_record_that_cannot_show_a_line_lacks_none():

@@ -45,6 +45,7 @@ from microvib.analysis.steadiness import may_be_larger
 from microvib.analysis.unseen import out_of_band_lines
 from microvib.analysis.usable import undecided_reason, unusable_gaps
 from microvib.errors import OptionError, expect
+from microvib.model.driver import motor_of_mean_spring
 from microvib.model.line_names import CONTROL_MODE, SECOND_DRIVE, LineName, of_second_wing
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
@@ -65,6 +66,8 @@ SECOND_WING = "_2"
 _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
+_MODULATION_INDEX = 0.2
+"""Phase [rad] by which ringing may modulate a line; of the line, 1 % is then in its sidebands."""
 _SECOND_UNKNOWN = "the second wing's drive, whose lines are not here (leave --lines-only out)"
 
 
@@ -481,6 +484,7 @@ def _record_gaps(table: LineTable, limit: LimitCurve, scenario: Scenario | None)
         yield from filter(None, (unlisted_beside(x, limit, table, scenario) for x in table))
     yield from _unresolved_ringing_gaps(table, limit, scenario)
     yield from _growing_line_gaps(table, limit)
+    yield from _modulated_line_gaps(table, scenario)
     if table.clock_ratio_uncertainty != 0.0:  # a recording's, whose clock was looked for
         yield from clock_warnings(table)
     yield from may_be_larger(table, limit)
@@ -717,6 +721,27 @@ def _growing_line_gaps(table: LineTable, limit: LimitCurve) -> Iterator[str]:
         outside = not limit.holds(*_frequency_with_bound(x))
         if x.status == "growing" and outside and GROWTH_FACTOR * x.amplitude > limit.least:
             yield f"lines caused by {x.name}, which grows within the record (increase record.settle)"
+
+
+def _modulated_line_gaps(table: LineTable, scenario: Scenario | None) -> Iterator[str]:
+    """Lines of flux harmonics and detent torque while the start rings: what they have at an order of
+    the rotor's angle is spread by its motion over sidebands, each smaller than the line that lasts.
+    """
+    if scenario is None:
+        return
+    ringing = [x for x in table if x.status == "decaying"]
+    torque = math.fsum(x.amplitude_at_start(table.duration) for x in ringing)
+    stiffness = motor_of_mean_spring(scenario.driver, scenario.motor).electromagnetic_stiffness
+    angle = scenario.motor.rotor_teeth * torque / (abs(scenario.reducer.ratio) * stiffness)
+    order = max((1, *scenario.motor.torque_orders))
+    if order * angle <= _MODULATION_INDEX:
+        return
+    decay = max(ringing, key=lambda x: x.amplitude).decay
+    settle = scenario.record.settle + math.log(order * angle / _MODULATION_INDEX) / decay
+    yield (
+        f"lines of order {order} of the electrical angle, spread by the ringing of the start"
+        f" (record.settle >= {rounded_up(settle)} s)"
+    )
 
 
 def _certainly_within(one: Margin, limit: LimitCurve) -> Margin:

@@ -195,16 +195,28 @@ def record_gap(
     """
     if scenario is None:
         return None
-    if simulated and (unseen := unseen_rates_gap(scenario)):
-        return unseen
+    if simulated:
+        gap = unseen_rates_gap(scenario)
+        if gap is None and not steady:
+            gap = _start_gap(scenario)
+        if gap is not None:
+            return gap
     if steady:
         return None
-    if simulated and (held := not_moving_reason(scenario)):
+    return _short_record_gap(scenario, duration)
+
+
+def _start_gap(scenario: Scenario) -> RecordGap | None:
+    """Reason why a record begins before the motion is the lasting one; None where it does not."""
+    if held := not_moving_reason(scenario):
         return RecordGap(held, turns=False)
-    if simulated and (why := _not_lasting_reason(scenario)):
+    if why := _not_lasting_reason(scenario) or not_sliding_reason(scenario):
         return RecordGap(why, turns=True)
-    if simulated and (why := not_sliding_reason(scenario)):
-        return RecordGap(why, turns=True)
+    return None
+
+
+def _short_record_gap(scenario: Scenario, duration: float) -> RecordGap | None:
+    """Reason why a record of ``duration`` [s] is too short for what changes slowly; None where it is not."""
     if slow := unseen_variations(scenario, duration):
         why = _unseen_variation_reason(slow[0], scenario)
         changed = 1.0 + _CHANGE_BY_SHARE * sum(one.share for one in slow)

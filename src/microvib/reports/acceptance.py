@@ -198,8 +198,8 @@ def _conclusion(test: AcceptanceTest) -> Iterator[str]:
         for run in test.runs:
             if run.judgement is not None and run.verdict != "pass":
                 yield f"{file_name(run.run.name)}: {run.judgement}"
-    for doubt in test.doubts:
-        yield f"Not passed while this is open: {doubt}"
+    for warning in test.run_warnings:
+        yield f"Not passed while this is open: {warning}"
     if test.repeatability is not None:
         for name, part in test.repeatability.outlying_runs.items():
             yield f"{file_name(name)} is an outlier in most of its lines ({100.0 * part:+.3g} %): it stays in."

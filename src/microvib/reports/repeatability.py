@@ -92,7 +92,7 @@ def _about(found: Repeatability) -> Iterator[tuple[str, str]]:
 
 
 def _sentences(found: Repeatability) -> Iterator[str]:
-    yield from found.doubts
+    yield from found.run_warnings
     for name, part in found.outlying_runs.items():
         yield (
             f"{file_name(name)} is an outlier in most of its lines, {DIFFERENCE.figure(part)} against its"

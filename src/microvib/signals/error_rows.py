@@ -129,8 +129,9 @@ class ErrorRows:
         spread = sum((x.variance for x in self.deviations), np.zeros(1))
         return np.asarray(mean**2 + spread + sum(ramp.variance for ramp in self.ramps))
 
-    def crest(self, noise: float = 0.0) -> np.ndarray:
-        """The most that they make together with noise of a mean square [rad^2], (n,) [rad]: all at
+    def crest(self, noise: np.ndarray | float = 0.0) -> np.ndarray:
+        """The most that they make together with noise of mean squares [rad^2], of all rows or of each
+        (n,), (n,) [rad]: all at
         their largest, and SIGMAS standard deviations of what is normal.
         """
         normal = sum((x.variance for x in self.deviations if x.kind == "normal"), np.zeros(1))
@@ -157,9 +158,9 @@ class ErrorRows:
             found = found * ramp.transform(at)
         return np.asarray(found)
 
-    def with_noise(self, sigma: float) -> ErrorRows:
-        """Errors with normal noise besides of ``sigma`` [rad]."""
-        if sigma == 0.0:
+    def with_noise(self, sigma: np.ndarray | float) -> ErrorRows:
+        """Errors with normal noise besides of ``sigma`` [rad], of all rows or of each, (n,)."""
+        if not np.any(sigma):
             return self
-        noise = Deviation("normal", np.array([sigma]))
+        noise = Deviation("normal", np.atleast_1d(sigma))
         return ErrorRows(self.mean, (*self.deviations, noise), self.ramps)

@@ -19,7 +19,7 @@ ECSS-E-ST-60-10C. Angles are in rad.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -53,7 +53,11 @@ _MEAN: dict[Metric, float] = {
     "rpe": 1.0,
     "jitter": 1.0,
     "stability": 2.0,
-}  # the others have fallen to nothing there
+}
+_AVERAGED = 1e3
+"""Periods within a window from which on noise is as large at every instant of it, within 1e-3."""
+_SHARE_OF_FREQUENCY = 0.02
+"""Longest step of a grid, as a part of the frequency, on which 1 over its square is integrated."""
 _MAX_PIECES = 20_000_000
 _TERMS_OF_LEVEL = 1 << 12  # of the Fourier series of a distribution
 _INSTANTS = (
@@ -185,10 +189,13 @@ def mean_square_of_density(
     MicrovibError.
     """
     f, S = _checked_density(frequency, density)
-    if metric in ("stability", "pde") and apart is not None and f[-1] * apart > 1.000001 * _FAST:
+    far = apart is not None and f[-1] * apart > 1.000001 * _FAST
+    if metric == "pde" and apart is not None:  # of adjacent windows one ends where the other begins
+        far = far and f[-1] * abs(apart - window) > _FAST
+    if metric in ("stability", "pde") and apart is not None and far:
         return _with_unrelated_instants(metric, f, S, window, apart)
     first_averaged = int(np.searchsorted(f, _FAST / window))
-    averaged = _MEAN.get(metric, 0.0) * float(np.trapezoid(S[first_averaged:], f[first_averaged:]))
+    averaged = _averaged_integral(metric, f[first_averaged:], S[first_averaged:], window, apart)
     f, S = f[: first_averaged + 1], S[: first_averaged + 1]
     if f.size < 2:
         return averaged
@@ -232,11 +239,55 @@ def _with_unrelated_instants(
     return unrelated + related
 
 
+def _averaged_integral(
+    metric: Metric, f: np.ndarray, S: np.ndarray, window: float, apart: float | None
+) -> float:
+    """Integral of density times weight where a window has so many periods that the weight is its
+    mean over them: with u = pi f T, 1/(2 u^2) of mpe and 3/(2 u^2) of smear.
+    """
+    if f.size < 2:
+        return 0.0
+    if metric in _MEAN:
+        return _MEAN[metric] * float(np.trapezoid(S, f))
+    steps = max(int(math.log(f[-1] / f[0]) / _SHARE_OF_FREQUENCY), 1)
+    grid = np.union1d(f, np.geomspace(f[0], f[-1], steps + 1))
+    mean, ripples = {"mpe": (0.5, {}), "smear": (1.5, {})}.get(
+        metric, (1.0, _ripples_of_pde(f[-1], window, apart))
+    )
+    total = 0.0
+    for at, squares in _quadrature(grid, np.interp(grid, f, S), max(ripples, default=0.0), 200_000):
+        weight = mean + sum(part * np.cos(2.0 * np.pi * at * T) for T, part in ripples.items())
+        total += float(np.sum(squares * weight / (np.pi * at * window) ** 2))
+    return total
+
+
+def _ripples_of_pde(highest: float, window: float, apart: float | None) -> dict[float, float]:
+    """Parts of (1 - cos 2 pi f T_s) (1 - cos 2 pi f T), the weight of pde times u^2, that are beside 1 and
+    have few periods up to the ``highest`` frequency [Hz], by times [s] of which they are
+    cosines.
+    """
+    later = window if apart is None else apart
+    parts = {later: -1.0, abs(later - window): 0.5}
+    return {T: part for T, part in parts.items() if highest * T <= _FAST}
+
+
 def _weighted_integral(
     metric: Metric, f: np.ndarray, S: np.ndarray, window: float, apart: float | None
 ) -> float:
-    """Integral of density times weight, by Gauss' rule on pieces far shorter than its ripple."""
+    """Integral of density times weight, on pieces far shorter than its ripple."""
     longest = max(window, apart or 0.0)
+    return sum(
+        float(np.sum(squares * metric_weight(metric, at, window, apart)))
+        for at, squares in _quadrature(f, S, longest, 200_000)
+    )
+
+
+def _quadrature(
+    f: np.ndarray, S: np.ndarray, longest: float, at_once: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Frequencies [Hz] and shares of the mean square at them, (m, 3) each, by Gauss' rule on pieces
+    of which a time of ``longest`` [s] has 16 a period; no more than ``at_once`` pieces together.
+    """
     pieces = np.maximum(np.ceil(np.diff(f) * longest * _PER_PERIOD), 1.0)
     if pieces.sum() > _MAX_PIECES:
         raise MicrovibError(
@@ -248,18 +299,50 @@ def _weighted_integral(
     first_piece = np.cumsum(count) - count
     interval = np.repeat(np.arange(count.size), count)
     nodes, shares = np.polynomial.legendre.leggauss(3)
-    total = 0.0
-    for part in np.array_split(np.arange(interval.size), max(interval.size // 200_000, 1)):
+    for part in np.array_split(np.arange(interval.size), max(interval.size // at_once, 1)):
         k = interval[part]
         before = (part - first_piece[k]) / count[k]  # share of the interval before the piece
         u = before[:, None] + 0.5 * (1.0 + nodes) / count[k, None]
         at = f[k, None] + u * np.diff(f)[k, None]
         value = S[k, None] + u * np.diff(S)[k, None]
         width = (np.diff(f) / count)[k]
-        total += float(
-            width @ ((value * metric_weight(metric, at, window, apart)) @ (0.5 * shares))
-        )
-    return total
+        yield at, width[:, None] * value * (0.5 * shares)
+
+
+def mean_squares_at_instants(
+    metric: Metric,
+    frequency: np.ndarray,
+    density: np.ndarray,
+    window: float,
+    apart: float | None = None,
+    instants: np.ndarray = HALF_WINDOW.instants,
+) -> np.ndarray:
+    """Mean squares [rad^2] of a one-sided ``density``, as ``mean_square_of_density`` takes it, at
+    ``instants`` of a window, (n,), from -1 at its beginning to 1 at its end.
+
+    What moves about the mean or the fitted line is larger towards both ends: of what is slow
+    against the window the fitted line has 3 times its mean there. Metrics that are one value of a
+    window have one row, as in ``windowed_amplitudes``. Raises MicrovibError.
+    """
+    whole = mean_square_of_density(metric, frequency, density, window, apart)
+    if metric not in WITHIN_WINDOW:
+        return np.array([whole])
+    tau = np.asarray(instants, dtype=float)
+    if metric == "smear":
+        return np.asarray(3.0 * tau**2 * whole)
+    f, S = _checked_density(frequency, density)
+    limit = min(max(_AVERAGED / window, f[0]), f[-1])
+    found = np.zeros(tau.size)
+    if limit > f[0]:
+        grid = np.r_[f[f < limit], limit]
+        for at, squares in _quadrature(grid, np.interp(grid, f, S), window, 4_000):
+            ones = np.ones(at.size)
+            rows = windowed_amplitudes(metric, at.ravel(), ones, window, apart, tau)
+            found += np.abs(rows) ** 2 @ squares.ravel()
+    if limit < f[-1]:
+        grid = np.r_[limit, f[f > limit]]
+        found += mean_square_of_density(metric, grid, np.interp(grid, f, S), window, apart)
+    return found
 
 
 def cumulative_rms(
@@ -353,7 +436,7 @@ def within_all(spreads: Sequence[Distribution], confidence: float) -> float:
 
 def confidence_level_angle(
     amplitudes: Sequence[float] | np.ndarray,
-    sigma: float,
+    sigma: np.ndarray | float,
     confidence: float = 0.997,
     *,
     frequency: np.ndarray | None = None,
@@ -371,7 +454,7 @@ def confidence_level_angle(
 
 def distribution(
     amplitudes: Sequence[float] | np.ndarray,
-    sigma: float | ErrorRows,
+    sigma: np.ndarray | float | ErrorRows,
     *,
     frequency: np.ndarray | None = None,
     clock: np.ndarray | None = None,
@@ -381,8 +464,9 @@ def distribution(
     """How the sum of lines and Gaussian noise is spread over time.
 
     ``amplitudes`` of lines 0-to-peak, each arcsine-distributed, of unrelated phases; ``sigma`` of
-    the noise, or independent errors of other kinds, noise among them (then over time and over all
-    that may be). Several rows (n, k) are ``shares`` (n,) of the time with amplitudes of their own,
+    the noise, of all rows or of each (n,), or independent errors of other kinds, noise among them
+    (then over time and over all that may be). Several rows (n, k) are ``shares`` (n,) of the time with
+    amplitudes of their own,
     equal ones where none are given. Lines below ``noise_ratio`` of the largest count as noise. The
     densities are convolved as products of their characteristic functions, J_0(x A) and exp(-(x
     sigma)^2/2), in a Fourier series over twice what can be reached: within 1e-3 of the angle. Lines
@@ -400,7 +484,7 @@ def distribution(
         shares = np.full(len(lines), 1.0 / len(lines))
     small = _lines_counted_as_noise(lines, of, noise_ratio)
     errors = sigma if isinstance(sigma, ErrorRows) else None
-    gaussian = 0.0 if isinstance(sigma, ErrorRows) else sigma
+    gaussian = 0.0 if isinstance(sigma, ErrorRows) else np.asarray(sigma)
     noise = np.hypot(gaussian, np.sqrt(0.5 * np.sum(lines[:, small] ** 2, axis=1)))
     lines, moved, f, of = lines[:, ~small], moved[:, ~small], f[~small], of[~small]
     beside = 0.0 if errors is None else errors.reach
@@ -413,30 +497,51 @@ def distribution(
         angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
         over = angle / np.maximum(lines, 1e-300)
         return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
-    # On (-L, L) a density of cosines c_n cos(pi n x/L) with c_n the characteristic function at pi
-    # n/L; its integral from -x to x.
-    n = np.arange(1, _TERMS_OF_LEVEL)
-    at = np.pi * n / reach
-    each, alone = np.exp(-0.5 * np.outer(noise, at) ** 2), of < 0
+    at = np.pi * np.arange(1, _TERMS_OF_LEVEL) / reach
+    each = np.exp(-0.5 * np.outer(noise, at) ** 2)
     if errors is not None:
         # noise of one cell of the angle keeps the series of a narrow spread about a mean from ringing
         each = each * errors.with_noise(reach / _TERMS_OF_LEVEL).transform(at)
+    # without errors sums are taken as even: which sign they have then does not matter
+    sums, alone = _transform_of_harmonics(moved, f, of, reach, even=errors is None)
+    each = each * sums
+    _multiply_unrelated(each, lines[:, alone], at)
+    return Distribution(*_integral_of_series(each.real, reach), shares)
+
+
+def _transform_of_harmonics(
+    moved: np.ndarray, f: np.ndarray, of: np.ndarray, reach: float, *, even: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Characteristic function (n, _TERMS_OF_LEVEL - 1) of lines (n, k) that are harmonics of one
+    clock, each sum as often with either sign where taken as ``even``, and which lines (k,) are not
+    among them.
+    """
+    found = np.ones((len(moved), _TERMS_OF_LEVEL - 1), dtype=float if even else complex)
+    alone = of < 0
     for one in np.unique(of[~alone]):
         its = np.flatnonzero(of == one)
-        for group, base in bases(f[its], lines[:, its].max(axis=0)):
+        for group, base in bases(f[its], np.abs(moved[:, its]).max(axis=0)):
             if group.size == 1:
                 alone[its[group]] = True
             else:
                 sums = _transform_of_sum(f[its[group]] / base, moved[:, its[group]], reach)
-                # without errors sums are taken as even: which sign they have then does not matter
-                each = each * (sums if errors is not None else sums.real)
-    _multiply_unrelated(each, lines[:, alone], at)
-    terms = np.zeros((len(each), 2 * _TERMS_OF_LEVEL))
-    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * each.real
+                found *= sums.real if even else sums
+    return found, alone
+
+
+def _integral_of_series(transform: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angles (t,) [rad] and the part of the time (n, t) within them, of a characteristic function
+    (n, t - 1) at pi n / reach.
+
+    On (-reach, reach) the density is a series of cosines c_n cos(pi n x / reach) with c_n the
+    characteristic function; this is its integral from -x to x.
+    """
+    n = np.arange(1, _TERMS_OF_LEVEL)
+    terms = np.zeros((len(transform), 2 * _TERMS_OF_LEVEL))
+    terms[:, 1:_TERMS_OF_LEVEL] = 2.0 / (np.pi * n) * transform
     x = np.arange(_TERMS_OF_LEVEL) / _TERMS_OF_LEVEL
     inside = x - np.fft.rfft(terms, axis=1)[:, :_TERMS_OF_LEVEL].imag
-    rising = np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
-    return Distribution(reach * x, rising, shares)
+    return reach * x, np.clip(np.maximum.accumulate(inside, axis=1), 0.0, 1.0)
 
 
 def _of_known(size: np.ndarray, shares: np.ndarray) -> Distribution:
@@ -615,14 +720,13 @@ def excess_between_instants(
 
 
 def worst_case_angle(
-    amplitudes: Sequence[float] | np.ndarray, sigma: float, sigmas: float = 3.0
+    amplitudes: Sequence[float] | np.ndarray, sigma: np.ndarray | float, sigmas: float = 3.0
 ) -> float:
-    """Angle [rad] that is passed only by the noise's own excess: all lines at their crests, and
-    ``sigmas`` sigma of noise.
+    """Angle [rad] that is passed only by the noise's own excess: at the worst instant all lines at
+    their crests, and ``sigmas`` times the ``sigma`` that noise has there, a number or (n,).
     """
-    return (
-        float(np.sum(np.abs(np.atleast_2d(amplitudes)), axis=1).max(initial=0.0)) + sigmas * sigma
-    )
+    crests = np.sum(np.abs(np.atleast_2d(amplitudes)), axis=1)
+    return float(np.max(crests + sigmas * np.asarray(sigma), initial=0.0))
 
 
 # ---- Image: modulation transfer ----

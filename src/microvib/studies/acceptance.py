@@ -50,16 +50,16 @@ class AcceptanceTest:
 
     @property
     def verdict(self) -> Verdict:
-        """Fail where one run does; pass where all do and none is in doubt beside the others; else not judged."""
+        """Fail where one run does; pass where all do and none is questioned beside the others; else not judged."""
         found = worst_verdict(run.verdict for run in self.runs) or "not judged"
-        if found == "pass" and self.doubts:
+        if found == "pass" and self.run_warnings:
             return "not judged"
         return found
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def run_warnings(self) -> tuple[str, ...]:
         """Sentences without a stop on runs of which it is not known that they show what the others do."""
-        return () if self.repeatability is None else self.repeatability.doubts
+        return () if self.repeatability is None else self.repeatability.run_warnings
 
 
 def acceptance(  # noqa: PLR0913 - keyword options

@@ -82,13 +82,13 @@ class BandPeak:
 
 
 @dataclass(frozen=True)
-class _Doubt:
+class _Tolerance:
     """By how much what was read in a band may differ from the drive's load."""
 
     size: float
     """In the unit of the channel."""
     why: str
-    """What makes it, as a clause; empty where nothing does."""
+    """Cause of it, as a clause; empty where nothing does."""
 
 
 Gaps = Callable[[float, float, float], Sequence[str]]
@@ -220,11 +220,11 @@ def _judged(
         return _row(name, limit, (nan, nan, nan, nan), roll_off, 0.0, ("not judged", why))
     looked_at = history.values.size / rate
     figures = (history.peak, history.least, history.largest, history.place / rate)
-    doubts = (
-        _doubt_of_table(recording, name, limit, roll_off, history.largest),
-        _doubt_of_background(background, name, limit, roll_off),
+    tolerances = (
+        _tolerance_of_table(recording, name, limit, roll_off, history.largest),
+        _tolerance_of_background(background, name, limit, roll_off),
     )
-    verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps), doubts)
+    verdict = _verdict(limit, figures, blind, _unseen_reason(limit, looked_at, gaps), tolerances)
     return _row(name, limit, figures, roll_off, looked_at, verdict)
 
 
@@ -246,33 +246,33 @@ def _history(
     return split_band(x, rate, limit.low, limit.high, roll_off)
 
 
-def _doubt_of_table(
+def _tolerance_of_table(
     recording: Recording, name: str, limit: BandLimit, roll_off: float, largest: float
-) -> _Doubt:
-    """What the force table may change of a band's peak: its resonances, or how well its response is known."""
+) -> _Tolerance:
+    """Change of a band's peak by the force table: its resonances, or how well its response is known."""
     table = recording.table
     if table is None:
-        return _Doubt(0.0, "")
+        return _Tolerance(0.0, "")
     low, high = limit.low * (1.0 - roll_off), limit.high * (1.0 + roll_off)
     frequency = np.linspace(max(low, 1e-3 * high), high, _GRID)
     sigma = max(table.amplitude_uncertainty(name, f, largest) for f in frequency.tolist())
     if not sigma > 0.0:
-        return _Doubt(0.0, "")
+        return _Tolerance(0.0, "")
     part = 100.0 * _SIGMAS * sigma / largest
-    return _Doubt(_SIGMAS * sigma, f"the force table leaves it unsure by {part:.2g} %")
+    return _Tolerance(_SIGMAS * sigma, f"the force table leaves it unsure by {part:.2g} %")
 
 
-def _doubt_of_background(
+def _tolerance_of_background(
     background: Recording | None, name: str, limit: BandLimit, roll_off: float
-) -> _Doubt:
-    """What of a band's peak may be the background's, or hidden by it."""
+) -> _Tolerance:
+    """Part of a band's peak that may be the background's, or hidden by it."""
     if background is None or name not in background.channels:
-        return _Doubt(0.0, "")
+        return _Tolerance(0.0, "")
     history = _history(background, name, limit, roll_off)
     if history is None:
-        return _Doubt(math.inf, "the background is shorter than the band's filter")
+        return _Tolerance(math.inf, "the background is shorter than the band's filter")
     milli = 1e3 * history.largest
-    return _Doubt(
+    return _Tolerance(
         history.largest,
         f"the background has a peak of {milli:.3g} m{pretty(limit.unit)} there, which may add to the"
         " drive's or hide as much",
@@ -310,7 +310,7 @@ def _verdict(
     figures: tuple[float, float, float, float],
     blind: str,
     unseen: str,
-    doubts: Sequence[_Doubt],
+    tolerances: Sequence[_Tolerance],
 ) -> tuple[Verdict, str]:
     """Verdict and reason. What was not seen passes nothing; a peak above the limit is one all the
     same, unless the record does not show the loads of this band.
@@ -318,7 +318,7 @@ def _verdict(
     _, least, largest, _ = figures
     if blind:
         return "not judged", blind
-    off = sum(one.size for one in doubts)
+    off = sum(one.size for one in tolerances)
     if least - off > limit.limit:
         return "fail", ""
     if unseen:
@@ -326,7 +326,7 @@ def _verdict(
     if largest + off <= limit.limit:
         return "pass", ""
     if least > limit.limit or largest <= limit.limit:
-        return "not judged", "; ".join(one.why for one in doubts if one.why)
+        return "not judged", "; ".join(one.why for one in tolerances if one.why)
     return "not judged", (
         "the filter decides: what is on the slopes of its edges puts the peak below or above the limit;"
         " a smaller roll-off, and a longer record, tell"

@@ -40,7 +40,7 @@ _SAME_FREQUENCY = 1e-4
 """Relative difference of frequency up to which lines without names are the same."""
 OTHER_FACTOR, OTHER_UNIT_FACTOR = 2.0, 10.0
 """Factors between the amplitudes of a run and those of the others of its unit, or of other units where it is
-the only one of its own, from which it is in doubt."""
+the only one of its own, from which it is questioned."""
 _MOST_NAMED = 6
 _ABSENT = Scatter(math.nan, math.nan, math.nan)
 _BOUND = Measure("%", 0.01, ".3g")
@@ -121,7 +121,7 @@ class Repeatability:
         return tuple(dict.fromkeys(run.unit for run in self.runs))
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def run_warnings(self) -> tuple[str, ...]:
         """Sentences without a stop on runs that are not of the same drive, motion, gain or channel as the others:
         lines are absent, or all of them are off by a factor of ``OTHER_FACTOR``.
         """

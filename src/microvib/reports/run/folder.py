@@ -119,7 +119,7 @@ def write_run(
 def _judged_by(
     limit: Limit | None, band_limits: Sequence[BandLimit] = (), roll_off: float | None = None
 ) -> dict[str, Any]:
-    """What a run was judged by, for ``summary.json``, so that its report can be made again."""
+    """Limits that a run was judged by, for ``summary.json``, so that its report can be made again."""
     told: dict[str, Any] = {"limit": None if limit is None else limit.as_dict()}
     if band_limits:
         told["band_limits"] = {

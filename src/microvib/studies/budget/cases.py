@@ -15,7 +15,7 @@ import numpy as np
 
 from microvib.analysis.pointing import noise_spectrum_of_wings
 from microvib.io.file_access import FileAccess
-from microvib.model.drive_states import SLIDES
+from microvib.model.drive_states import MAY_STICK, Sticking
 from microvib.model.scenario import Scenario
 from microvib.studies.budget.files import OtherSource
 from microvib.studies.budget.other_sources import contribution_of_other
@@ -51,8 +51,11 @@ def with_craft_of_cases(
     sources: Sequence[OtherSource],
     files: FileAccess,
     results: Results,
+    sticking: tuple[Sticking, Sticking] = (MAY_STICK, MAY_STICK),
 ) -> list[Contribution]:
-    """Contributions of other ``sources``, in the same order, with what they are in each case."""
+    """Contributions of other ``sources``, in the same order, with what they are in each case;
+    ``sticking`` tells the shafts that may stick.
+    """
     if not varied_craft_keys(results.campaign.design):
         return list(contributions)
     scenarios = _Scenarios(results)
@@ -62,8 +65,7 @@ def with_craft_of_cases(
 
         @lru_cache(maxsize=_KEPT_RANGES if ranges else _KEPT)
         def in_case(number: int) -> Contribution:
-            # with its nominal figure, which knows how far states of the drives change it
-            return contribution_of_other(source, scenarios.of(number), files, (SLIDES, SLIDES))
+            return contribution_of_other(source, scenarios.of(number), files, sticking)
 
         return in_case
 

@@ -27,6 +27,7 @@ from microvib.signals.pointing import (
     excess_between_instants,
     mean_square_of_density,
     mean_square_of_lines,
+    mean_squares_at_instants,
     metric_weight,
     row_shares,
     windowed_amplitudes,
@@ -140,15 +141,15 @@ def evaluate(r: Requirement, moved: Moved, *, single_axis: bool = False) -> floa
 def _crest(r: Requirement, moved: Moved, axis: int) -> float:
     """All at their crests at the worst instant of a window, about an axis [rad]."""
     A = np.abs(moved.amplitude[:, axis])
-    f, squares = moved.frequency, _noise(r, moved.densities)[axis]
+    f, sigma = moved.frequency, _noise_at_instants(r, moved.densities, axis, UNIFORM_INSTANTS)
     rows = windowed_amplitudes(r.metric, f, A, _window(r), r.apart, UNIFORM_INSTANTS)
     if not moved.errors:
-        return worst_case_angle(rows, math.sqrt(squares))
+        return worst_case_angle(rows, sigma)
     unknown = moved.errors.unknown_crest(r, axis)
     bounded = math.isfinite(unknown)  # if not, its reason keeps a requirement from being judged
     errors = moved.errors.rows(r, axis, UNIFORM_INSTANTS, exact=bounded)
     lines = np.sum(np.abs(np.atleast_2d(rows)), axis=1)
-    return float(np.max(lines + errors.crest(squares))) + (unknown if bounded else 0.0)
+    return float(np.max(lines + errors.crest(sigma**2))) + (unknown if bounded else 0.0)
 
 
 def _level(r: Requirement, moved: Moved, axis: int, part: float) -> float:
@@ -162,7 +163,8 @@ def _level(r: Requirement, moved: Moved, axis: int, part: float) -> float:
     cells = WHOLE_WINDOW if np.any(moved.clock != INCOHERENT) else HALF_WINDOW
     f, tones = moved.frequency, moved.amplitude[:, axis]
     rows = windowed_amplitudes(r.metric, f, tones, _window(r), r.apart, cells.instants)
-    sigma, shares = math.sqrt(_noise(r, moved.densities)[axis]), row_shares(r.metric, cells)
+    sigma = _noise_at_instants(r, moved.densities, axis, cells.instants)
+    shares = row_shares(r.metric, cells)
     if not moved.errors:
         return confidence_level_angle(rows, sigma, part, frequency=f, clock=clocks, shares=shares)
     found = []
@@ -477,8 +479,8 @@ def _largest_group_distribution(
     beside = high[:, ~group].sum(axis=1) + relative_error.sum(axis=1)
     beside = beside + np.abs(moved(hidden.frequency, hidden.most)).sum(axis=1)
     beside = beside + changes(upper, tones.most) + changes(hidden.frequency, hidden.most)
-    sigma = math.sqrt(_noise(r, densities)[axis])
-    noise: float | ErrorRows = sigma
+    sigma = _noise_at_instants(r, densities, axis, cells.instants)
+    noise: np.ndarray | ErrorRows = sigma
     if tones.errors:
         errors = tones.errors.rows(r, axis, cells.instants, of.unit, exact=True)
         noise = errors.with_noise(sigma)
@@ -518,18 +520,15 @@ def _mean_square_floor(
     """Below which no level is, whatever the phases [rad].
 
     Lines of other frequencies have the mean square R^2 together. While the sum s of lines is beyond
-    a level x, a part 1 - c of the time, it has no more than its crests S, and the noise n what it
-    has beyond its own level: R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + sqrt(T) sigma)^2. Nor is a
-    level below that of the noise alone.
+    a level x, a part 1 - c of the time, it has no more than its crests S, and the noise n no more
+    than N^2, what it has beyond its own level: R^2 + sigma^2 <= c x^2 + (sqrt(1 - c) S + N)^2. Nor is
+    a level below that of the noise alone.
     """
-    from scipy.special import ndtri
-
-    z = float(ndtri(0.5 * (1.0 + r.confidence)))
     rest = 1.0 - r.confidence
-    tail = rest + 2.0 * z * math.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
     lower, upper = (_extreme_frequencies(r, tones, extreme) for extreme in (np.argmin, np.argmax))
     f, most = np.concatenate([upper, hidden.frequency]), np.vstack([tones.most, hidden.most])
     noise, found = _noise(r, densities), []
+    levels, tails = zip(*(_level_of_noise(r, densities, k) for k in range(2)), strict=True)
     for axis in {"x", "y", "radial"} if r.axis == "radial" else {r.axis}:
         own = r.model_copy(update={"axis": axis})
         squares = float(sum(noise[k] for k in AXES[axis]))
@@ -538,9 +537,26 @@ def _mean_square_floor(
         )
         bound = own.model_copy(update={"statistic": "bound"})
         crests = evaluate_metric(bound, f, most) + _excess_of_bound(bound, f, most)
-        beyond = (math.sqrt(rest) * crests + math.sqrt(tail * squares)) ** 2
+        tail = sum(tails[k] for k in AXES[axis])
+        beyond = (math.sqrt(rest) * crests + math.sqrt(tail)) ** 2
         found.append(math.sqrt(max(lines + squares - beyond, 0.0) / r.confidence))
-    return max(*found, z * math.sqrt(max(noise[k] for k in AXES[r.axis])))
+    return max(*found, *(levels[k] for k in AXES[r.axis]))
+
+
+def _level_of_noise(
+    r: Requirement, densities: Sequence[tuple[np.ndarray, np.ndarray]], axis: int
+) -> tuple[float, float]:
+    """Level of the noise alone about an axis [rad], and its mean square while it is beyond [rad^2]."""
+    from scipy.special import ndtr
+
+    sigma = _noise_at_instants(r, densities, axis, HALF_WINDOW.instants)
+    if not sigma.any():
+        return 0.0, 0.0
+    shares = row_shares(r.metric, HALF_WINDOW)
+    level = distribution(np.zeros((sigma.size, 0)), sigma, shares=shares).within(r.confidence)
+    z = level / np.maximum(sigma, 1e-9 * sigma.max())
+    tail = 2.0 * (ndtr(-z) + z * np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi))
+    return level, float(shares @ (sigma**2 * tail))
 
 
 def _window(r: Requirement) -> float:
@@ -553,6 +569,22 @@ def _noise(r: Requirement, densities: Sequence[tuple[np.ndarray, np.ndarray]]) -
         sum((_density_mean_square(r, _window(r), f, S[:, k]) for f, S in densities), 0.0)
         for k in range(2)
     ]
+
+
+def _noise_at_instants(
+    r: Requirement,
+    densities: Sequence[tuple[np.ndarray, np.ndarray]],
+    axis: int,
+    instants: np.ndarray,
+) -> np.ndarray:
+    """Sigma of densities about an axis [rad] at ``instants`` of a window, (n,), or of all of it, (1,)."""
+    squares = np.zeros(1)
+    for f, S in densities:
+        grid, values = _density_in_band(r, f, S[:, axis])
+        if grid.size > 1 and values.any():
+            more = mean_squares_at_instants(r.metric, grid, values, _window(r), r.apart, instants)
+            squares = squares + more
+    return np.sqrt(squares)
 
 
 def _extreme_frequencies(
@@ -604,13 +636,19 @@ def crossing_bounds(
         why = f"its lines may meet those of {other.source}, in any phase"
         for swept, size in _swept_lines(moving):
             met, a = _swept_frequencies_met(r, swept, size, f)
-            if met.any() and r.curve is not None:
-                yield Unobserved(why, 0.0, math.inf, f[met], A[met] + a)
-            elif met.any():
-                by = metric_weight(r.metric, f[met], r.window or r.apart or 1.0, r.apart)
-                worst = [int(np.argmax(by * np.sum((A[met] * a)[:, AXES[r.axis]], axis=1)))]
-                more, apart = np.sqrt(2.0 * A[met] * a)[worst], r.statistic == "level"
-                yield Unobserved(why, 0.0, math.inf, f[met][worst], more, of_squares=apart)
+            if not met.any():
+                continue
+            reach = _meeting_reach(f[met])
+            at = _frequencies_that_count_most(r, f[met], reach)
+            together = np.abs(np.subtract.outer(f[met], f[met])) <= np.add.outer(reach, reach)
+            A_met = together @ A[met]  # lines so near to each other are met together
+            if r.curve is not None:
+                yield Unobserved(why, 0.0, math.inf, at, A_met + a)
+                continue
+            by = metric_weight(r.metric, at, r.window or r.apart or 1.0, r.apart)
+            worst = [int(np.argmax(by * np.sum((A_met * a)[:, AXES[r.axis]], axis=1)))]
+            more, apart = np.sqrt(2.0 * A_met * a)[worst], r.statistic == "level"
+            yield Unobserved(why, 0.0, math.inf, at[worst], more, of_squares=apart)
 
 
 def beat_bounds(
@@ -634,12 +672,16 @@ def beat_bounds(
         near = (
             (apart > FREQUENCY_TOLERANCE * f)
             & (apart < reach)
-            & counts_in_band(r, f)
             & np.outer(one.settled, other.settled)
         )
         i, j = np.nonzero(near)
+        # Two that are in step count where either may be: each by its own weight there.
+        middle, reach = 0.5 * (f[near] + g[near]), 0.5 * apart[near] + one.off[i] + other.off[j]
+        counted = _reaches_band(r, middle, reach)
+        i, j, middle, reach = i[counted], j[counted], middle[counted], reach[counted]
         if not i.size:
             continue
+        at = _frequencies_that_count_most(r, middle, reach)
         A, a = np.abs(one.los[i]), np.abs(other.los[j])
         if r.curve is not None:
             most = A + a
@@ -655,7 +697,32 @@ def beat_bounds(
                 f"its lines may coincide in frequency with {whom}, within the frequency uncertainty"
             )
         # in a level crests are counted anyway, for no two that beat so slowly are in step
-        yield Unobserved(why, 0.0, math.inf, f[near], most, of_squares=r.statistic == "level")
+        yield Unobserved(why, 0.0, math.inf, at, most, of_squares=r.statistic == "level")
+
+
+def _reaches_band(r: Requirement, frequency: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Which frequencies (k,) [Hz] may count, off by ``reach`` (k,) at most."""
+    highest = math.inf if r.highest is None else r.highest
+    return np.asarray(np.abs(np.clip(frequency, r.lowest, highest) - frequency) <= reach)
+
+
+def _frequencies_that_count_most(
+    r: Requirement, frequency: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
+    """Frequencies (k,) [Hz] of the band, off by ``reach`` (k,) at most, at which lines count most:
+    by the weight, or where a curve allows least.
+    """
+    at = frequency[:, None] + reach[:, None] * _FREQUENCY_SAMPLES
+    if r.curve is not None:
+        points = np.array([point.frequency for point in r.curve])
+        near = np.clip(points, (frequency - reach)[:, None], (frequency + reach)[:, None])
+        at = np.hstack([at, near])
+    at = np.clip(at, r.lowest, math.inf if r.highest is None else r.highest)
+    if r.curve is not None:
+        by = 1.0 / r.allowed.at(at.ravel()).reshape(at.shape)
+    else:
+        by = metric_weight(r.metric, at, r.window or r.apart or 1.0, r.apart)
+    return np.asarray(at[np.arange(at.shape[0]), np.argmax(by, axis=1)])
 
 
 def frequency_approach(one: Contribution, other: Contribution) -> np.ndarray:
@@ -687,10 +754,15 @@ def _swept_frequencies_met(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which frequencies (m,) a line ``swept`` (n,) with its ``size`` (n, 2) passes, or comes so
     near to that the two add for as long as any window lasts, and its amplitudes there."""
-    near = np.maximum(SLOW, frequency_error_bound(f))
-    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & counts_in_band(r, f)
+    near = _meeting_reach(f)
+    met = (f >= swept[0] - near) & (f <= swept[-1] + near) & _reaches_band(r, f, near)
     right = np.clip(np.searchsorted(swept, f[met]), 1, swept.size - 1)
     return met, np.maximum(size[right - 1], size[right])
+
+
+def _meeting_reach(frequency: np.ndarray) -> np.ndarray:
+    """How near to lines (k,) [Hz] one that passes them is in step with them, (k,) [Hz]."""
+    return np.asarray(np.maximum(SLOW, frequency_error_bound(frequency)))
 
 
 def counts_in_band(r: Requirement, frequency: np.ndarray) -> np.ndarray:
@@ -699,11 +771,19 @@ def counts_in_band(r: Requirement, frequency: np.ndarray) -> np.ndarray:
 
 
 def _density_mean_square(r: Requirement, window: float, f: np.ndarray, S: np.ndarray) -> float:
+    grid, values = _density_in_band(r, f, S)
+    if grid.size < 2:
+        return 0.0
+    return mean_square_of_density(r.metric, grid, values, window, r.apart)
+
+
+def _density_in_band(r: Requirement, f: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Part of a density that counts; empty where none does."""
     low, high = (
         max(r.lowest, float(f[0])),
         min(math.inf if r.highest is None else r.highest, float(f[-1])),
     )
     if low >= high:
-        return 0.0
+        return np.zeros(0), np.zeros(0)
     grid = np.union1d(f[(f > low) & (f < high)], [low, high])
-    return mean_square_of_density(r.metric, grid, np.interp(grid, f, S), window, r.apart)
+    return grid, np.interp(grid, f, S)

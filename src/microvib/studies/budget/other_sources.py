@@ -25,6 +25,7 @@ from microvib.model.coupling import (
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
+from microvib.model.sentences import validate_part
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.budget.errors import SourceError
@@ -78,6 +79,10 @@ def contribution_of_other(
         return _of_density(source, turning, files, states)
 
 
+NEXT_TO_NOTHING = 1e-9
+"""Part of its largest amplitude with which a line counts that is given as nothing."""
+
+
 @dataclass(frozen=True)
 class Excitation:
     """Where over frequency the loads of a source act on the hub; what is given as motion of the line
@@ -125,7 +130,8 @@ _HARMONIC_UNITS = {
     "axial_torque": "n_m",
 }
 _COEFFICIENTS = {
-    f"{key}_{unit}_{per}": (key, size)
+    f"{key}{end}_{unit}_{per}": (f"{key}{end}", size)
+    for end in ("", "_least", "_most")
     for per, size in (("s2_rad2", 1.0), ("rpm2", _RPM**-2))
     for key, unit in _HARMONIC_UNITS.items()
 }
@@ -157,7 +163,7 @@ def _with_table(wheel: Wheel, files: FileAccess) -> Wheel:
             for name in columns:
                 key, size = _COEFFICIENTS[name]
                 given[key] = Si(size * _above_zero(k, row, name, allowed=True))
-            harmonics.append(WheelHarmonic.model_validate(given))
+            harmonics.append(validate_part(WheelHarmonic, given, origin=f"row {k}"))
     return wheel.model_copy(update={"harmonics": tuple(harmonics), "table": None})
 
 
@@ -344,7 +350,10 @@ def _of_lines(
     left_out = list(dict.fromkeys(filter(None, (row.get(LEFT_OUT, "").strip() for row in rows))))
     gaps += tuple(open_gap(f"{path.name} leaves out: {said}") for said in left_out)
     if chosen == LOS_COLUMNS:
-        relative_error = _stated_errors(path, rows, sizes)
+        least, most = _stated_bounds(path, rows)
+        # A line that is nothing as given, and may be something, counts as next to nothing.
+        tones = np.where((sizes == 0.0) & (most > 0.0), NEXT_TO_NOTHING * most, tones)
+        relative_error = _stated_errors(np.abs(tones), least, most)
     if left_out:  # what is not there may have changed what is
         relative_error = relative_error + _tolerance_of_marked(rows)
     rings = None
@@ -353,23 +362,29 @@ def _of_lines(
             [not _parse_bool(f"{path}, row {k}", row["settled"]) for k, row in enumerate(rows, 2)]
         )
     how = f"lines of {path.name}{_missing_loads_note(rows, chosen)}"
+    # told apart from the clocks of drives, which a file may name as it likes
+    clock = f"file {source.clock}" if source.clock else ""
     return Contribution(
-        source.name, how, names, f, np.nan_to_num(tones), source.clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),
+        source.name, how, names, f, np.nan_to_num(tones), clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),
         phased=bool(np.all(phased)), rings=rings, side=side,
     )  # fmt: skip
 
 
-def _stated_errors(path: Path, rows: list[dict[str, str]], sizes: np.ndarray) -> np.ndarray:
-    """By which part amplitudes (k, 2) may be smaller and larger by their own table, (2, k, 2); 0
-    where it does not say.
+def _stated_bounds(path: Path, rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest amplitudes of the lines of a table, (k, 2) each; nan where it does not say."""
+    ends = _columns(path, rows, _BOUNDS)
+    ends[:, [name not in rows[0] for name in _BOUNDS]] = np.nan
+    least, most = np.split(ends, 2, axis=1)
+    return least, most
+
+
+def _stated_errors(sizes: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """By which part amplitudes (k, 2) may be smaller and larger than they are given, (2, k, 2); 0
+    where a bound is not said.
     """
-    least, most = np.split(_columns(path, rows, _BOUNDS), 2, axis=1)
-    ends = []
-    for end, names, sign in ((least, _BOUNDS[:2], -1.0), (most, _BOUNDS[2:], 1.0)):
-        stated = [name in rows[0] for name in names] & np.isfinite(end) & (sizes > 0.0)
-        part = sign * (np.where(stated, end, sizes) / np.where(sizes > 0.0, sizes, 1.0) - 1.0)
-        ends.append(np.where(stated, np.maximum(part, 0.0), 0.0))
-    return np.array(ends)
+    given = np.where(sizes > 0.0, sizes, 1.0)
+    errors = np.array([1.0 - least / given, most / given - 1.0])
+    return np.where(np.isfinite(errors) & (sizes > 0.0), np.maximum(errors, 0.0), 0.0)
 
 
 def _tolerance_of_marked(rows: list[dict[str, str]]) -> np.ndarray:
@@ -449,10 +464,13 @@ def _of_density(
         at = np.maximum(f, 1e-6)
         by = line_of_sight_transfer(scenario, at, place)
         gaps = low_frequency_gap(bool(np.isnan(by).any()))
+        sizes = np.abs(np.nan_to_num(by))
+        extremes = np.array([sizes, sizes])
         if states is not None:
-            found = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
-            bounds = np.einsum("sfkc,fc->sfk", found**2, S)
-        loads, S = S, np.einsum("fkc,fc->fk", np.abs(np.nan_to_num(by)) ** 2, S)
+            extremes = states.extremes(at, states.on_hub(place)) * np.isfinite(by)
+        if states is not None or np.count_nonzero(S.any(axis=0)) > 1:
+            bounds = _bounds_over_correlations(extremes * np.sqrt(S)[:, None, :])
+        loads, S = S, np.einsum("fkc,fc->fk", sizes**2, S)
         side = turning.of_density(f, loads, turning.craft.on_hub(place), S)
     none = np.zeros((0, 2), dtype=complex)
     return Contribution(
@@ -466,6 +484,19 @@ def _of_density(
         side=side,
         gaps=gaps,
     )
+
+
+def _bounds_over_correlations(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest density (n, 2) of what several loads make of which nobody says how they are
+    correlated; ``parts`` (2, n, 2, c) are the roots of the densities by each at the least and at
+    most.
+
+    Loads of one cause, a force with its moment about another point, add as amplitudes, or cancel.
+    """
+    low, high = parts
+    total = high.sum(axis=-1)
+    left = np.max(low + high - total[..., None], axis=-1)  # of each what the others may leave
+    return np.maximum(left, 0.0) ** 2, total**2
 
 
 _OFFSETS = np.linspace(-30.0, 30.0, 241)

@@ -263,7 +263,7 @@ class TurningDrives:
         given = np.array([np.interp(grid, f, column) for column in S.T]).T
         own = _on_grid(grid, f, linear)
         moved = one.rotor_motion(grid, forces)
-        squares = np.sum(moved**2 * given, axis=1)
+        squares = np.sum(moved * np.sqrt(given), axis=1) ** 2  # of one cause they add as amplitudes
         response, found = one.response(grid), []
         for order, los in zip(response.orders.tolist(), response.los, strict=True):
             if order == 0 and one.craft.springs:

@@ -247,9 +247,9 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
             drives[0].scenario, harmonics=harmonics, progress=progress
         )
         compared = tuple(method_differences(blocked, by_blocked_loads, runs[0].lines))
-    clocks = ["drives" if one_clock else drive.clock for drive in drives]
     found = [
-        replace(run.contribution, clock=clock) for run, clock in zip(runs, clocks, strict=True)
+        _with_clock(run.contribution, drive, first, one_clock)
+        for run, drive in zip(runs, drives, strict=True)
     ]
     if measured is not None:
         found[0] = with_load_check(with_method_error(measured, compared), blocked)
@@ -259,7 +259,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
             found[:2] = [both_wings(whole, found[0], found[1], runs[0].lines, runs[1].lines)]
         found[0] = with_density_of_cases(with_campaign(found[0], ensemble), ensemble)
         found[1:] = [with_nominal_craft(one, ensemble) for one in found[1:]]
-        beside = with_craft_of_cases(beside, *read_sources(sources), ensemble)
+        beside = with_craft_of_cases(beside, *read_sources(sources), ensemble, sticking)
         if measured is not None:
             found[0] = _with_cases_of_another(found[0])
     found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
@@ -276,6 +276,19 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         compared if short_way else (),
         without_steady=tuple(_without_steady(runs, drives)),
     )
+
+
+def _with_clock(
+    contribution: Contribution, drive: _Drive, first: _Drive, one_clock: bool
+) -> Contribution:
+    """Contribution of a drive with its clock; by ``one_clock`` with phases at the instant at which the
+    record of the ``first`` begins, for all begin to step together, and records begin later.
+    """
+    if not one_clock:
+        return replace(contribution, clock=f"drive {drive.clock}")
+    later = drive.scenario.record.settle - first.scenario.record.settle
+    turned = np.exp(-2j * np.pi * contribution.frequency * later)[:, None]
+    return replace(contribution, clock="all drives", los=contribution.los * turned)
 
 
 def _read_requirements(given: Requirements | str | Path | None) -> Requirements | None:

@@ -41,7 +41,7 @@ from microvib.studies.budget.figures import (
 )
 from microvib.studies.budget.files import Requirement
 from microvib.studies.budget.sources import Contribution, Unobserved, open_gap
-from microvib.studies.campaign.statistics import NO_ESTIMATE, Estimate, draws_needed, quantile
+from microvib.studies.campaign.statistics import Estimate, draws_needed, quantile
 
 Rule = Literal["rss", "coherent", "bound"]
 SIGNIFICANT_PART = 0.01
@@ -164,7 +164,7 @@ def _source_lines(
     """Lines of all sources one by one, those without a clock each with one of its own."""
     own = count()
     for source, one in enumerate(contributions):
-        relative_errors = one.relative_errors if with_errors else 0.0 * one.relative_errors
+        relative_errors = one.relative_errors if with_errors else np.zeros_like(one.relative_errors)
         for k, frequency in enumerate(one.frequency):
             yield _SourceLine(
                 float(frequency),
@@ -329,7 +329,7 @@ def assess(
         requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
     )
     figure = _Figure(least, value, most)
-    cases, beyond = _case_values(requirement, chosen, contributions, rule)
+    cases = _case_figures(requirement, chosen, contributions, rule)
     lacking = _percentile_gaps(requirement, chosen, cases)
     why = [
         *_open_reasons(requirement, chosen, value),
@@ -337,9 +337,7 @@ def assess(
         *lacking,
     ]
     if requirement.percentile is not None:
-        known = None if lacking else cases
-        figure = figure.at(_percentile(known, requirement.percentile))
-        figure = figure._replace(most=figure.most + beyond)
+        figure = figure.at(None if lacking else cases, requirement.percentile)
     limit = requirement.limit or math.nan
     verdict = figure.verdict(limit)
     lines = figure.value
@@ -362,17 +360,22 @@ def assess(
     )
 
 
-def _percentile(cases: np.ndarray | None, percentile: float) -> Estimate:
-    if cases is None:
-        return NO_ESTIMATE
-    return quantile(cases, percentile)
+class _CaseFigures(NamedTuple):
+    """The figure of each case of a campaign [rad], (cases,) each."""
+
+    value: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    """Between which it lies on the craft of the case; nan where no percentile is asked for."""
+    beyond: float
+    """The most that side lines make in any case."""
 
 
-def _spread(cases: np.ndarray | None) -> tuple[Estimate, Estimate, Estimate] | None:
+def _spread(cases: _CaseFigures | None) -> tuple[Estimate, Estimate, Estimate] | None:
     """Median, P95 and P99 over the cases of a campaign."""
     if cases is None:
         return None
-    return quantile(cases, 0.5), quantile(cases, 0.95), quantile(cases, 0.99)
+    return quantile(cases.value, 0.5), quantile(cases.value, 0.95), quantile(cases.value, 0.99)
 
 
 class _Figure(NamedTuple):
@@ -382,16 +385,22 @@ class _Figure(NamedTuple):
     value: float
     most: float
 
-    def at(self, percentile: Estimate) -> _Figure:
-        """The figure at a percentile of a campaign; nan where that is not known."""
-        least, value, most = self
-        if value > 0.0:
-            least = least * (percentile.low / value)
-            most = most * (percentile.high / value)
-            value = value * (percentile.value / value)
-        if not math.isfinite(value):
-            return _Figure(math.nan, value, math.nan)
-        return _Figure(least, value, most)
+    def at(self, cases: _CaseFigures | None, percentile: float) -> _Figure:
+        """The figure at a percentile of a campaign; nan where that is not known.
+
+        What is open in the nominal case is as much of the figure in all of them, and what is open on
+        the craft of each case counts there: another source may be all of it in some.
+        """
+        if cases is None or not math.isfinite(quantile(cases.value, percentile).value):
+            return _Figure(math.nan, math.nan, math.nan)
+        found = quantile(cases.value, percentile)
+        least, most = quantile(cases.least, percentile).low, quantile(cases.most, percentile).high
+        if self.value > 0.0:
+            least = min(least, self.least * (found.low / self.value))
+            most = max(most, self.most * (found.high / self.value))
+        else:
+            most = max(most, self.most)
+        return _Figure(least, found.value, most + cases.beyond)
 
     def verdict(self, limit: float) -> Verdict:
         """On a limit [rad]."""
@@ -836,21 +845,20 @@ def _hidden_ratio_to_curve(r: Requirement, gaps: Sequence[Unobserved]) -> float:
 # ---- Campaigns ----
 
 
-def _case_values(
+def _case_figures(
     r: Requirement,
     chosen: Sequence[Contribution],
     contributions: Sequence[Contribution],
     rule: Rule,
-) -> tuple[np.ndarray | None, float]:
-    """The figure of each case of a campaign, (cases,), with the phases of the nominal one and with
-    what other sources are on the craft of the case, None without a campaign, and of levels; and the
-    most that side lines make in any case [rad], where a percentile is asked for.
+) -> _CaseFigures | None:
+    """The figure of each case of a campaign, with the phases of the nominal one and with what other
+    sources are on the craft of the case; None without a campaign, and of levels.
     """
     k, drawn = next(((k, one) for k, one in enumerate(chosen) if one.cases is not None), (0, None))
     if drawn is None or drawn.cases is None or r.statistic == "level":
-        return None, 0.0
+        return None
     more = drawn.cases.shape[1] - len(drawn.names)
-    phases, found = np.vstack([np.exp(1j * np.angle(drawn.los)), np.ones((more, 2))]), []
+    phases = np.vstack([np.exp(1j * np.angle(drawn.los)), np.ones((more, 2))])
     loose = np.array([not clock for clock in drawn.clocks], dtype=bool)
     own = replace(
         drawn,
@@ -859,22 +867,76 @@ def _case_values(
         relative_error=0.0,
         frequency_error=None,  # of the nominal lines alone, and a case counts as it was found
     )
-    at = (
-        [drawn.frequency] * len(drawn.cases)
-        if drawn.cases_frequency is None
-        else drawn.cases_frequency
-    )
-    beyond = 0.0
-    for number, (f, case) in enumerate(zip(at, drawn.cases, strict=True)):
-        each = [_in_case(r, number, *pair) for pair in zip(chosen, contributions, strict=True)]
+    found, beyond = [], 0.0
+    at = zip(_frequencies_of_cases(drawn), drawn.cases, strict=True)
+    for number, (f, case) in enumerate(at):
+        sources, each = _sources_in_case(r, number, chosen, contributions)
         each[k] = replace(own, frequency=f, los=case * phases, density=each[k].density)
-        tones = combine_lines(each, rule, with_errors=False)
         densities = [one.density for one in each if one.density is not None]
+        tones = combine_lines(each, rule, with_errors=False)
         moved = Moved(tones.frequency, tones.value, densities, errors=tones.errors)
-        found.append(evaluate(r, moved))
+        value = evaluate(r, moved)
+        bounds = math.nan, math.nan
         if r.percentile is not None:
+            each[k] = replace(each[k], relative_error=_errors_in_case(drawn, case))
+            sources[k] = each[k]
+            bounds = _bounds_in_case(r, each, sources, rule)
             beyond = max(beyond, _side_lines_in_case(r, contributions, number))
-    return np.array(found), beyond
+        found.append((bounds[0], value, bounds[1]))
+    least, values, most = np.array(found).reshape(-1, 3).T
+    return _CaseFigures(values, least, most, beyond)
+
+
+def _sources_in_case(
+    r: Requirement,
+    number: int,
+    chosen: Sequence[Contribution],
+    contributions: Sequence[Contribution],
+) -> tuple[list[Contribution], list[Contribution]]:
+    """Sources on the craft of a case, and each at the alternative that is worst there; where they are
+    the same in all cases, as they are ``chosen``.
+    """
+    there = [one if one.in_case is None else one.in_case(number) for one in contributions]
+    each = [
+        one if source.in_case is None else worst_alternative(r, own)
+        for one, source, own in zip(chosen, contributions, there, strict=True)
+    ]
+    return there, each
+
+
+def _frequencies_of_cases(drawn: Contribution) -> Sequence[np.ndarray]:
+    """Frequencies [Hz] of the lines of a drive in each case."""
+    assert drawn.cases is not None
+    if drawn.cases_frequency is None:
+        return [drawn.frequency] * len(drawn.cases)
+    return list(drawn.cases_frequency)
+
+
+def _errors_in_case(drawn: Contribution, case: np.ndarray) -> np.ndarray:
+    """By which part lines of a drive may be smaller and larger in a case of a campaign, (2, k, 2), of
+    amplitudes ``case`` (k, 2): large lines by the same part as in the nominal case, others and those
+    that only cases have as those of them that are known least.
+    """
+    size, errors = np.abs(drawn.los), drawn.relative_errors
+    large = size > SIGNIFICANT_PART * size.max(initial=0.0)
+    others = np.where(large, errors, 0.0).max(axis=(1, 2), initial=0.0)
+    found = np.broadcast_to(others[:, None, None], (2, *case.shape)).copy()
+    found[:, : size.shape[0]] = np.where(large, errors, found[:, : size.shape[0]])
+    return found
+
+
+def _bounds_in_case(
+    r: Requirement, chosen: Sequence[Contribution], sources: Sequence[Contribution], rule: Rule
+) -> tuple[float, float]:
+    """Between which the figure lies in a case of a campaign [rad]: phases that are not known, lines
+    that beat or meet, frequencies that may be off.
+    """
+    gapped = _with_gaps(r, [replace(one, side=None) for one in chosen], sources)
+    gaps = [gap for one in gapped for gap in one.gaps]
+    smallest = [one.least_density for one in chosen if one.least_density is not None]
+    largest = [one.most_density for one in chosen if one.most_density is not None]
+    tones = combine_lines(chosen, rule)
+    return metric_bounds(r, tones, gaps, smallest, _swept_sources(chosen, rule), largest)
 
 
 def _side_lines_in_case(
@@ -892,17 +954,8 @@ def _side_lines_in_case(
     return evaluate_metric(r, f, most, side_densities(there))
 
 
-def _in_case(
-    r: Requirement, number: int, chosen: Contribution, source: Contribution
-) -> Contribution:
-    """A source on the craft of a case, at the alternative that is worst there."""
-    if source.in_case is None:
-        return chosen
-    return worst_alternative(r, source.in_case(number))
-
-
 def _percentile_gaps(
-    r: Requirement, chosen: Sequence[Contribution], cases: np.ndarray | None
+    r: Requirement, chosen: Sequence[Contribution], cases: _CaseFigures | None
 ) -> list[str]:
     """Why a percentile that is required cannot be judged."""
     if r.percentile is None:
@@ -910,10 +963,10 @@ def _percentile_gaps(
     if cases is None:
         return ["percentile: needs an ensemble; name a campaign of the scenario"]
     why = [f"percentile: {one.cases_lack}" for one in chosen if one.cases_lack]
-    if len(cases) < draws_needed(r.percentile):
+    if len(cases.value) < draws_needed(r.percentile):
         needed = draws_needed(r.percentile)
         why += [
             f"percentile: P{100 * r.percentile:g} needs {needed} cases, and the campaign has"
-            f" {len(cases)}"
+            f" {len(cases.value)}"
         ]
     return why

@@ -49,7 +49,7 @@ function makeBase() {
     if (event.target.files.length) open(event.target.files[0]);
     event.target.value = "";
   });
-  onDrop($("#scenario"), open);
+  onDrop($("#scenario"), ([file]) => open(file));
   scenario.onCheck(() => {
     const name = scenario.baseName();
     $("option[data-uploaded]", select)?.remove();

@@ -119,6 +119,6 @@ export function onDrop(element, action) {
   element.addEventListener("drop", (event) => {
     event.preventDefault();
     element.classList.remove("over");
-    if (event.dataTransfer.files.length) action(event.dataTransfer.files[0]);
+    if (event.dataTransfer.files.length) action([...event.dataTransfer.files]);
   });
 }

@@ -21,11 +21,11 @@ const KEPT = "recording.file";
 const LONG = 3_000_000; // samples from which a recording is shown first, and processed when it is asked for
 const MB = 1e6;
 const NO_LINES = "None: lines are looked for in the torque about the drive axis of the scenario on the left.";
-const file = h("input", { type: "file", id: "recording-file", class: "away" });
+const file = h("input", { type: "file", id: "recording-file", class: "away", multiple: true });
 const zone = h(
   "div",
   { class: "dropzone" },
-  h("p", {}, "Drop a recording here, or ", h("label", { class: "button" }, "choose a file…", file)),
+  h("p", {}, "Drop recordings here, or ", h("label", { class: "button" }, "choose files…", file)),
   h("p", { class: "soft note" }, "It stays on this machine. Lines are looked for where the scenario on the left expects them."),
 );
 const state = h("div", { "aria-live": "polite" });
@@ -59,10 +59,11 @@ const card = (title, ...content) => h("section", { class: "card" }, h("h2", {}, 
 
 export function makeRecording(place) {
   file.addEventListener("change", () => {
-    if (file.files.length) take(file.files[0]);
+    const chosen = [...file.files];
     file.value = "";
+    takeAll(chosen);
   });
-  onDrop(zone, take);
+  onDrop(zone, takeAll);
   fit = makeFit(() => ({ recordings: [recording.id], channel: channel.value }));
   const beside = "The run's scenario is simulated at the clock that the recording shows, then both are read the same way.";
   outcome.append(
@@ -108,8 +109,21 @@ export function makeRecording(place) {
   restore();
 }
 
-/** Send a file, with how much of it has gone; then the server reads it. */
-async function take(chosen) {
+/** Send files one after the other; the last is shown and processed. One that is refused or stopped ends it. */
+async function takeAll(files) {
+  for (const [k, one] of files.entries()) {
+    if (!(await take(one, k === files.length - 1 ? begin : store))) return;
+  }
+}
+
+/** A recording that the server has read, and that another one follows. */
+function store(answer) {
+  announce(`${answer.name} is read.`);
+  return several.fill();
+}
+
+/** Send a file, with how much of it has gone; then the server reads it, and `onRead` gets it. Whether it was read. */
+async function take(chosen, onRead) {
   const size = Math.round(chosen.size / MB);
   const row = progressRow(chosen.name, () => {
     reading.forget();
@@ -122,9 +136,10 @@ async function take(chosen) {
   state.replaceChildren(row.element);
   onSent(0);
   try {
-    await reading((signal) => upload("/api/recordings", { name: chosen.name }, chosen, { signal, onSent }), begin);
+    return await reading((signal) => upload("/api/recordings", { name: chosen.name }, chosen, { signal, onSent }), onRead);
   } catch (error) {
     state.replaceChildren(h("p", { class: "error block", role: "alert" }, error.message));
+    return false;
   }
 }
 
