@@ -363,6 +363,23 @@ def test_wrong_errors_are_a_sentence(tmp_path: Path, text: str, says: str) -> No
         read_file(path, Sources)
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("constant: {distribution: triangular, x: 1 urad, y: 0 urad}", "distribution: 'triangular'"),
+        ("position: [0 m, 0 m, 0 m]\n    wheel: {speed: 1 rpm, axis: [0, 0, .nan], table: a.csv}",
+         "nan] is not a direction"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "sources.yaml"
+    path.write_text(f"sources:\n  - name: a\n    {text}\n")
+    with pytest.raises(ScenarioError) as found:
+        read_file(path, Sources)
+    assert says in str(found.value)
+    assert str(found.value).count("sources.0.") == 1
+
+
 def test_groups_of_a_list_are_checked_as_those_of_a_file() -> None:
     bias = {"x": 1.0, "y": 0.0}
     listed = [
@@ -440,3 +457,29 @@ def test_drifts_of_two_durations_are_not_judged() -> None:
     assert one.verdict == "not judged"
     assert any("drift.duration: differs" in why for why in one.why)
     assert judged({"metric": "rpe", "window": 1.0}, *two).verdict == "pass"
+
+
+@pytest.mark.parametrize(("metric", "part"), [("rpe", 1 / 3), ("smear", 0.3), ("jitter", 2 / 15)])
+def test_a_slow_random_error_is_larger_at_the_ends_of_a_window(metric: str, part: float) -> None:
+    """Slow against the window a Gauss-Markov process is a random walk, of the mean square 2 t / tau."""
+    tau = 1e4
+    slow = given(random={"spread_x": 1.0, "spread_y": 0.0, "correlation_time": tau})
+    asked = {"metric": metric, "window": 1.0}
+    one = judged({**asked, "statistic": "bound"}, slow)
+    assert one.most == pytest.approx(3.0 * math.sqrt(2.0 / tau * part), rel=2e-3)
+    draws = np.random.default_rng(3)
+    walk = np.cumsum(draws.standard_normal((20_000, 200)), axis=1) * math.sqrt(2.0 / tau / 200)
+    tau_at = np.linspace(-1.0, 1.0, 200)
+    about = walk - walk.mean(axis=1, keepdims=True)
+    line = np.outer(about @ tau_at / (tau_at @ tau_at), tau_at)
+    moved = {"rpe": about, "smear": line, "jitter": about - line}[metric]
+    for confidence in (0.68, 0.997):
+        level = judged({**asked, "statistic": "level", "confidence": confidence}, slow)
+        reached = float(np.quantile(np.abs(moved), confidence))
+        assert [level.least, level.value, level.most] == pytest.approx([reached] * 3, rel=0.02)
+
+
+def test_a_random_error_has_the_mean_square_of_its_whole_window_in_rms() -> None:
+    slow = given(random={"spread_x": 1.0, "spread_y": 0.0, "correlation_time": 1e4})
+    one = judged({"metric": "rpe", "window": 1.0}, slow)
+    assert one.value == pytest.approx(math.sqrt(2e-4 / 6.0), rel=2e-3)

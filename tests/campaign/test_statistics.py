@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -292,7 +294,10 @@ def test_statistics_worst_cases_and_exceedance(sixteen):
         governing_levels(list(rows.values()))[0].worst
         == worst_cases(results, LARGEST_LINE, EVERYTHING)[0][0]
     )
-    assert worst_cases(results, "drive_1", EVERYTHING)[0] == (int(np.argmax(drive)), drive.max())
+    assert worst_cases(results, "drive_1", EVERYTHING)[0][:2] == (
+        int(np.argmax(drive)),
+        drive.max(),
+    )
     band = line_statistics(results, None, (0.0, 5.0))
     assert all(row.line == LARGEST_LINE or row.frequency[1] <= 5.0 for row in band)
     data = results.dataset
@@ -301,13 +306,38 @@ def test_statistics_worst_cases_and_exceedance(sixteen):
     data.close()
 
 
+def test_by_a_curve_the_worst_case_is_that_with_the_smallest_margin(sixteen):
+    """A curve that is strict only above the largest line puts another line and case first."""
+    results = sixteen
+    curve = LimitCurve((0.01, 6.0, 6.0, 1000.0), (1.0, 1.0, 1e-7, 1e-7))
+    by_size = worst_cases(results, LARGEST_LINE, EVERYTHING, 16)
+    found = worst_cases(results, LARGEST_LINE, EVERYTHING, 16, curve)
+    parts = {}
+    for line in results.lines:
+        f, y = results.of(line, "frequency"), results.of(line)
+        for case in np.flatnonzero(np.isfinite(y)):
+            parts[int(case), line] = y[case] / float(curve.strictest(f[case], f[case]))
+    case, line = max(parts, key=parts.get)
+    assert (found[0].case, found[0].line) == (case, line)
+    assert found[0].part == pytest.approx(parts[case, line], rel=1e-3)
+    assert found[0].line != by_size[0].line
+    summary = summarise(results, curve, EVERYTHING)
+    assert summary.worst_case == case
+    files, _ = study_contents(campaign_outcome(summary))
+    rows = list(csv.DictReader(io.StringIO(files["worst.csv"])))
+    assert float(rows[0]["margin_db"]) == pytest.approx(
+        -20.0 * math.log10(parts[case, line]), abs=0.01
+    )
+    assert int(rows[0]["case"]) == case
+
+
 def test_the_report_has_the_worst_cases_as_a_table(sixteen):
     results = sixteen
     summary = summarise(results, None, EVERYTHING)
     _, document = study_contents(campaign_outcome(summary))
     section = next(x for x in document.sections if x.title == "Worst cases")
     worst, of_lines = [x for x in section.blocks if isinstance(x, Table)]
-    cases = [case for case, _ in summary.worst[LARGEST_LINE]]
+    cases = [one.case for one in summary.worst[LARGEST_LINE]]
     assert [c.title for c in worst.columns] == [
         "what",
         "unit",

@@ -35,6 +35,7 @@ try:
         test_data,
         track,
         validation,
+        wheel,
     )
     from microvib.cli.streams import status_of
     from microvib.reports.drawing import import_matplotlib_lean
@@ -104,7 +105,7 @@ def main() -> None:
 
 for _command in (
     scenarios.run, scenarios.report, test_data.compare, test_data.analyse, test_data.measure, test_data.identify,
-    track.track,
+    track.track, wheel.wheel,
     validation.validate, validation.statements, rates.rates, profile.profile, margin.margin, campaign.campaign,
     structures.modes, structures.sas, table_tests.hammer, table_tests.repeatability, table_tests.acceptance, envelope.envelope,
     serve.serve, scenarios.scenarios, scenarios.show, new.new, scenarios.schema, docs.docs, sensitivity.sensitivity, budget.budget,

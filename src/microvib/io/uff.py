@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ class _Dataset:
     abscissa: tuple[int, str, str]  # kind, label, unit
     unit: str
     reference_unit: str
+    along_z: float
     values: np.ndarray
 
     @property
@@ -105,18 +106,24 @@ class FrequencyFunction:
     """[Hz], (m,)."""
     values: np.ndarray
     """Real or complex, (m,)."""
+    along_z: float = 0.0
+    """Its place along a third axis, such as a speed."""
+    place: str = ""
+    """Node and direction in words."""
 
 
-def read_functions(path: Path) -> list[FrequencyFunction]:
-    """Frequency response functions and coherences among the datasets 58 of a file; RecordingError where
-    it is broken.
+def read_functions(
+    path: Path, functions: Collection[int] = (RESPONSE, COHERENCE)
+) -> list[FrequencyFunction]:
+    """Functions of these numbers, frequency response functions and coherences where nothing else is asked
+    for, among the datasets 58 of a file; RecordingError where it is broken.
     """
     data = path.read_bytes()
     if not data.rstrip().endswith(_DELIMITER):
         raise RecordingError("is truncated, or no UFF; its last dataset does not end with -1")
     found = []
     for s in _datasets(data):
-        if s.function not in (RESPONSE, COHERENCE):
+        if s.function not in functions:
             continue
         if s.even:
             f, values = s.start + s.step * np.arange(s.points), s.values[: s.points]
@@ -132,6 +139,8 @@ def read_functions(path: Path) -> list[FrequencyFunction]:
                 s.reference_unit,
                 f,
                 values,
+                s.along_z,
+                _place(s),
             )
         )
     return found
@@ -254,7 +263,7 @@ def _field(text: str, first: int, size: int, kind: type = int) -> float:
 def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dataset, int]:
     """One dataset, and where what follows its end begins."""
     dof, form, x, y, per = header[5], header[6], header[7], header[8], header[9]
-    (kind, points, spacing), (start, step) = _data_form(form)
+    (kind, points, spacing), (start, step, along_z) = _data_form(form)
     if kind not in (2, 4, 5, 6):
         raise RecordingError(
             f"channel {header[0].strip()} is broken; its data have the kind {kind}, and 2, 4, 5 or"
@@ -291,22 +300,33 @@ def _dataset(data: bytes, line: bytes, header: list[str], at: int) -> tuple[_Dat
             abscissa,
             _label(y, 46),
             _label(per, 46),
+            along_z,
             values,
         ),
         at,
     )
 
 
-def _data_form(text: str) -> tuple[tuple[int, int, int], tuple[float, float]]:
-    """Kind of data, points and spacing, first abscissa and step, in columns or, from other
-    programs, between blanks.
+def _data_form(text: str) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
+    """Kind of data, points and spacing, first abscissa, step and place along a third axis, in columns
+    or, from other programs, between blanks.
     """
     try:
         kind, points, spacing = (int(_field(text, k, 10)) for k in (0, 10, 20))
-        return (kind, points, spacing), (_field(text, 30, 13, float), _field(text, 43, 13, float))
+        start, step = _field(text, 30, 13, float), _field(text, 43, 13, float)
     except ValueError:
         words = text.replace("D", "E").split()
-        return (int(words[0]), int(words[1]), int(words[2])), (float(words[3]), float(words[4]))
+        kind, points, spacing = (int(word) for word in words[:3])
+        return (kind, points, spacing), (float(words[3]), float(words[4]), _third(words[5:6]))
+    return (kind, points, spacing), (start, step, _third([text[56:69]]))
+
+
+def _third(words: list[str]) -> float:
+    """Place along a third axis; 0 where it says none."""
+    try:
+        return float(words[0].replace("D", "E"))
+    except (ValueError, IndexError):
+        return 0.0
 
 
 _Place = tuple[str, int, int]

@@ -27,6 +27,7 @@ from microvib.reports.numbers import (
 from microvib.reports.outcome import Item, Outcome, Part, Picture, Verdict
 from microvib.results import (
     COUNT,
+    DECIBEL,
     LINE_FREQUENCY,
     SHARE,
     TORQUE,
@@ -46,6 +47,7 @@ from microvib.studies.campaign.statistics import (
     AnyLevel,
     Estimate,
     LineStatistics,
+    WorstCase,
     draws_needed,
 )
 
@@ -78,7 +80,10 @@ class Summary:
     """
     lines: list[str]
     """Lines of the pictures."""
-    worst: dict[str, list[tuple[int, float]]]
+    worst: dict[str, list[WorstCase]]
+    """Worst cases of all lines and of each: the largest, by a limit over frequency those with the smallest
+    margin.
+    """
     tornados: list[Tornado]
     indices: list[Indices]
 
@@ -91,9 +96,16 @@ class Summary:
 
     @property
     def worst_case(self) -> int | None:
-        """Number of the case with the largest line; None where none is computed."""
+        """Number of the case with the largest line, or by a limit over frequency of that with the
+        smallest margin; None where none is computed.
+        """
         found = self.worst[LARGEST_LINE]
-        return found[0][0] if found else None
+        return found[0].case if found else None
+
+    @property
+    def by_margin(self) -> bool:
+        """Whether cases are ranked by their margins to a limit over frequency."""
+        return isinstance(self.limit, LimitCurve) and not self.limit.is_flat
 
     @property
     def several(self) -> bool:
@@ -111,7 +123,9 @@ def summarise(
     shown = [LARGEST_LINE, *lines]
     tornados = [t for line in shown[:4] if (t := tornado(results, line, band)) and t.effects]
     indices = [i for line in shown[:4] if (i := sobol(results, line, band))]
-    worst = {line: statistics.worst_cases(results, line, band, MAX_WORST_CASES) for line in shown}
+    worst = {
+        line: statistics.worst_cases(results, line, band, MAX_WORST_CASES, limit) for line in shown
+    }
     if limit is not None and len({r.level for r in rows}) > 1:
         any_level = statistics.at_any_level(results, limit, band)
     else:
@@ -251,7 +265,19 @@ def _facts(s: Summary) -> Iterator[Fact]:
     at = f" at {truncate(top.level.text, 80)}" if s.several else ""
     if math.isfinite(top.p95.value):
         yield Fact(TORQUE.figure(top.p95.value), f"largest line, 95 % of the draws below{at}")
-    yield Fact(TORQUE.figure(top.largest), f"worst case, number {top.worst}{at}")
+    if s.by_margin and s.worst[LARGEST_LINE]:
+        worst = s.worst[LARGEST_LINE][0]
+        what = f"smallest margin, case number {worst.case}, {worst.line}"
+        yield Fact(DECIBEL.figure(_margin(worst)), what)
+    else:
+        yield Fact(TORQUE.figure(top.largest), f"worst case, number {top.worst}{at}")
+
+
+def _margin(one: WorstCase) -> float:
+    """Margin to a limit over frequency [dB]; infinite where nothing is limited, or there is no amplitude."""
+    if one.part > 0.0:
+        return -20.0 * math.log10(one.part)
+    return math.nan if math.isnan(one.part) else math.inf
 
 
 _STATUS: dict[Verdict, Status] = {"pass": "pass", "fail": "fail"}
@@ -624,31 +650,30 @@ def _worst(s: Summary) -> Iterator[Item]:
         yield Text(text, note=True)
 
 
-def _largest_cases(s: Summary, found: Sequence[tuple[int, float]]) -> Table:
+def _largest_cases(s: Summary, found: Sequence[WorstCase]) -> Table:
     """Values of what is varied in some cases, a column each."""
     design = s.results.campaign.design
-    labels = [design.labels(case) for case, _ in found]
-    which = {
-        case: line
-        for line, cases in reversed(s.worst.items())
-        if line != LARGEST_LINE
-        for case in cases
-    }
+    labels = [design.labels(one.case) for one in found]
     columns = (
         Column("what", "what"),
         Column("unit", "unit"),
-        *(Column(f"case_{case}", f"case {case}", COUNT) for case, _ in found),
+        *(Column(f"case_{one.case}", f"case {one.case}", COUNT) for one in found),
         Column("scenario", "scenario", COUNT),
     )
+    what = "its amplitude" if s.by_margin else "largest line"
     rows = [
-        ("largest line", TORQUE.unit, *(TORQUE.text(amplitude) for _, amplitude in found), ""),
-        ("which line", "", *(which.get(case, "") for case in found), ""),
+        (what, TORQUE.unit, *(TORQUE.text(one.amplitude) for one in found), ""),
+        ("which line", "", *(one.line for one in found), ""),
     ]
+    if s.by_margin:
+        margins = [DECIBEL.text(_margin(one)) for one in found]
+        rows.insert(0, ("smallest margin", DECIBEL.unit, *margins, ""))
     varied = {key: [x.get(key, "") for x in labels] for key in design.keys}
     rows += [
         tuple(_varied_row(design.base, key, texts)) for key, texts in varied.items() if any(texts)
     ]
-    caption = "Cases with the largest lines, worst first; scenario: what the study starts from."
+    which = "smallest margins to the limit" if s.by_margin else "largest lines"
+    caption = f"Cases with the {which}, worst first; scenario: what the study starts from."
     return Table("", columns, tuple(rows), caption=caption)
 
 
@@ -673,17 +698,22 @@ def _worst_of_lines(s: Summary) -> Table:
         Column("rank", "rank", COUNT),
         Column("case", "case", COUNT),
         Column("amplitude_n_m", "amplitude", TORQUE),
+        *((Column("margin_db", "margin", DECIBEL),) if s.by_margin else ()),
         *map(Column, s.results.campaign.design.keys),
     )
 
+    def margin(one: WorstCase) -> tuple[float, ...]:
+        return (_margin(one),) if s.by_margin else ()
+
     def rows(most: int) -> tuple[tuple[Any, ...], ...]:
         return tuple(
-            (line, rank, case, amplitude, *_labels(s, case))
+            (line, rank, one.case, one.amplitude, *margin(one), *_labels(s, one.case))
             for line, found in s.worst.items()
-            for rank, (case, amplitude) in enumerate(found[:most], 1)
+            for rank, one in enumerate(found[:most], 1)
         )
 
-    caption = "The worst cases of each line."
+    caption = "The worst cases of each line"
+    caption += ", by the smallest margin to the limit." if s.by_margin else "."
     return Table("worst", columns, rows(MAX_WORST_CASES), rows(MAX_RANK), caption=caption)
 
 

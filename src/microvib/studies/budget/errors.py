@@ -20,7 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from microvib.signals.error_rows import SIGMAS, Deviation, ErrorRows, Kind, Ramp
-from microvib.signals.pointing import Metric, mean_square_of_density
+from microvib.signals.pointing import (
+    Metric,
+    mean_square_of_density,
+    mean_squares_at_instants,
+)
 from microvib.studies.budget.files import (
     ConstantError,
     DriftError,
@@ -162,7 +166,7 @@ class ErrorSum:
         for one in self.groups:
             if isinstance(one.error, RandomError):
                 if not exact or _keeps_its_distribution(r, one.error):
-                    deviations += _random_deviation(r, one, axis)
+                    deviations += _random_deviation(r, one, axis, instants)
             elif isinstance(one.error, DriftError) and r.metric in _WHOLE:
                 duration = one.error.duration or 0.0
                 ramps[duration] = _added(ramps.get(duration, Ramp(0.0)), one, axis, unit)
@@ -214,9 +218,10 @@ class ErrorSum:
         temporal = r.interpretation == "temporal"
         found = []
         for unit in CORNERS if temporal else (None,):
-            each = self.rows(r, axis, nodes, unit).mean_square
+            each = self.of_units.rows(r, axis, nodes, unit).mean_square
             found.append(float(each[0]) if each.size == 1 else float(0.5 * weights @ each))
-        return max(found)
+        random = [_random_mean_square(r, one, axis) for one in self.over_time.groups]
+        return max(found) + sum(random)
 
     def unknown_crest(self, r: Requirement, axis: int) -> float:
         """The most that random errors make whose distribution in a window is not known [rad];
@@ -388,16 +393,40 @@ def _crest_in_band(r: Requirement, error: RandomError) -> float:
     return _GAIN[r.metric]
 
 
-def _random_deviation(r: Requirement, one: _Group, axis: int) -> list[Deviation]:
+def _random_deviation(
+    r: Requirement, one: _Group, axis: int, instants: np.ndarray
+) -> list[Deviation]:
+    """Deviation of a random error about an axis at the instants of a window: in windows it is larger
+    towards their ends.
+    """
     assert isinstance(one.error, RandomError)
     if not one.size[axis] or not _counts(r, one.error):
         return []
     whole = Deviation(one.error.distribution, one.size[axis : axis + 1])
     if not _needs_spectrum(r):
         return [whole]
+    weights = _weights_at(*_weight_of(r, one.error), tuple(instants.tolist()))
+    return [Deviation("normal", np.sqrt(weights * whole.variance))]
+
+
+def _random_mean_square(r: Requirement, one: _Group, axis: int) -> float:
+    """Mean square of a random error about an axis over all of a window [rad^2]."""
+    assert isinstance(one.error, RandomError)
+    if not _counts(r, one.error):
+        return 0.0
+    whole = float(Deviation(one.error.distribution, one.size[axis : axis + 1]).variance[0])
+    if not _needs_spectrum(r):
+        return whole
+    return whole * _weight(*_weight_of(r, one.error))
+
+
+_WeightOf = tuple[Metric, float, float | None, _Spectrum, tuple[float, float]]
+
+
+def _weight_of(r: Requirement, error: RandomError) -> _WeightOf:
+    """Arguments of the weight of a random error in a requirement."""
     ends = r.lowest, math.inf if r.highest is None else r.highest
-    weight = _weight(r.metric, r.window or r.apart or 1.0, r.apart, _spectrum(one.error), ends)
-    return [Deviation("normal", np.sqrt(weight * whole.variance))]
+    return r.metric, r.window or r.apart or 1.0, r.apart, _spectrum(error), ends
 
 
 @lru_cache(maxsize=256)
@@ -408,7 +437,37 @@ def _weight(
     spectrum: _Spectrum,
     ends: tuple[float, float],
 ) -> float:
-    """Mean square in a window of a random error of mean square 1, between two frequencies [Hz].
+    """Mean square in a window of a random error of mean square 1, between two frequencies [Hz]."""
+    grid, density, beyond = _density_of(metric, window, spectrum, ends)
+    if grid.size < 2:
+        return beyond
+    return mean_square_of_density(metric, grid, density, window, apart) + beyond
+
+
+@lru_cache(maxsize=256)
+def _weights_at(
+    metric: Metric,
+    window: float,
+    apart: float | None,
+    spectrum: _Spectrum,
+    ends: tuple[float, float],
+    instants: tuple[float, ...],
+) -> np.ndarray:
+    """``_weight`` at instants of a window, from -1 to 1, (n,); one row where the metric is one value
+    of it.
+    """
+    grid, density, beyond = _density_of(metric, window, spectrum, ends)
+    if grid.size < 2:
+        return np.full(1, beyond)
+    at = np.asarray(instants)
+    return mean_squares_at_instants(metric, grid, density, window, apart, at) + beyond
+
+
+def _density_of(
+    metric: Metric, window: float, spectrum: _Spectrum, ends: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Density [1/Hz] of a random error of mean square 1 between two frequencies [Hz], (k,) and (k,),
+    less than two where there is none, and its weighted mean square above them.
 
     What a first-order process has above the highest frequency of the grid counts with the largest
     weight there may be, some 1e-4 at most.
@@ -418,8 +477,8 @@ def _weight(
         first, last = spectrum.lowest or 0.0, spectrum.highest or 0.0
         grid = np.array([max(first, low), min(last, high)])
         if grid[0] >= grid[1]:
-            return 0.0
-        return mean_square_of_density(metric, grid, np.full(2, 1.0 / (last - first)), window, apart)
+            return np.zeros(0), np.zeros(0), 0.0
+        return grid, np.full(2, 1.0 / (last - first)), 0.0
     tau = spectrum.correlation_time
     corner = 1.0 / (2.0 * math.pi * tau)
     top = max(1e4 * corner, 1e3 / window)
@@ -431,7 +490,4 @@ def _weight(
         beyond = _LARGEST_WEIGHT.get(metric, 0.0) * (
             1.0 - 2.0 / math.pi * math.atan(max(top, low) / corner)
         )
-    if grid.size < 2:
-        return beyond
-    density = 4.0 * tau / (1.0 + (grid / corner) ** 2)
-    return mean_square_of_density(metric, grid, density, window, apart) + beyond
+    return grid, 4.0 * tau / (1.0 + (grid / corner) ** 2), beyond

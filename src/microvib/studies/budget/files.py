@@ -4,6 +4,7 @@ the drives.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -220,6 +221,10 @@ class Requirements(Part):
 _PER_SPEED = {"force": "N*s^2/rad^2", "torque": "N*m*s^2/rad^2"}
 
 
+LOADS_OF_WHEEL = ("radial_force", "radial_torque", "axial_force", "axial_torque")
+"""Keys of the coefficients of a harmonic."""
+
+
 class WheelHarmonic(Part):
     """Disturbance of a wheel at ``order`` times its speed: coefficient times the square of the
     speed.
@@ -236,6 +241,57 @@ class WheelHarmonic(Part):
     axial_torque: Annotated[
         float, Quantity(_PER_SPEED["torque"], "torque about the axis", ge=0)
     ] = 0.0
+    radial_force_least: (
+        Annotated[float, Quantity(_PER_SPEED["force"], "smallest that it may be", ge=0)] | None
+    ) = None
+    radial_force_most: (
+        Annotated[float, Quantity(_PER_SPEED["force"], "largest that it may be", ge=0)] | None
+    ) = None
+    radial_torque_least: (
+        Annotated[float, Quantity(_PER_SPEED["torque"], "smallest that it may be", ge=0)] | None
+    ) = None
+    radial_torque_most: (
+        Annotated[float, Quantity(_PER_SPEED["torque"], "largest that it may be", ge=0)] | None
+    ) = None
+    axial_force_least: (
+        Annotated[float, Quantity(_PER_SPEED["force"], "smallest that it may be", ge=0)] | None
+    ) = None
+    axial_force_most: (
+        Annotated[float, Quantity(_PER_SPEED["force"], "largest that it may be", ge=0)] | None
+    ) = None
+    axial_torque_least: (
+        Annotated[float, Quantity(_PER_SPEED["torque"], "smallest that it may be", ge=0)] | None
+    ) = None
+    axial_torque_most: (
+        Annotated[float, Quantity(_PER_SPEED["torque"], "largest that it may be", ge=0)] | None
+    ) = None
+
+    def _consistency_errors(self) -> Iterator[str]:
+        for load in LOADS_OF_WHEEL:
+            value, (least, most) = getattr(self, load), self.ends(load)
+            if least > value:
+                yield f"{load}_least: {least:g} is above {load}, {value:g}"
+            if most < value:
+                yield f"{load}_most: {most:g} is below {load}, {value:g}"
+
+    def ends(self, load: str) -> tuple[float, float]:
+        """Between which the coefficient of a load is."""
+        value = getattr(self, load)
+        given = [getattr(self, f"{load}_{end}") for end in ("least", "most")]
+        least, most = (value if one is None else one for one in given)
+        return least, most
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether a coefficient may differ from its value."""
+        return any(end != getattr(self, load) for load in LOADS_OF_WHEEL for end in self.ends(load))
+
+    @property
+    def at_most(self) -> WheelHarmonic:
+        """The harmonic with its largest coefficients."""
+        most = {load: self.ends(load)[1] for load in LOADS_OF_WHEEL}
+        none = {f"{load}_{end}": None for load in LOADS_OF_WHEEL for end in ("least", "most")}
+        return self.model_copy(update=most | none)
 
 
 class WhirlPoint(Part):
@@ -310,6 +366,37 @@ class Wheel(Part):
         ]
         | None
     ) = None
+    measured_from: (
+        Annotated[
+            float,
+            Quantity(
+                "rad/s",
+                "lowest speed that was measured; nothing is judged below",
+                gt=0,
+                display="rpm",
+            ),
+        ]
+        | None
+    ) = None
+    measured_to: (
+        Annotated[
+            float,
+            Quantity(
+                "rad/s",
+                "highest speed that was measured; nothing is judged above",
+                gt=0,
+                display="rpm",
+            ),
+        ]
+        | None
+    ) = None
+    measured_up_to: (
+        Annotated[
+            float,
+            Quantity("Hz", "highest frequency that was measured; above it nothing is known", gt=0),
+        ]
+        | None
+    ) = None
     axis: Direction = Field(description="spin axis, hub axes")
     harmonics: tuple[WheelHarmonic, ...] = Field(
         default=(), max_length=200, description="its disturbances"
@@ -329,10 +416,17 @@ class Wheel(Part):
         if self.harmonics and self.table is not None:
             yield "table: is an alternative of harmonics; give one of them"
         yield from self._errors_of_whirl()
-        if not any(self.axis):
-            yield "axis: [0, 0, 0] is not a direction; three components, not all 0, are expected"
+        if not (any(self.axis) and all(map(math.isfinite, self.axis))):
+            yield f"axis: {list(self.axis)} is not a direction; three components, not all 0, are expected"
+        if (self.measured_to or math.inf) <= (self.measured_from or 0.0):
+            yield "measured_to: is not above measured_from"
         if self.speed_to is not None and self.speed_to <= self.speed:
             yield f"speed_to: {self.speed_to:g} rad/s is not above speed, {self.speed:g} rad/s"
+
+    @property
+    def at_most(self) -> Wheel:
+        """The wheel with its largest coefficients."""
+        return self.model_copy(update={"harmonics": tuple(one.at_most for one in self.harmonics)})
 
     def _errors_of_whirl(self) -> Iterator[str]:
         low, high = self.speed, self.speed_to or self.speed
@@ -345,7 +439,6 @@ class Wheel(Part):
                 )
 
 
-Spread = Literal["uniform", "normal", "arcsine"]
 _SPREAD = "half-width of a uniform distribution, standard deviation of a normal, amplitude of an arcsine (bimodal)"
 
 
@@ -358,7 +451,7 @@ class ConstantError(Part):
         0.0
     )
     y: Annotated[float, Quantity("rad", "the same about y", display="urad")] = 0.0
-    distribution: Literal["fixed"] | Spread = Field(
+    distribution: Literal["fixed", "uniform", "normal", "arcsine"] = Field(
         default="fixed", description="how it is spread over units; fixed: it is x and y"
     )
     spread_x: Annotated[float, Quantity("rad", _SPREAD, ge=0, display="urad")] | None = None
@@ -429,7 +522,7 @@ class DriftError(Part):
 
     x: Annotated[float, Quantity("rad/s", "known rate, or centre of the spread")] = 0.0
     y: Annotated[float, Quantity("rad/s", "the same about y")] = 0.0
-    distribution: Literal["fixed"] | Spread = Field(
+    distribution: Literal["fixed", "uniform", "normal", "arcsine"] = Field(
         default="fixed", description="how the rate is spread over units; fixed: it is x and y"
     )
     spread_x: Annotated[float, Quantity("rad/s", _SPREAD, ge=0)] | None = None

@@ -25,6 +25,7 @@ from microvib.model.coupling import (
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, drive_states
 from microvib.model.rigid import rigid_motion_at
 from microvib.model.scenario import Scenario
+from microvib.model.sentences import validate_part
 from microvib.signals.pointing import METRICS
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.budget.errors import SourceError
@@ -129,7 +130,8 @@ _HARMONIC_UNITS = {
     "axial_torque": "n_m",
 }
 _COEFFICIENTS = {
-    f"{key}_{unit}_{per}": (key, size)
+    f"{key}{end}_{unit}_{per}": (f"{key}{end}", size)
+    for end in ("", "_least", "_most")
     for per, size in (("s2_rad2", 1.0), ("rpm2", _RPM**-2))
     for key, unit in _HARMONIC_UNITS.items()
 }
@@ -161,7 +163,7 @@ def _with_table(wheel: Wheel, files: FileAccess) -> Wheel:
             for name in columns:
                 key, size = _COEFFICIENTS[name]
                 given[key] = Si(size * _above_zero(k, row, name, allowed=True))
-            harmonics.append(WheelHarmonic.model_validate(given))
+            harmonics.append(validate_part(WheelHarmonic, given, origin=f"row {k}"))
     return wheel.model_copy(update={"harmonics": tuple(harmonics), "table": None})
 
 

@@ -40,6 +40,7 @@ from microvib.studies.budget.sources import (
     Unobserved,
     low_frequency_gap,
     natural_frequencies,
+    open_gap,
     response_uncertainty,
 )
 from microvib.studies.budget.wheel_modes import MOVED_BY, Resonance, amplification, resonances
@@ -59,6 +60,8 @@ _LEAST_SHARE = 1e-4
 """Part of an order's amplitude below which what varying springs add to it is left out."""
 _NEAR = 25
 """Speeds tried about the best, for figures that are not largest where the score is."""
+_TRACE = 1e-9
+"""Part of the largest that a coefficient may be that one counts with which was not seen."""
 _MAX_BISECTIONS = 40
 """How often intervals are halved, those with the largest bounds first."""
 _AXES = {"x": [0], "y": [1], "radial": [0, 1]}
@@ -106,7 +109,8 @@ class WheelOnCraft:
 
     def _forces(self) -> np.ndarray:
         """Forces on the coordinates by the square of the speed, (o, n, p)."""
-        return np.asarray(self.turning.craft.on_hub(self.place) @ self._parts.transpose(1, 2, 0))
+        most = self._ends_of_parts[1][:, None, None] * self._parts
+        return np.asarray(self.turning.craft.on_hub(self.place) @ most.transpose(1, 2, 0))
 
     def _side_lines(self) -> SideLines | None:
         """Side lines of each order at its speed."""
@@ -147,7 +151,9 @@ class WheelOnCraft:
     @cached_property
     def known(self) -> bool:
         """Whether its lines are those of the linearised drives alone."""
-        return self.states is None and not np.any(self._beside > _LEAST_SHARE * self.amplitudes)
+        if self.uncertain or self.states is not None:
+            return False
+        return not np.any(self._beside > _LEAST_SHARE * self.amplitudes)
 
     @cached_property
     def orders(self) -> np.ndarray:
@@ -160,8 +166,8 @@ class WheelOnCraft:
         return self._parts_by_key[1]
 
     @cached_property
-    def _parts_by_key(self) -> tuple[list[str], np.ndarray]:
-        """Loads as in ``_parts``, and of which key of a harmonic each is."""
+    def _each_part(self) -> list[tuple[str, np.ndarray, tuple[float, float], float]]:
+        """Key of each load, the load (o, 6), between which coefficients it is, and which it has."""
         axis = np.array(self.wheel.axis) / np.linalg.norm(self.wheel.axis)
         first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         first /= np.linalg.norm(first)
@@ -172,12 +178,28 @@ class WheelOnCraft:
         ]
         shapes += [("axial_force", np.r_[axis, 0, 0, 0]), ("axial_torque", np.r_[0, 0, 0, axis])]
         parts = [
-            (key, getattr(h, key) * shape * (self.orders == h.order)[:, None])
+            (key, size * shape * (self.orders == h.order)[:, None], h.ends(key), size)
             for h in self.wheel.harmonics
             for key, shape in shapes
+            for size in [max(getattr(h, key), _TRACE * h.ends(key)[1])]
         ]
-        kept = [one for one in parts if one[1].any()] or parts[:1]
-        return [key for key, _ in kept], np.array([part for _, part in kept])
+        return [one for one in parts if one[1].any()] or parts[:1]
+
+    @cached_property
+    def _parts_by_key(self) -> tuple[list[str], np.ndarray]:
+        """Loads as in ``_parts``, and of which key of a harmonic each is."""
+        return [one[0] for one in self._each_part], np.array([one[1] for one in self._each_part])
+
+    @cached_property
+    def _ends_of_parts(self) -> np.ndarray:
+        """Smallest and largest of each part over itself, (2, p)."""
+        each = [np.divide(ends, size or 1.0) for _, _, ends, size in self._each_part]
+        return np.array(each).T
+
+    @cached_property
+    def uncertain(self) -> bool:
+        """Whether coefficients have intervals."""
+        return any(h.uncertain for h in self.wheel.harmonics)
 
     def _gain(self, frequency: np.ndarray) -> np.ndarray:
         """Smallest and largest factor of the wheel's modes on the parts of each order at its
@@ -207,9 +229,7 @@ class WheelOnCraft:
 
     def _orders_of(self, mode: WheelMode) -> np.ndarray:
         """Orders whose loads a mode passes on."""
-        moved = [
-            any(getattr(h, key) for key in MOVED_BY[mode.motion]) for h in self.wheel.harmonics
-        ]
+        moved = [any(h.ends(key)[1] for key in MOVED_BY[mode.motion]) for h in self.wheel.harmonics]
         return np.unique([h.order for h, of in zip(self.wheel.harmonics, moved, strict=True) if of])
 
     @property
@@ -231,6 +251,25 @@ class WheelOnCraft:
             return np.array([sizes, sizes])
         return np.asarray(self._gain(frequency)[..., None] * sizes)
 
+    @cached_property
+    def _not_measured(self) -> tuple[Unobserved, ...]:
+        """Gaps of a measured wheel: all, where it turns at other speeds, and above what was measured."""
+        low, high = self.speeds
+        first, last = self.wheel.measured_from or 0.0, self.wheel.measured_to or math.inf
+        found = []
+        slack = 1.0 + CLOCK_UNCERTAINTY
+        if low * slack < first or high > last * slack:
+            what = (
+                f"from {_rpm(first):.5g} rpm"
+                if math.isinf(last)
+                else (f"from {_rpm(first):.5g} to {_rpm(last):.5g} rpm")
+            )
+            found.append(open_gap(f"the wheel was measured {what} only"))
+        if self.wheel.measured_up_to is not None:
+            why = f"the wheel was measured up to {self.wheel.measured_up_to:.5g} Hz"
+            found.append(open_gap(why, self.wheel.measured_up_to))
+        return tuple(found)
+
     @property
     def speeds(self) -> tuple[float, float]:
         """Ends of the range [rad/s]."""
@@ -244,12 +283,15 @@ class WheelOnCraft:
         """Its lines at each of the speeds (n,) [rad/s]."""
         f = self.frequencies(speeds)
         small, large = self._sizes(f.T).transpose(0, 1, 3, 2, 4)
-        los, relative_error = bound_over_phases(large, small)
+        ends = self._ends_of_parts[:, :, None, None, None]
+        los, relative_error = bound_over_phases(large, ends[0] * small)
+        most = np.sum(ends[1] * large, axis=0)
+        relative_error[1] = np.divide(most, los, out=np.ones_like(los), where=los > 0.0) - 1.0
         names = tuple(f"order {order:g}" for order in self.orders)
         return tuple(
             Contribution(
                 self.name, f"wheel at {_rpm(speed):.5g} rpm", names, f[k], np.nan_to_num(los[k]),
-                gaps=low_frequency_gap(bool(np.isnan(los[k]).any())),
+                gaps=(*low_frequency_gap(bool(np.isnan(los[k]).any())), *self._not_measured),
                 relative_error=np.nan_to_num(relative_error[:, k]), phased=False,
                 frequency_error=np.zeros(self.orders.size),
             )
@@ -355,7 +397,9 @@ class WheelOnCraft:
         """The wheel with the largest amplitudes over all states of the drives."""
         if self.known:
             return self
-        return _WheelInAnyState(self.name, self.wheel, self.scenario, self.place, self.sticking)
+        return _WheelInAnyState(
+            self.name, self.wheel.at_most, self.scenario, self.place, self.sticking
+        )
 
     def swept(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Frequencies that each order passes, (n,) [Hz], and its amplitudes there, (n, 2)
@@ -397,6 +441,10 @@ class WheelOnCraft:
             ratio = found[0].upper / own
         else:
             ratio = 1.0 + TOLERANCE
+        best = replace(
+            best, relative_error=best.relative_errors * np.array([1.0, 0.0])[:, None, None]
+        )
+        # the largest coefficients count at the speed at which they are worst, in ``in_any_state``
         less, more = best.relative_errors + self._response_error(
             best.frequency, np.zeros(self.orders.size)
         )

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -402,13 +403,54 @@ def exceedance(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, 1.0 - np.arange(1, x.size + 1) / max(x.size, 1)
 
 
+class WorstCase(NamedTuple):
+    """A case among the worst of a line, or of all lines."""
+
+    case: int
+    amplitude: float
+    """[N m]."""
+    line: str
+    """The line itself, or which of all lines it is."""
+    part: float
+    """Part of what a limit over frequency allows to it; nan without one."""
+
+
 def worst_cases(
-    results: Results, line: str, band: tuple[float, float], count: int = 5
-) -> list[tuple[int, float]]:
-    """Numbers and amplitudes of the cases in which a line is largest."""
-    y = amplitudes(results, line, band)
-    order = [int(k) for k in np.argsort(-np.nan_to_num(y, nan=-1.0), kind="stable")[:count]]
-    return [(k, float(y[k])) for k in order if math.isfinite(y[k])]
+    results: Results,
+    line: str,
+    band: tuple[float, float],
+    count: int = 5,
+    limit: float | LimitCurve | None = None,
+) -> list[WorstCase]:
+    """The cases in which a line, or any line, is largest; by a limit over frequency those in which it
+    has the smallest margin.
+    """
+    names = list(results.lines) if line == LARGEST_LINE else [line]
+    each = np.array([amplitudes_in_band(results, name, band) for name in names])
+    each = each.reshape(len(names), results.state.size)
+    part = np.full(each.shape, np.nan)
+    if isinstance(limit, LimitCurve) and not limit.is_flat:
+        curve = in_band(limit, band)
+        for k, name in enumerate(names):
+            f = results.of(name, "frequency")
+            place = np.where(np.isfinite(each[k]), f, 0.5 * (curve.low + curve.high))
+            off = frequency_error_bound(place)
+            part[k] = each[k] / curve.strictest(place - off, place + off)
+        ranks = part
+    else:
+        ranks = each
+    ranks = np.nan_to_num(ranks, nan=-1.0)
+    if not len(names):
+        return []
+    governing = np.argmax(ranks, axis=0)
+    order = np.argsort(-np.max(ranks, axis=0), kind="stable")
+    found = [
+        WorstCase(
+            int(k), float(each[governing[k], k]), names[governing[k]], float(part[governing[k], k])
+        )
+        for k in order[:count]
+    ]
+    return [one for one in found if math.isfinite(one.amplitude)]
 
 
 def main_lines(rows: Sequence[LineStatistics]) -> list[str]:

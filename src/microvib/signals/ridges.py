@@ -1,0 +1,374 @@
+"""Ridges of a waterfall of spectra over speed: orders, lines of a constant frequency, whirling modes.
+
+A ridge is a path f(W) of frequencies over the speed. Along it, cells that are above a level are
+counted; how many there would be by chance follows from how many cells of the whole waterfall are
+above that level (binomial distribution). The path with the least chance is taken, its cells are
+struck out, and the search goes on until no path is less likely than ``CHANCE`` among all that
+were tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+CHANCE = 1e-3
+"""Chance that a waterfall of noise alone has any ridge."""
+LEAST_HITS = 5
+"""Speeds at which a ridge must be above the floor."""
+_SHARES = (3e-2, 1e-2, 1e-3)
+"""Shares of cells that are above the levels at which cells are counted."""
+_FIRST_BIN = 3
+"""First bin that is used: those below hold the mean and its leakage."""
+_LEAST_LOG = -700.0
+"""Logarithm of the smallest chance that is told from others."""
+_MOST_STEPS = 20
+_MOST_RIDGES = 200
+_RATIO_STEP = 0.04
+"""Step of the ratio of moments of inertia among whirling modes that are tried."""
+_APART = 3
+"""Bins by which backward and forward whirl must differ to be counted as two."""
+
+
+@dataclass(frozen=True)
+class PowerMap:
+    """Powers of spectra over speed."""
+
+    speed: np.ndarray
+    """Ascending [rad/s], (n,)."""
+    frequency: np.ndarray
+    """Evenly spaced [Hz], (m,)."""
+    power: np.ndarray
+    """By bin, (n, m): those of a line sum to half of its squared amplitude."""
+    lobe: int
+    """Bins on either side of a line that hold its power."""
+    spread: np.ndarray | None = None
+    """By how much the speed changes during a spectrum [rad/s], (n,); None where it does not."""
+
+    @property
+    def smear(self) -> np.ndarray:
+        """By how much the speed changes during a spectrum [rad/s], (n,)."""
+        if self.spread is None:
+            return np.zeros(self.speed.size)
+        return self.spread
+
+    @property
+    def spacing(self) -> float:
+        """Distance of the bins [Hz]."""
+        return float((self.frequency[-1] - self.frequency[0]) / (self.frequency.size - 1))
+
+    @cached_property
+    def averages(self) -> float:
+        """Independent spectra that each power is the mean of, by the scatter of the floor."""
+        from scipy.stats import gamma
+
+        logs = np.log(np.maximum(self.power / self._median, 1e-30))
+        spread = float(np.subtract(*np.percentile(logs[:, _FIRST_BIN:], [75, 25])))
+        trial = np.geomspace(0.5, 2000.0, 120)
+        wanted = np.log(gamma.ppf(0.75, trial) / gamma.ppf(0.25, trial))
+        return float(np.exp(np.interp(-spread, -wanted, np.log(trial))))
+
+    @cached_property
+    def _median(self) -> np.ndarray:
+        """Median of the powers about each, over frequency, (n, m)."""
+        from scipy.ndimage import median_filter
+
+        width = int(min(max(41, self.frequency.size // 12), 201)) | 1
+        found = median_filter(self.power, size=(1, width), mode="reflect")
+        return np.asarray(np.maximum(found, 1e-12 * float(self.power.max(initial=0.0)) + 1e-300))
+
+    @cached_property
+    def floor(self) -> np.ndarray:
+        """Mean power of the noise in each bin, (n, m)."""
+        from scipy.stats import gamma
+
+        K = self.averages
+        return self._median * (K / float(gamma.ppf(0.5, K)))
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """Powers over the floor, (n, m)."""
+        return np.asarray(self.power / self.floor)
+
+    def bins(self, frequency: np.ndarray) -> np.ndarray:
+        """Nearest bins; -1 where there is none."""
+        found = np.rint((frequency - self.frequency[0]) / self.spacing)
+        inside = (found >= _FIRST_BIN) & (found < self.frequency.size)
+        return np.where(inside, found, -1.0).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """A ridge that was found."""
+
+    kind: str
+    """*order*, *line* of a constant frequency, or *whirl*."""
+    values: tuple[float, ...]
+    """The order; the frequency [Hz]; frequency at rest [Hz] and ratio of moments of inertia."""
+    uncertainty: float
+    """Standard uncertainty of the order or of the frequency."""
+    width: float
+    """Width of a line or a mode at half of its power, the resolution among it [Hz]."""
+    seen: tuple[int, ...]
+    """Speeds at which each map has it above the floor."""
+    chance: float
+    """Decimal logarithm of the chance that noise makes it."""
+
+
+@dataclass(frozen=True)
+class RidgeSearch:
+    """Ridges of some maps, and what is left of these."""
+
+    ridges: tuple[Ridge, ...]
+    """The most certain first."""
+    left: np.ndarray
+    """Cells that are of no ridge, (maps, n, m)."""
+
+
+def find_ridges(maps: Sequence[PowerMap]) -> RidgeSearch:
+    """Ridges of maps of the same speeds and frequencies."""
+    search = _Search(maps)
+    found: list[Ridge] = []
+    while len(found) < _MOST_RIDGES:
+        one = search.best()
+        if one is None:
+            break
+        found.append(one)
+    return RidgeSearch(tuple(found), search.free)
+
+
+_PORTION = 4096
+"""Paths that are tried at a time."""
+
+
+def _portions(count: int) -> Iterator[slice]:
+    return (slice(k, k + _PORTION) for k in range(0, count, _PORTION))
+
+
+def _least_chance(
+    bins: np.ndarray, free: np.ndarray, above: np.ndarray, tails: Sequence[np.ndarray]
+) -> np.ndarray:
+    """The least of the logarithms of chances by all levels along paths (k, n), (k,)."""
+    rows = np.arange(bins.shape[1])
+    valid = (bins >= 0) & free[rows, bins]
+    count, best = valid.sum(axis=1), np.zeros(len(bins))
+    for level, tail in zip(above, tails, strict=True):
+        hits = (level[rows, bins] & valid).sum(axis=1)
+        best = np.minimum(best, np.where(hits >= LEAST_HITS, tail[hits, count], 0.0))
+    return best
+
+
+def _log_tail(most: int, share: float) -> np.ndarray:
+    """Logarithm of the chance of so many hits or more among a count, for all up to ``most``, (most + 1,
+    most + 1).
+    """
+    from scipy.stats import binom
+
+    number = np.arange(most + 1)
+    return np.asarray(binom.logsf(number[:, None] - 1, number, min(share, 1.0)))
+
+
+def whirl_paths(frequency: np.ndarray, ratio: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Frequencies [Hz] of backward and forward whirl of modes (k,) at speeds (n,) [rad/s], (2, k,
+    n).
+    """
+    half = ratio[:, None] * speed / (4.0 * np.pi)
+    root = np.hypot(half, frequency[:, None])
+    return np.array([root - half, root + half])
+
+
+class _Search:
+    def __init__(self, maps: Sequence[PowerMap]) -> None:
+        self.maps = list(maps)
+        one = self.maps[0]
+        self.one, self.turns = one, one.speed / (2.0 * np.pi)
+        self.free = np.ones((len(self.maps), *one.power.shape), dtype=bool)
+        self.free[:, :, :_FIRST_BIN] = False
+        logs = np.array([x.level for x in self.maps])
+        self.levels = [np.quantile(each[:, _FIRST_BIN:], 1.0 - np.array(_SHARES)) for each in logs]
+        self.above = np.array(
+            [[x > t for t in levels] for x, levels in zip(logs, self.levels, strict=True)]
+        )
+        step = 0.5 * one.spacing / float(self.turns[-1])
+        top = one.frequency[-1] / np.sort(self.turns)[min(LEAST_HITS, self.turns.size) - 1]
+        self.orders = np.arange(max(step, 2.0 * step), min(top, 100.0), step)
+        self.order_bins = one.bins(self.orders[:, None] * self.turns)
+        f0 = one.frequency[_FIRST_BIN + 1 :: 1]
+        r = np.arange(_RATIO_STEP, 2.0 + 0.5 * _RATIO_STEP, _RATIO_STEP)
+        self.modes = np.array(np.meshgrid(f0, r, indexing="ij")).reshape(2, -1)
+        self.tests = len(self.maps) * len(_SHARES)
+        self.wanted = np.log(CHANCE / 3.0)
+
+    def _chances(self, bins: np.ndarray) -> np.ndarray:
+        """Logarithms of the chance that each map has so many cells above a level along paths
+        (k, n), (maps, k).
+        """
+        found = np.zeros((len(self.maps), len(bins)))
+        for k, (free, above) in enumerate(zip(self.free, self.above, strict=True)):
+            tails = [self._tail(level, free) for level in above]
+            for some in _portions(len(bins)):
+                found[k, some] = _least_chance(bins[some], free, above, tails)
+        return found
+
+    def _tail(self, above: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Chances of counts of cells above a level, by how many there are."""
+        share = (np.count_nonzero(above & free) + 1.0) / (np.count_nonzero(free) + 1.0)
+        return _log_tail(self.turns.size, share)
+
+    def best(self) -> Ridge | None:
+        """The next ridge, which is struck out; None where nothing is left."""
+        columns = np.tile(np.arange(self.one.frequency.size)[:, None], self.turns.size)
+        columns[:_FIRST_BIN] = -1
+        found = []
+        for kind, paths in (("order", self.order_bins), ("line", columns)):
+            chances = self._chances(paths)
+            k = self._strongest(paths, chances.min(axis=0))
+            found.append((float(chances[:, k].min()) + np.log(self.tests * len(paths)), kind, k))
+        chance, kind, k = min(found)
+        if chance < self.wanted:
+            return self._order(k, chance) if kind == "order" else self._line(k, chance)
+        return self._whirl()
+
+    def _strongest(self, paths: np.ndarray, chances: np.ndarray) -> int:
+        """The path of the highest levels among those that are about as unlikely as the least likely:
+        a strong line is wide.
+        """
+        near = np.flatnonzero(chances <= 0.95 * max(float(chances.min()), _LEAST_LOG))
+        rows, best = np.arange(self.turns.size), np.full(near.size, -np.inf)
+        for one, free in zip(self.maps, self.free, strict=True):
+            bins = paths[near]
+            valid = (bins >= 0) & free[rows, bins]
+            logs = np.log(np.maximum(one.level[rows, bins], 1.0))
+            best = np.maximum(best, np.sum(np.where(valid, logs, 0.0), axis=1))
+        return int(near[np.argmax(best)])
+
+    def _order(self, k: int, chance: float) -> Ridge:
+        order = float(self.orders[k])
+        for _ in range(_MOST_STEPS):
+            before = order
+            order, uncertainty = self._centre(self.one.bins(order * self.turns), order)
+            if abs(order - before) < 0.1 * uncertainty:
+                break
+        bins = self.one.bins(order * self.turns)
+        seen = self._seen(bins)
+        self._strike(bins)
+        self._strike(self.order_bins[k])
+        return Ridge("order", (order,), uncertainty, 0.0, seen, chance / np.log(10.0))
+
+    def _line(self, k: int, chance: float) -> Ridge:
+        bins = np.full(self.turns.size, k)
+        seen = self._seen(bins)
+        widths = self._strike(bins)
+        f = float(self.one.frequency[k])
+        return Ridge(
+            "line", (f,), 0.3 * self.one.spacing, widths * self.one.spacing, seen, chance / np.log(10.0)
+        )  # fmt: skip
+
+    def _branches(self, modes: np.ndarray) -> list[np.ndarray]:
+        """Bins of backward and forward whirl of modes (2, k), where these are apart, (k, n) each."""
+        back, forth = (self.one.bins(x) for x in whirl_paths(modes[0], modes[1], self.one.speed))
+        return [back, np.where(np.abs(forth - back) >= _APART, forth, -1)]
+
+    def _best_mode(self, modes: np.ndarray) -> tuple[int, float, float]:
+        """The mode whose whirl is least likely noise, the logarithm of that chance, and of that of its
+        less certain branch.
+        """
+        both, weaker = [], []
+        for some in _portions(modes.shape[1]):
+            each = [self._chances(bins) for bins in self._branches(modes[:, some])]
+            both.append((each[0] + each[1]).min(axis=0))
+            weaker.append(np.max([x.min(axis=0) for x in each], axis=0))
+        chances = np.concatenate(both)
+        k = int(np.argmin(chances))
+        return k, float(chances[k]), float(np.concatenate(weaker)[k])
+
+    def _whirl(self) -> Ridge | None:
+        k, chance, weaker = self._best_mode(self.modes)
+        chance += np.log(self.tests * self.modes.shape[1])
+        if chance >= self.wanted or weaker > np.log(0.01):
+            return None
+        f0, ratio = self.modes[:, k]
+        near = np.meshgrid(
+            f0 + self.one.spacing * np.linspace(-2.0, 2.0, 17),
+            ratio + _RATIO_STEP * np.linspace(-1.0, 1.0, 17),
+            indexing="ij",
+        )
+        fine = np.array(near).reshape(2, -1)
+        f0, ratio = (float(x) for x in fine[:, self._best_mode(fine)[0]])
+        seen, width = np.zeros(len(self.maps), dtype=int), 0.0
+        for bins in self._branches(np.array([[f0], [ratio]])):
+            seen += self._seen(bins[0])
+            width = max(width, self._strike(bins[0]))
+        return Ridge(
+            "whirl", (f0, ratio), self.one.spacing, width * self.one.spacing,
+            tuple(seen.tolist()), chance / np.log(10.0),
+        )  # fmt: skip
+
+    def _seen(self, bins: np.ndarray) -> tuple[int, ...]:
+        rows, valid = np.arange(bins.size), bins >= 0
+        return tuple(
+            int(np.sum(above[1][rows, bins] & valid & free[rows, bins]))
+            for above, free in zip(self.above, self.free, strict=True)
+        )
+
+    def _centre(self, bins: np.ndarray, order: float) -> tuple[float, float]:
+        """The order by the centres of its cells, and its standard uncertainty."""
+        reach = np.arange(-2, 3)
+        found, weights = [], []
+        for one, free in zip(self.maps, self.free, strict=True):
+            for i in np.flatnonzero(bins >= 0):
+                near = bins[i] + reach
+                if near[0] < 0 or near[-1] >= one.frequency.size or not free[i, near].all():
+                    continue
+                level = one.level[i, near]
+                if level.max() < 6.0 + 6.0 / np.sqrt(one.averages):
+                    continue
+                power = np.maximum(one.power[i, near] - one.floor[i, near], 0.0)
+                f = float(power @ one.frequency[near] / power.sum())
+                found.append(f / self.turns[i])
+                weights.append(min(float(level.max()), 100.0) * self.turns[i] ** 2)
+        if len(found) < 3:
+            return order, 0.5 * self.one.spacing / float(self.turns[-1])
+        values, w = np.array(found), np.array(weights)
+        mean = float(w @ values / w.sum())
+        scatter = np.sqrt(float(w**2 @ (values - mean) ** 2)) / float(w.sum())
+        return mean, float(max(scatter, 0.01 * self.one.spacing / self.turns[-1]))
+
+    def _strike(self, bins: np.ndarray) -> float:
+        """Strike out the cells of a path, down to the floor or the next rise on either side; the median
+        of how wide it is, in bins.
+        """
+        widths = []
+        for one, free in zip(self.maps, self.free, strict=True):
+            for i in np.flatnonzero(bins >= 0):
+                low, high = _foot(one.level[i], int(bins[i]), one.lobe)
+                free[i, low : high + 1] = False
+                half = 0.5 * one.level[i, low : high + 1].max()
+                widths.append(int(np.sum(one.level[i, low : high + 1] >= half)))
+        return float(np.median(widths)) if widths else 0.0
+
+
+_MOST_REACH = 25
+
+
+def _foot(level: np.ndarray, at: int, lobe: int) -> tuple[int, int]:
+    """Bins between which a peak stands above the floor, (low, high)."""
+    near = slice(max(at - lobe, 0), min(at + lobe + 1, level.size))
+    top = near.start + int(np.argmax(level[near]))
+    ends = []
+    for way in (-1, 1):
+        k = top
+        while (
+            0 <= k + way < level.size
+            and abs(k + way - top) <= _MOST_REACH
+            and level[k + way] > 2.0
+            and level[k + way] <= 1.2 * level[k]
+        ):
+            k += way
+        ends.append(k)
+    low = min(ends[0], at - lobe)
+    high = max(ends[1], at + lobe)
+    return max(low, 0), min(high, level.size - 1)

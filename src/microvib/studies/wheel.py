@@ -1,0 +1,267 @@
+"""A reaction wheel from its measured waterfalls: harmonics with intervals, structural modes, and what
+stays unexplained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from microvib.results import FREQUENCY, ORDER, Column, Measure
+from microvib.signals.ridges import PowerMap, Ridge, find_ridges, whirl_paths
+from microvib.studies.wheel_fit import (
+    Coefficient,
+    FoundMode,
+    Reading,
+    amplification_of,
+    bound_coefficient,
+    factor_of,
+    find_modes,
+    fit_coefficient,
+    read_order,
+)
+
+COEFFICIENT = Measure(form=".4g")
+SPEED = Measure("rpm", 2.0 * np.pi / 60.0, ".5g", file_size=2.0 * np.pi / 60.0)
+RATIO = Measure(form=".3g")
+_BROAD = 3.0
+"""Widths of a line of the spectra from which a ridge of a constant frequency is a resonance."""
+_MAINS = (50.0, 60.0)
+_MOST_LEFT = 10
+"""Peaks of no ridge that are named, the largest ones."""
+_CHANCE = 1e-3
+"""Chance that noise has any peak that is named."""
+
+
+@dataclass(frozen=True)
+class HarmonicRow:
+    """A harmonic in one load."""
+
+    order: Annotated[float, Column("order", "order", ORDER)]
+    uncertainty: Annotated[float, Column("order_uncertainty", "±", Measure(form=".2g"))]
+    load: Annotated[str, Column("load", "load")]
+    value: Annotated[float, Column("coefficient", "coefficient", COEFFICIENT)]
+    least: Annotated[float, Column("coefficient_least", "least", COEFFICIENT)]
+    most: Annotated[float, Column("coefficient_most", "most", COEFFICIENT)]
+    unit: Annotated[str, Column("unit", "unit")]
+    speeds: Annotated[float, Column("speeds", "speeds", Measure(form=".0f"))]
+    remark: Annotated[str, Column("remark", "remark")]
+
+
+@dataclass(frozen=True)
+class ModeRow:
+    """A structural mode of the wheel."""
+
+    motion: Annotated[str, Column("motion", "mode")]
+    frequency: Annotated[float, Column("frequency_hz", "frequency at rest", FREQUENCY)]
+    frequency_error: Annotated[float, Column("frequency_uncertainty_hz", "±", FREQUENCY)]
+    damping: Annotated[float, Column("damping", "damping", RATIO)]
+    damping_error: Annotated[float, Column("damping_uncertainty", "±", Measure(form=".2g"))]
+    ratio: Annotated[float, Column("inertia_ratio", "inertia ratio", RATIO)]
+    ratio_error: Annotated[float, Column("inertia_ratio_uncertainty", "±", Measure(form=".2g"))]
+    how: Annotated[str, Column("found_by", "found by")]
+
+
+@dataclass(frozen=True)
+class UnexplainedRow:
+    """Ridge or peak that is of no order and no mode."""
+
+    what: Annotated[str, Column("what", "what")]
+    load: Annotated[str, Column("load", "load")]
+    frequency: Annotated[float, Column("frequency_hz", "frequency", FREQUENCY)]
+    speed: Annotated[float, Column("speed_rpm", "at", SPEED)]
+    amplitude: Annotated[float, Column("amplitude", "amplitude", COEFFICIENT)]
+    unit: Annotated[str, Column("unit", "unit")]
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """An order with its coefficients."""
+
+    order: float
+    uncertainty: float
+    coefficients: Mapping[str, Coefficient]
+    """By load."""
+
+
+@dataclass(frozen=True)
+class MeasuredWheel:
+    """A wheel as its waterfalls show it."""
+
+    name: str
+    maps: Mapping[str, PowerMap]
+    """By load."""
+    ridges: tuple[Ridge, ...]
+    harmonics: tuple[Harmonic, ...]
+    """Ascending by order."""
+    modes: tuple[FoundMode, ...]
+    unexplained: tuple[UnexplainedRow, ...]
+    left_out: int
+    """Peaks of no ridge that are not in these."""
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Ends of the measured speeds [rad/s]."""
+        one = next(iter(self.maps.values()))
+        return float(one.speed[0]), float(one.speed[-1])
+
+    @property
+    def highest(self) -> float:
+        """Frequency up to which it was measured [Hz]."""
+        one = next(iter(self.maps.values()))
+        return float(one.frequency[-1])
+
+    def harmonic_rows(self) -> list[HarmonicRow]:
+        """Harmonics by order and load."""
+        return [
+            HarmonicRow(
+                x.order, x.uncertainty, _words(load), c.value, c.least, c.most,
+                _unit(load, "s²/rad²"), c.speeds, _remark(c),
+            )
+            for x in self.harmonics
+            for load, c in x.coefficients.items()
+        ]  # fmt: skip
+
+    def mode_rows(self) -> list[ModeRow]:
+        """Modes with their uncertainties."""
+        return [
+            ModeRow(
+                x.motion, x.frequency, x.uncertainty[0], x.damping, x.uncertainty[1],
+                x.inertia_ratio if x.motion == "rocking" else np.nan,
+                x.uncertainty[2] if x.motion == "rocking" else np.nan, x.how,
+            )
+            for x in self.modes
+        ]  # fmt: skip
+
+
+def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWheel:
+    """The wheel whose waterfalls these are, by load (``radial_force`` and so on)."""
+    search = find_ridges(list(maps.values()))
+    orders = [x for x in search.ridges if x.kind == "order"]
+    orders = sorted(orders, key=lambda x: x.values[0])
+    whirls = [x for x in search.ridges if x.kind == "whirl"]
+    modes: list[FoundMode] = []
+    by_order: dict[float, dict[str, Coefficient]] = {x.values[0]: {} for x in orders}
+    for load, one in maps.items():
+        readings = [read_order(one, x.values[0], search.ridges) for x in orders]
+        own = find_modes(load, readings, whirls)
+        modes += own
+        for reading in readings:
+            c = fit_coefficient(reading, amplification_of(own, reading))
+            if not np.isfinite(c.most):
+                factor = factor_of(own, reading.order, one.speed)
+                c = replace(c, most=bound_coefficient(one, reading.order, factor), bounded=True)
+            by_order[reading.order][load] = c
+    if "radial_torque" not in maps:
+        modes += find_modes("radial_torque", _NONE, whirls)
+    harmonics = [Harmonic(_rounded(x), x.uncertainty, by_order[x.values[0]]) for x in orders]
+    found, more = _peaks_left(maps, search.left, modes)
+    rows = (*_constant(maps, search.ridges), *found)
+    return MeasuredWheel(
+        name, maps, search.ridges, tuple(harmonics), tuple(modes), rows, more
+    )  # fmt: skip
+
+
+def _rounded(ridge: Ridge) -> float:
+    """An order to the digit of its uncertainty."""
+    return round(ridge.values[0], max(-int(np.floor(np.log10(ridge.uncertainty))), 0))
+
+
+_NONE: tuple[Reading, ...] = ()
+
+
+def _words(load: str) -> str:
+    return load.replace("_", " ")
+
+
+def _unit(load: str, per: str = "") -> str:
+    return f"{'N m' if load.endswith('torque') else 'N'} {per}".rstrip()
+
+
+def _remark(one: Coefficient) -> str:
+    if one.bounded:
+        return "nowhere apart from others: a bound"
+    said = ["not seen"] if one.value == 0.0 else []
+    if one.near_modes:
+        said.append("near a mode at all speeds")
+    return ", ".join(said)
+
+
+def _constant(maps: Mapping[str, PowerMap], ridges: Sequence[Ridge]) -> list[UnexplainedRow]:
+    """Ridges whose frequency does not follow the speed."""
+    found = []
+    for ridge in (x for x in ridges if x.kind == "line"):
+        f = ridge.values[0]
+        load = max(
+            maps, key=lambda x: float(np.median(_line_power(maps[x], f) / maps[x].floor.mean()))
+        )
+        one = maps[load]
+        amplitude = float(np.sqrt(2.0 * max(float(np.median(_line_power(one, f))), 0.0)))
+        found.append(
+            UnexplainedRow(
+                _constant_words(ridge, one), _words(load), f, np.nan, amplitude, _unit(load)
+            )
+        )
+    return found
+
+
+def _line_power(one: PowerMap, frequency: float) -> np.ndarray:
+    at = int(one.bins(np.array(frequency)))
+    near = slice(max(at - one.lobe, 0), at + one.lobe + 1)
+    return np.asarray((one.power[:, near] - one.floor[:, near]).sum(axis=1))
+
+
+def _constant_words(ridge: Ridge, one: PowerMap) -> str:
+    f = ridge.values[0]
+    if ridge.width > _BROAD * one.spacing:
+        return "resonance that does not move with the speed"
+    for mains in _MAINS:
+        if f > 0.5 * mains and abs(f - mains * round(f / mains)) <= one.spacing:
+            return f"constant frequency, as mains of {mains:g} Hz"
+    return "constant frequency"
+
+
+_SKIRT = 6.0
+"""Half-widths of a mode within which what noise makes of it is taken for it."""
+
+
+def _beside(modes: Sequence[FoundMode], one: PowerMap) -> np.ndarray:
+    """Cells within the skirts of modes, (n, m)."""
+    near = np.zeros(one.power.shape, dtype=bool)
+    for mode in modes:
+        still = np.array([mode.frequency])
+        paths = whirl_paths(still, np.array([mode.inertia_ratio]), one.speed)[:, 0]
+        reach = _SKIRT * mode.damping * mode.frequency + (one.lobe + 1) * one.spacing
+        for path in paths:
+            near |= np.abs(one.frequency - path[:, None]) < reach
+    return near
+
+
+def _peaks_left(
+    maps: Mapping[str, PowerMap], left: np.ndarray, modes: Sequence[FoundMode]
+) -> tuple[list[UnexplainedRow], int]:
+    """Peaks that are of no ridge, beside no mode, and that noise does not have, the largest, and how
+    many more.
+    """
+    from scipy.stats import gamma
+
+    found: list[tuple[float, UnexplainedRow]] = []
+    for (load, one), free in zip(maps.items(), left, strict=True):
+        K = one.averages
+        level = np.where(free & ~_beside(modes, one), one.level, 0.0)
+        wanted = float(gamma.isf(_CHANCE / level.size, K) / K)
+        inner = level[:, 1:-1]
+        peak = (inner > 1.5 * wanted) & (inner >= level[:, :-2]) & (inner >= level[:, 2:])
+        for i, j in zip(*np.nonzero(peak), strict=True):
+            near = slice(max(j + 1 - one.lobe, 0), j + 2 + one.lobe)
+            amplitude = float(np.sqrt(2.0 * one.power[i, near].sum()))
+            row = UnexplainedRow(
+                "single peak", _words(load), float(one.frequency[j + 1]), float(one.speed[i]),
+                amplitude, _unit(load),
+            )  # fmt: skip
+            found.append((float(level[i, j + 1]), row))
+    found.sort(key=lambda x: -x[0])
+    return [row for _, row in found[:_MOST_LEFT]], max(len(found) - _MOST_LEFT, 0)

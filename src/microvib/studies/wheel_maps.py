@@ -1,0 +1,194 @@
+"""Powers of a wheel's loads over speed and frequency, from matrices of test software or a run-up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from microvib.errors import MicrovibError, OptionError
+from microvib.io.recordings import read_recording
+from microvib.io.waterfall_files import ENDINGS, SpectraOverSpeed, read_waterfall
+from microvib.signals.ridges import PowerMap
+from microvib.signals.spectrum import Window, noise_bandwidth, window_values
+from microvib.studies.speed_reference import of_tacho
+from microvib.units import GivenQuantity, convert, quantity
+
+LOADS = ("radial_force", "axial_force", "radial_torque", "axial_torque")
+SPEED_UNITS = {
+    "rpm": 2.0 * np.pi / 60.0,
+    "rad/s": 1.0,
+    "rps": 2.0 * np.pi,
+    "deg/s": np.pi / 180.0,
+}
+AMPLITUDES = ("peak", "rms", "power", "psd")
+"""Amplitudes 0-to-peak, rms, squares of the rms, or densities."""
+LOBES: dict[Window, int] = {"rectangular": 6, "hann": 2, "flat-top": 4}
+"""Bins on either side of a line that hold its power."""
+_NAMED = re.compile(rf"(.*?(?:{'|'.join(re.escape(x) for x in ENDINGS)}|\.\w+))(?::(.+))?", re.I)
+_SLICES = 0.5
+"""Overlap of the slices of a run-up."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Meaning of the numbers of matrices; None where it was not said."""
+
+    speeds: str | None = None
+    amplitude: str | None = None
+    window: Window | None = None
+    force_unit: str | None = None
+    torque_unit: str | None = None
+    layout: str | None = None
+
+
+def maps_of_files(files: Mapping[str, Sequence[str]], given: Given) -> dict[str, PowerMap]:
+    """Powers of each load from its files, ``FILE`` or ``FILE:NAME``, two of which are both axes across the
+    spin axis.
+
+    OptionError where it was not said what the numbers are; MicrovibError where files do not go together.
+    """
+    _require_stated(files, given)
+    read = {
+        load: [(text, read_waterfall(*_file_and_name(text), given.layout)) for text in texts]
+        for load, texts in files.items()
+        if texts
+    }
+    _require_alike([one for each in read.values() for one in each])
+    found = {}
+    for load, each in read.items():
+        unit = given.torque_unit if load.endswith("torque") else given.force_unit
+        size = convert(f"1 {unit}", "N*m" if load.endswith("torque") else "N")
+        powers = [_power(one, given, size) for _, one in each]
+        first = each[0][1]
+        speed = first.speed * SPEED_UNITS[given.speeds or ""]
+        found[load] = PowerMap(
+            speed, first.frequency, np.mean(powers, axis=0), LOBES[given.window or "hann"]
+        )
+    return found
+
+
+def _require_stated(files: Mapping[str, Sequence[str]], given: Given) -> None:
+    """OptionError where it was not said what the numbers of matrices are."""
+    if not any(files.values()):
+        raise OptionError("radial_force", "no load is given; give the file of one or more")
+    missing = {
+        "speeds": (given.speeds, f"the unit of the speeds is not said; {_or(tuple(SPEED_UNITS))}"),
+        "amplitude": (
+            given.amplitude,
+            "it is not said what the numbers are: peak (0-to-peak), rms, power (rms squared) or psd",
+        ),
+        "window": (given.window, f"the window of the spectra is not said; {_or(tuple(LOBES))}"),
+    }
+    for kind in ("force", "torque"):
+        if any(texts for load, texts in files.items() if load.endswith(kind)):
+            example = "N or mN" if kind == "force" else "N*m or mN*m"
+            stated = given.force_unit if kind == "force" else given.torque_unit
+            missing[f"{kind}_unit"] = (stated, f"the unit is not said, such as {example}")
+    for key, (value, problem) in missing.items():
+        if value is None:
+            raise OptionError(key, problem)
+    for load, texts in files.items():
+        if len(texts) > (2 if load.startswith("radial") else 1):
+            raise OptionError(
+                load, "is given too often; a radial load has two axes, an axial one has one"
+            )
+
+
+def _or(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _file_and_name(text: str) -> tuple[Path, str | None]:
+    found = _NAMED.fullmatch(text)
+    if found is None:
+        return Path(text), None
+    return Path(found[1]), found[2]
+
+
+def _require_alike(read: Sequence[tuple[str, SpectraOverSpeed]]) -> None:
+    """MicrovibError where two files are not of the same speeds and frequencies."""
+    (first_name, first), *others = read
+    for name, one in others:
+        for what in ("speed", "frequency"):
+            a, b = getattr(first, what), getattr(one, what)
+            if a.shape != b.shape or not np.allclose(a, b, rtol=1e-4):
+                raise MicrovibError(
+                    f"{name}: its values of {what} differ from those of {first_name}; all loads are to be from"
+                    " one test"
+                )
+
+
+def _power(one: SpectraOverSpeed, given: Given, size: float) -> np.ndarray:
+    """Half of the squared amplitudes by bin [N^2, N^2 m^2], (n, m)."""
+    bandwidth = noise_bandwidth(given.window or "hann")
+    values = one.values
+    if given.amplitude == "psd":
+        return np.asarray(values * size**2 * np.mean(np.diff(one.frequency)))
+    if given.amplitude == "power":
+        return np.asarray(values * size**2 / bandwidth)
+    square = (values * size) ** 2 / bandwidth
+    return np.asarray(0.5 * square if given.amplitude == "peak" else square)
+
+
+# ---- Run-ups ----
+
+
+def maps_of_recording(
+    path: str,
+    channels: Mapping[str, Sequence[str]],
+    tacho: str,
+    *,
+    pulses_per_rev: float = 1.0,
+    resolution: GivenQuantity = "1 Hz",
+    highest: float = 0.45,
+) -> dict[str, PowerMap]:
+    """Powers of each load from its channels of a recorded run-up, or of speeds held one after the
+    other, by slices of 1 / ``resolution``; up to a part ``highest`` of the sample rate.
+
+    RecordingError where a channel is missing or the tacho has no pulses, OptionError where the record is
+    too short.
+    """
+    if not any(channels.values()):
+        raise OptionError("radial_force", "no load is given; name the channel of one or more")
+    recording = read_recording(path)
+    rate = recording.sample_rate
+    width = quantity("resolution", resolution, "Hz", positive=True)
+    samples = round(rate / width)
+    reference = of_tacho(recording, tacho, pulses_per_rev)
+    count = reference.phase.size
+    starts = np.arange(0, count - samples + 1, max(int(samples * (1.0 - _SLICES)), 1))
+    if starts.size < 8 or samples < 128:
+        raise OptionError(
+            "resolution",
+            f"{width:g} Hz makes {starts.size} slices of {samples} samples; at least 8 of 128 are needed",
+        )
+    speed = 2.0 * np.pi * reference.speed(rate)
+    window = window_values("hann", samples)
+    f = np.fft.rfftfreq(samples, 1.0 / rate)
+    kept = f <= highest * rate
+    each = [speed[k : k + samples] for k in starts]
+    mean = np.array([float(window @ x / window.sum()) for x in each])
+    spread = np.array([float(np.ptp(x)) for x in each])
+    order = np.argsort(mean)
+    found = {}
+    for load, names in channels.items():
+        powers = []
+        for name in names:
+            x = recording[name][reference.part]
+            spectra = np.array(
+                [
+                    np.fft.rfft((x[k : k + samples] - x[k : k + samples].mean()) * window)
+                    for k in starts
+                ]
+            )
+            powers.append(2.0 * np.abs(spectra) ** 2 / (samples * np.sum(window**2)))
+        if powers:
+            found[load] = PowerMap(
+                mean[order], f[kept], np.mean(powers, axis=0)[np.ix_(order, kept)], LOBES["hann"]
+            )
+            found[load] = replace(found[load], spread=spread[order])
+    return found
