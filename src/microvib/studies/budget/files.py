@@ -417,7 +417,7 @@ class Wheel(Part):
             yield "table: is an alternative of harmonics; give one of them"
         yield from self._errors_of_whirl()
         if not (any(self.axis) and all(map(math.isfinite, self.axis))):
-            yield f"axis: {list(self.axis)} is not a direction; three components, not all 0, are expected"
+            yield f"axis: [{', '.join(format(x, 'g') for x in self.axis)}] is not a direction; three components, not all 0, are expected"
         if (self.measured_to or math.inf) <= (self.measured_from or 0.0):
             yield "measured_to: is not above measured_from"
         if self.speed_to is not None and self.speed_to <= self.speed:
