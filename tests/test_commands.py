@@ -92,6 +92,7 @@ DONE = {
     ],
     "repeatability": ["repeatability", "A=old.csv", "A=again.csv"],
     "hammer": ["hammer", "Mz@1m=blows.csv", "--mounted-mass", "0 kg"],
+    "wheel": ["wheel", "--help"],
     "envelope": ["envelope", "old", "old.csv", "again.csv", "--statistic", "mean"],
     "acceptance": [
         "acceptance",
@@ -163,6 +164,22 @@ REFUSED = {
     "repeatability": (["repeatability", "A=old.csv"], "repeatability needs two or more"),
     "envelope": (["envelope", "state-1"], "state-1: is no run that was kept"),
     "hammer": (["hammer", "Mz=blows.csv", "--mounted-mass", "0 kg"], "a torque needs a lever arm"),
+    "wheel": (
+        [
+            "wheel",
+            "--radial-force",
+            "old.csv",
+            "--speeds",
+            "rpm",
+            "--amplitude",
+            "peak",
+            "--window",
+            "hann",
+            "--out",
+            "w",
+        ],
+        "--force-unit: the unit is not said",
+    ),
     "acceptance": (
         ["acceptance", "A=old.csv", "--template", "nowhere.md", "--out", "a"],
         "nowhere.md",
