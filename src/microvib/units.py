@@ -232,7 +232,7 @@ def _factor(plain: str, written: str, unit: str) -> float:
         raise ValueError(
             f"has a unit with an offset, '{written}'; write it such as '{unit or 'percent'}'"
         )
-    _check_angles(_angles(given), _angles(wanted), unit, bool(_HERTZ.search(plain)))
+    _check_angles(_angles(given), _angles(wanted), unit, plain)
     return factor
 
 
@@ -251,10 +251,13 @@ def _angles(unit: Any) -> float:
     return float(dict(_registry().get_root_units(unit)[1]._units).get("radian", 0))
 
 
-def _check_angles(given: float, wanted: float, unit: str, hertz: bool) -> None:
-    """ValueError where an angle is given for a number, or cycles for angles; left out, an angle is
-    in radians.
+def _check_angles(given: float, wanted: float, unit: str, plain: str) -> None:
+    """ValueError where an angle is given for a number, or cycles or a percentage for an angle; left
+    out, an angle is in radians.
     """
+    hertz = _HERTZ.search(plain) is not None
+    if wanted and "percent" in plain:
+        raise ValueError(f"is a percentage; an angle is expected here, in {unit}")
     if "Hz" in unit and given:
         raise ValueError(f"mixes angles and cycles: a frequency is expected here, in {unit}")
     if "Hz" not in unit and wanted and hertz:
