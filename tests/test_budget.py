@@ -2086,16 +2086,20 @@ def test_wrong_requirements_are_a_sentence(tmp_path: Path, text: str, says: str)
         ("{name: w, lines: l.csv, point: mirror}", "point: 'mirror' is not on the hub"),
         ("{name: w, density: l.csv}", "is not a table of densities"),
         (
-            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 0], harmonics: [{order: 1}]}, point: center}",
+            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 0], harmonics: [{order: 1, radial_force: 1 N*s^2/rad^2}]}, point: center}",
             "axis: [0, 0, 0]",
         ),
         (
-            "{name: w, clock: a, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}, point: center}",
+            "{name: w, clock: a, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1, radial_force: 1 N*s^2/rad^2}]}, point: center}",
             "clock: keeps the phases of lines from a file",
         ),
         (
-            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}}",
+            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1, radial_force: 1 N*s^2/rad^2}]}}",
             "a wheel needs its place",
+        ),
+        (
+            "{name: w, wheel: {speed: 1000 rpm, axis: [0, 0, 1], harmonics: [{order: 1}]}, point: center}",
+            "harmonics.0: has no coefficient: one of radial_force",
         ),
     ],
 )
