@@ -33,6 +33,7 @@ RATES = [
     "2",
     "--linear",
 ]
+_SAID_OF_WHEEL = ["--speeds", "rpm", "--amplitude", "peak", "--window", "hann", "--out", "of-wheel"]
 DONE = {
     "run": ["run", "state-1", *SHORT],
     "run --steady": ["run", "state-1", "--steady", "--lines-only", *SHORT],
@@ -92,7 +93,7 @@ DONE = {
     ],
     "repeatability": ["repeatability", "A=old.csv", "A=again.csv"],
     "hammer": ["hammer", "Mz@1m=blows.csv", "--mounted-mass", "0 kg"],
-    "wheel": ["wheel", "--help"],
+    "wheel": ["wheel", "--axial-force", "wheel.csv", *_SAID_OF_WHEEL, "--force-unit", "N"],
     "envelope": ["envelope", "old", "old.csv", "again.csv", "--statistic", "mean"],
     "acceptance": [
         "acceptance",
@@ -165,19 +166,7 @@ REFUSED = {
     "envelope": (["envelope", "state-1"], "state-1: is no run that was kept"),
     "hammer": (["hammer", "Mz=blows.csv", "--mounted-mass", "0 kg"], "a torque needs a lever arm"),
     "wheel": (
-        [
-            "wheel",
-            "--radial-force",
-            "old.csv",
-            "--speeds",
-            "rpm",
-            "--amplitude",
-            "peak",
-            "--window",
-            "hann",
-            "--out",
-            "w",
-        ],
+        ["wheel", "--axial-force", "wheel.csv", *_SAID_OF_WHEEL],
         "--force-unit: the unit is not said",
     ),
     "acceptance": (
