@@ -334,6 +334,7 @@ def test_help_and_version(tmp_path):
         assert status == 0
         assert name == "version" or "Usage: microvib" in said, name
         assert max(map(len, said.splitlines())) <= 80, name
+        assert '" "' not in said, name
 
 
 def answers(written: str) -> bool:
