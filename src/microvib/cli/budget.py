@@ -106,7 +106,8 @@ def budget(
     orbit: bool, other: str | None, other_sources: Path | None, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is the drive on its spacecraft; further ones are other drives on the same spacecraft."""
+    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is the
+    drive on its spacecraft; further ones are other drives on the same spacecraft."""
     from microvib.reports.budget import budget_outcome
     from microvib.studies.budget.angles import budget_over_angles
     from microvib.studies.budget.study import Budget, pointing_budget
