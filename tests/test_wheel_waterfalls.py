@@ -334,6 +334,9 @@ def test_nothing_is_judged_at_speeds_and_frequencies_that_were_not_measured() ->
         found = budget_of({}, **{**measured, **outside})
         assert found.verdict == "not judged"
         assert "measured from 500 to 1500 rpm" in " ".join(found.why)
+    found = budget_of({}, **measured, not_measured=["axial_force"])
+    assert found.verdict == "not judged"
+    assert "axial force: not measured" in " ".join(found.why)
     up_to = {**measured, "measured_up_to": "300 Hz"}
     assert budget_of({}, **up_to).verdict == "not judged"
     assert budget_of({"highest": "200 Hz"}, **up_to).verdict == "pass"
@@ -379,7 +382,9 @@ def test_the_command_writes_what_a_budget_reads(tmp_path: Path) -> None:
 
     with pytest.raises(MicrovibError, match="axis"):
         read_file(out / "wheel.yaml", Sources)
+    assert "not_measured: [axial_force, axial_torque]" in text
     text = text.replace("# position", "position").replace("# axis", "axis")
+    text = text.replace("[axial_force, axial_torque]", "[]")
     (out / "filled.yaml").write_text(text)
     from microvib.io.file_access import WORKING_FOLDER
 

@@ -400,6 +400,13 @@ class Wheel(Part):
         ]
         | None
     ) = None
+    not_measured: tuple[
+        Literal["radial_force", "radial_torque", "axial_force", "axial_torque"], ...
+    ] = Field(
+        default=(),
+        max_length=4,
+        description="loads that were not measured; nothing passes while one is named",
+    )
     axis: Direction = Field(description="spin axis, hub axes")
     harmonics: tuple[WheelHarmonic, ...] = Field(
         default=(), max_length=200, description="its disturbances"
