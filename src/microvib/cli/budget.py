@@ -22,6 +22,7 @@ from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 
 if TYPE_CHECKING:
+    from microvib.model.scenario import Scenario
     from microvib.testdata.recording import Recording
 
 
@@ -118,6 +119,8 @@ def budget(
         _check_designs(key, scenarios, requirement, campaign, recording, short_way)
     measured = _measured(recording, prepare)
     loaded = [load(name, settings) for name in scenarios]
+    second, beside = other or scenarios[0], other_sources or sources
+    of_second = _second_design(second, settings, beside) if two else None
     several = _several_angles(angles, orbit)
     judge: Callable[..., Budget] = budget_over_angles if several else pointing_budget
     common: dict[str, Any] = {
@@ -128,20 +131,28 @@ def budget(
             loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, short_way=short_way,
             names=[Path(name).stem for name in scenarios], progress=progress, **common,
         )  # fmt: skip
-    if not two:
+    if of_second is None:
         target.present(budget_outcome(found))
         return
     from microvib.reports.designs import designs_outcome
     from microvib.studies.budget.designs import Designs
 
-    second, beside = other or scenarios[0], other_sources or sources
     with progress_bar(finishing="lines and report of design B") as progress:
         of_b = judge(
-            [load(second, settings)], requirement, sources=beside or (), names=[Path(second).stem],
+            [of_second], requirement, sources=beside or (), names=[Path(second).stem],
             progress=progress, **common,
         )  # fmt: skip
     names = _name_of_design(scenarios[0], sources), _name_of_design(second, beside)
     target.present(designs_outcome(Designs(names, found, of_b)))
+
+
+def _second_design(name: str, settings: tuple[str, ...], sources: Path | None) -> Scenario:
+    """The scenario of design B; it and its sources are read before design A is computed."""
+    from microvib.studies.budget.files import Sources, read_file
+
+    if sources is not None:
+        read_file(sources, Sources)
+    return load(name, settings)
 
 
 def _measured(recording: str | None, prepare: Path | None) -> Recording | None:
