@@ -433,13 +433,8 @@ class Quantity:
             number = float(value)
         except OverflowError:
             return math.inf
-        if (
-            self.unit
-            and number != 0.0
-            and not in_si
-            and not isinstance(value, Si)
-            and math.isfinite(number)
-        ):
+        stated = in_si or isinstance(value, Si)
+        if self.unit and number != 0.0 and math.isfinite(number) and not stated:
             raise self._error(
                 value, f"needs a unit, such as '{quoted_value(value)} {self.display or self.unit}'"
             )

@@ -23,6 +23,7 @@ from microvib.errors import OptionError
 
 if TYPE_CHECKING:
     from microvib.model.scenario import Scenario
+    from microvib.studies.budget.study import Budget
     from microvib.testdata.recording import Recording
 
 
@@ -111,12 +112,13 @@ def budget(
     drive on its spacecraft; further ones are other drives on the same spacecraft."""
     from microvib.reports.budget import budget_outcome
     from microvib.studies.budget.angles import budget_over_angles
-    from microvib.studies.budget.study import Budget, pointing_budget
+    from microvib.studies.budget.study import pointing_budget
 
     two = other is not None or other_sources is not None
-    if two:
-        key = "compare" if other is not None else "compare_sources"
-        _check_designs(key, scenarios, requirement, campaign, recording, short_way)
+    if other is not None:
+        _check_designs("compare", scenarios, requirement, campaign, recording, short_way)
+    elif other_sources is not None:
+        _check_designs("compare_sources", scenarios, requirement, campaign, recording, short_way)
     measured = _measured(recording, prepare)
     loaded = [load(name, settings) for name in scenarios]
     second, beside = other or scenarios[0], other_sources or sources
@@ -134,16 +136,21 @@ def budget(
     if of_second is None:
         target.present(budget_outcome(found))
         return
-    from microvib.reports.designs import designs_outcome
-    from microvib.studies.budget.designs import Designs
-
     with progress_bar(finishing="lines and report of design B") as progress:
         of_b = judge(
             [of_second], requirement, sources=beside or (), names=[Path(second).stem],
             progress=progress, **common,
         )  # fmt: skip
     names = _name_of_design(scenarios[0], sources), _name_of_design(second, beside)
-    target.present(designs_outcome(Designs(names, found, of_b)))
+    _present_designs(target, names, found, of_b)
+
+
+def _present_designs(target: Target, names: tuple[str, str], a: Budget, b: Budget) -> None:
+    """The comparison of design A with design B."""
+    from microvib.reports.designs import designs_outcome
+    from microvib.studies.budget.designs import Designs
+
+    target.present(designs_outcome(Designs(names, a, b)))
 
 
 def _second_design(name: str, settings: tuple[str, ...], sources: Path | None) -> Scenario:
