@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.commands import SHORT, microvib
+from support.pages import AT_A_RELEASE
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -25,8 +26,9 @@ SHORTER: dict[str, list[str]] = {
     "--seeds 60": [*SHORT, "--seeds", "2"],
     "--angles 0:180:15": [*SHORT, "--angles", "0:180:90"],
     "--angles 0:330:30": [*SHORT, "--angles", "0,120"],
-    "--orbit": [*SHORT, "--angles", "30:60:30"],
+    "--orbit": [*SHORT, "--angles", "30:40:10"],
     "--judge 2": ["--count", "2"],
+    '--to "0.06 deg/s"': ["--count", "2", "--linear", "--out", "another plan"],
     "microvib rates": ["--count", "2", "--linear", "--from", "0.1 deg/s", "--microsteps", "16,32"],
     "microvib modes": ["--count", "3"],
     "microvib run": SHORT,
@@ -62,8 +64,10 @@ NOT_RUN = {
     "--as fmu": "seconds of a compiler for each platform; tests/export runs the command's function",
     "microvib validate": "seconds; tests/test_commands.py runs it, in a terminal and in a pipe",
     "microvib statements": "a minute a draw; tests/test_validate.py makes one with fewer records",
-    "one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
+    "my-drive.yaml one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
+    "state-1.yaml one.uff two.uff": "recordings of the reader's own; tests/test_driver.py and test_studies.py identify",
     "--recording table.csv": "a recording of the reader's own; tests/test_budget.py takes one",
+    "--compare B.yaml": "two designs of the reader's own; tests/test_designs.py compares some",
     "--campaign batch --steady": "a campaign of the reader's own; tests/test_budget.py takes one",
     "microvib analyse unit-1.uff": "recordings of the reader's own; tests/test_sections.py makes some",
     "microvib sensitivity my-drive.yaml": "the drive's ranges come from a data sheet; tests/test_sensitivity.py",
@@ -83,6 +87,11 @@ CRAFT = {
     name: (ROOT / "examples" / name).read_text("utf-8")
     for name in ("spacecraft.yaml", "requirement.yaml", "sources.yaml")
 }
+LESS = {
+    "requirement.yaml": CRAFT["requirement.yaml"].partition("  - {name: P-2")[0],
+    "sources.yaml": CRAFT["sources.yaml"].replace("speed_to: 3000 rpm", "speed_to: 1050 rpm"),
+}
+"""One requirement and a fortieth of the wheel's speeds, which are looked at for each angle; tests/test_budget.py takes the whole example."""
 GIVEN: dict[str, dict[str, str]] = {
     "README.md": {"study.yaml": STUDY},
     "docs/fem.md": {"my-array.yaml": ARRAY},
@@ -91,7 +100,9 @@ GIVEN: dict[str, dict[str, str]] = {
     | {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/limit-curves.md": {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/motor.md": {"my-drive.yaml": DRIVE},
-    "docs/howto/pointing.md": CRAFT | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
+    "docs/howto/pointing.md": CRAFT
+    | LESS
+    | {"study.yaml": STUDY.replace("state-1", "spacecraft.yaml")},
     "docs/howto/quiet.md": {f"examples/{name}": text for name, text in CRAFT.items()},
     "docs/howto/rate.md": {"my-drive.yaml": DRIVE},
     "docs/theory/spacecraft.md": {f"examples/{name}": text for name, text in CRAFT.items()},
@@ -102,9 +113,12 @@ SHORT_BENCH = BENCH.replace("duration: 16 s", "duration: 3 s")
 
 
 def lines_of(page: str) -> list[str]:
-    """Command lines in the indented blocks of a page, each as one line; executed cells are run with the site."""
+    """Command lines in the indented blocks of a page, each as one line; cells are executed with the site, but for those of a release."""
     text = (ROOT / page).read_text("utf-8").replace("\\\n", " ")
-    found = re.findall(r"^    ((?:\S*microvib|\S*python3?|pip|curl|ssh) .*)$", text, re.M)
+    begin = (
+        "(?: {4})?" if page.removeprefix("docs/").removesuffix(".md") in AT_A_RELEASE else " {4}"
+    )
+    found = re.findall(rf"^{begin}((?:\S*microvib|\S*python3?|pip|curl|ssh) .*)$", text, re.M)
     return [part.strip() for line in found for part in re.sub(r"\s# .*", "", line).split("&&")]
 
 

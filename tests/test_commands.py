@@ -33,6 +33,7 @@ RATES = [
     "2",
     "--linear",
 ]
+_SAID_OF_WHEEL = ["--speeds", "rpm", "--amplitude", "peak", "--window", "hann", "--out", "of-wheel"]
 DONE = {
     "run": ["run", "state-1", *SHORT],
     "run --steady": ["run", "state-1", "--steady", "--lines-only", *SHORT],
@@ -92,6 +93,7 @@ DONE = {
     ],
     "repeatability": ["repeatability", "A=old.csv", "A=again.csv"],
     "hammer": ["hammer", "Mz@1m=blows.csv", "--mounted-mass", "0 kg"],
+    "wheel": ["wheel", "--axial-force", "wheel.csv", *_SAID_OF_WHEEL, "--force-unit", "N"],
     "envelope": ["envelope", "old", "old.csv", "again.csv", "--statistic", "mean"],
     "acceptance": [
         "acceptance",
@@ -163,6 +165,10 @@ REFUSED = {
     "repeatability": (["repeatability", "A=old.csv"], "repeatability needs two or more"),
     "envelope": (["envelope", "state-1"], "state-1: is no run that was kept"),
     "hammer": (["hammer", "Mz=blows.csv", "--mounted-mass", "0 kg"], "a torque needs a lever arm"),
+    "wheel": (
+        ["wheel", "--axial-force", "wheel.csv", *_SAID_OF_WHEEL],
+        "--force-unit: the unit is not said",
+    ),
     "acceptance": (
         ["acceptance", "A=old.csv", "--template", "nowhere.md", "--out", "a"],
         "nowhere.md",
@@ -328,6 +334,7 @@ def test_help_and_version(tmp_path):
         assert status == 0
         assert name == "version" or "Usage: microvib" in said, name
         assert max(map(len, said.splitlines())) <= 80, name
+        assert '" "' not in said, name
 
 
 def answers(written: str) -> bool:

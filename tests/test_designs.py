@@ -141,3 +141,18 @@ def test_what_is_of_one_design_is_refused(more: list[str], says: str) -> None:
     done = CliRunner().invoke(main, arguments, prog_name="microvib")
     assert done.exit_code != 0
     assert says in " ".join(done.output.split()), done.output
+
+
+@pytest.mark.parametrize("option", ["--compare", "--compare-sources"])
+def test_files_of_the_second_design_are_read_before_the_first_is_computed(
+    option: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def computed(*_: object, **__: object) -> None:
+        raise AssertionError("design A was computed")
+
+    monkeypatch.setattr("microvib.studies.budget.study.pointing_budget", computed)
+    arguments = ["budget", str(EXAMPLES / "spacecraft.yaml"), "--requirement",
+                 str(EXAMPLES / "requirement.yaml"), option, "nowhere.yaml"]  # fmt: skip
+    done = CliRunner().invoke(main, arguments, prog_name="microvib")
+    assert done.exit_code == 1
+    assert "nowhere.yaml: there is no such file" in done.output

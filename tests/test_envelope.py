@@ -6,6 +6,8 @@ import json
 import math
 import re
 import shlex
+import shutil
+import textwrap
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from microvib.signals.limit_curve import Limit, LimitCurve
 from microvib.studies.campaign.folder import open_campaign
 from microvib.studies.campaign.results import open_results
 from microvib.studies.campaign.statistics import ABOVE, BELOW, case_verdicts
+from microvib.studies.envelope.members import Reading, members_of
 from microvib.studies.envelope.spectra import densities_in_bands, mean_square
 from microvib.studies.envelope.statistics import members_needed, statistic_of
 
@@ -322,6 +325,35 @@ def test_members_of_one_name_are_told_apart_and_none_counts_twice(tmp_path):
     write_recording(recorded((53.0, 0.001)), tmp_path / "a.csv")
     with pytest.raises(mv.MicrovibError, match="given twice"):
         mv.envelope([tmp_path / "a.csv", tmp_path / "." / "a.csv"])
+
+
+def test_a_copy_of_a_recording_is_no_further_draw(tmp_path):
+    write_recording(recorded((53.0, 0.001)), tmp_path / "a.csv")
+    copies = [shutil.copy(tmp_path / "a.csv", tmp_path / f"copy_{k}.csv") for k in range(59)]
+    with pytest.raises(mv.MicrovibError, match=r"copy_1.csv: is given twice"):
+        mv.envelope(copies, statistics=["p95"], limit=WIDE)
+
+
+def test_a_campaign_drawn_again_has_no_further_draws(tmp_path):
+    study = """
+        scenario: state-1
+        solve: steady
+        vary: {motor.detent_torque: {distribution: uniform, within: 10 percent}}
+        sampling: {method: random, count: 2}
+    """
+    for name, limit in (("first", 50), ("again", 60)):
+        file, folder = tmp_path / f"{name}.yaml", str(tmp_path / name)
+        file.write_text(f"{textwrap.dedent(study)}limit: {limit} mN*m\n")
+        for line in (
+            ["create", str(file), folder],
+            ["run", folder, "--workers", "1"],
+            ["merge", folder],
+        ):
+            told = CliRunner().invoke(main, ["campaign", *line])
+            assert told.exit_code == 0, told.output
+    assert len(members_of([tmp_path / "first"], Reading())) == 2
+    with pytest.raises(mv.MicrovibError, match="again, case 0: is given twice"):
+        members_of([tmp_path / "first", tmp_path / "again"], Reading())
 
 
 RATES = ["rates", "state-1", "--from", "0.05 deg/s", "--to", "0.06 deg/s", "--count", "2"]

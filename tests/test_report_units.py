@@ -156,6 +156,6 @@ def test_one_quantity_has_one_unit(
 
 
 def test_a_limit_is_answered_in_the_unit_that_it_is_given_in() -> None:
-    [table] = [x for x in budget_in_arcsec().parts[0].items if isinstance(x, Table)]
+    table, *_ = [x for x in budget_in_arcsec().parts[0].items if isinstance(x, Table)]
     assert table.shown[1].title == "limit [arcsec]"
     assert table.texts()[0][1] == "0.1"

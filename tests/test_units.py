@@ -121,6 +121,8 @@ def test_units_are_read_as_people_and_print_write_them(written, unit, value):
         ("7 rad/s", "Hz", "mixes angles and cycles"),
         ("60 rpm", "Hz", "mixes angles and cycles"),
         ("1 Hz", "rad/s", "mixes cycles and angles"),
+        ("5 percent", "rad", "is a percentage; an angle is expected here, in rad"),
+        ("5 %/s", "rad/s", "is a percentage; an angle is expected here, in rad/s"),
         ("", "kg", "is not a quantity"),
         ("1 kg" * 100, "kg", "too long"),
         ("7 °/s", "Hz", "mixes angles and cycles"),

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from support import craft as whole
 from support.craft_scenarios import scenario_of
-from support.wheel_waterfalls import COEFFICIENTS, KINDS, KnownWheel
+from support.wheel_waterfalls import COEFFICIENTS, KINDS, RPM, KnownWheel, write_matrix
 
 from microvib.cli.main import main
 from microvib.errors import MicrovibError, OptionError
@@ -26,7 +26,6 @@ from microvib.studies.wheel import MeasuredWheel, measured_wheel
 from microvib.studies.wheel_fit import bound_coefficient, fit_coefficient, read_order
 from microvib.studies.wheel_maps import LOBES, Given, maps_of_files, maps_of_recording
 
-RPM = 2.0 * np.pi / 60.0
 SPEEDS = RPM * np.linspace(300.0, 4000.0, 60)
 RATE, SAMPLES, HIGHEST = 1024.0, 1024, 400.0
 
@@ -141,20 +140,6 @@ def test_an_order_that_is_near_its_mode_at_all_speeds_says_so() -> None:
 # ---- Files ----
 
 
-def write_csv(
-    path: Path, values: np.ndarray, f: np.ndarray, *, corner: str = "rpm \\ Hz", unit: float = RPM,
-    turned: bool = False,
-) -> Path:  # fmt: skip
-    table = np.column_stack([SPEEDS / unit, values])
-    table = np.vstack([np.r_[0.0, f], table])
-    if turned:
-        table = table.T
-    rows = [",".join(f"{x:.9g}" for x in row) for row in table.tolist()]
-    rows[0] = ",".join([corner, *rows[0].split(",")[1:]])
-    path.write_text("\n".join(rows) + "\n")
-    return path
-
-
 SAID = {"speeds": "rpm", "amplitude": "peak", "window": "hann", "force_unit": "N"}
 
 
@@ -167,7 +152,9 @@ def test_a_file_is_read_as_it_is_said_to_be(
 ) -> None:
     f, values = spectra(KnownWheel(), "axial_force", 3)
     corner = "Hz \\ speed" if turned else "speed | frequency"
-    path = write_csv(tmp_path / "a.csv", values, f, corner=corner, unit=unit, turned=turned)
+    path = write_matrix(
+        tmp_path / "a.csv", SPEEDS, values, f, corner=corner, unit=unit, turned=turned
+    )
     given = Given(**{**SAID, "speeds": speeds})  # type: ignore[arg-type]
     one = maps_of_files({"axial_force": [str(path)]}, given)["axial_force"]
     assert one.speed == pytest.approx(SPEEDS, rel=1e-8)
@@ -184,7 +171,7 @@ def test_amplitudes_are_the_same_however_they_are_given(
     f, values = spectra(wheel, "axial_torque", 3, scaling=base, window=window)
     values = values**2 if scaling == "power" else values
     milli = values * (1e6 if scaling in ("power", "psd") else 1e3)
-    path = write_csv(tmp_path / "a.csv", milli, f)
+    path = write_matrix(tmp_path / "a.csv", SPEEDS, milli, f)
     given = Given("rpm", scaling, window, None, "mN*m")
     one = maps_of_files({"axial_torque": [str(path)]}, given)["axial_torque"]
     reading = read_order(one, 2.0, [Ridge("order", (2.0,), 1e-4, 0.0, (), -9.0)])
@@ -196,7 +183,7 @@ def test_amplitudes_are_the_same_however_they_are_given(
 @pytest.mark.parametrize("key", ["speeds", "amplitude", "window", "force_unit"])
 def test_what_is_not_said_is_asked_for(tmp_path: Path, key: str) -> None:
     f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
-    path = write_csv(tmp_path / "a.csv", values, f)
+    path = write_matrix(tmp_path / "a.csv", SPEEDS, values, f)
     given = Given(**{**SAID, key: None})  # type: ignore[arg-type]
     with pytest.raises(OptionError, match=key):
         maps_of_files({"axial_force": [str(path)]}, given)
@@ -204,7 +191,7 @@ def test_what_is_not_said_is_asked_for(tmp_path: Path, key: str) -> None:
 
 def test_a_table_that_does_not_say_where_speeds_are_is_refused(tmp_path: Path) -> None:
     f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
-    path = write_csv(tmp_path / "a.csv", values, f, corner="")
+    path = write_matrix(tmp_path / "a.csv", SPEEDS, values, f, corner="")
     with pytest.raises(OptionError, match="does not say whether rows are speeds"):
         read_waterfall(path)
     assert read_waterfall(path, layout="speeds-in-rows").speed == pytest.approx(SPEEDS / RPM)
@@ -222,7 +209,7 @@ def test_a_table_that_does_not_say_where_speeds_are_is_refused(tmp_path: Path) -
 )
 def test_a_broken_matrix_is_a_sentence(tmp_path: Path, change: Any, says: str) -> None:
     f, values = spectra(KnownWheel(), "axial_force", 3, averages=1)
-    path = write_csv(tmp_path / "a.csv", values, f)
+    path = write_matrix(tmp_path / "a.csv", SPEEDS, values, f)
     path.write_text(change(path.read_text()))
     with pytest.raises(MicrovibError, match=says):
         read_waterfall(path)
@@ -347,6 +334,9 @@ def test_nothing_is_judged_at_speeds_and_frequencies_that_were_not_measured() ->
         found = budget_of({}, **{**measured, **outside})
         assert found.verdict == "not judged"
         assert "measured from 500 to 1500 rpm" in " ".join(found.why)
+    found = budget_of({}, **measured, not_measured=["axial_force"])
+    assert found.verdict == "not judged"
+    assert "axial force: not measured" in " ".join(found.why)
     up_to = {**measured, "measured_up_to": "300 Hz"}
     assert budget_of({}, **up_to).verdict == "not judged"
     assert budget_of({"highest": "200 Hz"}, **up_to).verdict == "pass"
@@ -376,7 +366,7 @@ def test_the_command_writes_what_a_budget_reads(tmp_path: Path) -> None:
     options = []
     for kind in ("radial_force", "radial_torque"):
         f, values = spectra(wheel, kind, 4)
-        write_csv(tmp_path / f"{kind}.csv", values, f)
+        write_matrix(tmp_path / f"{kind}.csv", SPEEDS, values, f)
         options += [f"--{kind.replace('_', '-')}", str(tmp_path / f"{kind}.csv")]
     options += ["--speeds", "rpm", "--amplitude", "peak", "--window", "hann"]
     options += ["--force-unit", "N", "--torque-unit", "N*m", "--out", str(tmp_path / "out")]
@@ -392,7 +382,9 @@ def test_the_command_writes_what_a_budget_reads(tmp_path: Path) -> None:
 
     with pytest.raises(MicrovibError, match="axis"):
         read_file(out / "wheel.yaml", Sources)
+    assert "not_measured: [axial_force, axial_torque]" in text
     text = text.replace("# position", "position").replace("# axis", "axis")
+    text = text.replace("[axial_force, axial_torque]", "[]")
     (out / "filled.yaml").write_text(text)
     from microvib.io.file_access import WORKING_FOLDER
 

@@ -180,11 +180,9 @@ def _blocks(
     room = most + len(_GAP) - sum(wide[:keys])
     groups: list[list[int]] = [[]]
     for k in range(keys, end):
-        needed = (
-            sum(wide[c] for c in groups[-1])
-            + wide[k]
-            + (_short(folded[-1]) if last_left and k == end - 1 else 0)
-        )
+        needed = sum(wide[c] for c in groups[-1]) + wide[k]
+        if last_left and k == end - 1:
+            needed += _short(folded[-1])
         if groups[-1] and needed > room:
             groups.append([])
         groups[-1].append(k)

@@ -232,7 +232,7 @@ def _factor(plain: str, written: str, unit: str) -> float:
         raise ValueError(
             f"has a unit with an offset, '{written}'; write it such as '{unit or 'percent'}'"
         )
-    _check_angles(_angles(given), _angles(wanted), unit, bool(_HERTZ.search(plain)))
+    _check_angles(_angles(given), _angles(wanted), unit, plain)
     return factor
 
 
@@ -251,10 +251,13 @@ def _angles(unit: Any) -> float:
     return float(dict(_registry().get_root_units(unit)[1]._units).get("radian", 0))
 
 
-def _check_angles(given: float, wanted: float, unit: str, hertz: bool) -> None:
-    """ValueError where an angle is given for a number, or cycles for angles; left out, an angle is
-    in radians.
+def _check_angles(given: float, wanted: float, unit: str, plain: str) -> None:
+    """ValueError where an angle is given for a number, or cycles or a percentage for an angle; left
+    out, an angle is in radians.
     """
+    hertz = _HERTZ.search(plain) is not None
+    if wanted and "percent" in plain:
+        raise ValueError(f"is a percentage; an angle is expected here, in {unit}")
     if "Hz" in unit and given:
         raise ValueError(f"mixes angles and cycles: a frequency is expected here, in {unit}")
     if "Hz" not in unit and wanted and hertz:
@@ -430,13 +433,8 @@ class Quantity:
             number = float(value)
         except OverflowError:
             return math.inf
-        if (
-            self.unit
-            and number != 0.0
-            and not in_si
-            and not isinstance(value, Si)
-            and math.isfinite(number)
-        ):
+        stated = in_si or isinstance(value, Si)
+        if self.unit and number != 0.0 and math.isfinite(number) and not stated:
             raise self._error(
                 value, f"needs a unit, such as '{quoted_value(value)} {self.display or self.unit}'"
             )

@@ -53,7 +53,7 @@ def test_lines_that_only_a_frequency_tells_are_compared_by_it(visit: Callable[..
 
 def test_lines_move_with_a_value_over_those_of_before(visit: Callable[..., Any]) -> None:
     page = visit()
-    page.locator(".live summary").click()
+    page.locator("details:has(#live-plot) > summary").click()
     page.select_option("#live-way", "linear")
     until(page, f"{STEMS}.length === 1 && {STEMS}[0].x.length === 24")
     first = page.evaluate(f"() => {STEMS}[0].y[1]")
@@ -178,7 +178,7 @@ def test_a_point_of_the_rate_map_is_a_run(visit: Callable[..., Any]) -> None:
     page.mouse.move(x, y)
     page.locator("#largest-plot .hoverlayer .hovertext").wait_for()
     page.mouse.click(x, y)
-    name = page.locator(".offer")
+    name = page.locator("#rates .offer")
     api.expect(name).to_contain_text(f"{microsteps} microsteps")
     assert figure(name.inner_text().split()[0]) == float(f"{rate:.6g}")
     name.get_by_role("button").click()

@@ -161,7 +161,7 @@ def test_a_section_is_marked_and_processed_beside_its_background(
     page.locator("#processing-background option", has_text="off.mat").wait_for(state="attached")
     page.select_option("#processing-background", label="off.mat")
     page.locator(".bands-asked summary").click()
-    page.fill("#processing-bands", "low_hz,high_hz,limit_mn_m\n20,80,50\n80,150,5")
+    page.fill("#processing-bands", "low_hz,high_hz,limit_mn_m\n20,80,50\n80,150,20")
     page.get_by_role("button", name="Mark a section").click()
     until(page, f"{PLOT}._fullLayout.dragmode === 'select'")
     page.locator("#recorded-history-plot").scroll_into_view_if_needed()

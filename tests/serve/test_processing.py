@@ -209,7 +209,7 @@ def test_a_sweep_that_stays_below_a_limit_passes_nothing(client, sweep_id):
     found = started(client, "trackings", recording=sweep_id, **asked)
     assert found["verdict"] == "not judged"
     part = next(p for p in found["parts"] if p["title"] == "Against the limit")
-    assert "passes nothing" in items(part, "text")[0]["text"]
+    assert "That is no pass" in items(part, "text")[0]["text"]
     assert found["cuts"][0]["time"][0] >= 0.5
 
 

@@ -5,12 +5,14 @@ own.
 from contextlib import chdir
 from pathlib import Path
 
+import numpy as np
 from click.testing import CliRunner, Result
 
 from microvib.cli.main import main
 from microvib.io.named import catalog_text
 from microvib.io.recordings import write_recording
 from support.hammer import blows, resonance
+from support.wheel_waterfalls import RPM, KnownWheel, write_matrix
 
 ONE_AFTER_ANOTHER = """
 import json, sys
@@ -57,12 +59,15 @@ _BEFORE = (
 
 
 def work_in(folder: Path) -> Path:
-    """Make what commands work on: study files, a finished run, two recordings and one of blows, a campaign that is
-    computed and one that is not.
+    """Make what commands work on: study files, a finished run, two recordings and one of blows, a
+    wheel's waterfall, a campaign that is computed and one that is not.
     """
     for name, text in _FILES.items():
         (folder / name).write_text(text)
     write_recording(blows([resonance()], count=4, gap=0.5), folder / "blows.csv")
+    speeds = RPM * np.linspace(500.0, 3000.0, 24)
+    f, values = KnownWheel().waterfall("axial_force", speeds, 512.0, 512, np.random.default_rng(0))
+    write_matrix(folder / "wheel.csv", speeds, values, f)
     for arguments in _BEFORE:
         done = microvib(*arguments, cwd=folder)
         assert done.exit_code == 0, done.output

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from microvib.signals.spectrum import window_values
 
+RPM = 2.0 * np.pi / 60.0
 KINDS = ("radial_force", "axial_force", "radial_torque", "axial_torque")
 COEFFICIENTS = {
     "radial_force": {1.0: 2e-6, 2.0: 8e-7, 3.16: 6e-7, 5.6: 5e-7},
@@ -98,3 +100,20 @@ class KnownWheel:
             noise = rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)
             total += noise * w0**2 / (w0**2 - w**2 + way * r * speed * w + 2j * xi * w0 * w)
         return self.excited * total
+
+
+def write_matrix(
+    path: Path, speeds: np.ndarray, values: np.ndarray, f: np.ndarray, *,
+    corner: str = "rpm \\ Hz", unit: float = RPM, turned: bool = False,
+) -> Path:  # fmt: skip
+    """Write spectra (n, m) as a matrix in CSV, with speeds (n,) [rad/s] in ``unit`` and frequencies
+    (m,) [Hz], speeds in the first row where it is ``turned``.
+    """
+    table = np.column_stack([speeds / unit, values])
+    table = np.vstack([np.r_[0.0, f], table])
+    if turned:
+        table = table.T
+    rows = [",".join(f"{x:.9g}" for x in row) for row in table.tolist()]
+    rows[0] = ",".join([corner, *rows[0].split(",")[1:]])
+    path.write_text("\n".join(rows) + "\n")
+    return path

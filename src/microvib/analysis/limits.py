@@ -67,7 +67,7 @@ _STRONG_RINGING_EFOLDINGS = 3.0
 """Within which a mode rings with more than a twentieth of what it began with, and friction may make
 lines of that."""
 _MODULATION_INDEX = 0.2
-"""Phase [rad] by which ringing may modulate a line; of the line, 1 % is then in its sidebands."""
+"""Phase [rad] by which ringing may modulate a line, which is then smaller by 1 %."""
 _SECOND_UNKNOWN = "the second wing's drive, whose lines are not here (leave --lines-only out)"
 
 
@@ -727,9 +727,9 @@ def _modulated_line_gaps(table: LineTable, scenario: Scenario | None) -> Iterato
     """Lines of flux harmonics and detent torque while the start rings: what they have at an order of
     the rotor's angle is spread by its motion over sidebands, each smaller than the line that lasts.
     """
-    if scenario is None:
-        return
     ringing = [x for x in table if x.status == "decaying"]
+    if scenario is None or not ringing:
+        return
     torque = math.fsum(x.amplitude_at_start(table.duration) for x in ringing)
     stiffness = motor_of_mean_spring(scenario.driver, scenario.motor).electromagnetic_stiffness
     angle = scenario.motor.rotor_teeth * torque / (abs(scenario.reducer.ratio) * stiffness)

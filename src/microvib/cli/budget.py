@@ -22,6 +22,8 @@ from microvib.cli.progress import progress_bar
 from microvib.errors import OptionError
 
 if TYPE_CHECKING:
+    from microvib.model.scenario import Scenario
+    from microvib.studies.budget.study import Budget
     from microvib.testdata.recording import Recording
 
 
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
     "--sources",
     type=PATH,
     metavar="FILE",
-    help="Other sources that move the line of sight: wheels, lines, densities.",
+    help="Other sources that move the line of sight: wheels, lines, densities, errors by class.",
 )
 @click.option(
     "--campaign",
@@ -106,18 +108,21 @@ def budget(
     orbit: bool, other: str | None, other_sources: Path | None, harmonics: int,
     settings: tuple[str, ...], target: Target,
 ) -> None:  # fmt: skip
-    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is "
-    "the drive on its spacecraft; further ones are other drives on the same spacecraft."""
+    """Assess the line of sight of a spacecraft against pointing requirements. SCENARIO is the
+    drive on its spacecraft; further ones are other drives on the same spacecraft."""
     from microvib.reports.budget import budget_outcome
     from microvib.studies.budget.angles import budget_over_angles
-    from microvib.studies.budget.study import Budget, pointing_budget
+    from microvib.studies.budget.study import pointing_budget
 
     two = other is not None or other_sources is not None
-    if two:
-        key = "compare" if other is not None else "compare_sources"
-        _check_designs(key, scenarios, requirement, campaign, recording, short_way)
+    if other is not None:
+        _check_designs("compare", scenarios, requirement, campaign, recording, short_way)
+    elif other_sources is not None:
+        _check_designs("compare_sources", scenarios, requirement, campaign, recording, short_way)
     measured = _measured(recording, prepare)
     loaded = [load(name, settings) for name in scenarios]
+    second, beside = other or scenarios[0], other_sources or sources
+    of_second = _second_design(second, settings, beside) if two else None
     several = _several_angles(angles, orbit)
     judge: Callable[..., Budget] = budget_over_angles if several else pointing_budget
     common: dict[str, Any] = {
@@ -128,20 +133,33 @@ def budget(
             loaded, requirement, sources=sources or (), campaign=campaign, recording=measured, short_way=short_way,
             names=[Path(name).stem for name in scenarios], progress=progress, **common,
         )  # fmt: skip
-    if not two:
+    if of_second is None:
         target.present(budget_outcome(found))
         return
-    from microvib.reports.designs import designs_outcome
-    from microvib.studies.budget.designs import Designs
-
-    second, beside = other or scenarios[0], other_sources or sources
     with progress_bar(finishing="lines and report of design B") as progress:
         of_b = judge(
-            [load(second, settings)], requirement, sources=beside or (), names=[Path(second).stem],
+            [of_second], requirement, sources=beside or (), names=[Path(second).stem],
             progress=progress, **common,
         )  # fmt: skip
     names = _name_of_design(scenarios[0], sources), _name_of_design(second, beside)
-    target.present(designs_outcome(Designs(names, found, of_b)))
+    _present_designs(target, names, found, of_b)
+
+
+def _present_designs(target: Target, names: tuple[str, str], a: Budget, b: Budget) -> None:
+    """The comparison of design A with design B."""
+    from microvib.reports.designs import designs_outcome
+    from microvib.studies.budget.designs import Designs
+
+    target.present(designs_outcome(Designs(names, a, b)))
+
+
+def _second_design(name: str, settings: tuple[str, ...], sources: Path | None) -> Scenario:
+    """The scenario of design B; it and its sources are read before design A is computed."""
+    from microvib.studies.budget.files import Sources, read_file
+
+    if sources is not None:
+        read_file(sources, Sources)
+    return load(name, settings)
 
 
 def _measured(recording: str | None, prepare: Path | None) -> Recording | None:

@@ -105,14 +105,8 @@ def _compute(
 ) -> None:  # fmt: skip
     opened = _opened(folder)
     part = _shard(shard)
-    if todo is None:
-        listed = None
-    else:
-        listed = [int(word) for word in todo.read_text(encoding="utf-8").split()]
-    if scheduler is not None and on != "dask":
-        raise OptionError("scheduler", "works only with --on dask", scheduler)
-    if (directives or no_submit) and on != "slurm":
-        raise OptionError("sbatch" if directives else "no_submit", "works only with --on slurm")
+    listed = None if todo is None else _cases_in(todo)
+    _check_backend_options(on, scheduler, directives, no_submit)
     if on == "slurm":
         from microvib.studies.campaign.slurm import submit
 
@@ -136,6 +130,23 @@ def _compute(
     echo(_state_text(opened))
     if not opened.missing():
         echo(f"Now: microvib campaign report {shlex.quote(str(folder))}")
+
+
+def _cases_in(todo: Path) -> list[int]:
+    """Numbers of the cases that a file lists."""
+    return [int(word) for word in todo.read_text(encoding="utf-8").split()]
+
+
+def _check_backend_options(
+    on: str, scheduler: str | None, directives: tuple[str, ...], no_submit: bool
+) -> None:
+    """OptionError where an option of another backend than ``on`` is given."""
+    if scheduler is not None and on != "dask":
+        raise OptionError("scheduler", "works only with --on dask", scheduler)
+    if directives and on != "slurm":
+        raise OptionError("sbatch", "works only with --on slurm")
+    if no_submit and on != "slurm":
+        raise OptionError("no_submit", "works only with --on slurm")
 
 
 def _backend(on: str, workers: int | None, scheduler: str | None) -> AbstractContextManager[Any]:

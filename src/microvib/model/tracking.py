@@ -128,6 +128,8 @@ class Tracking(Part):
 
     def constant_rate(self, start: float, stop: float) -> float | None:
         """The one rate [rad/s] between two times [s], or None where the rate changes."""
+        if self.profile is None:
+            return float(self.rate or 0.0) * self.clock_ratio
         times, rates = self.breakpoints()
         before = int(np.searchsorted(times, start + 1e-12 * (1 + start), side="right")) - 1
         after = int(np.searchsorted(times, stop - 1e-12 * (1 + stop), side="left"))

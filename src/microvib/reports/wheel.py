@@ -15,6 +15,7 @@ from microvib.reports.document import Fact, Text
 from microvib.reports.outcome import Item, Outcome, Pairs, Part, Picture
 from microvib.results import Table
 from microvib.signals.ridges import PowerMap, Ridge
+from microvib.studies.budget.files import LOADS_OF_WHEEL
 from microvib.studies.wheel import HarmonicRow, MeasuredWheel, ModeRow, UnexplainedRow
 from microvib.studies.wheel_fit import ridge_paths
 
@@ -75,6 +76,10 @@ def _facts(found: MeasuredWheel) -> Iterator[Fact]:
     yield Fact(str(len(found.unexplained) + found.left_out), "unexplained")
 
 
+def _not_measured(found: MeasuredWheel) -> list[str]:
+    return [load for load in LOADS_OF_WHEEL if load not in found.maps]
+
+
 def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
     one = next(iter(found.maps.values()))
     yield "Loads", ", ".join(load.replace("_", " ") for load in found.maps)
@@ -82,11 +87,13 @@ def _about(found: MeasuredWheel) -> Iterator[tuple[str, str]]:
         "Spectra",
         f"{one.speed.size} speeds, {one.frequency.size} frequencies, {one.spacing:.4g} Hz apart",
     )
-    missing = [x for x in ("radial_force", "axial_force", "radial_torque", "axial_torque")
-               if x not in found.maps]  # fmt: skip
+    missing = _not_measured(found)
     if missing:
         names = ", ".join(x.replace("_", " ") for x in missing)
-        yield "Note", f"{names}: not measured; a budget takes it as zero"
+        yield (
+            "Note",
+            f"{names}: not measured; a budget passes nothing until they are taken out of not_measured in wheel.yaml",
+        )
     gap = float(np.max(np.diff(one.speed)))
     if gap > 4.0 * float(np.median(np.diff(one.speed))):
         at = int(np.argmax(np.diff(one.speed)))
@@ -139,6 +146,9 @@ def wheel_yaml(found: MeasuredWheel) -> str:
         f"      measured_up_to: {found.highest:.6g} Hz",
         "      table: harmonics.csv",
     ]
+    missing = _not_measured(found)
+    if missing:
+        lines.append(f"      not_measured: [{', '.join(missing)}]  # leave out what is zero")
     if found.modes:
         lines.append("      modes:")
     for x in found.modes:

@@ -72,7 +72,7 @@ class LimitCurve:
         """Frequency [Hz] of its last point; infinite where it holds at all higher ones."""
         return self.frequency[-1]
 
-    @property
+    @cached_property
     def is_flat(self) -> bool:
         """Whether it is one amplitude."""
         return self.amplitude.count(self.amplitude[0]) == len(self.amplitude)
@@ -162,6 +162,10 @@ class LimitCurve:
         )
 
     def _extreme(self, low: Any, high: Any, *, lenient: bool) -> Any:
+        if self.is_flat:
+            limited = (np.asarray(low) <= self.high) & (np.asarray(high) >= self.low)
+            one = np.where(limited, self.amplitude[0], math.inf)
+            return one if one.shape else float(one)
         first, last = np.broadcast_arrays(
             np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         )

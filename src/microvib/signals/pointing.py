@@ -489,14 +489,8 @@ def distribution(
     lines, moved, f, of = lines[:, ~small], moved[:, ~small], f[~small], of[~small]
     beside = 0.0 if errors is None else errors.reach
     reach = 1.02 * float(np.max(lines.sum(axis=1) + 8.0 * noise + beside, initial=0.0))
-    if reach == 0.0:
-        return Distribution(np.zeros(1), np.ones((len(lines), 1)), shares)
-    if errors is not None and errors.known and not noise.any() and not lines.any():
-        return _of_known(np.broadcast_to(np.abs(errors.mean), len(lines)), shares)
-    if not noise.any() and lines.shape[1] == 1 and errors is None:
-        angle = reach / 1.02 * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
-        over = angle / np.maximum(lines, 1e-300)
-        return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
+    if not noise.any() and (closed := _in_closed_form(lines, errors, shares)) is not None:
+        return closed
     at = np.pi * np.arange(1, _TERMS_OF_LEVEL) / reach
     each = np.exp(-0.5 * np.outer(noise, at) ** 2)
     if errors is not None:
@@ -507,6 +501,24 @@ def distribution(
     each = each * sums
     _multiply_unrelated(each, lines[:, alone], at)
     return Distribution(*_integral_of_series(each.real, reach), shares)
+
+
+def _in_closed_form(
+    lines: np.ndarray, errors: ErrorRows | None, shares: np.ndarray
+) -> Distribution | None:
+    """Distribution without noise: of nothing, of a known error alone, or of one line (n, 1); None of
+    others.
+    """
+    if not lines.any() and (errors is None or not np.any(errors.reach)):
+        return Distribution(np.zeros(1), np.ones((len(lines), 1)), shares)
+    if errors is not None and errors.known and not lines.any():
+        return _of_known(np.broadcast_to(np.abs(errors.mean), len(lines)), shares)
+    if errors is None and lines.shape[1] == 1:
+        largest = float(lines.max())
+        angle = largest * np.sin(np.linspace(0.0, 0.5 * np.pi, _TERMS_OF_LEVEL))
+        over = angle / np.maximum(lines, 1e-300)
+        return Distribution(angle, 2.0 / np.pi * np.arcsin(np.minimum(over, 1.0)), shares)
+    return None
 
 
 def _transform_of_harmonics(

@@ -1,7 +1,7 @@
 """Order cuts against a limit over frequency.
 
-A sweep fails where an order is above the limit, and passes nothing: a resonance that is passed quickly
-answers less than a dwell on it, and orders that were not tracked were not looked at.
+A sweep fails where an order is above the limit, and never passes: a resonance that is swept through
+responds less than in a dwell, and orders that are not tracked are not assessed.
 """
 
 from __future__ import annotations
@@ -80,13 +80,13 @@ class CutLimits:
         if above:
             return f"FAIL, above the limit: {', '.join(above)}."
         return (
-            "No tracked order is above the limit in this sweep. That passes nothing: a resonance that is"
-            " passed quickly answers less than a dwell on it, and other orders were not looked at."
+            "No tracked order is above the limit in this sweep. That is no pass: a resonance that is swept"
+            " through responds less than in a dwell, and orders that are not tracked are not assessed."
         )
 
 
 def cuts_against(found: OrderTracking, limit: Limit) -> CutLimits:
-    """Hold order cuts against a limit.
+    """Compare order cuts with a limit.
 
     Parameters
     ----------

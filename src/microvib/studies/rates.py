@@ -202,16 +202,15 @@ class RateCase:
         if self.failed:
             return "failed"
         curve = _curve_in(limit, band)
-        largest = self.largest(band, limit=curve)
         hidden = self.largest(band, hidden=True, limit=curve)
         overstated = 1.0 if self.gap is None else self.gap.overstated
         if self._is_above(curve, overstated):
             return ABOVE_LIMIT
-        if hidden is not None and hidden.amplitude > _allowed(hidden, curve):
+        if hidden is not None and _exceeds(hidden, curve):
             return PART_OF_TIME if hidden.name == _IN_PIECES else HIDDEN_LINE
         if self.gap is not None:
             return RECORD_GAP
-        if largest is not None and largest.amplitude > _allowed(largest, curve):
+        if _exceeds(self.largest(band, limit=curve), curve):
             return STEP_OF_LIMIT
         if not any(np.any(one.may_exceed(curve)) for one in self.unseen_in(band, curve)):
             return ""
@@ -262,6 +261,11 @@ def _curve_in(limit: float | LimitCurve | None, band: tuple[float, float]) -> Li
 def _reach(line: RateLine) -> float:
     """How far from its frequency [Hz] a line may be."""
     return float(max(frequency_error_bound(line.frequency), line.away))
+
+
+def _exceeds(line: RateLine | None, curve: LimitCurve) -> bool:
+    """Whether there is a line and it is above the curve."""
+    return line is not None and line.amplitude > _allowed(line, curve)
 
 
 def _allowed(line: RateLine, curve: LimitCurve) -> float:

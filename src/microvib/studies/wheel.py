@@ -183,7 +183,7 @@ def _unit(load: str, per: str = "") -> str:
 
 def _remark(one: Coefficient) -> str:
     if one.bounded:
-        return "nowhere apart from others: a bound"
+        return "masked by other ridges at every speed: an upper bound"
     said = ["not seen"] if one.value == 0.0 else []
     if one.near_modes:
         said.append("near a mode at all speeds")

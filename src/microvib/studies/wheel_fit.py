@@ -79,7 +79,7 @@ class Coefficient:
     near_modes: bool
     """Whether all of these are near a mode, whose amplification is taken out."""
     bounded: bool = False
-    """Whether the order is nowhere apart from others, so that only ``most`` is known."""
+    """Whether other ridges mask the order at every speed, so that only ``most`` is known."""
 
 
 def read_order(one: PowerMap, order: float, ridges: Sequence[Ridge]) -> Reading:
@@ -177,8 +177,8 @@ def fit_coefficient(reading: Reading, factor: np.ndarray) -> Coefficient:
 
 
 def bound_coefficient(one: PowerMap, order: float, factor: np.ndarray) -> float:
-    """The most that the coefficient of an order may be that is nowhere apart from others, with modes
-    that amplify by ``factor`` (n,) at the map's speeds: all that is in its bins is taken for it.
+    """Upper bound on the coefficient of an order that other ridges mask at every speed, with modes that
+    amplify by ``factor`` (n,) at the map's speeds: all that is in its bins is taken for it.
     """
     reading = read_order(one, order, ())
     kept = np.isin(one.speed, reading.speed)

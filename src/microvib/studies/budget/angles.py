@@ -98,9 +98,7 @@ def budget_over_angles(
         )
     if not each.size:
         raise OptionError("angles", "missing; angles of the array are expected, such as 0:330:30")
-    names = list(keys.pop("names", ())) or [
-        f"drive {k}" if isinstance(x, Scenario) else Path(x).stem for k, x in enumerate(listed, 1)
-    ]
+    names = list(keys.pop("names", ())) or _names_of(listed)
     found = []
     for k, angle in enumerate(each.tolist()):
         there = [first.at_angle(Si(angle)), *listed[1:]]
@@ -164,6 +162,14 @@ def _drives_at_angles(
     if first.driven_wing is None:
         return [recorded]
     return [recorded, simulated]
+
+
+def _names_of(drives: Sequence[GivenScenario]) -> list[str]:
+    """Names of drives that were given without: those of their files, else numbers."""
+    return [
+        f"drive {k}" if isinstance(drive, Scenario) else Path(drive).stem
+        for k, drive in enumerate(drives, 1)
+    ]
 
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:

@@ -424,7 +424,7 @@ _WeightOf = tuple[Metric, float, float | None, _Spectrum, tuple[float, float]]
 
 
 def _weight_of(r: Requirement, error: RandomError) -> _WeightOf:
-    """What the weight of a random error in a requirement depends on."""
+    """Arguments of the weight of a random error in a requirement."""
     ends = r.lowest, math.inf if r.highest is None else r.highest
     return r.metric, r.window or r.apart or 1.0, r.apart, _spectrum(error), ends
 

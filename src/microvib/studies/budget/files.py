@@ -267,6 +267,9 @@ class WheelHarmonic(Part):
     ) = None
 
     def _consistency_errors(self) -> Iterator[str]:
+        loads = {f"{load}{end}" for load in LOADS_OF_WHEEL for end in ("", "_least", "_most")}
+        if not loads & self.model_fields_set:
+            yield f"has no coefficient: one of {', '.join(LOADS_OF_WHEEL)} is expected"
         for load in LOADS_OF_WHEEL:
             value, (least, most) = getattr(self, load), self.ends(load)
             if least > value:
@@ -397,6 +400,13 @@ class Wheel(Part):
         ]
         | None
     ) = None
+    not_measured: tuple[
+        Literal["radial_force", "radial_torque", "axial_force", "axial_torque"], ...
+    ] = Field(
+        default=(),
+        max_length=4,
+        description="loads that were not measured; nothing passes while one is named",
+    )
     axis: Direction = Field(description="spin axis, hub axes")
     harmonics: tuple[WheelHarmonic, ...] = Field(
         default=(), max_length=200, description="its disturbances"
@@ -417,7 +427,8 @@ class Wheel(Part):
             yield "table: is an alternative of harmonics; give one of them"
         yield from self._errors_of_whirl()
         if not (any(self.axis) and all(map(math.isfinite, self.axis))):
-            yield f"axis: {list(self.axis)} is not a direction; three components, not all 0, are expected"
+            given = ", ".join(f"{x:g}" for x in self.axis)
+            yield f"axis: [{given}] is not a direction; three components, not all 0, are expected"
         if (self.measured_to or math.inf) <= (self.measured_from or 0.0):
             yield "measured_to: is not above measured_from"
         if self.speed_to is not None and self.speed_to <= self.speed:

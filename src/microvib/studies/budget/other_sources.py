@@ -362,7 +362,7 @@ def _of_lines(
             [not _parse_bool(f"{path}, row {k}", row["settled"]) for k, row in enumerate(rows, 2)]
         )
     how = f"lines of {path.name}{_missing_loads_note(rows, chosen)}"
-    # told apart from the clocks of drives, which a file may name as it likes
+    # a file may name its clock as it likes, and must not be taken for a drive's
     clock = f"file {source.clock}" if source.clock else ""
     return Contribution(
         source.name, how, names, f, np.nan_to_num(tones), clock, gaps=gaps, relative_error=np.nan_to_num(relative_error),

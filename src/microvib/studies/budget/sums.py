@@ -62,7 +62,7 @@ class Share:
     rms: float
     share: float
     without: float = math.nan
-    """Value of the requirement without it [rad]; nan where that was not looked at."""
+    """Value of the requirement without it [rad]; nan where it was not computed."""
 
 
 @dataclass(frozen=True)

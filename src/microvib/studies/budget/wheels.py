@@ -253,7 +253,8 @@ class WheelOnCraft:
 
     @cached_property
     def _not_measured(self) -> tuple[Unobserved, ...]:
-        """Gaps of a measured wheel: all, where it turns at other speeds, and above what was measured."""
+        """Gaps of a measured wheel: all, where it turns at other speeds or a load was not measured, and above
+        what was measured."""
         low, high = self.speeds
         first, last = self.wheel.measured_from or 0.0, self.wheel.measured_to or math.inf
         found = []
@@ -268,6 +269,9 @@ class WheelOnCraft:
         if self.wheel.measured_up_to is not None:
             why = f"the wheel was measured up to {self.wheel.measured_up_to:.5g} Hz"
             found.append(open_gap(why, self.wheel.measured_up_to))
+        if self.wheel.not_measured:
+            loads = " and ".join(load.replace("_", " ") for load in self.wheel.not_measured)
+            found.append(open_gap(f"the wheel's {loads}: not measured (wheel.not_measured)"))
         return tuple(found)
 
     @property

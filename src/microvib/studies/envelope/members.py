@@ -6,6 +6,7 @@ folders. Nothing is simulated again.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,6 +33,7 @@ from microvib.io.line_sets import (
 )
 from microvib.io.recordings import Prepared
 from microvib.io.runs import Run, read_run
+from microvib.io.scenario_file import dump_scenario
 from microvib.io.sources import RunFolder, Source, open_source
 from microvib.model.line_names import of_second_wing
 from microvib.model.rigid import COMPONENTS
@@ -40,6 +42,7 @@ from microvib.signals.limit_curve import Limit, LimitCurve
 from microvib.signals.line_table import Line, LineTable
 from microvib.solve.channels import LOAD_COLUMNS
 from microvib.studies.campaign import statistics
+from microvib.studies.campaign.design import Design
 from microvib.studies.campaign.folder import MANIFEST, STUDY, open_campaign
 from microvib.studies.campaign.results import DONE, Results, open_results
 from microvib.studies.envelope.evidence import (
@@ -232,6 +235,38 @@ def _key(path: Path, values: str = "") -> tuple[str, str]:
     return str(path.resolve()), values
 
 
+def _content_key(*files: Path) -> tuple[str, str]:
+    """Identity of a member by what its files hold, wherever they are: a copy is no further draw."""
+    found = hashlib.sha256()
+    for file in files:
+        try:
+            with file.open("rb") as stream:
+                found.update(hashlib.file_digest(stream, "sha256").digest())
+        except OSError:  # said where the member is read
+            return _key(file)
+    return "content", found.hexdigest()
+
+
+def _run_files(path: Path) -> tuple[Path, ...]:
+    """Files of a run's folder that tell it from other runs."""
+    names = ("scenario.yaml", LINES) if (path / LINES).is_file() else (MOTION,)
+    return tuple(path / name for name in names if (path / name).is_file())
+
+
+def _case_keys(design: Design) -> list[tuple[str, str]]:
+    """Identity of each case by its scenario: cases of another campaign may be the same draws. Those of
+    one campaign that are alike are told apart.
+    """
+    whole = f"{dump_scenario(design.base)} {design.study.solve}"
+    count: dict[str, int] = {}
+    keys = []
+    for case in range(design.cases):
+        text = f"{whole} {sorted(design.changes(case).items())}"
+        count[text] = count.get(text, 0) + 1
+        keys.append(("case", hashlib.sha256(f"{text} {count[text]}".encode()).hexdigest()))
+    return keys
+
+
 def _of_run_folder(path: Path, reading: Reading) -> Member:
     def opened() -> Opened:
         if (path / MOTION).is_file() and (path / "summary.json").is_file():
@@ -239,7 +274,8 @@ def _of_run_folder(path: Path, reading: Reading) -> Member:
             return _opened_run(RunResult.of_motion(kept.motion, kept.table))
         return _opened_source(open_source(str(path)), path, reading)
 
-    return Member(str(path), "run", "", True, _key(path), opened)
+    key = _content_key(*_run_files(path))
+    return Member(str(path), "run", "", True, key, opened)
 
 
 def _of_file(path: Path, reading: Reading) -> Member:
@@ -250,7 +286,7 @@ def _of_file(path: Path, reading: Reading) -> Member:
 
     if path.suffix.lower() in (".yaml", ".yml") or not path.exists():
         raise MicrovibError(f"{path}: is no run that was kept, nor a recording; {_EXPECTED}")
-    return Member(str(path), "recording", "", True, _key(path), opened)
+    return Member(str(path), "recording", "", True, _content_key(path), opened)
 
 
 def _opened_source(source: Source, path: Path, reading: Reading) -> Opened:
@@ -495,6 +531,7 @@ def _of_campaign(folder: Path) -> list[Member]:
     campaign = open_campaign(folder)
     cases = _Cases(open_results(campaign))
     drawn = statistics.independent_cases(campaign.design)
+    keys = _case_keys(campaign.design)
     one_level = len(statistics.levels_of(cases.results)) == 1
 
     def member(case: int) -> Member:
@@ -505,7 +542,7 @@ def _of_campaign(folder: Path) -> list[Member]:
         )
         by_chance = bool(drawn[case]) and one_level and campaign.design.random
         name = f"{folder}, case {case}"
-        return Member(name, "case", values, by_chance, _key(folder, str(case)), lambda: opened)
+        return Member(name, "case", values, by_chance, keys[case], lambda: opened)
 
     return [member(case) for case in range(campaign.design.cases)]
 

@@ -115,11 +115,13 @@ def _percentiles(s: Summary) -> list[dict[str, Any]]:
 
 
 def _worst(s: Summary) -> list[dict[str, Any]]:
-    """The worst cases by their largest line, with what varies in them."""
+    """The worst cases by their largest line, or by their smallest margin to a limit over frequency, with
+    what varies in them.
+    """
     design, found = s.results.campaign.design, s.worst[LARGEST_LINE]
     return [
-        {"case": case, "amplitude": amplitude, "labels": design.labels(case)}
-        for case, amplitude in found[:_WORST]
+        {"case": one.case, "amplitude": one.amplitude, "labels": design.labels(one.case)}
+        for one in found[:_WORST]
     ]
 
 

@@ -191,24 +191,32 @@ class Workers:
                     )
                 elif worker.pipe.poll(0.2):
                     kind, content = worker.pipe.recv()
-                    if kind == "done":
-                        job.value = content
-                        if job.settle is not None:
-                            job.settle(job)
-                        job.end(kind)
-                    elif kind == "failed":
-                        job.end(kind, content)
-                    else:
-                        job.progress = content
+                    _take_message(job, kind, content)
                     if kind == "ready":
                         deadline = time.monotonic() + self._wall_s
                         worker.pipe.send((job.task, job.arguments))
         except (EOFError, OSError):
             worker.process.join(2.0)
-            code = worker.process.exitcode
-            killed = f"was killed by signal {-(code or 0)}, perhaps for lack of memory"
-            if (code or 0) < 0:
-                how = killed
-            else:
-                how = f"ended unexpectedly (status {code})"
-            job.end("failed", f"its process {how}; nothing else was affected")
+            job.end("failed", _how_it_ended(worker.process.exitcode))
+
+
+def _take_message(job: Job, kind: str, content: Any) -> None:
+    """Change the ``job`` by what its process sends."""
+    if kind == "done":
+        job.value = content
+        if job.settle is not None:
+            job.settle(job)
+        job.end(kind)
+    elif kind == "failed":
+        job.end(kind, content)
+    else:
+        job.progress = content
+
+
+def _how_it_ended(status: int | None) -> str:
+    """Sentence on a process that ended with ``status`` before it had answered."""
+    if status is not None and status < 0:
+        how = f"was killed by signal {-status}, perhaps for lack of memory"
+    else:
+        how = f"ended unexpectedly (status {status})"
+    return f"its process {how}; nothing else was affected"

@@ -8,13 +8,15 @@ import math
 import os
 import pickle
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from microvib.analysis.accuracy import with_known_error
+from microvib.analysis.band_levels import band_levels
 from microvib.analysis.lines import steady_lines
 from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import MicrovibError
@@ -154,7 +156,11 @@ def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]
     """Lines of a run against a limit."""
     result = _kept(Path(folder))
     judged = judge_run(result, limit)
+    levels = None
+    if result.second is None:
+        levels = asdict(band_levels(with_known_error(result.table), limit.low, limit.high))
     return {
+        "levels": levels,
         "text": str(judged),
         "verdict": judged.verdict,
         "gaps": judged.all_gaps,

@@ -517,6 +517,23 @@ class MarginOf(BaseModel):
     verdict: Literal["pass", "fail", "not judged"]
 
 
+class LevelOf(BaseModel):
+    """A level of a torque [N m], and between what it may be."""
+
+    line: str
+    value: float
+    least: float
+    most: float | None
+    """None where nothing bounds it."""
+
+
+class LevelsOf(BaseModel):
+    """The largest line in a band, 0-to-peak, and the RMS of its lines."""
+
+    largest: LevelOf
+    rms: LevelOf
+
+
 class Verdict(BaseModel):
     """Lines of a run against a limit [N m] between two frequencies [Hz], the smallest margin first."""
 
@@ -531,6 +548,8 @@ class Verdict(BaseModel):
     curve: list[tuple[float, float]] | None
     """Points of a limit over frequency [Hz], [N m]; None of one number."""
     margins: list[MarginOf]
+    levels: LevelsOf | None
+    """Levels in the band; None of a run with a second drive."""
     facts: list[dict[str, str]]
     """Leading figures of the run against the limit."""
     parts: list[dict[str, Any]]

@@ -72,6 +72,17 @@ def _background(store: Store, want: ProcessingOf) -> tuple[str, str] | None:
     return None if want.background is None else upload_of(store, want.background).file
 
 
+def _given(store: Store, want: AnalysisOf | BatchOf) -> dict[str, Any]:
+    """Arguments of processing, of one recording or several."""
+    return {
+        "channel": want.channel,
+        "scenario": requested(store, want.scenario),
+        "part": _part_of(want),
+        "background": _background(store, want),
+        "processing": _processing(want),
+    }
+
+
 @routes.post("/analyses", status_code=202)
 def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
     """Lines with uncertainty, spectra and bands of a recording, or of a section of it."""
@@ -82,11 +93,7 @@ def start_analysis(want: AnalysisOf, store: StoreDependency) -> Started:
         f"{upload.name}, {want.channel}",
         want,
         recording=upload.file,
-        channel=want.channel,
-        scenario=requested(store, want.scenario),
-        part=_part_of(want),
-        background=_background(store, want),
-        processing=_processing(want),
+        **_given(store, want),
     )
 
 
@@ -102,11 +109,7 @@ def start_batch(want: BatchOf, store: StoreDependency) -> Started:
         f"{len(uploads)} recordings, {want.channel}",
         want,
         recordings=uploads,
-        channel=want.channel,
-        scenario=requested(store, want.scenario),
-        part=_part_of(want),
-        background=_background(store, want),
-        processing=_processing(want),
+        **_given(store, want),
     )
 
 

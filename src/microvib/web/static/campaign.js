@@ -214,7 +214,7 @@ async function show(found, context, id) {
   result.replaceChildren(
     card("Lines over all cases", found.summary, verdictFacts(found), percentiles(found), ...partContent(first)),
     element,
-    card("Worst cases", "By the largest line, the worst first. A case opens as a run, or goes into the form.", worst(found, view, update, context, id)),
+    card("Worst cases", "By the largest line, or against a curve by the smallest margin, the worst first. A case opens as a run, or goes into the form.", worst(found, view, update, context, id)),
     ...partCards(others),
     card("Download", whole ? "" : "What is computed so far.", downloads(found, id)),
   );
