@@ -490,13 +490,11 @@ def _with_integer_stages(
     yield replace(found, converged=False)
 
 
-def _stages(
-    given: Problem, seed: int, starts: int, finishes: int, *, by_runs: bool = False
-) -> Iterator[Findings]:
+def _stages(problem: Problem, seed: int, starts: int, finishes: int) -> Iterator[Findings]:
     """Findings after the search, after a second one and, if the model explains the evidence,
     with intervals.
     """
-    problem, optima = search(given, seed, starts, finishes, by_runs=by_runs)
+    problem, optima = search(problem, seed, starts, finishes)
     yield Findings(problem, optima[0])
     explained = goodness(problem, optima[0].r).explained
     if not explained:
@@ -510,12 +508,7 @@ def _stages(
     else:
         posed, there = eased(problem, optima[0])
     local = linearise_at(posed, there)
-    noisy = is_noisy(posed, there, local)
-    if noisy and not problem.best_so_far.searched_runs:
-        # steady states may lead to where runs are rough, beside a better optimum where they are not
-        yield from _stages(given, seed, starts, finishes, by_runs=True)
-        return
-    if noisy:
+    if is_noisy(posed, there, local):
         found = noisy_objective(problem, optima)
         yield replace(
             found,

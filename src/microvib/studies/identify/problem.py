@@ -14,14 +14,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from microvib.analysis.lines import lines_by_name, lines_by_name_of_steady_state
-from microvib.errors import MicrovibError, SimulationError
+from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.line_names import ARRAY_MODE, LineName
 from microvib.model.scenario import Scenario
-from microvib.solve.batch import Torque, simulate_torques
-from microvib.solve.steady.state import SteadyState, is_searched, steady_by_search
+from microvib.solve.steady.state import SteadyState
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
+from microvib.studies.identify.cases import Case, has_steady_states
 from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.keys import (
     FREQUENCY_RANGE_FACTOR,
@@ -89,10 +88,6 @@ def as_tested(scenario: Scenario, evidence: Evidence, own: TestOverrides) -> Sce
     return test.with_si(record)
 
 
-LEAST_RUN = 30.0
-"""Length of a run [s] from which steady states take its place: one takes as long as a run of some 8 s."""
-
-
 def with_short_record(test: Scenario, evidence: Evidence) -> Scenario:
     """The test with a record, and a time before it, just long enough to tell its observed lines
     apart; itself, if it has no longer.
@@ -130,66 +125,6 @@ def with_short_record(test: Scenario, evidence: Evidence) -> Scenario:
     if short.driving_frequency == test.driving_frequency:
         return short
     return test
-
-
-def _lasts(test: Scenario) -> float:
-    """How long a run of a test is [s]."""
-    return test.record.settle + test.record.duration
-
-
-@dataclass(frozen=True)
-class Case:
-    """A test to simulate at one of many points."""
-
-    point: int
-    test: Scenario
-    evidence: Evidence
-    solved: bool
-    """Whether the steady state stands for a run."""
-    begun: SteadyState | None
-    """Steady state from which it is searched, that of a point near by."""
-    runs_else: bool = True
-    """Whether it is run where no steady state is found."""
-
-    @property
-    def asked(self) -> set[str]:
-        """Lines that the evidence has."""
-        observations = self.evidence.observations
-        return {name for o in observations for name in (o.line, o.against) if name}
-
-    def simulated(self) -> Simulated | None:
-        """Its lines; None where the motion is lost."""
-        steady = self._steady() if self.solved else None
-        if steady is not None or (self.solved and not self.runs_else):
-            return steady
-        (torque,) = simulate_torques([self.test])
-        if not isinstance(torque, Torque):
-            return None
-        table = lines_by_name(torque, self.test, self.asked, self.evidence.harmonics)
-        return Simulated(table, torque.T_d, torque.sample_rate)
-
-    def _steady(self) -> Simulated | None:
-        """Lines of its steady state; None where none is found at once, or where it does not tell how
-        an observed mode rings.
-        """
-        state = _steady_state(self.test, self.begun)
-        if state is None:
-            return None
-        asked = self.asked
-        table = lines_by_name_of_steady_state(state, asked, self.evidence.harmonics)
-        if any(line.is_mode and line.name in asked and math.isnan(line.decay) for line in table):
-            return None
-        return Simulated(table, state.T_d, state.T_d.size * state.frequency, state)
-
-
-def _steady_state(test: Scenario, begun: SteadyState | None) -> SteadyState | None:
-    """A steady state, searched from another one or, where that ends, anew; None where none is found
-    at once.
-    """
-    for near in (begun, None) if begun is not None else (None,):
-        with suppress(SimulationError):
-            return steady_by_search(test, near)
-    return None
 
 
 @dataclass(frozen=True)
@@ -309,8 +244,6 @@ class BestSoFar:
         self.stage, self.simulations, self.stopped = "global", 0, False
         # of the simulations, tests of which the steady state stood for a run
         self.steady = 0
-        # whether a search was made among runs, from points over the ranges
-        self.searched_runs = False
         # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._progress: FitProgress = progress or (lambda *_: None)
@@ -383,8 +316,8 @@ class Problem:
         self.spans = self.coordinates.spans
         self.low, self.high = self.coordinates.limits
         self.best_so_far = best_so_far or BestSoFar()
-        self.solved = [False] * len(tests)
-        """Whether the steady state stands for a run, of each test."""
+        self.solved = False
+        """Whether steady states stand for runs."""
         self.begun: list[SteadyState | None] = [None] * len(tests)
         """Steady states from which others are searched."""
         self.runs_else = True
@@ -473,19 +406,16 @@ class Problem:
         )
         return not timed and "record.settle" not in self.taken
 
-    @property
-    def _may_repeat(self) -> bool:
-        """Whether steady states are searched for at all in the tests: of short runs they save nothing."""
-        return all(_lasts(test) >= LEAST_RUN and is_searched(test) for _, test in self.tests)
-
     def in_steady_state(self, x: np.ndarray) -> Problem | None:
         """For what is near ``x``: with steady states in place of runs, searched from those there.
         None where a test has none.
         """
-        if self.whole is not None or not self._is_timeless or not self._may_repeat:
+        if self.whole is not None or not self._is_timeless:
+            return None
+        if not all(has_steady_states(test) for _, test in self.tests):
             return None
         other = copy(self)
-        other.whole, other.solved = self, [True] * len(self.tests)
+        other.whole, other.solved = self, True
         other = other.beginning_at(x)
         if any(state is None for state in other.begun):
             return None
@@ -493,7 +423,7 @@ class Problem:
 
     def beginning_at(self, x: np.ndarray) -> Problem:
         """With steady states that are searched from those at ``x``, if there are any."""
-        if not any(self.solved):
+        if not self.solved:
             return self
         tables, other = self.lines(x), copy(self)
         other.begun = [None] * len(self.tests)
@@ -662,10 +592,10 @@ class Problem:
         cases: list[Case] = []
         for k, changed in enumerate(changes):
             with suppress(MicrovibError):
-                each = zip(changed, self.tests, self.solved, self.begun, strict=True)
+                each = zip(changed, self.tests, self.begun, strict=True)
                 cases += [
-                    Case(k, test.with_si(dict(mine)), one, solved, begun, self.runs_else)
-                    for mine, (one, test), solved, begun in each
+                    Case(k, test.with_si(dict(mine)), one, self.solved, begun, self.runs_else)
+                    for mine, (one, test), begun in each
                 ]
         found: list[list[Simulated]] = [[] for _ in changes]
         for case, simulated in zip(cases, self.in_threads(Case.simulated, cases), strict=True):

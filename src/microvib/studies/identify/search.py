@@ -13,6 +13,7 @@ import numpy as np
 from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.goodness import REJECTION_PROBABILITY, goodness
 from microvib.studies.identify.images import symmetric_solutions
+from microvib.studies.identify.jumps import figures_jump
 from microvib.studies.identify.keys import MAX_WIDENINGS
 from microvib.studies.identify.problem import (
     HUBER_THRESHOLD,
@@ -239,7 +240,7 @@ def descend_all(
 
 
 def search(
-    problem: Problem, seed: int, starts: int, finishes: int, *, by_runs: bool = False
+    problem: Problem, seed: int, starts: int, finishes: int
 ) -> tuple[Problem, list[Optimum]]:
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
@@ -247,11 +248,9 @@ def search(
     them, among steady states if there are any, or else in short records as far as these tell the lines
     apart, and end in whole ones: nothing is judged by either alone. Where none explains the evidence, a measured array mode's
     frequency is fitted as well, from there and from as many others; then ranges of ours are widened
-    both ways, as long as that helps. ``by_runs`` leaves steady states out.
+    both ways, as long as that helps.
     """
-    problem = problem.with_cartesian()
-    steady = None if by_runs else problem.steady()
-    problem, optima = _search(problem, steady, seed, starts, finishes)
+    problem, optima = _search(problem.with_cartesian(), seed, starts, finishes)
     return _by_keys(problem, optima)
 
 
@@ -268,17 +267,14 @@ def _by_keys(problem: Problem, optima: Sequence[Optimum]) -> tuple[Problem, list
 
 
 def _search(
-    problem: Problem, steady: Problem | None, seed: int, starts: int, finishes: int
+    problem: Problem, seed: int, starts: int, finishes: int
 ) -> tuple[Problem, list[Optimum]]:
     """The search, in the problem's coordinates."""
     optima: list[Optimum] = []
     also = [problem.start]
+    found = _search_steady_states(problem, seed, starts, finishes)
     for _ in range(MAX_WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
-        found: list[Optimum] = []
-        if steady is not None:
-            found = _search_steady_states(problem, steady, seed, starts, finishes)
-            steady = None  # once: where it explains nothing, runs may be elsewhere
         if not any(goodness(problem, o.r).explained for o in found):
             found = _search_round(problem, seed, starts, finishes, also)
         optima = sorted([*optima, *found], key=lambda o: o.cost)
@@ -321,38 +317,59 @@ def _search_round(
 ) -> list[Optimum]:
     """Local fits from the best points of a global look, in the order of their cost, until the
     evidence is explained; both begin with short records.
+    """
+    count, most = _numbers(problem, starts, finishes)
+    points = [*_sobol_points(problem, seed, count), *(problem.tuned(x) for x in also)]
+    rough = problem.rough()
+    return _fits_from_best(problem, rough, points, finishes, most)
+
+
+def _numbers(problem: Problem, starts: int, finishes: int) -> tuple[int, int]:
+    """Points of a global look, and most local fits from them.
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
     more show nothing.
     """
-    problem.best_so_far.searched_runs = True
-    few = problem.along() is not None
-    if few:
-        points = _sobol_points(problem, seed, math.ceil(starts / SEARCH_REDUCTION))
-        most = min(finishes, FITS_PER_BATCH)
-    else:
-        points, most = _sobol_points(problem, seed, starts), max(finishes, MAX_FITS)
-    points += [problem.tuned(x) for x in also]
-    return _fits_from_best(problem, problem.rough(), points, finishes, most)
-
-
-def _search_steady_states(
-    problem: Problem, steady: Problem, seed: int, starts: int, finishes: int
-) -> list[Optimum]:
-    """Local fits from the best points among steady states, of which each takes a fraction of a run: where
-    a few do not explain the evidence, there are as many as without a mode whose frequency is missing.
-    """
-    points = _sobol_points(problem, seed, starts)
-    first, most = points, max(finishes, MAX_FITS)
     if problem.along() is not None:
-        first, most = points[: math.ceil(starts / SEARCH_REDUCTION)], min(finishes, FITS_PER_BATCH)
-    first = [*first, problem.tuned(problem.start)]
-    found = _fits_from_best(problem, steady, first, finishes, most)
-    if any(goodness(problem, o.r).explained for o in found):
+        return math.ceil(starts / SEARCH_REDUCTION), min(finishes, FITS_PER_BATCH)
+    return starts, max(finishes, MAX_FITS)
+
+
+def _search_steady_states(problem: Problem, seed: int, starts: int, finishes: int) -> list[Optimum]:
+    """Local fits of runs from the ends of fits among steady states, of which each takes a fraction of a
+    run; none where there are no steady states.
+
+    None either where runs jump about the best end: there may be a better one where they do not.
+    """
+    steady = problem.steady()
+    if steady is None:
+        return []
+    ends = _fits_among_steady_states(steady, seed, starts, finishes)
+    first, *others = _distinct_optima(sorted(ends, key=lambda o: o.cost), [])
+    slopes = _slopes_of(steady, first)
+    (best,) = _refit_whole_records(problem, steady, [replace(first, J=slopes)])
+    explained = goodness(problem, best.r).explained
+    if explained and figures_jump(problem, best.x, best.r, slopes):
+        return []
+    return [best, *_refit_whole_records(problem, steady, others)]
+
+
+def _fits_among_steady_states(
+    steady: Problem, seed: int, starts: int, finishes: int
+) -> list[Optimum]:
+    """Local fits from the best points of a global look, as of runs; where a few explain nothing there are as
+    many as with a mode's frequency, from points of which half are near the start.
+    """
+    count, most = _numbers(steady, starts, finishes)
+    points = _sobol_points(steady, seed, starts)
+    found = _fits_from_best(
+        steady, steady, [*points[:count], steady.tuned(steady.start)], finishes, most
+    )
+    if any(goodness(steady, o.r).explained for o in found):
         return found
-    more = points[len(first) - 1 :]
-    more[::2] = [problem.start + NEAR_START * (x - problem.start) for x in more[::2]]
-    return found + _fits_from_best(problem, steady, more, 1, max(finishes, MAX_FITS))
+    more = points[count:]
+    more[::2] = [steady.start + NEAR_START * (x - steady.start) for x in more[::2]]
+    return found + _fits_from_best(steady, steady, more, 1, max(finishes, MAX_FITS))
 
 
 def _sobol_points(problem: Problem, seed: int, count: int) -> list[np.ndarray]:
@@ -571,12 +588,17 @@ def _refit_whole_records(
         fit = goodness(rough, end.r)
         if fit.ratio > MAX_MISFIT_RATIO * fit.limit:
             return Descent(problem, end.x).run(0)
-        J = end.J
-        if J is None:
-            _, J = _slopes_at(rough.beginning_at(end.x), end)
-        return Descent(problem, end.x, J=J).run(MAX_DESCENT_STEPS, COARSE_COST_TOLERANCE)
+        slopes = _slopes_of(rough, end)
+        return Descent(problem, end.x, J=slopes).run(MAX_DESCENT_STEPS, COARSE_COST_TOLERANCE)
 
     return problem.in_threads(fitted, ends)
+
+
+def _slopes_of(problem: Problem, end: Optimum) -> np.ndarray:
+    """Slopes (rows, m) at the end of a local fit: its own, or new ones where it has none."""
+    if end.J is not None:
+        return end.J
+    return _slopes_at(problem.beginning_at(end.x), end)[1]
 
 
 def confirm(
