@@ -339,7 +339,7 @@ def _search_steady_states(problem: Problem, seed: int, starts: int, finishes: in
     """Local fits of runs from the ends of fits among steady states, of which each takes a fraction of a
     run; none where there are no steady states.
 
-    None either where runs jump about the best end: there may be a better one where they do not.
+    Where runs jump about the best of them, a look at runs may find a better one where they do not.
     """
     steady = problem.steady()
     if steady is None:
@@ -350,7 +350,9 @@ def _search_steady_states(problem: Problem, seed: int, starts: int, finishes: in
     (best,) = _refit_whole_records(problem, steady, [replace(first, J=slopes)])
     explained = goodness(problem, best.r).explained
     if explained and figures_jump(problem, best.x, best.r, slopes):
-        return []
+        by_runs = _search_round(problem, seed, starts, finishes, [problem.start])
+        if any(goodness(problem, o.r).explained for o in by_runs):
+            return by_runs
     return [best, *_refit_whole_records(problem, steady, others)]
 
 
