@@ -13,8 +13,9 @@ from microvib.studies.identify.fit import (
     STEADY_THEN_IN_TIME,
     without_start_dependence,
 )
+from microvib.studies.identify.goodness import goodness
 from microvib.studies.identify.problem import Problem
-from microvib.studies.identify.search import Descent, linearise_at
+from microvib.studies.identify.search import Descent, Optimum, linearise_at, search
 
 KEYS = ["reducer.stiffness", "motor.friction.viscous"]
 TRUTH = {"reducer.stiffness": 5600.0, "motor.friction.viscous": 0.0162}
@@ -101,3 +102,25 @@ def test_a_motion_of_another_kind_is_searched_for_by_runs(
     fit = identify(start, [evidence], [few], starts=8)
     assert fit.method == STEADY_THEN_IN_TIME
     assert fit.estimates[0].estimate == pytest.approx(5600.0, rel=0.01)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_where_runs_jump_about_what_steady_states_lead_to_runs_are_looked_at(
+    start: mv.Scenario, evidence: Evidence, monkeypatch: pytest.MonkeyPatch, explained: bool
+) -> None:
+    """What these lead to counts if it explains the evidence, and else what steady states led to."""
+    problem = posed(start, evidence)
+    looks = []
+
+    def look_at_runs(asked: Problem, *_: object) -> list[Optimum]:
+        x = asked.point(TRUTH) if explained else asked.start
+        looks.append(Descent(asked, x).run(0))
+        return looks
+
+    monkeypatch.setattr("microvib.studies.identify.search.figures_jump", lambda *_: True)
+    monkeypatch.setattr("microvib.studies.identify.search._search_round", look_at_runs)
+    asked, optima = search(problem, 1, 8, 1)
+    assert len(looks) == 1
+    assert goodness(asked, looks[0].r).explained == explained
+    assert goodness(asked, optima[0].r).explained
+    assert (optima[0].cost == looks[0].cost) == explained

@@ -40,12 +40,7 @@ from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
 from microvib.solve.steady.recorded import RecordedPeriod, output_offset
-from microvib.solve.steady.search import (
-    HARMONICS,
-    NotReproducedByRun,
-    Search,
-    sample_rows,
-)
+from microvib.solve.steady.search import HARMONICS, NotReproducedByRun, Search, sample_rows
 from microvib.solve.steady.settling import Settling
 
 FINER_FOR_HARMONICS = 2
@@ -362,9 +357,11 @@ def is_searched(scenario: Scenario) -> bool:
     nothing remembers, or is random.
     """
     try:
-        return _period_to_search(scenario)[1] and PeriodMap(scenario, 1) is not None
+        _, searched = _period_to_search(scenario)
+        PeriodMap(scenario, 1)  # refuses what does not repeat
     except NotPeriodic:
         return False
+    return searched
 
 
 def steady_by_search(scenario: Scenario, near: SteadyState | None = None) -> SteadyState:
