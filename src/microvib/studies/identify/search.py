@@ -683,36 +683,20 @@ class LinearModel:
 
 
 def linearise_at(problem: Problem, best: Optimum) -> LinearModel:
-    """The model about an optimum: by steady states where these have about the slopes of runs,
-    elsewhere by central differences of runs.
+    """The model about an optimum, by central differences of runs; with steady states that stand for
+    them, where these have about the same slopes.
     """
-    steady = problem.in_steady_state(best.x)
-    if steady is not None:
-        local = _linearised_by_steady_states(problem, best, steady)
-        if local is not None:
-            return local
-    every = np.arange(best.x.size)
-    steps, _ = _slopes_at(problem, best)
-    return _linear_model(problem, best, jacobian(problem, best.x, best.r, steps, every, True))
-
-
-def _linearised_by_steady_states(
-    problem: Problem, best: Optimum, steady: Problem
-) -> LinearModel | None:
-    """The model with central differences of steady states, corrected by what differences of runs to
-    one side are more than those of steady states; None where the slopes of the two are not alike.
-
-    What is curved is so in both: what they differ by, the rest of the start, is small and straight.
-    """
-    every, (r,) = np.arange(best.x.size), steady.residuals([best.x])
+    every, steady = np.arange(best.x.size), problem.in_steady_state(best.x)
+    if steady is None:
+        steps, _ = _slopes_at(problem, best)
+        return _linear_model(problem, best, jacobian(problem, best.x, best.r, steps, every, True))
+    (r,) = steady.residuals([best.x])
     steps, _ = _slopes_at(steady, Optimum(best.x, r, cost(r)))
-    central = jacobian(steady, best.x, r, steps, every, True)
-    more = jacobian(problem, best.x, best.r, steps, every, False)
-    more -= jacobian(steady, best.x, r, steps, every, False)
-    J = central + more
-    if not _are_alike(J, central):
-        return None
-    correction = Correction(best.x, problem.least(best.r - r), more)
+    J = jacobian(problem, best.x, best.r, steps, every, True)
+    own = jacobian(steady, best.x, r, steps, every, True)
+    if not _are_alike(J, own):
+        return _linear_model(problem, best, J)
+    correction = Correction(best.x, problem.least(best.r - r), J - own)
     return _linear_model(problem, best, J, steady.corrected(correction))
 
 
