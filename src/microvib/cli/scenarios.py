@@ -221,7 +221,7 @@ def report(
     if run.unchecked:
         click.echo(run.unchecked, err=True)
     allowed = _limit(run.limit, limit, band)
-    result = RunResult.of_motion(run.motion, run.table)
+    result = RunResult.of_motion(run.motion, run.table, run.second_table)
     peaks = judge_bands_of_run(result, run.band_limits, run.roll_off)
     outcome = with_bands(run_outcome(result, allowed, run.versions), peaks)
     document = report_of(outcome).in_form(form)
