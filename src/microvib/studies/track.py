@@ -74,9 +74,7 @@ _NOTED = 0.05
 _AT_ENDS = 1.0
 """Knots at the ends of the record whose amplitudes make no maximum."""
 _ONE_REFERENCE = "give one of tacho, speed, profile, scenario, strongest"
-SWEEP_NOTE = (
-    "a resonance that is passed quickly answers less, and later in the sweep, than a dwell on it"
-)
+SWEEP_NOTE = "a resonance that the sweep passes quickly responds less than in a dwell on it, and later in the sweep"
 
 
 @dataclass(frozen=True)
