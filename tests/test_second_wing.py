@@ -497,7 +497,9 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
     as_kept = RunResult.of_motion(again, kept.table, kept.second_table).judge(limit)
     assert as_kept.verdict == result.judge(limit).verdict == "pass"
     worst, of_run = as_kept.worst, result.judge(limit).worst
-    assert worst and of_run and worst.line.name == of_run.line.name
+    assert worst
+    assert of_run
+    assert worst.line.name == of_run.line.name
     assert worst.factor == pytest.approx(of_run.factor, rel=1e-8)
     assert result.motion is not None
     assert again.second_wing is not None
