@@ -318,13 +318,13 @@ def _search_round(
     """Local fits from the best points of a global look, in the order of their cost, until the
     evidence is explained; both begin with short records.
     """
-    count, most = _numbers(problem, starts, finishes)
+    count, most = _round_size(problem, starts, finishes)
     points = [*_sobol_points(problem, seed, count), *(problem.tuned(x) for x in also)]
     rough = problem.rough()
     return _fits_from_best(problem, rough, points, finishes, most)
 
 
-def _numbers(problem: Problem, starts: int, finishes: int) -> tuple[int, int]:
+def _round_size(problem: Problem, starts: int, finishes: int) -> tuple[int, int]:
     """Points of a global look, and most local fits from them.
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
@@ -362,7 +362,7 @@ def _fits_among_steady_states(
     """Local fits from the best points of a global look, as of runs; where a few explain nothing there are as
     many as with a mode's frequency, from points of which half are near the start.
     """
-    count, most = _numbers(steady, starts, finishes)
+    count, most = _round_size(steady, starts, finishes)
     points = _sobol_points(steady, seed, starts)
     found = _fits_from_best(
         steady, steady, [*points[:count], steady.tuned(steady.start)], finishes, most
