@@ -28,12 +28,12 @@ HARNESS = "friction.harness"
 _WHOLE_CYCLES = 0.99
 """Part of these cycles that counts as all of them: a record is a whole number of samples."""
 NEGLIGIBLE_SHARE = 1e-3
-"""Part of the rate, or of the motor's torque, below which a change counts for nothing: the least
-relative error of lines.
+"""Part of the rate, or of the friction, below which a change counts for nothing: the least relative
+error of lines.
 """
-_NEGLIGIBLE_FRICTION = 1e-6
-"""Part of the friction below which a change counts for nothing. It makes a torque by itself, and
-friction may be a thousand times the lines.
+_NEGLIGIBLE_LINE = 1e-6
+"""Part of the rate, or of the friction, below which a change counts for nothing as a line of its own:
+friction may be a thousand times the lines, and a gear's stiffness makes much of a small angle.
 """
 _NEGLIGIBLE_SHIFT = 0.5
 """Bins of a record by which compensation may shift lines of the step clock and count for nothing: a
@@ -71,20 +71,26 @@ def slow_variations(scenario: Scenario, duration: float | None = None) -> list[S
     rotor, friction over the angle the friction by its amplitude. Compensation shifts lines of the
     step clock, too, and the higher they are the more. Of each the longest cycle counts:
     that of its order, or the beat of one of its first multiples with what else the drive has over its
-    angle, which it meets at other angles from cycle to cycle.
+    angle, which it meets at other angles from cycle to cycle. However little it changes the drive, it
+    makes a line of its own, which beats with those beside it.
     """
     if not scenario.driving_frequency:
         return []
     electrical = scenario.driver.beats * scenario.driver.microsteps / scenario.driving_frequency
     full_step = electrical / scenario.motor.full_steps
+    errors, compensation, friction = (
+        list(each(scenario)) for each in (_errors_of_gear, _compensation, _friction_over_angle)
+    )
+    lasts = scenario.record.duration if duration is None else duration
     harmonics = [
-        *_significant(_errors_of_gear(scenario)),
-        *_significant(_compensation(scenario, _negligible_compensation(scenario, duration))),
-        *_significant(_friction_over_angle(scenario)),
+        *_significant(errors),
+        *_significant(compensation, _negligible_compensation(scenario, lasts)),
+        *_significant(friction),
     ]
     found = [
         *(_variation(scenario, one) for one in harmonics),
         *_beats_of_two(scenario, harmonics),
+        *_beats_of_lines(scenario, [*errors, *compensation, *friction], lasts),
         *_roughness(scenario),
         *_harness(scenario),
         *_unequal_phases(scenario),
@@ -109,25 +115,23 @@ class _Harmonic(NamedTuple):
     """Cycles per turn of the rotor."""
     share: float
     """Part of the rate, or of the friction, by which it changes."""
-    negligible: float
-    """Share below which it counts for nothing."""
 
 
-def _negligible_compensation(scenario: Scenario, duration: float | None) -> float:
+def _negligible_compensation(scenario: Scenario, duration: float) -> float:
     """Part of the rate up to which compensation counts for nothing: it hardly shifts the highest line
-    of a record.
+    of a record of a ``duration`` [s].
     """
-    record = scenario.record
-    lasts = record.duration if duration is None else duration
-    bins = PASSBAND * record.sample_rate * lasts
+    bins = PASSBAND * scenario.record.sample_rate * duration
     return min(NEGLIGIBLE_SHARE, _NEGLIGIBLE_SHIFT / bins)
 
 
-def _significant(found: Iterable[_Harmonic]) -> list[_Harmonic]:
-    """Harmonics of one kind, but for those of the slowest that together count for nothing."""
+def _significant(
+    found: Iterable[_Harmonic], negligible: float = NEGLIGIBLE_SHARE
+) -> list[_Harmonic]:
+    """Harmonics of one kind, but for those of the slowest that together are ``negligible``."""
     kept = sorted(found, key=lambda one: one.order)
-    shares = np.cumsum([one.share / one.negligible for one in kept])
-    return kept[int(np.searchsorted(shares, 1.0, side="right")) :]
+    shares = np.cumsum([one.share for one in kept])
+    return kept[int(np.searchsorted(shares, negligible, side="right")) :]
 
 
 def _errors_of_gear(scenario: Scenario) -> Iterator[_Harmonic]:
@@ -137,18 +141,17 @@ def _errors_of_gear(scenario: Scenario) -> Iterator[_Harmonic]:
         key = "reducer.transmission_error"
         if not error.line.startswith("wave_generator"):
             key = "reducer.train"
-        what = f"{key} ({error.origin})"
-        yield _Harmonic(key, what, Fraction(error.order), share, NEGLIGIBLE_SHARE)
+        yield _Harmonic(key, f"{key} ({error.origin})", Fraction(error.order), share)
 
 
-def _compensation(scenario: Scenario, negligible: float) -> Iterator[_Harmonic]:
+def _compensation(scenario: Scenario) -> Iterator[_Harmonic]:
     """Harmonics of the driver's compensation, which change the rate of the rotor and the time from
-    microstep to microstep; together they may be ``negligible``.
+    microstep to microstep.
     """
     for one in scenario.driver.compensation:
         share = one.order * one.amplitude * scenario.reducer.ratio
         what = f"{COMPENSATION} (order {one.order})"
-        yield _Harmonic(COMPENSATION, what, Fraction(one.order), share, negligible)
+        yield _Harmonic(COMPENSATION, what, Fraction(one.order), share)
 
 
 def _friction_over_angle(scenario: Scenario) -> Iterator[_Harmonic]:
@@ -159,8 +162,7 @@ def _friction_over_angle(scenario: Scenario) -> Iterator[_Harmonic]:
     key, ratio = "friction.position", Fraction(scenario.reducer.ratio)
     for harmonic in friction.position.harmonics:
         what = f"{key} (order {harmonic.order})"
-        order = harmonic.order / ratio
-        yield _Harmonic(key, what, order, harmonic.amplitude, _NEGLIGIBLE_FRICTION)
+        yield _Harmonic(key, what, harmonic.order / ratio, harmonic.amplitude)
 
 
 def _variation(scenario: Scenario, one: _Harmonic) -> SlowVariation:
@@ -176,7 +178,8 @@ def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterato
     """
     combs = _combs(scenario)
     for one, other in itertools.combinations(harmonics, 2):
-        if one.share < one.negligible or other.share < other.negligible:
+        share = min(one.share, other.share)
+        if share < NEGLIGIBLE_SHARE:
             continue
         times = range(1, _BEATS + 1)
         beats = [abs(i * one.order - j * other.order) for i in times for j in times]
@@ -186,8 +189,30 @@ def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterato
         slowest = _slowest_order([*own, *(x for x in beats if x > same)], together, combs)
         if slowest < _slowest_order(own, [], combs):
             what = f"{one.what} beside {other.what}"
-            share = min(one.share, other.share)
             yield SlowVariation(one.key, what, _turn_of_rotor(scenario) / slowest, share)
+
+
+def _beats_of_lines(
+    scenario: Scenario, harmonics: Sequence[_Harmonic], duration: float
+) -> Iterator[SlowVariation]:
+    """Lines that harmonics make by themselves, as they beat with those of the steps and of each other;
+    what has no cycle in a record of a ``duration`` [s] is no line of it.
+    """
+    turn, combs = _turn_of_rotor(scenario), _combs(scenario)
+    lines = [
+        one for one in harmonics if one.share >= _NEGLIGIBLE_LINE and one.order * duration >= turn
+    ]
+    for one in lines:
+        multiples = [(round(one.order / comb), comb) for comb in combs]
+        beats = [abs(one.order - k * comb) for k, comb in multiples if k > 0]
+        if slow := [beat for beat in beats if beat > _SAME_ORDER * one.order]:
+            yield SlowVariation(one.key, one.what, turn / float(min(slow)), one.share)
+    for one, other in itertools.combinations(lines, 2):
+        beat = abs(one.order - other.order)
+        if _SAME_ORDER * one.order < beat < min(one.order, other.order):
+            what = f"{one.what} beside {other.what}"
+            share = min(one.share, other.share)
+            yield SlowVariation(one.key, what, turn / float(beat), share)
 
 
 def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
@@ -195,9 +220,11 @@ def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
     position = scenario.friction.position
     if position is None or position.roughness is None:
         return
-    orders = np.arange(1.0, math.floor(min(position.roughness.band[1], _LARGEST_ORDER)) + 1.0)
+    highest = math.floor(min(position.roughness.band[1], _LARGEST_ORDER))
+    orders = np.arange(1.0, highest + 1.0)
     share = _ROUGHNESS_SIGMAS * math.sqrt(float(np.sum(position.roughness.at(orders))))
-    if share >= _NEGLIGIBLE_FRICTION:
+    beside_steps = highest >= min(_combs(scenario)) * scenario.reducer.ratio - 1.0
+    if share >= (_NEGLIGIBLE_LINE if beside_steps else NEGLIGIBLE_SHARE):
         key = "friction.position.roughness"
         yield SlowVariation(key, key, _turn_of_output(scenario), share)
 
