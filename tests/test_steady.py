@@ -133,6 +133,35 @@ def test_a_record_from_the_steady_state_is_whole_from_its_first_sample(state_1):
     assert motion["T_d"][:40] == pytest.approx(made, abs=5e-4 * np.max(np.abs(made)))
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"tracking.rate": "0.00526 deg/s"},
+        {"tracking.rate": "0.01292 deg/s", "reducer.stiffness": "rigid"},
+        {
+            "tracking.rate": "0.001656 deg/s",
+            "friction.slip_ring": None,
+            "friction.coulomb": "0.02 N*m",
+            "friction.breakaway": "0.02 N*m",
+            "array": {"inertia": "0.25 kg*m^2", "modes": []},
+        },
+    ],
+)
+def test_lines_do_not_depend_on_the_sample_rate(state_1, changes):
+    """The drive swings faster after each full step than half of these sample rates."""
+    steps = state_1.with_({"driver.microsteps": 1, **changes})
+    lines = {}
+    for rate in ("24 Hz", "4096 Hz"):
+        table = mv.find_lines(steps.with_({"record.sample_rate": rate}), start="steady")
+        assert "steady" in table.source
+        lines[rate] = {
+            x.name: x.amplitude for x in table if x.kind == "drive" and x.amplitude > 0.0
+        }
+    assert len(lines["24 Hz"]) >= 4
+    for name, amplitude in lines["24 Hz"].items():
+        assert amplitude == pytest.approx(lines["4096 Hz"][name], rel=5e-4)
+
+
 def test_the_start_of_the_search_does_not_matter(state_1, steady_1, monkeypatch):
     guess = PeriodMap.guess
     random = np.random.default_rng(5)

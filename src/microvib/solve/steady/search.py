@@ -28,6 +28,7 @@ from functools import reduce
 
 import numpy as np
 
+from microvib.model.linear import coupled_modes
 from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.solve import kernel
@@ -94,7 +95,8 @@ NOT_FOUND = "no periodic steady state was found"
 HARMONICS = 8
 """Driving lines whose amplitudes the sampling must not disturb; see ``sample_rows``."""
 
-
+FASTEST_MODES = 12.0
+"""Times the drive's fastest natural frequency up to which the sampling must not disturb a line."""
 MAX_PERIOD_SAMPLES = 2_000_000
 """Samples of a period beyond which driving lines are disturbed up to a third."""
 
@@ -484,9 +486,12 @@ def sample_rows(period: PeriodMap) -> int:
 
     With n interval means in a period, k/(n - k) of order n - k is aliased into order k, and torques
     have jumps. This makes n so large that the fraction is at most a third at the end of the
-    record's band, and a fiftieth at the driving lines.
+    record's band, and a fiftieth at the driving lines. Below these the drive may swing with far larger
+    amplitudes, whatever the record's band is: intervals are short against its fastest mode.
     """
-    highest = math.ceil(PASSBAND * period.scenario.record.sample_rate / period.frequency)
+    fastest = max(mode.frequency for mode in coupled_modes(period.scenario))
+    band = max(PASSBAND * period.scenario.record.sample_rate, FASTEST_MODES * fastest)
+    highest = math.ceil(band / period.frequency)
     wanted = min(50 * min(HARMONICS * period.microsteps, highest), MAX_PERIOD_SAMPLES)
     rows = math.ceil(max(4 * highest, wanted) / period.microsteps)
     return period.parts * math.ceil(rows / period.parts)
