@@ -258,7 +258,7 @@ def test_a_drive_that_sticks_holds_its_array_as_a_rigid_joint_does(
         float(by_loads(craft, np.array([f]))[0, 1, 4]) for craft in (one_wing, locked)
     )
     assert sticks > 2.2 * slides
-    size = 1.0
+    size = 1e-3  # too small to turn the sliding shaft back
     (tmp_path / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},{size}\n")
     band = 1e-4
     (tmp_path / "density.csv").write_text(
@@ -380,3 +380,47 @@ def test_errors_of_a_driver_are_springs_over_the_electrical_angle(
     ends = np.linspace(spring.low + mean, spring.high + mean, 100).tolist()
     each = [by_loads(state(part), F) for part in ends]
     check_bounds(states.extremes(F, states.on_hub(CENTER)), each, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("friction", "changes", "moment", "reason"),
+    [
+        (DRY, {"tracking.rate": "0.004 deg/s"}, 1.0, "turn it back"),
+        (DRY, {"tracking.rate": "0.004 deg/s"}, 1e-4, ""),
+        (None, {"reducer.ratio": 10.0}, 30.0, "the motor's torque is no linear function"),
+        (None, {"reducer.ratio": 10.0}, 0.01, ""),
+    ],
+)
+@pytest.mark.parametrize("what", ["line", "wheel", "range", "density"])
+def test_a_strong_load_is_not_taken_for_a_small_one(
+    what: str,
+    friction: dict[str, object] | None,
+    changes: dict[str, object],
+    moment: float,
+    reason: str,
+    one_wing: mv.Scenario,
+    tmp_path: Path,
+) -> None:
+    """It turns a shaft back against its friction, or swings the rotor out of the motor's linear range: in time, lines
+    are then up to four times as large and have multiples."""
+    f = 1.14096
+    free = {"friction.coulomb": "0 N*m", "friction.breakaway": "0 N*m", "friction.slip_ring": None}
+    scenario = one_wing.with_({**({"friction": friction} if friction else free), **changes})
+    (tmp_path / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},{moment}\n")
+    density = moment**2 / 4 / 1e-4
+    (tmp_path / "density.csv").write_text(
+        f"frequency_hz,my_n2_m2_hz\n{f - 1e-4},{density}\n{f + 1e-4},{density}\n"
+    )
+    axial = moment / (2.0 * np.pi * f) ** 2
+    harmonics = [{"order": 1, "axial_torque": f"{axial!r} N*m*s^2/rad^2"}]
+    wheel = {"speed": f"{60 * f!r} rpm", "axis": [0, 1, 0], "harmonics": harmonics}
+    if what == "range":
+        wheel |= {"speed": f"{60 * 1.138!r} rpm", "speed_to": f"{60 * 1.144!r} rpm"}
+    given = {"line": {"lines": str(tmp_path / "lines.csv")}, "density": {"density": str(tmp_path / "density.csv")}}.get(what, {"wheel": wheel})  # fmt: skip
+    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], **given)
+    r = Requirement(metric="ape", axis="y", limit="1 rad", statistic="rms")
+    sticking = (Sticking(False, False), MAY_STICK)
+    one = contribution_of_other(source, scenario, FileAccess(folder=tmp_path), sticking)
+    found = assess(r, [one], "rss")
+    assert found.verdict == ("not judged" if reason else "pass")
+    assert any(reason in why for why in found.why) or not reason

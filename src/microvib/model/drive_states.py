@@ -183,9 +183,16 @@ class DriveStates:
     @property
     def on_output(self) -> np.ndarray:
         """Forces on the coordinates by a torque on the own output, (n, 1)."""
+        return self.on_output_of(0, self.scenario)
+
+    def on_output_of(self, wing: int, drive: Scenario) -> np.ndarray:
+        """Forces on the coordinates by a torque on the output of the first drive, 0, or of the second
+        wing's ``drive``, 1, (n, 1).
+        """
         found = np.zeros((self._system[0].shape[0], 1))
-        way = coordinates(self.scenario.reducer, len(self.scenario.array.modes))[1]
-        first = receiver_of(self.scenario).root.shape[1]
+        way = coordinates(drive.reducer, len(drive.array.modes))[1]
+        before = source_of(self.scenario).M.shape[0] if wing else 0
+        first = receiver_of(self.scenario).root.shape[1] + before
         found[first : first + way.size, 0] = way
         return found
 

@@ -12,9 +12,15 @@ import numpy as np
 
 from microvib.analysis.margins import CLOCK_UNCERTAINTY
 from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, craft_of_drives
+from microvib.model.friction import Friction
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.model.side_lines import SideResponse, VaryingDrive, unknown_drives, varying_drives
+from microvib.model.side_lines import (
+    SideResponse,
+    VaryingDrive,
+    unknown_drives,
+    varying_drives,
+)
 from microvib.signals.pointing import Metric, mean_square_of_lines, windowed_amplitudes
 from microvib.studies.budget.files import Requirement
 from microvib.units import within_band
@@ -39,6 +45,14 @@ _MAIN = 12
 _UNBOUNDED = (
     "what the varying spring of a drive makes of the density at other frequencies has no bound"
 )
+_LARGEST_SWING = 0.35
+"""Electrical angle [rad] by which loads may move a rotor and be taken for small: beyond, the sine of the
+motor's torque makes other lines of them. The rotor's own motion by its steps is held to the same."""
+_LARGEST_RATE = 0.2
+"""Part of its commanded rate by which loads may change that of a shaft with dry friction; beyond, they
+may turn it back within its own steps, and friction makes other lines of them. Assumed."""
+_PEAKS = 4.0
+"""Deviations of noise that count as its largest values."""
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
@@ -144,6 +158,87 @@ def _on_grid(grid: np.ndarray, f: np.ndarray, S: np.ndarray) -> np.ndarray:
     return np.array([np.interp(grid, f, column, left=0.0, right=0.0) for column in S.T]).T
 
 
+@dataclass(frozen=True)
+class Shaft:
+    """A shaft of a drive that turns, by its motion relative to what carries its drive."""
+
+    craft: DriveStates
+    on: np.ndarray
+    """Its angle by the coordinates, (n,)."""
+    name: str
+    rate: float
+    """Commanded rate [rad/s]."""
+    teeth: int
+    """Electrical turns in one of its own; 0 of an output."""
+    rubs: bool
+    """Whether dry friction acts on it."""
+
+    def motion(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Largest motion [rad] by ``forces`` on the coordinates (n, c), or at each frequency (m, n, c),
+        at frequencies (m,) [Hz], in any state, (m, c).
+        """
+        return self.craft.extremes(frequency, forces, rows=self.on[None, :])[1][:, 0]
+
+    def reason(self, motion: float, speed: float) -> str:
+        """Why the response to loads that move it so far [rad] and fast [rad/s] is not linear."""
+        if self.teeth * motion > _LARGEST_SWING:
+            return (
+                f"its loads may swing {self.name} by {self.teeth * motion:.2g} rad of the electrical"
+                " angle, of which the motor's torque is no linear function"
+            )
+        if self.rubs and speed > _LARGEST_RATE * self.rate:
+            return (
+                f"its loads may change the rate of {self.name} by {speed / self.rate:.2g} times what is"
+                " commanded and turn it back, and what friction makes of that is not known"
+            )
+        return ""
+
+
+def shafts_of(scenario: Scenario, craft: DriveStates) -> list[Shaft]:
+    """Shafts of the drives of a craft that turn at a constant rate."""
+    names = {0: "", 1: " of the second wing"}
+    found = []
+    for wing, drive in enumerate([scenario, scenario.driven_wing]):
+        if drive is None or not drive.rate:
+            continue
+        rotor, output = (
+            on[:, 0] for on in (craft.on_rotor_of(wing), craft.on_output_of(wing, drive))
+        )
+        rate, motor = abs(drive.rate), drive.motor
+        found += [
+            Shaft(
+                craft, rotor, f"the rotor{names[wing]}", rate * drive.reducer.ratio, motor.rotor_teeth,
+                _rubs(motor.friction),
+            ),
+            Shaft(craft, output, f"the output{names[wing]}", rate, 0, _rubs(drive.friction)),
+        ]  # fmt: skip
+    return found
+
+
+def _rubs(friction: Friction) -> bool:
+    return bool(friction.memory) or friction.largest_torque > 0.0
+
+
+def _sums(each: Sequence[np.ndarray]) -> list[float]:
+    """Sum over all lines for each shaft: their phases are not known."""
+    return [float(np.sum(values)) for values in each]
+
+
+def _peaks_of(f: np.ndarray, densities: Sequence[np.ndarray]) -> list[float]:
+    """Largest values of noise with each of some densities (m,) over frequencies (m,)."""
+    return [_PEAKS * math.sqrt(float(np.trapezoid(one, f))) for one in densities]
+
+
+def _with_reasons(lines: SideLines | None, reasons: tuple[str, ...]) -> SideLines | None:
+    """Side lines with further sentences on what is not known."""
+    if not reasons:
+        return lines
+    if lines is None:
+        none = np.zeros((0, 1))
+        return SideLines(none, none, np.zeros((0, 1, 2)), unknown=reasons)
+    return replace(lines, unknown=(*lines.unknown, *reasons))
+
+
 class TurningDrives:
     """Drives of a craft that turn and whose springs vary: what they make of lines and densities."""
 
@@ -161,13 +256,24 @@ class TurningDrives:
         self.craft = craft_of_drives(scenario, sticking) if craft is None else craft
         self.drives = varying_drives(scenario, self.craft) if drives is None else list(drives)
         self.unknown = tuple(unknown_drives(scenario)) if drives is None else ()
+        self.shafts = shafts_of(scenario, self.craft) if drives is None else []
         self._last: dict[int, tuple[np.ndarray, SideResponse]] = {}
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:
         """Side lines of lines at frequencies (k,) [Hz] by ``forces`` (k, n, c) on the coordinates,
         whose c parts have unknown phases.
         """
-        return self._of(self._spread(frequency), self._on(frequency, forces))
+        found = self._of(self._spread(frequency), self._on(frequency, forces))
+        motions = [one.motion(frequency, forces).sum(axis=1) for one in self.shafts]
+        speeds = [2.0 * np.pi * frequency * u for u in motions]
+        return _with_reasons(found, self._too_strong(_sums(motions), _sums(speeds)))
+
+    def _too_strong(self, motions: Sequence[float], speeds: Sequence[float]) -> tuple[str, ...]:
+        """Why the response to loads that move the shafts so far [rad] and fast [rad/s] is not linear, a
+        sentence each; empty where it is.
+        """
+        each = zip(self.shafts, motions, speeds, strict=True)
+        return tuple(why for one, u, v in each if (why := one.reason(u, v)))
 
     def _spread(self, frequency: np.ndarray) -> np.ndarray:
         """Frequencies that lines (k,) may have, (k, m)."""
@@ -188,13 +294,22 @@ class TurningDrives:
         at = self._spread(frequency)
         return self._of(at, [np.broadcast_to(u[:, None], at.shape) for u in motions])
 
-    def of_sweep(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> SideLines | None:
+    def of_sweep(
+        self,
+        grid: np.ndarray,
+        motions: Sequence[np.ndarray],
+        shafts: Sequence[np.ndarray],
+    ) -> SideLines | None:
         """Side lines of lines that pass a grid (m,) [Hz], and move each drive's rotor by (o, m)
-        [rad]; without what comes beside them at their own frequencies (``beside``).
+        [rad], and its shafts; without what comes beside them at their own frequencies (``beside``).
         """
+        furthest = [float(u.max(axis=1).sum()) for u in shafts]
+        fastest = [float((2.0 * np.pi * grid * u).max(axis=1).sum()) for u in shafts]
+        reasons = self._too_strong(furthest, fastest)
         if not motions:
-            return self._of(np.zeros((0, grid.size)), [])
-        return self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
+            return _with_reasons(self._of(np.zeros((0, grid.size)), []), reasons)
+        lines = self._of(np.tile(grid, (len(motions[0]), 1)), list(motions), own=False)
+        return _with_reasons(lines, reasons)
 
     def beside(self, grid: np.ndarray, motions: Sequence[np.ndarray]) -> np.ndarray:
         """Amplitudes that come at most beside the linear response at their own frequencies, (o, m, 2) [rad]."""
@@ -242,14 +357,18 @@ class TurningDrives:
         """Side density of densities (m, c) at frequencies (m,) [Hz] of ``forces`` (n, c) on the
         coordinates, which make ``linear`` (m, 2) [rad^2/Hz] at their own frequencies.
         """
+        moved = [one.motion(f, forces) * np.sqrt(S) for one in self.shafts]
+        squares = [np.sum(u, axis=1) ** 2 for u in moved]
+        speeds = [(2.0 * np.pi * f) ** 2 * u for u in squares]
+        reasons = self._too_strong(_peaks_of(f, squares), _peaks_of(f, speeds))
         if not self.drives:
-            return self._of(np.zeros((0, 1)), [])
+            return _with_reasons(self._of(np.zeros((0, 1)), []), reasons)
         parts = [x for one in self.drives for x in self._density(one, f, S, forces, linear)]
         bounded = [part for part in parts if np.all(np.isfinite(part[1]))]
         unknown = self.unknown if len(bounded) == len(parts) else (*self.unknown, _UNBOUNDED)
         none = np.zeros((0, 1))
         density = _sum_of_densities(bounded)
-        return SideLines(none, none, np.zeros((0, 1, 2)), density, unknown)
+        return SideLines(none, none, np.zeros((0, 1, 2)), density, (*unknown, *reasons))
 
     def _density(
         self,

@@ -122,22 +122,22 @@ class WheelOnCraft:
     @cached_property
     def _rotor_motions(self) -> list[np.ndarray]:
         """Motion of each drive's rotor by each order over the grid [rad], (o, m)."""
+        return [self._over_grid(one.rotor_motion) for one in self.turning.drives]
+
+    def _over_grid(self, motion: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """Motion by each order over the grid, (o, m), as forces at frequencies make it."""
         speed = 2.0 * np.pi * self.grid / self.orders[:, None]
         gains = self._largest_gain_on_grid.transpose(1, 2, 0)
-        return [
-            np.array(
-                [
-                    np.sum(one.rotor_motion(self.grid, on) * gain, axis=1)
-                    for on, gain in zip(self._forces(), gains, strict=True)
-                ]
-            )
-            * speed**2
-            for one in self.turning.drives
+        each = [
+            np.sum(motion(self.grid, on) * gain, axis=1)
+            for on, gain in zip(self._forces(), gains, strict=True)
         ]
+        return np.asarray(np.array(each) * speed**2)
 
     @cached_property
     def _swept_side_lines(self) -> SideLines | None:
-        return self.turning.of_sweep(self.grid, self._rotor_motions)
+        shafts = [self._over_grid(one.motion) for one in self.turning.shafts]
+        return self.turning.of_sweep(self.grid, self._rotor_motions, shafts)
 
     @cached_property
     def _beside(self) -> np.ndarray:
