@@ -133,9 +133,9 @@ class Driver(Part):
 
     drive: Literal["current", "voltage", "pulse"] = Field(
         default="current",
-        description="current: closed current loop; voltage: phase voltages R times the current, no current loop;"
-        " pulse: the supply voltage on a phase for the on-time of each step, whatever motor.current is,"
-        " then open windings with diodes",
+        description="what drives the phases; current: closed current loop; voltage: phase voltages R"
+        " times the current, no current loop; pulse: the supply voltage on a phase for the on-time of"
+        " each step, whatever motor.current is, then open windings with diodes",
     )
     beats: Annotated[
         int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")
@@ -179,7 +179,7 @@ class Driver(Part):
             float,
             Quantity(
                 "s",
-                "time of each step in which a pulse drive puts the supply voltage on the winding",
+                "on-time of a pulse, in which the supply voltage is on a winding, once a step",
                 "t_on",
                 gt=0,
                 display="ms",
@@ -193,7 +193,7 @@ class Driver(Part):
             float,
             Quantity(
                 "V",
-                "voltage of the diodes or clamp against which a winding conducts that no switch drives",
+                "voltage of the diodes or clamp, against which a winding conducts that no switch drives",
                 "U_d",
                 gt=0,
                 usual=(0.2, 400.0),
