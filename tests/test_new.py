@@ -212,6 +212,7 @@ def test_a_data_sheet_of_a_drive_without_a_loop_has_no_gains():
 PULSED = {
     "drive": "pulse", "holding_torque": "0.3 N*m", "phases_on": "1", "current": "0.25 A", "ratio": "200",
     "resistance": "280 ohm", "supply_voltage": "71 V", "on_time": "45 ms", "diode_voltage": "9 V",
+    "clamp": "bidirectional",
 }  # fmt: skip
 
 
@@ -224,6 +225,7 @@ def test_a_data_sheet_of_a_pulse_drive_becomes_one(tmp_path):
     assert (driver.drive, driver.microsteps, driver.beats) == ("pulse", 1, 4)
     assert (driver.supply_voltage, driver.on_time, driver.diode_voltage) == (71.0, 0.045, 9.0)
     assert (driver.proportional_gain, driver.integral_gain) == (0.0, 0.0)
+    assert driver.clamp == "bidirectional"
     for key in ("supply_voltage", "on_time", "diode_voltage"):
         assert scenario.source_of(f"driver.{key}").startswith("data sheet: ")
         assert f"driver.{key}" not in done.stdout
@@ -253,6 +255,7 @@ def test_the_example_of_a_command_leaves_time_between_pulses(ratio, on_time):
     [
         ({"drive": "current"}, "on_time: belongs to drive pulse, which is not stated; state it"),
         ({"phases": "3"}, "phases: 3 is not allowed with drive pulse; 2 are expected, or none"),
+        ({"clamp": "8 V"}, "clamp: '8 V' is not allowed; write 'unidirectional' or 'bidirectional'"),
         ({"microsteps": "16"}, "microsteps: 16 is not allowed with drive pulse"),
         ({"on_time": "60"}, "on_time: '60' needs a unit, such as"),
         ({"diode_voltage": "0 V"}, "diode_voltage: '0 V' is not allowed; it must be greater than 0"),
@@ -366,6 +369,7 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
         "",
         "",
         "",
+        "",
         "32",
         "size 17",
         "",
@@ -382,7 +386,7 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
 
 def test_answers_that_contradict_each_other_are_asked_for_again(tmp_path):
     """The motor's step in place of the output's is known to be wrong only in the end; the other answers stay."""
-    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 10, "0.018 deg"]
+    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 11, "0.018 deg"]
     shown = in_terminal(
         "new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers
     )

@@ -254,7 +254,9 @@ def test_steps_are_lost_as_an_independent_integration_says(monkeypatch):
         first, _ = clamp.first_lost(replace(one, voltage=volts), 50)
         ours = figures[f"{volts:g} V", "first lost step"]
         assert (first or math.inf) == ours
+    for volts in (72.0, 74.0, 75.0, 80.0):
         assert clamp.first_lost(replace(one, voltage=volts, both_ways=True), 50)[0] == 0
+        assert figures[f"{volts:g} V with the clamp", "lost steps"] == 0.0
     assert figures["72 V", "lost steps"] == 0.0 < figures["73 V", "lost steps"]
 
 

@@ -90,6 +90,9 @@ class DataSheet(Part):
         ]
         | None
     ) = None
+    clamp: Literal["unidirectional", "bidirectional"] | None = Field(
+        default=None, description="clamp of a pulse drive"
+    )
     microsteps: (
         Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step")]
         | None
@@ -200,7 +203,7 @@ def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
             f"{sheet.phases_on} is not allowed with {sheet.phases or 2} phases; 1 to that number is"
             " expected",
         )
-    for key in PULSE_KEYS:
+    for key in (*PULSE_KEYS, "clamp"):
         if getattr(sheet, key) is not None and sheet.drive != "pulse":
             raise OptionError(
                 key, "belongs to drive pulse, which is not stated; state it, or leave this out"
@@ -401,6 +404,8 @@ def _pulses(sheet: DataSheet, resistance: TypicalRange) -> Iterator[_Found]:
             yield f"driver.{key}", _entry(Driver, key, lacking, said)
         else:
             yield f"driver.{key}", _entry(Driver, key, _exactly(stated), said.partition(",")[0])
+    if sheet.clamp is not None:
+        yield "driver.clamp", Entry(sheet.clamp, "data sheet: clamp")
 
 
 def _pulsed_example(sheet: DataSheet, entries: dict[str, Entry]) -> Iterator[_Found]:

@@ -201,6 +201,11 @@ class Driver(Part):
         ]
         | None
     ) = None
+    clamp: Literal["unidirectional", "bidirectional"] = Field(
+        default="unidirectional",
+        description="clamp of a pulse drive; unidirectional: as diodes do, of two windings wound"
+        " against each other one conducts; bidirectional: both conduct, either way, and brake twice",
+    )
     microstep_ramp: Annotated[
         float,
         Quantity(
@@ -253,6 +258,8 @@ class Driver(Part):
             for name in PULSE_KEYS:
                 if getattr(self, name) is not None:
                     yield f"{name}: only acts with drive: pulse; set that, or leave {name} out"
+            if self.clamp != "unidirectional":
+                yield "clamp: only acts with drive: pulse; set that, or leave clamp out"
         rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
         if rows not in (0, turn):
             yield (
@@ -305,6 +312,15 @@ class Driver(Part):
     def pulsed(self) -> bool:
         """Whether voltages come in pulses, between which windings are open."""
         return self.drive == "pulse"
+
+    @property
+    def switched_windings(self) -> int:
+        """Windings of a pulse drive that conduct on their own: 2, each of them either way, or 4 with
+        those wound against them; 0 of another drive.
+        """
+        if not self.pulsed:
+            return 0
+        return 4 if self.clamp == "bidirectional" else 2
 
     @property
     def voltage_limit(self) -> float:
