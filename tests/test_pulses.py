@@ -214,7 +214,7 @@ PULSE = {
     [
         ({"driver.diode_voltage": None}, "driver.diode_voltage"),
         ({"driver.supply_voltage": None}, "driver.supply_voltage"),
-        ({"driver.on_time": None}, "driver.on_time"),
+        ({"driver.on_time": None}, "driver.on_time: is null, but drive: pulse needs it; give it in ms"),
         ({"driver.on_time": "6 s"}, "driver.on_time: 6000 ms is longer than a step, which takes"),
         ({"driver.drive": "current", "driver.proportional_gain": "500 V/A"}, "only acts with drive: pulse"),
         ({"driver.microsteps": 16}, "microsteps: 16 is not allowed with drive: pulse"),
@@ -224,7 +224,7 @@ PULSE = {
         ({"driver.microstep_shape": [{}, {"fraction": 0.5, "after": "3 ms"}]}, "microstep_shape: shapes currents"),
         ({"driver.compensation": [{"order": 2, "amplitude": "9 arcsec"}]}, "compensation: cannot be combined with"),
         ({"driver.diode_voltage": "0 V"}, "driver.diode_voltage"),
-        ({"driver.clamp": "bidirectional", "driver.diode_voltage": None}, "diode_voltage"),
+        ({"driver.clamp": "bidirectional", "driver.diode_voltage": None}, "driver.diode_voltage: is null, but drive: pulse needs it; give it in V"),
         ({"driver.clamp": "both"}, "driver.clamp: 'both' is not allowed; write 'unidirectional' or 'bidirectional'"),
         ({"driver.clamp": "8 V"}, "driver.clamp: '8 V' is not allowed; write 'unidirectional' or 'bidirectional'"),
         ({"motor.phases": 3, "driver.beats": 4}, "with 3 phases"),
@@ -245,6 +245,12 @@ def test_a_pulse_as_long_as_a_step_is_a_lasting_voltage():
 def test_a_pulse_drive_has_no_steady_state_and_says_so():
     scenario = scenario_of(HELD, 2).with_si({"record.start": "steady"})
     assert "voltage pulses" in mv.simulate(scenario, channels="T_d").solver["steady"]
+
+
+def test_a_clamp_belongs_to_pulses():
+    scenario = mv.load_scenario("state-1")
+    with pytest.raises(ScenarioError, match="clamp: only acts with drive: pulse"):
+        scenario.with_({"driver.clamp": "bidirectional"})
 
 
 WEAK = replace(HELD, voltage=30.0, step_time=0.5)

@@ -272,8 +272,8 @@ class Driver(Part):
         for name in ("supply_voltage", *PULSE_KEYS):
             if getattr(self, name) is None:
                 quantity = type(self).quantity_of(name)
-                unit = quantity.unit if quantity else ""
-                yield f"{name}: is null, which drive: pulse cannot do with; give it in {unit}"
+                unit = (quantity.display or quantity.unit) if quantity else ""
+                yield f"{name}: is null, but drive: pulse needs it; give it in {unit}"
         if self.microsteps != 1:
             yield (
                 f"microsteps: {self.microsteps} is not allowed with drive: pulse, which switches whole"
