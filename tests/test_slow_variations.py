@@ -201,7 +201,7 @@ def test_roughness_repeats_after_a_turn_whatever_its_cycles_are(state_1):
         rough = {"density": 1e-6, "lowest": lowest, "highest": highest}
         (found,) = slow_variations(state_1.with_({"friction.position.roughness": rough}))
         assert found.cycle == pytest.approx(turn)
-        weak = {**rough, "density": 1e-12}
+        weak = {**rough, "density": 1e-12 if highest < 5000.0 else 1e-18}
         assert slow_variations(state_1.with_({"friction.position.roughness": weak})) == []
 
 
@@ -214,6 +214,37 @@ def test_what_is_negligible_together_is_left_out(state_1):
     assert cycles(0.0004, 0.0004) == []
     assert cycles(0.0004, 0.0008) == pytest.approx([turn / 2])
     assert cycles(0.0004, 0.0, 0.1) == pytest.approx([turn / 3])
+
+
+def test_a_thousandth_of_a_large_friction_is_a_line_beside_that_of_the_full_steps(state_1):
+    """Three cycles a turn from the order of the full steps it adds to their line and takes from it for an hour."""
+    order = round(4.0 * 50.0 * state_1.reducer.ratio) + 3
+    rows = [{"order": order, "amplitude": 5e-4}]
+    large = {"friction.coulomb": "5 N*m", "friction.breakaway": "5 N*m"}
+    rubbing = state_1.with_({**large, "friction.position.harmonics": rows})
+    (found,) = slow_variations(rubbing)
+    assert found.cycle == pytest.approx(2.0 * math.pi / state_1.rate / 3.0)
+    assert record_gap(rubbing, 30.0)
+
+
+@pytest.mark.parametrize("key", ["driver.compensation", "reducer.transmission_error"])
+def test_a_small_error_is_a_line_beside_that_of_the_full_steps(state_1, key):
+    """It changes the rate by less than a thousandth, and once a turn of the rotor it cancels their line."""
+    full_steps = 4 * state_1.motor.rotor_teeth
+    rows = [{"order": full_steps + 1, "amplitude": Si(4.7e-8)}]
+    found = slow_variations(state_1.with_({key: rows}))[0]
+    assert found.share < 1e-3
+    turn = 2.0 * math.pi / (state_1.rate * state_1.reducer.ratio)
+    assert found.cycle == pytest.approx(turn)
+    far = [{"order": full_steps // 2 + 1, "amplitude": Si(4.7e-8)}]
+    assert not unseen_variations(state_1.with_({key: far}), 2.0)
+
+
+def test_two_small_errors_are_lines_beside_each_other(state_1):
+    orders = (15_003, 15_004)
+    rows = [{"order": order, "amplitude": 4e-4} for order in orders]
+    found = slow_variations(state_1.with_({"friction.position.harmonics": rows}))
+    assert found[0].cycle == pytest.approx(2.0 * math.pi / state_1.rate)
 
 
 def test_unequal_phases_take_an_electrical_turn(state_1):

@@ -31,6 +31,10 @@ NEGLIGIBLE_SHARE = 1e-3
 """Part of the rate, or of the friction, below which a change counts for nothing: the least relative
 error of lines.
 """
+_NEGLIGIBLE_LINE = 1e-6
+"""Part of the rate, or of the friction, below which a change counts for nothing as a line of its own:
+friction may be a thousand times the lines, and a gear's stiffness makes much of a small angle.
+"""
 _NEGLIGIBLE_SHIFT = 0.5
 """Bins of a record by which compensation may shift lines of the step clock and count for nothing: a
 line that drifts by so much over a record reads 1 % too small at most.
@@ -67,20 +71,26 @@ def slow_variations(scenario: Scenario, duration: float | None = None) -> list[S
     rotor, friction over the angle the friction by its amplitude. Compensation shifts lines of the
     step clock, too, and the higher they are the more. Of each the longest cycle counts:
     that of its order, or the beat of one of its first multiples with what else the drive has over its
-    angle, which it meets at other angles from cycle to cycle.
+    angle, which it meets at other angles from cycle to cycle. However little it changes the drive, it
+    makes a line of its own, which beats with those beside it.
     """
     if not scenario.driving_frequency:
         return []
     electrical = scenario.driver.beats * scenario.driver.microsteps / scenario.driving_frequency
     full_step = electrical / scenario.motor.full_steps
+    errors, compensation, friction = (
+        list(each(scenario)) for each in (_errors_of_gear, _compensation, _friction_over_angle)
+    )
+    lasts = scenario.record.duration if duration is None else duration
     harmonics = [
-        *_significant(_errors_of_gear(scenario)),
-        *_significant(_compensation(scenario), _negligible_compensation(scenario, duration)),
-        *_significant(_friction_over_angle(scenario)),
+        *_significant(errors),
+        *_significant(compensation, _negligible_compensation(scenario, lasts)),
+        *_significant(friction),
     ]
     found = [
         *(_variation(scenario, one) for one in harmonics),
         *_beats_of_two(scenario, harmonics),
+        *_beats_of_lines(scenario, [*errors, *compensation, *friction], lasts),
         *_roughness(scenario),
         *_harness(scenario),
         *_unequal_phases(scenario),
@@ -107,13 +117,11 @@ class _Harmonic(NamedTuple):
     """Part of the rate, or of the friction, by which it changes."""
 
 
-def _negligible_compensation(scenario: Scenario, duration: float | None) -> float:
+def _negligible_compensation(scenario: Scenario, duration: float) -> float:
     """Part of the rate up to which compensation counts for nothing: it hardly shifts the highest line
-    of a record.
+    of a record of a ``duration`` [s].
     """
-    record = scenario.record
-    lasts = record.duration if duration is None else duration
-    bins = PASSBAND * record.sample_rate * lasts
+    bins = PASSBAND * scenario.record.sample_rate * duration
     return min(NEGLIGIBLE_SHARE, _NEGLIGIBLE_SHIFT / bins)
 
 
@@ -184,14 +192,39 @@ def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterato
             yield SlowVariation(one.key, what, _turn_of_rotor(scenario) / slowest, share)
 
 
+def _beats_of_lines(
+    scenario: Scenario, harmonics: Sequence[_Harmonic], duration: float
+) -> Iterator[SlowVariation]:
+    """Lines that harmonics make by themselves, as they beat with those of the steps and of each other;
+    what has no cycle in a record of a ``duration`` [s] is no line of it.
+    """
+    turn, combs = _turn_of_rotor(scenario), _combs(scenario)
+    lines = [
+        one for one in harmonics if one.share >= _NEGLIGIBLE_LINE and one.order * duration >= turn
+    ]
+    for one in lines:
+        multiples = [(round(one.order / comb), comb) for comb in combs]
+        beats = [abs(one.order - k * comb) for k, comb in multiples if k > 0]
+        if slow := [beat for beat in beats if beat > _SAME_ORDER * one.order]:
+            yield SlowVariation(one.key, one.what, turn / float(min(slow)), one.share)
+    for one, other in itertools.combinations(lines, 2):
+        beat = abs(one.order - other.order)
+        if _SAME_ORDER * one.order < beat < min(one.order, other.order):
+            what = f"{one.what} beside {other.what}"
+            share = min(one.share, other.share)
+            yield SlowVariation(one.key, what, turn / float(beat), share)
+
+
 def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
     """Roughness of the output's friction, which is alike after a turn of the output only."""
     position = scenario.friction.position
     if position is None or position.roughness is None:
         return
-    orders = np.arange(1.0, math.floor(min(position.roughness.band[1], _LARGEST_ORDER)) + 1.0)
+    highest = math.floor(min(position.roughness.band[1], _LARGEST_ORDER))
+    orders = np.arange(1.0, highest + 1.0)
     share = _ROUGHNESS_SIGMAS * math.sqrt(float(np.sum(position.roughness.at(orders))))
-    if share >= NEGLIGIBLE_SHARE:
+    beside_steps = highest >= min(_combs(scenario)) * scenario.reducer.ratio - 1.0
+    if share >= (_NEGLIGIBLE_LINE if beside_steps else NEGLIGIBLE_SHARE):
         key = "friction.position.roughness"
         yield SlowVariation(key, key, _turn_of_output(scenario), share)
 
