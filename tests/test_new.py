@@ -253,7 +253,7 @@ def test_the_example_of_a_command_leaves_time_between_pulses(ratio, on_time):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"drive": "current"}, "on_time: belongs to drive pulse, which is not stated; state it"),
+        ({"drive": "current"}, "on_time: belongs to drive pulse, but current is stated; state pulse"),
         ({"phases": "3"}, "phases: 3 is not allowed with drive pulse; 2 are expected, or none"),
         ({"clamp": "8 V"}, "clamp: '8 V' is not allowed; write 'unidirectional' or 'bidirectional'"),
         ({"microsteps": "16"}, "microsteps: 16 is not allowed with drive pulse"),
@@ -266,6 +266,11 @@ def test_an_entry_that_does_not_go_with_pulses_is_told(changes, words):
     with pytest.raises(OptionError) as caught:
         mv.new_scenario(**{**PULSED, **changes})
     assert words in str(caught.value)
+
+
+def test_an_entry_of_pulses_says_that_the_drive_is_pulsed():
+    for key in ("on_time", "diode_voltage", "clamp"):
+        assert mv.new_scenario(**{key: PULSED[key]}).driver.pulsed
 
 
 def test_a_supply_voltage_limits_a_current_loop():

@@ -203,15 +203,26 @@ def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
             f"{sheet.phases_on} is not allowed with {sheet.phases or 2} phases; 1 to that number is"
             " expected",
         )
-    for key in (*PULSE_KEYS, "clamp"):
-        if getattr(sheet, key) is not None and sheet.drive != "pulse":
-            raise OptionError(
-                key, "belongs to drive pulse, which is not stated; state it, or leave this out"
-            )
+    sheet = _with_drive(sheet)
     entries = dict([*_motor(sheet, torque), *_driver(sheet), *_train(sheet, inertia), *_examples()])
     if sheet.drive == "pulse":
         entries |= _pulsed_example(sheet, entries)
     return entries
+
+
+def _with_drive(sheet: DataSheet) -> DataSheet:
+    """The sheet with a pulse drive where an entry of pulses says so; OptionError where that is stated
+    otherwise.
+    """
+    of_pulses = [key for key in (*PULSE_KEYS, "clamp") if getattr(sheet, key) is not None]
+    if not of_pulses or sheet.drive == "pulse":
+        return sheet
+    if sheet.drive is None:
+        return sheet.model_copy(update={"drive": "pulse"})
+    raise OptionError(
+        of_pulses[0],
+        f"belongs to drive pulse, but {sheet.drive} is stated; state pulse, or leave this out",
+    )
 
 
 def assumed(entries: dict[str, Entry]) -> dict[str, Entry]:
@@ -386,7 +397,7 @@ def _pulses(sheet: DataSheet, resistance: TypicalRange) -> Iterator[_Found]:
             f"{sheet.microsteps} is not allowed with drive pulse, which switches whole steps; 1 is"
             " expected, or none",
         )
-    yield "driver.drive", Entry("pulse", "data sheet: drive")
+    yield "driver.drive", Entry("pulse", "data sheet: pulses")
     yield from _no_gains()
     yield "driver.microsteps", Entry("1", "data sheet: pulses switch whole steps")
     current = sheet.current or CURRENT
