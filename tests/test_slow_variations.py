@@ -237,7 +237,7 @@ def test_a_small_error_is_a_line_beside_that_of_the_full_steps(state_1, key):
     turn = 2.0 * math.pi / (state_1.rate * state_1.reducer.ratio)
     assert found.cycle == pytest.approx(turn)
     far = [{"order": full_steps // 2 + 1, "amplitude": Si(4.7e-8)}]
-    assert not unseen_variations(state_1.with_({key: far}), 2.0)
+    assert not unseen_variations(state_1.with_({"reducer.transmission_error": far}), 2.0)
 
 
 def test_two_small_errors_are_lines_beside_each_other(state_1):

@@ -8,6 +8,7 @@ Fourier series.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
@@ -51,7 +52,7 @@ from microvib.model.scenario import (
 )
 from microvib.model.slow_variations import slow_variations
 from microvib.signals.clock import near_mains, search_wide_clock_ratio
-from microvib.signals.fourier_lines import lines_of_series
+from microvib.signals.fourier_lines import lines_of_series, order_of
 from microvib.signals.intermittent import intermittent_peaks, peaks_of_period
 from microvib.signals.line_fit import (
     NOT_SEPARABLE,
@@ -615,6 +616,33 @@ def lines_by_name(
         torque.sample_rate,
         named_or_modes(expected_in(scenario, torque.sample_rate, harmonics), names),
     )
+
+
+def lines_by_name_of_steady_state(
+    state: SteadyState, names: Collection[str], harmonics: int = 8
+) -> LineTable:
+    """Lines of a steady state that are called by these ``names``, and array modes as a small
+    deviation rings about it: with their frequencies and decays, without amplitudes.
+
+    They have no uncertainties, as those of ``lines_by_name``, and no nearest bins.
+    """
+    record = state.scenario.record
+    expected = named_or_modes(expected_in(state.scenario, record.sample_rate, harmonics), names)
+    size = int(PASSBAND * record.sample_rate / state.frequency) + 1
+    orders = [0 if line.is_mode else order_of(line, state.frequency, size) for line in expected]
+    found = np.array(sorted({*orders, 1} - {0}))
+    tone_of = dict(zip(found.tolist(), state.integrated_harmonics(found).tolist(), strict=True))
+    rows = []
+    for line, order in zip(expected, orders, strict=True):
+        named = Line(line.name, line.kind, expected=line.frequency)
+        if line.is_mode:
+            frequency, decay = state.ringing(line.frequency, line.decay)
+            rows.append(replace(named, frequency=frequency, decay=decay))
+        else:
+            tone = tone_of.get(order, 0.0j)
+            own = {"amplitude": abs(tone), "phase": cmath.phase(tone), "decay": 0.0}
+            rows.append(replace(named, frequency=line.frequency, **own, status="ok"))
+    return LineTable(tuple(rows), 1.0, 0.0, record.samples, record.sample_rate)
 
 
 def named_or_modes(

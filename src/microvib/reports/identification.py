@@ -133,7 +133,7 @@ def fit_outcome(fit: Fit, start: Scenario | None = None) -> Outcome:
     return Outcome(
         "Identification report",
         f"Identification: {fit.scenario.title or 'drive'}",
-        f"From {tests}; {fit.simulations} simulations, seed {fit.seed}.",
+        f"From {tests}; {fit.simulations} simulations ({fit.method}), seed {fit.seed}.",
         _verdict(fit),
         (_goodness_fact(fit), *map(_estimate_fact, fit.parameters[:3])),
         (
@@ -454,7 +454,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             {"name": e.name, "clock_ratio": e.clock_ratio, "observations": len(e.observations), "notes": list(e.notes)}
             for e, _ in fit.after
         ],
-        "cost": fit.cost, "observations": fit.observations, "simulations": fit.simulations, "seed": fit.seed,
+        "cost": fit.cost, "observations": fit.observations, "simulations": fit.simulations, "method": fit.method, "seed": fit.seed,
         "interrupted": fit.interrupted, "status": "calibrated: fitted to these lines", "versions": package_versions(),
     }  # fmt: skip
 

@@ -42,12 +42,13 @@ def lines_of_series(
     """
     sizes = np.abs(series)
     top = float(np.max(sizes[1:], initial=0.0))
-    named = {k for line in expected if not line.is_mode and (k := _order(line, base, series.size))}
+    size = series.size
+    named = {k for line in expected if not line.is_mode and (k := order_of(line, base, size))}
     lines = (*expected, *_others(sizes, base, microsteps, named, ClockOrders.of(expected, 1.0)))
     frequency = np.array([line.frequency for line in lines], dtype=float)
     mode = np.array([line.is_mode for line in lines], dtype=bool)
     tone = np.array(
-        [series[k] if (k := _order(line, base, series.size)) else 0.0 for line in lines],
+        [series[k] if (k := order_of(line, base, series.size)) else 0.0 for line in lines],
         dtype=complex,
     )
     sharp = np.where(mode, math.nan, 0.0)
@@ -68,16 +69,18 @@ def lines_of_series(
     )
     unlisted = np.ones(series.size, dtype=bool)
     # An array mode is no line of a steady state: the order nearest to it is still left.
-    unlisted[[0, *(_order(line, base, series.size) for line in lines if not line.is_mode)]] = False
+    unlisted[[0, *(order_of(line, base, series.size) for line in lines if not line.is_mode)]] = (
+        False
+    )
     left = np.flatnonzero(unlisted)
     rows = figures.rows(Uncertainty(sharp, sharp, sharp, sharp))
     rest = ResidualPeaks.of_exact_lines(left * base, sizes[left])
     return LineTable(rows, 1.0, 0.0, samples, sample_rate, rest=rest)
 
 
-def _order(line: ExpectedLine, base: float, size: int) -> int:
-    """Order of the Fourier series at which a line lies; 0 where it lies between them, or beyond the
-    last.
+def order_of(line: ExpectedLine, base: float, size: int) -> int:
+    """Order of a Fourier series of ``size`` coefficients at which a line lies; 0 where it lies between
+    them, or beyond the last.
     """
     k = round(line.frequency / base)
     if abs(line.frequency - k * base) < 1e-6 * base and k < size:

@@ -29,6 +29,7 @@ from microvib.signals.clock import near_mains
 from microvib.signals.line_table import DETECTION_RATIO, NOISE_DRIVEN, LineTable, ResidualPeaks
 from microvib.signals.spectrum import Spectrum, amplitude_spectrum, tone_amplitude
 from microvib.signals.tones import HannSpectrum
+from microvib.solve.steady.state import SteadyState
 from microvib.studies.noise_floor import BANDS, bins_between_lines, max_torque_noise_density
 from microvib.studies.relative_phase import phase_reference, relative_phase
 from microvib.testdata.recording import Recording
@@ -407,6 +408,8 @@ class Simulated:
     table: LineTable
     torque: np.ndarray
     sample_rate: float
+    state: SteadyState | None = field(default=None, repr=False)
+    """The steady state that it is, in which nothing is left of the start; None of a run."""
 
     @cached_property
     def spectrum(self) -> Spectrum:

@@ -22,6 +22,7 @@ against one failure each:
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 
@@ -33,7 +34,7 @@ from microvib.solve import kernel
 from microvib.solve.steady.arrival import PeriodicMotion, confirm_reached_from_rest
 from microvib.solve.steady.from_rest import RingingTimes, RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap
-from microvib.solve.steady.segments import SegmentEnds, Segments
+from microvib.solve.steady.segments import MAX_SEGMENTS, SegmentEnds, Segments
 
 CONVERGED = 1e-5
 """Last correction, over what a microstep moves, below which a state is accepted."""
@@ -79,6 +80,10 @@ are computed.
 """
 DOUBTED_MULTIPLIER = 0.99
 """Multiplier above which that is done in any case: by slow shapes it may be wrong by 0.004."""
+FROM_REST = 4, 20
+"""Periods after a start from rest from which a single segment is searched: few, and more where that
+leads nowhere.
+"""
 STICKING_STATES = np.array([kernel.WM, kernel.WL])
 """States that are exactly zero while a friction sticks."""
 DIFFERENCE_STEP = 0.03
@@ -105,19 +110,54 @@ class Search:
     what a microstep moves.
     """
 
-    def __init__(self, period: PeriodMap, confirmed: bool = False) -> None:
+    def __init__(
+        self, period: PeriodMap, confirmed: bool = False, segments: int = MAX_SEGMENTS
+    ) -> None:
         self.period, self.confirmed = period, confirmed
-        self.segments, self.rows = Segments(period), sample_rows(period)
+        self.segments, self.rows = Segments(period, segments), sample_rows(period)
+        self.newton: _Newton | None = None
 
     def run(self, warm_up: int) -> Search:
         """Search from the mean motion, after ``warm_up`` periods of simulation; NotPeriodic where
-        nothing is found.
+        nothing is found, or nothing that a start from rest leads to.
         """
-        x, self.distance = self._begin(warm_up), math.inf
+        self._converge(self._begin(warm_up))
+        self._check_from_rest()
+        return self
+
+    def find(self) -> Search:
+        """Search from where a start from rest is after a few periods for a motion that repeats, is
+        stable and settles; NotPeriodic where nothing is found. The period is one segment here.
+
+        Of motions that exist beside each other this is mostly the one that a run shows, but nobody
+        asks.
+        """
+        for periods in FROM_REST:
+            run, self.newton = RunFromRest(self.period), None
+            run.begin()
+            run.advance(periods * self.period.microsteps)
+            self.from_rest = run.simulated
+            self.period.evaluations += run.simulated * self.period.frequency
+            with suppress(NotPeriodic):
+                self._converge(run.seen()[None] / self.period.sizes)
+                return self
+        raise NotPeriodic(NOT_FOUND)
+
+    def follow(self, state: np.ndarray, derivatives: np.ndarray) -> Search:
+        """Search for such a motion from the ``state`` (n,) at the start of the period of a drive that is hardly another,
+        and its ``derivatives`` (1, n, n). The period is one segment here.
+        """
+        self.from_rest, self.newton = 0.0, _Newton(derivatives)
+        self._converge(state[None] / self.period.sizes)
+        return self
+
+    def _converge(self, x: np.ndarray) -> None:
+        """Search from states (segments, n) for a motion that repeats, is stable and settles."""
+        self.distance = math.inf
         for step in range(MAX_STEPS):
             sampled = self.distance < SAMPLED_BELOW
             self.x, self.ends = self._advance(x, self.rows if sampled else 0)
-            if self.distance > RENEW_ABOVE:
+            if self.newton is None or (step and self.distance > RENEW_ABOVE):
                 self.newton = _Newton(self._derivatives(self.ends.x[-1]))
             x = self.newton.next(self.x, self.ends.x)
             last, self.distance = self.distance, float(np.max(np.abs(x - self.x)))
@@ -125,8 +165,7 @@ class Search:
             if sampled and self.distance < (CONVERGED if falls else CONVERGED_STALLED):
                 self._check_stable()
                 self._check_settles()
-                self._check_from_rest()
-                return self
+                return
             if self.distance > MAX_CORRECTION:
                 x = self._swept(self.ends.x, len(self.x))
         raise NotPeriodic(NOT_FOUND)
@@ -205,6 +244,7 @@ class Search:
         Where a mode decays about as its own damping has it, what the search knows of its shape
         suffices; else all is differentiated anew, at the solution.
         """
+        assert self.newton is not None
         self.multiplier = self._multiplier_of_slow_shapes(self.newton.derivatives)
         own = RingingTimes(self.period.scenario).decay / self.period.frequency
         if not self.multiplier < min(math.exp(-LEAST_PART_OF_DECAY * own), DOUBTED_MULTIPLIER):
@@ -278,7 +318,7 @@ class Search:
         size = np.abs(values)
         told = (size > LEAST_SIMULATED_MULTIPLIER) & (values.imag >= 0.0)
         self._fast = float(np.max(size[size <= LEAST_SIMULATED_MULTIPLIER], initial=0.0))
-        self._slow = np.zeros((0, size.size))
+        self._slow, self.slow_multipliers = np.zeros((0, size.size)), values[:0]
         if not np.any(told):
             return self._fast
         shapes, readings = _real_columns(right[:, told]), _real_columns(left[:, told])
@@ -318,11 +358,12 @@ class Search:
         return result
 
     def _keep(self, multipliers: np.ndarray, left: np.ndarray) -> None:
-        """Keep left eigenvectors (m, n) of what decays slowly as ``_slow``, and the largest
-        multiplier of all else as ``_fast``.
+        """Keep what decays slowly: its left eigenvectors (m, n) as ``_slow``, its multipliers as
+        ``slow_multipliers``; and the largest multiplier of all else as ``_fast``.
         """
         size = np.abs(multipliers)
-        self._slow = left[(size > SLOW_MULTIPLIER) & (multipliers.imag >= 0.0)]
+        slow = (size > SLOW_MULTIPLIER) & (multipliers.imag >= 0.0)
+        self._slow, self.slow_multipliers = left[slow], multipliers[slow]
         rest = float(np.max(size[size <= SLOW_MULTIPLIER], initial=0.0))
         self._fast = max(self._fast, rest)
 

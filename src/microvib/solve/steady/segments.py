@@ -32,15 +32,13 @@ class SegmentEnds:
 
 
 class Segments:
-    """The map of a period (``microvib.solve.steady.period``), cut into parts."""
+    """The map of a period (``microvib.solve.steady.period``), cut into ``most`` parts at most."""
 
-    def __init__(self, period: PeriodMap) -> None:
+    def __init__(self, period: PeriodMap, most: int = MAX_SEGMENTS) -> None:
         self.period = period
         self.part = math.gcd(period.microsteps, max(period.microsteps // 16, 1))
         units = period.microsteps // self.part
-        self.bounds = (
-            np.rint(np.linspace(0, units, min(MAX_SEGMENTS, units) + 1)).astype(int) * self.part
-        )
+        self.bounds = np.rint(np.linspace(0, units, min(most, units) + 1)).astype(int) * self.part
         self._unseen = empty_sample_buffer(period.packed.torque_columns)._replace(width=0.0)
 
     def advance(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time as clock_time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -39,9 +39,12 @@ from microvib.solve.steady.derivatives import LineDerivatives, line_derivatives
 from microvib.solve.steady.directions import Parameters
 from microvib.solve.steady.from_rest import RunFromRest
 from microvib.solve.steady.period import NotPeriodic, PeriodMap, common_period
+from microvib.solve.steady.recorded import RecordedPeriod, output_offset
 from microvib.solve.steady.search import HARMONICS, NotReproducedByRun, Search, sample_rows
 from microvib.solve.steady.settling import Settling
 
+FINER_FOR_HARMONICS = 2
+"""By how much steps are finer by which harmonics are integrated: a sixteenth of the error."""
 ATTEMPTS = ((1, 0), (2, 4), (3, 4))
 """Searches in turn: periods of the command after which the motion may repeat, and such periods
 simulated beforehand.
@@ -86,6 +89,14 @@ class SteadyState:
     stick: np.ndarray | None = None
     """Modes and memory of the frictions at the start of the period, where they do not follow from
     ``state``.
+    """
+    slow_multipliers: np.ndarray | None = None
+    """Part that is left after a period of each deviation that decays slowly, complex, one of each
+    conjugate pair, (k,); None of a run that settled.
+    """
+    derivatives_of_period: np.ndarray | None = field(default=None, repr=False, compare=False)
+    """Derivatives of the period's map that its search went by, over what a microstep moves, (1, n, n);
+    None where the period was searched in segments, or not at all.
     """
 
     def __repr__(self) -> str:
@@ -162,6 +173,21 @@ class SteadyState:
         middles: np.ndarray = self.start + (np.arange(n) + 0.5) / (n * self.frequency)
         return middles
 
+    def ringing(self, frequency: float, decay: float) -> tuple[float, float]:
+        """Frequency [Hz] and decay [1/s] with which a small deviation rings about this motion: of
+        those that decay slowly the one nearest to given ones, such as those of the linear model.
+
+        nan where none is known. A multiplier tells a frequency up to whole turns in a period, and
+        its sign: the nearest counts.
+        """
+        if self.slow_multipliers is None or not self.slow_multipliers.size:
+            return math.nan, math.nan
+        wanted = np.exp((-decay + 2j * np.pi * frequency) / self.frequency)
+        each = np.concatenate([self.slow_multipliers, self.slow_multipliers.conj()])
+        nearest = complex(each[np.argmin(np.abs(each - wanted))])
+        turned = float(np.angle(nearest / wanted)) / math.tau
+        return frequency + turned * self.frequency, -math.log(abs(nearest)) * self.frequency
+
     def harmonics(self, name: str = "T_d", count: int | None = None) -> np.ndarray:
         """Complex amplitudes, 0-to-peak, of a channel's Fourier series at k ``frequency``, k = 0,
         1, ..., (n // 2,).
@@ -179,6 +205,24 @@ class SteadyState:
             2j * np.pi * k * ((self.scenario.record.settle - self.start) * self.frequency - 0.5 / n)
         )
         result: np.ndarray = series * np.exp(shift) / np.sinc(k / n)
+        return result
+
+    def integrated_harmonics(self, orders: np.ndarray) -> np.ndarray:
+        """Complex amplitudes of the torque at some ``orders`` (k,) of ``frequency``, as
+        ``harmonics`` has them, but integrated over each step of the solution.
+
+        They are smooth functions of the drive's parameters. Means over equal intervals are not:
+        lines by them have kinks where an event crosses the edge of an interval. Steps are finer than
+        the solution's, with which small lines of high orders would jump by some per cent where a
+        step is one more or less.
+        """
+        recorded = RecordedPeriod.with_finer_steps(
+            self.scenario, self.microsteps, orders, FINER_FOR_HARMONICS
+        )
+        end = recorded.record(self.state - output_offset(recorded.map))
+        late = self.scenario.record.settle - self.start + end.late
+        shift = np.exp(2j * np.pi * self.frequency * late * orders)
+        result: np.ndarray = recorded.harmonics([end])[:, 0] * shift
         return result
 
     def derivatives(
@@ -286,30 +330,88 @@ def steady_state(scenario: GivenScenario, *, confirmed: bool = False) -> SteadyS
 
 def _steady_state(scenario: Scenario, confirmed: bool) -> SteadyState:
     begun = clock_time.perf_counter()
+    repeat, searched = _period_to_search(scenario)
+    spent = 0.0
+    if searched:
+        found, spent = _searched(scenario, repeat, confirmed, begun)
+        if found is not None:
+            return found
+    return _result_of_settling(PeriodMap(scenario, repeat), spent, begun)
+
+
+def _period_to_search(scenario: Scenario) -> tuple[int, bool]:
+    """Microsteps in a period of the command, and whether a search over it takes less than a run from
+    rest. NotPeriodic where there are too many modes.
+    """
     if scenario.load.H.size > MAX_MODES:
         raise NotPeriodic(
             f"there are more than {MAX_MODES} modes, for which time integration is faster"
         )
     repeat, quarter = common_period(scenario)
-    if scenario.has_memory or scenario.driver.compensates:
-        attempts: tuple[tuple[int, int], ...] = ()
-    elif repeat > MAX_PERIOD_QUARTER_TURNS * quarter:
-        attempts = ()
-    else:
-        attempts = ATTEMPTS
+    remembers = scenario.has_memory or scenario.driver.compensates
+    return repeat, not remembers and repeat <= MAX_PERIOD_QUARTER_TURNS * quarter
+
+
+def is_searched(scenario: Scenario) -> bool:
+    """Whether ``steady_by_search`` may find anything: the command repeats after a short period, and
+    nothing remembers, or is random.
+    """
+    try:
+        _, searched = _period_to_search(scenario)
+        PeriodMap(scenario, 1)  # refuses what does not repeat
+    except NotPeriodic:
+        return False
+    return searched
+
+
+def steady_by_search(scenario: Scenario, near: SteadyState | None = None) -> SteadyState:
+    """A steady state that repeats with each period of the command, where a search finds one; ``near``
+    that of a drive that is hardly another, where its motion goes.
+
+    **Nobody asks whether a start from rest leads there**: this is for many scenarios, of which runs
+    confirm those that count. Raises NotPeriodic where nothing is found, also where ``steady_state``
+    would follow a run until it has settled.
+    """
+    begun = clock_time.perf_counter()
+    if near is not None and near.derivatives_of_period is not None:
+        search = Search(PeriodMap(scenario, near.microsteps), segments=1)
+        search.follow(near.state, near.derivatives_of_period)
+        return _kept(search, clock_time.perf_counter() - begun)
+    repeat, searched = _period_to_search(scenario)
+    if not searched:
+        raise NotPeriodic("the motion is followed from rest until it has settled")
+    search = Search(PeriodMap(scenario, repeat), segments=1).find()
+    return _kept(search, clock_time.perf_counter() - begun)
+
+
+def _kept(search: Search, seconds: float) -> SteadyState:
+    """The result of a search over one segment, with what others near by begin from."""
+    assert search.newton is not None
+    return replace(
+        _result_of_search(search, 0.0, seconds),
+        derivatives_of_period=search.newton.derivatives,
+    )
+
+
+def _searched(
+    scenario: Scenario, repeat: int, confirmed: bool, begun: float
+) -> tuple[SteadyState | None, float]:
+    """State that the first of some attempts finds and a start from rest leads to, or None; and the time
+    [s] that others simulated in vain.
+    """
     spent = 0.0
-    for multiple, warm_up in attempts:
+    for multiple, warm_up in ATTEMPTS:
         period = PeriodMap(scenario, multiple * repeat)
         try:
             search = Search(period, confirmed).run(warm_up)
-            return _result_of_search(search, spent, clock_time.perf_counter() - begun)
+            return _result_of_search(search, spent, clock_time.perf_counter() - begun), spent
         except NotReproducedByRun:
             raise
         except NotPeriodic as problem:
             spent += period.evaluations / period.frequency
             if isinstance(problem, NotReached):
                 break
-    return _result_of_settling(PeriodMap(scenario, repeat), spent, begun)
+    return None, spent
 
 
 def find_steady(
@@ -405,4 +507,5 @@ def _result_of_search(search: Search, spent: float, seconds: float) -> SteadySta
         distance=search.distance,
         multiplier=search.multiplier,
         solver=solver,
+        slow_multipliers=search.slow_multipliers,
     )

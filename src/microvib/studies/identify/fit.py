@@ -73,6 +73,12 @@ window.
 """
 
 
+IN_TIME = "runs in time"
+STEADY_THEN_IN_TIME = "steady states for the search, runs in time at its end and for intervals"
+STEADY = "steady states, confirmed by runs in time and corrected to them"
+"""Kind of the simulations, in words."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """Result of an identification."""
@@ -102,6 +108,8 @@ class Fit:
     """Whether a second, finer search found nothing better."""
     alternatives: tuple[dict[str, float], ...] = ()
     """Other values of all fitted keys that explain the evidence as well, in SI units."""
+    method: str = IN_TIME
+    """Whether runs in time were compared with the evidence, or steady states in their place."""
     notes: tuple[str, ...] = ()
     """Notes on the preparation of the evidence."""
     selection: tuple[Candidate, ...] = ()
@@ -569,8 +577,18 @@ def _fit(
         tuple(zip(tests, before or after, strict=True)), tuple(zip(tests, after, strict=True)),
         _fitted(found, of_each, whole_numbers, names), fit.chi_square, problem.figures,
         problem.best_so_far.simulations, seed, interrupted, fit, off, found.dependences, found.converged,
-        tuple(problem.named(o.x) for o in found.alternatives), notes, whole=whole_numbers,
+        tuple(problem.named(o.x) for o in found.alternatives), method=_method(found),
+        notes=notes, whole=whole_numbers,
     )  # fmt: skip
+
+
+def _method(found: Findings) -> str:
+    """Kind of simulations that were compared with the evidence, in words."""
+    if found.confirmed is not None and found.confirmed.steady is not None:
+        return STEADY
+    if found.problem.best_so_far.steady:
+        return STEADY_THEN_IN_TIME
+    return IN_TIME
 
 
 def _notes_before(found: Findings, tests: Sequence[Evidence]) -> tuple[str, ...]:

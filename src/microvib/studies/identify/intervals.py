@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from microvib.studies.identify.search import (
     Descent,
     LinearModel,
     Optimum,
+    as_run,
 )
 
 Z_95 = 1.959964
@@ -60,15 +62,42 @@ def profiles(problem: Problem, best: Optimum, local: LinearModel) -> Profiles:
     The linearised interval counts where the profile agrees with it half way and at its end, on both
     sides. Otherwise the ends are where the profile has risen as far as a 95 % interval requires.
     """
-    problem.best_so_far.stage = "intervals"
+    problem.best_so_far.stage, near = "intervals", local.near(problem)
+    ends, bounds = _sides(near, best, local)
+    if near is not problem and not _are_those_of_runs(problem, ends, bounds):
+        near = problem
+        ends, bounds = _sides(near, best, local)
+    met = min((end.met for end in ends), key=lambda o: o.cost)
+    if met is not best:
+        met = as_run(problem, near, met)
+    return Profiles(
+        tuple(_combine_sides(x, *bounds[2 * k : 2 * k + 2]) for k, x in enumerate(best.x)), met
+    )
+
+
+def _sides(
+    problem: Problem, best: Optimum, local: LinearModel
+) -> tuple[list[_Side], list[_IntervalBound]]:
+    """Profiles to both sides of each parameter, and how far its interval reaches there."""
     ends = [
         _Side(problem, best, local, k, sign) for k in range(best.x.size) for sign in (-1.0, 1.0)
     ]
     _evaluate_predictors(problem, ends)
-    sides = problem.in_threads(_Side.run, ends)
-    met = min((end.met for end in ends), key=lambda o: o.cost)
-    return Profiles(
-        tuple(_combine_sides(x, *sides[2 * k : 2 * k + 2]) for k, x in enumerate(best.x)), met
+    return ends, problem.in_threads(_Side.run, ends)
+
+
+def _are_those_of_runs(
+    problem: Problem, ends: Sequence[_Side], bounds: Sequence[_IntervalBound]
+) -> bool:
+    """Whether a run at each end of an interval has the height that its steady state has there."""
+    at = [
+        end.known[bound.linear if bound.confirmed else bound.reach]
+        for end, bound in zip(ends, bounds, strict=True)
+    ]
+    runs = problem.residuals([x for _, x in at])
+    return all(
+        abs(end.rise(cost(r)) - height) <= MAX_PROFILE_DEVIATION * max(height, Z_95)
+        for end, (height, _), r in zip(ends, at, runs, strict=True)
     )
 
 

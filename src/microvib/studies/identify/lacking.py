@@ -93,7 +93,10 @@ def unmodelled_effects(
     rest = best.r - local.J @ (solve @ best.r)
     limit = float(rest @ rest) + EQUIVALENT_CHI_SQUARE * local.scatter
     found: dict[str, np.ndarray] = {}
-    for effect, path in (*_chain_effects(problem), *(_effects(problem, best) if simulated else ())):
+    for effect, path in (
+        *_chain_effects(problem),
+        *(_effects(local.near(problem), best) if simulated else ()),
+    ):
         before = np.zeros(best.r.size)
         for change in path:
             points = before + SIZE_STEPS[:, None] * (change - before)

@@ -14,13 +14,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from microvib.analysis.lines import lines_by_name
 from microvib.errors import MicrovibError
 from microvib.model.expected import expected_lines
 from microvib.model.line_names import ARRAY_MODE, LineName
 from microvib.model.scenario import Scenario
-from microvib.solve.batch import Torque, simulate_torques
+from microvib.solve.steady.state import SteadyState
 from microvib.studies.evidence import Evidence, Observation, Simulated, predicted
+from microvib.studies.identify.cases import Case, has_steady_states
 from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.keys import (
     FREQUENCY_RANGE_FACTOR,
@@ -127,17 +127,21 @@ def with_short_record(test: Scenario, evidence: Evidence) -> Scenario:
     return test
 
 
-def _lines_of(cases: Sequence[tuple[int, Scenario, Evidence]]) -> list[tuple[int, Simulated]]:
-    """Lines of simulated tests for which there is evidence, with the cases' numbers; none where the
-    motion is lost.
-    """
-    torques, found = simulate_torques([test for _, test, _ in cases]), []
-    for (k, test, evidence), torque in zip(cases, torques, strict=True):
-        if isinstance(torque, Torque):
-            asked = {name for o in evidence.observations for name in (o.line, o.against) if name}
-            table = lines_by_name(torque, test, asked, evidence.harmonics)
-            found.append((k, Simulated(table, torque.T_d, torque.sample_rate)))
-    return found
+@dataclass(frozen=True)
+class Correction:
+    """Difference of residuals of runs from those of steady states, to first order about a point."""
+
+    x: np.ndarray
+    """The point, (m,)."""
+    at: np.ndarray
+    """Difference of residuals there, (rows,)."""
+    slopes: np.ndarray
+    """Difference of their slopes, (rows, m)."""
+
+
+def _are_steady(tables: Sequence[Simulated] | None) -> bool:
+    """Whether all tests were simulated, and as steady states."""
+    return tables is not None and all(simulated.state is not None for simulated in tables)
 
 
 def cost(r: np.ndarray) -> float:
@@ -238,6 +242,8 @@ class BestSoFar:
 
     def __init__(self, progress: FitProgress | None = None) -> None:
         self.stage, self.simulations, self.stopped = "global", 0, False
+        # of the simulations, tests of which the steady state stood for a run
+        self.steady = 0
         # a point and its residuals, with the problem that it was met in
         self.best: tuple[Problem, np.ndarray, np.ndarray] | None = None
         self._progress: FitProgress = progress or (lambda *_: None)
@@ -254,10 +260,13 @@ class BestSoFar:
             problem, x, _ = self.best
             self._progress(self.stage, self.simulations, self._cost, problem.named(x))
 
-    def note(self, problem: Problem, x: np.ndarray, r: np.ndarray) -> None:
+    def note(
+        self, problem: Problem, x: np.ndarray, r: np.ndarray, tables: Sequence[Simulated] | None
+    ) -> None:
         """One point more; any thread may say so."""
         with self._lock:
             self.simulations += len(problem.tests)
+            self.steady += sum(one.state is not None for one in tables or ())
             worth = problem.whole is not None, cost(r)  # whole records before short ones
             if self.best is None or worth < (self.best[0].whole is not None, self._cost):
                 self._cost, self.best = cost(r), (problem, x, r)
@@ -307,6 +316,13 @@ class Problem:
         self.spans = self.coordinates.spans
         self.low, self.high = self.coordinates.limits
         self.best_so_far = best_so_far or BestSoFar()
+        self.solved = False
+        """Whether steady states stand for runs."""
+        self.begun: list[SteadyState | None] = [None] * len(tests)
+        """Steady states from which others are searched."""
+        self.runs_else = True
+        """Whether tests are run where no such state is found."""
+        self.correction: Correction | None = None
 
     def again(
         self, keys: Sequence[FitKey] | None = None, evidence: Sequence[tuple[Evidence, TestOverrides]] | None = None,
@@ -356,12 +372,7 @@ class Problem:
         """For a search: with records that just tell the observed lines apart; itself where that
         changes what is observed.
         """
-        timed = any(
-            o.form in ("nearest_bin", "level")
-            or (LineName.parse(o.line).is_mode and o.form == "amplitude")
-            for _, o in self.observed
-        )
-        if timed or "record.settle" in self.taken:
+        if not self._is_timeless:
             return self
         short = Problem(
             self.scenario,
@@ -374,6 +385,63 @@ class Problem:
         if all(a is b for (_, a), (_, b) in zip(self.tests, short.tests, strict=True)):
             return self
         return short
+
+    def steady(self) -> Problem | None:
+        """For a search: with steady states in place of runs, and nothing where there are none. None
+        where the tests have none at the start, or where it would change what is observed.
+        """
+        other = self.in_steady_state(self.start)
+        if other is None:
+            return None
+        other.begun, other.runs_else = [None] * len(self.tests), False
+        return other
+
+    @property
+    def _is_timeless(self) -> bool:
+        """Whether no figure depends on how long ago the start was, or on the length of the record."""
+        timed = any(
+            o.form in ("nearest_bin", "level")
+            or (LineName.parse(o.line).is_mode and o.form == "amplitude")
+            for _, o in self.observed
+        )
+        return not timed and "record.settle" not in self.taken
+
+    def in_steady_state(self, x: np.ndarray) -> Problem | None:
+        """For what is near ``x``: with steady states in place of runs, searched from those there.
+        None where a test has none.
+        """
+        if self.whole is not None or not self._is_timeless:
+            return None
+        if not all(has_steady_states(test) for _, test in self.tests):
+            return None
+        other = copy(self)
+        other.whole, other.solved = self, True
+        other = other.beginning_at(x)
+        if any(state is None for state in other.begun):
+            return None
+        return other
+
+    def beginning_at(self, x: np.ndarray) -> Problem:
+        """With steady states that are searched from those at ``x``, if there are any."""
+        if not self.solved:
+            return self
+        tables, other = self.lines(x), copy(self)
+        other.begun = [None] * len(self.tests)
+        if tables is not None:
+            other.begun = [simulated.state for simulated in tables]
+        return other
+
+    def corrected(self, correction: Correction | None) -> Problem:
+        """With residuals that are corrected to those of runs, or without."""
+        other = copy(self)
+        other.correction = correction
+        return other
+
+    def corrected_to(self, runs: Problem, x: np.ndarray) -> Problem:
+        """With residuals that are those of other ``runs`` at ``x``; with the same slopes as before."""
+        (r,), (own,) = runs.residuals([x]), self.corrected(None).residuals([x])
+        slopes = np.zeros((r.size, x.size)) if self.correction is None else self.correction.slopes
+        return self.corrected(Correction(x, self.least(r - own), slopes))
 
     def in_threads(self, work: Callable[[Item], Done], items: Sequence[Item]) -> list[Done]:
         """The work on each item, as many at a time as there are cores. An interrupt also ends work
@@ -521,15 +589,18 @@ class Problem:
 
         Many at a time: the kernel holds no lock.
         """
-        cases: list[tuple[int, Scenario, Evidence]] = []
+        cases: list[Case] = []
         for k, changed in enumerate(changes):
             with suppress(MicrovibError):
-                each = zip(changed, self.tests, strict=True)
-                cases += [(k, test.with_si(dict(mine)), one) for mine, (one, test) in each]
+                each = zip(changed, self.tests, self.begun, strict=True)
+                cases += [
+                    Case(k, test.with_si(dict(mine)), one, self.solved, begun, self.runs_else)
+                    for mine, (one, test), begun in each
+                ]
         found: list[list[Simulated]] = [[] for _ in changes]
-        for chunk in self.in_threads(_lines_of, [cases[k : k + 1] for k in range(len(cases))]):
-            for k, simulated in chunk:
-                found[k].append(simulated)
+        for case, simulated in zip(cases, self.in_threads(Case.simulated, cases), strict=True):
+            if simulated is not None:
+                found[case.point].append(simulated)
         return [tables if len(tables) == len(self.tests) else None for tables in found]
 
     def differences(self, tables: list[Simulated] | None) -> np.ndarray:
@@ -559,9 +630,11 @@ class Problem:
         for x, tables in zip(points, self.simulated(changes), strict=True):
             prior = PRIOR_WEIGHT * (x - self.start) / self.spans
             r = np.concatenate([*self.weighted(self.differences(tables)), prior])
+            if self.correction is not None and _are_steady(tables):
+                r += self.correction.at + self.correction.slopes @ (x - self.correction.x)
             found.append(r)
             if not also:
-                self.best_so_far.note(self, x, r)
+                self.best_so_far.note(self, x, r, tables)
         return found
 
     def least(self, change: np.ndarray) -> np.ndarray:

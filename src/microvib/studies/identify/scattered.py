@@ -20,6 +20,7 @@ import numpy as np
 from microvib.model.scenario import Scenario
 from microvib.studies.evidence import TWO_DRAW_SCATTER
 from microvib.studies.identify.intervals import Interval
+from microvib.studies.identify.jumps import TRIAL_SHIFTS, figures_jump
 from microvib.studies.identify.problem import Problem, cost, total_standard_deviation
 from microvib.studies.identify.search import LinearModel, Optimum, linearise_at
 from microvib.studies.identify.verdict import (
@@ -30,13 +31,6 @@ from microvib.studies.identify.verdict import (
     settle_relative_error,
 )
 
-TRIAL_SHIFTS = (3e-5, 3e-4)
-"""Changes of all coordinates after which figures are compared with their slopes."""
-MAX_NONLINEARITY = 0.3
-"""Difference from these, in standard deviations of all figures together, from which they jump: it
-moves an estimate by as many of its standard errors. Where the slopes change the figures by more
-than one standard deviation, the part of that change: figures that are merely curved do not jump.
-"""
 INITIAL_HALF_WIDTH, ROUNDS, FINAL_HALF_WIDTH = 0.05, 8, 2.0
 """Half width of the first region in each coordinate; most regions; half width of the last over the
 standard error.
@@ -62,22 +56,10 @@ class Regression(NamedTuple):
 
 def is_noisy(problem: Problem, best: Optimum, local: LinearModel) -> bool:
     """Whether figures about the best scatter, so that neither a search nor slopes between
-    neighbours tell anything.
+    neighbours tell anything. Runs are asked, whose scatter the recording has, too: steady states may
+    be smooth where runs are not.
     """
-    if _any_noise(problem):
-        return True
-    signs = np.random.default_rng(1).choice([-1.0, 1.0], (3, best.x.size))
-    points = [
-        np.clip(best.x + shift * sign, problem.low, problem.high)
-        for shift in TRIAL_SHIFTS
-        for sign in signs
-    ]
-    for x, r in zip(points, problem.residuals(points), strict=True):
-        expected = local.J @ (x - best.x)
-        off = float(np.linalg.norm(problem.least(r - best.r) - expected))
-        if off > MAX_NONLINEARITY * max(float(np.linalg.norm(expected)), 1.0):
-            return True
-    return False
+    return _any_noise(problem) or figures_jump(problem, best.x, best.r, local.J)
 
 
 def _any_noise(problem: Problem) -> bool:

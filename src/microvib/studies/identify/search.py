@@ -6,15 +6,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from microvib.studies.identify.coordinates import Coordinates
 from microvib.studies.identify.goodness import REJECTION_PROBABILITY, goodness
 from microvib.studies.identify.images import symmetric_solutions
+from microvib.studies.identify.jumps import figures_jump
 from microvib.studies.identify.keys import MAX_WIDENINGS
-from microvib.studies.identify.problem import HUBER_THRESHOLD, BestSoFar, Problem, cost
+from microvib.studies.identify.problem import (
+    HUBER_THRESHOLD,
+    BestSoFar,
+    Correction,
+    Problem,
+    cost,
+)
 
 FIRST_STEP = 1e-4
 """Step of differences in a coordinate before it is known what the evidence resolves."""
@@ -64,10 +71,18 @@ them, of so many keys at most.
 """
 SCALED_NEAR = 0.75
 """Part of those points that lie in the ranges it began with."""
+NEAR_START = 0.125
+"""Part of their way from the start to which half of the points of another look at steady states are
+drawn: values of a scenario are seldom far off, and beyond an edge of a motion no fit finds back.
+"""
 ABOUT = (0.1, 0.03, 0.01, 0.003)
 """Distances in each coordinate at which a round begins again about the best."""
 SCALED_ROUNDS, SCALED_GAIN = 4, 0.02
 """Most rounds of it, and the part that another round must gain; two are made in any case."""
+ALIKE = 0.1
+"""Difference of slopes, over what moves figures by a standard deviation, below which steady states
+stand for runs.
+"""
 MAX_RESTARTS = 4
 """Most second searches."""
 
@@ -79,6 +94,8 @@ class Optimum:
     x: np.ndarray
     r: np.ndarray
     cost: float
+    J: np.ndarray | None = None
+    """Slopes of the residuals (rows, free), where differences were taken there."""
 
 
 class Descent:
@@ -135,7 +152,7 @@ class Descent:
             if gained <= MIN_GAIN_RATIO * promised and (gained > 0.0 or not new):
                 J = None
             here = there if gained > 0.0 else here
-        return here
+        return replace(here, J=J if new else None)
 
     def _at(self, x: np.ndarray) -> Optimum:
         r = self.problem.residuals([x])[0]
@@ -170,6 +187,7 @@ class Descent:
         )
 
     def _slopes(self, here: Optimum) -> np.ndarray:
+        self.problem = self.problem.beginning_at(here.x)
         J = jacobian(self.problem, here.x, here.r, self.steps, self.free, self.central)
         self.steps[self.free] = _difference_steps(J)
         return J
@@ -227,8 +245,8 @@ def search(
     """Ends of local fits, the best first, and the problem as it was widened on the way.
 
     Local fits start from the best of a Sobol sequence over the ranges, at least ``finishes`` of
-    them, in short records as far as these tell the lines apart, and end in whole ones: nothing is
-    judged by a short record alone. Where none explains the evidence, a measured array mode's
+    them, among steady states if there are any, or else in short records as far as these tell the lines
+    apart, and end in whole ones: nothing is judged by either alone. Where none explains the evidence, a measured array mode's
     frequency is fitted as well, from there and from as many others; then ranges of ours are widened
     both ways, as long as that helps.
     """
@@ -254,11 +272,12 @@ def _search(
     """The search, in the problem's coordinates."""
     optima: list[Optimum] = []
     also = [problem.start]
+    found = _search_steady_states(problem, seed, starts, finishes)
     for _ in range(MAX_WIDENINGS + 2):
         before = optima[0].cost if optima else math.inf
-        optima = sorted(
-            [*optima, *_search_round(problem, seed, starts, finishes, also)], key=lambda o: o.cost
-        )
+        if not any(goodness(problem, o.r).explained for o in found):
+            found = _search_round(problem, seed, starts, finishes, also)
+        optima = sorted([*optima, *found], key=lambda o: o.cost)
         more = descend_all(
             problem, symmetric_solutions(problem, optima[0].x)
         )  # one fit rarely gets to other signs
@@ -297,28 +316,82 @@ def _search_round(
     problem: Problem, seed: int, starts: int, finishes: int, also: Sequence[np.ndarray]
 ) -> list[Optimum]:
     """Local fits from the best points of a global look, in the order of their cost, until the
-    evidence is explained.
+    evidence is explained; both begin with short records.
+    """
+    count, most = _round_size(problem, starts, finishes)
+    points = [*_sobol_points(problem, seed, count), *(problem.tuned(x) for x in also)]
+    rough = problem.rough()
+    return _fits_from_best(problem, rough, points, finishes, most)
+
+
+def _round_size(problem: Problem, starts: int, finishes: int) -> tuple[int, int]:
+    """Points of a global look, and most local fits from them.
 
     Before a mode's frequency is fitted as well there are a few only: where that is what is missing,
     more show nothing.
     """
+    if problem.along() is not None:
+        return math.ceil(starts / SEARCH_REDUCTION), min(finishes, FITS_PER_BATCH)
+    return starts, max(finishes, MAX_FITS)
+
+
+def _search_steady_states(problem: Problem, seed: int, starts: int, finishes: int) -> list[Optimum]:
+    """Local fits of runs from the ends of fits among steady states, of which each takes a fraction of a
+    run; none where there are no steady states.
+
+    Where runs jump about the best of them, a look at runs may find a better one where they do not.
+    """
+    steady = problem.steady()
+    if steady is None:
+        return []
+    ends = _fits_among_steady_states(steady, seed, starts, finishes)
+    first, *others = _distinct_optima(sorted(ends, key=lambda o: o.cost), [])
+    slopes = _slopes_of(steady, first)
+    (best,) = _refit_whole_records(problem, steady, [replace(first, J=slopes)])
+    explained = goodness(problem, best.r).explained
+    if explained and figures_jump(problem, best.x, best.r, slopes):
+        by_runs = _search_round(problem, seed, starts, finishes, [problem.start])
+        if any(goodness(problem, o.r).explained for o in by_runs):
+            return by_runs
+    return [best, *_refit_whole_records(problem, steady, others)]
+
+
+def _fits_among_steady_states(
+    steady: Problem, seed: int, starts: int, finishes: int
+) -> list[Optimum]:
+    """Local fits from the best points of a global look, as of runs; where a few explain nothing there are as
+    many as with a mode's frequency, from points of which half are near the start.
+    """
+    count, most = _round_size(steady, starts, finishes)
+    points = _sobol_points(steady, seed, starts)
+    found = _fits_from_best(
+        steady, steady, [*points[:count], steady.tuned(steady.start)], finishes, most
+    )
+    if any(goodness(steady, o.r).explained for o in found):
+        return found
+    more = points[count:]
+    more[::2] = [steady.start + NEAR_START * (x - steady.start) for x in more[::2]]
+    return found + _fits_from_best(steady, steady, more, 1, max(finishes, MAX_FITS))
+
+
+def _sobol_points(problem: Problem, seed: int, count: int) -> list[np.ndarray]:
+    """Points over the ranges, the first ``count`` of a Sobol sequence."""
     from scipy.stats import qmc
 
-    problem.best_so_far.stage = "global"
-    rough, few = problem.rough(), problem.along() is not None
-    if few:
-        count = math.ceil(starts / SEARCH_REDUCTION)
-    else:
-        count = starts
     power = max(math.ceil(math.log2(count)), 1)
     parts = qmc.Sobol(len(problem.keys), seed=seed).random_base2(power)[:count]
-    points = [problem.tuned(x) for x in (*problem.coordinates.spread(parts), *also)]
+    return [problem.tuned(x) for x in problem.coordinates.spread(parts)]
+
+
+def _fits_from_best(
+    problem: Problem, rough: Problem, points: Sequence[np.ndarray], finishes: int, most: int
+) -> list[Optimum]:
+    """Local fits from the best of the ``points`` in the ``rough`` problem, ``finishes`` at least and
+    ``most`` at most, until one explains the evidence in the whole one.
+    """
+    problem.best_so_far.stage = "global"
     some = [points[k : k + PROGRESS_INTERVAL] for k in range(0, len(points), PROGRESS_INTERVAL)]
     costs = [cost(r) for part in some for r in rough.residuals(part)]
-    if few:
-        most = min(finishes, FITS_PER_BATCH)
-    else:
-        most = max(finishes, MAX_FITS)
     best = [points[k] for k in np.argsort(costs, kind="stable")[:most]]
     problem.best_so_far.stage = "local"
     optima: list[Optimum] = []
@@ -515,12 +588,19 @@ def _refit_whole_records(
 
     def fitted(end: Optimum) -> Optimum:
         fit = goodness(rough, end.r)
-        return Descent(problem, end.x).run(
-            0 if fit.ratio > MAX_MISFIT_RATIO * fit.limit else MAX_DESCENT_STEPS,
-            COARSE_COST_TOLERANCE,
-        )
+        if fit.ratio > MAX_MISFIT_RATIO * fit.limit:
+            return Descent(problem, end.x).run(0)
+        slopes = _slopes_of(rough, end)
+        return Descent(problem, end.x, J=slopes).run(MAX_DESCENT_STEPS, COARSE_COST_TOLERANCE)
 
     return problem.in_threads(fitted, ends)
+
+
+def _slopes_of(problem: Problem, end: Optimum) -> np.ndarray:
+    """Slopes (rows, m) at the end of a local fit: its own, or new ones where it has none."""
+    if end.J is not None:
+        return end.J
+    return _slopes_at(problem.beginning_at(end.x), end)[1]
 
 
 def confirm(
@@ -536,13 +616,7 @@ def confirm(
     for look in range(MAX_RESTARTS):
         if look:
             local = linearise_at(problem, best)
-        slopes = local.J
-
-        def restarted(x: np.ndarray, J: np.ndarray = slopes) -> Optimum:
-            return Descent(problem, x, central=True, J=J).run(RESTART_STEPS)
-
-        near = [best.x, *_along_weakest_direction(problem, best.x, local)]
-        ends = problem.in_threads(restarted, near)
+        ends = _ends_nearby(problem, best, local)
         better = min(ends, key=lambda o: o.cost)
         gain, best = best.cost - better.cost, min(best, better, key=lambda o: o.cost)
         if gain < significant_gain(best.cost):
@@ -554,6 +628,28 @@ def confirm(
                 True,
             )
     return best, linearise_at(problem, best), False
+
+
+def _ends_nearby(problem: Problem, best: Optimum, local: LinearModel) -> list[Optimum]:
+    """Ends of local fits from an optimum and from either side of it, as runs have them."""
+    near, sides = local.near(problem), _along_weakest_direction(problem, best.x, local)
+    beside = COST_TOLERANCE if near is problem else COARSE_COST_TOLERANCE
+
+    def restarted(start: tuple[np.ndarray, float]) -> Optimum:
+        x, close = start
+        end = Descent(near, x, central=True, J=local.J).run(RESTART_STEPS, close)
+        return as_run(problem, near, end)
+
+    starts = [(best.x, COST_TOLERANCE), *((x, beside) for x in sides)]
+    return problem.in_threads(restarted, starts)
+
+
+def as_run(problem: Problem, near: Problem, found: Optimum) -> Optimum:
+    """An optimum of the problem ``near`` by another, as runs have it."""
+    if near is problem:
+        return found
+    (r,) = problem.residuals([found.x])
+    return Optimum(found.x, r, cost(r))
 
 
 def significant_gain(c: float) -> float:
@@ -571,6 +667,14 @@ class LinearModel:
     """Covariance of the coordinates, (m, m), widened by the scatter that the fit leaves."""
     scatter: float
     """Chi-square per degree of freedom, at least 1."""
+    steady: Problem | None = None
+    """The problem with steady states in place of runs, corrected to what runs are there, where both
+    have about the same slopes; None elsewhere.
+    """
+
+    def near(self, problem: Problem) -> Problem:
+        """The problem for what is near: with steady states in place of runs, if these are alike."""
+        return self.steady or problem
 
     @property
     def spread(self) -> np.ndarray:
@@ -579,13 +683,43 @@ class LinearModel:
 
 
 def linearise_at(problem: Problem, best: Optimum) -> LinearModel:
-    """Central differences at an optimum, with steps that follow what the evidence resolves."""
-    every, steps = np.arange(best.x.size), np.full(best.x.size, FIRST_STEP)
-    for central in (False, True):
-        J = jacobian(problem, best.x, best.r, steps, every, central)
-        steps = _difference_steps(J)
+    """The model about an optimum, by central differences of runs; with steady states that stand for
+    them, where these have about the same slopes.
+    """
+    every, steady = np.arange(best.x.size), problem.in_steady_state(best.x)
+    if steady is None:
+        steps, _ = _slopes_at(problem, best)
+        return _linear_model(problem, best, jacobian(problem, best.x, best.r, steps, every, True))
+    (r,) = steady.residuals([best.x])
+    steps, _ = _slopes_at(steady, Optimum(best.x, r, cost(r)))
+    J = jacobian(problem, best.x, best.r, steps, every, True)
+    own = jacobian(steady, best.x, r, steps, every, True)
+    if not _are_alike(J, own):
+        return _linear_model(problem, best, J)
+    correction = Correction(best.x, problem.least(best.r - r), J - own)
+    return _linear_model(problem, best, J, steady.corrected(correction))
+
+
+def _linear_model(
+    problem: Problem, best: Optimum, J: np.ndarray, steady: Problem | None = None
+) -> LinearModel:
     scatter = max(goodness(problem, best.r).ratio, 1.0)
-    return LinearModel(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter)
+    return LinearModel(J, np.linalg.pinv(J.T @ J, rcond=1e-14) * scatter, scatter, steady)
+
+
+def _slopes_at(problem: Problem, here: Optimum) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of differences that the evidence resolves, (m,), from one-sided differences, (rows, m)."""
+    every, steps = np.arange(here.x.size), np.full(here.x.size, FIRST_STEP)
+    J = jacobian(problem, here.x, here.r, steps, every, False)
+    return _difference_steps(J), J
+
+
+def _are_alike(J: np.ndarray, other: np.ndarray) -> bool:
+    """Whether slopes (rows, m) are those of runs ``J``: over a standard error of each parameter, the
+    others known, figures go the same way to ALIKE.
+    """
+    size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
+    return bool(np.max(np.sqrt(np.sum((other - J) ** 2, axis=0)) / size) < ALIKE)
 
 
 def _along_weakest_direction(

@@ -23,6 +23,7 @@ from microvib.studies.identify.keys import FitKey, IntegerKey, fittable
 from microvib.studies.identify.lacking import UnmodelledEffect, shift_reason
 from microvib.studies.identify.problem import Problem
 from microvib.studies.identify.search import (
+    COARSE_COST_TOLERANCE,
     RESTART_STEPS,
     Descent,
     LinearModel,
@@ -42,6 +43,10 @@ RELATIVE_STEP = 0.01
 """Relative change of a parameter that was not fitted, to see which estimates depend on it."""
 ASSUMED_SETTLE_ERROR = 0.1
 """Relative error of a settling time that nobody measured."""
+CORRECTED_REFITS = 2
+"""Fits among steady states at another settling time, each corrected to the run where the last one
+ended.
+"""
 SETTLE_KEY = "record.settle"
 DETENT_KEYS, FLUX_KEYS = ("motor.detent_torque", "motor.detent."), ("motor.flux_harmonics.",)
 """Beginnings of the keys of torques of the same order."""
@@ -367,7 +372,7 @@ def dependences(problem: Problem, best: Optimum, local: LinearModel) -> tuple[De
         [key.slope(v) / key.relative_to(v) for key, v in zip(problem.keys, values, strict=True)]
     )
     gain = -(local.covariance / local.scatter) @ local.J.T
-    nudged = problem.residuals(
+    nudged = local.near(problem).residuals(
         [best.x] * len(changes), [[change] * len(problem.tests) for change in changes]
     )
     moves = {
@@ -380,9 +385,22 @@ def dependences(problem: Problem, best: Optimum, local: LinearModel) -> tuple[De
         later = Problem(
             scenario, problem.evidence, problem.keys, problem.trust
         )  # what it meets is not the search's best
-        moves[SETTLE_KEY] = (Descent(later, best.x, J=local.J).run(RESTART_STEPS).x - best.x) / part
+        moves[SETTLE_KEY] = (_refitted(later, best, local) - best.x) / part
     found = [Dependence(name, tuple((scale * move).tolist())) for name, move in moves.items()]
     return tuple(sorted(found, key=lambda one: -max(map(abs, one.shifts))))
+
+
+def _refitted(later: Problem, best: Optimum, local: LinearModel) -> np.ndarray:
+    """The best point (m,) of a problem that differs in its settling time alone; among steady states,
+    of which none does, corrected to its runs, where they have the slopes of runs.
+    """
+    if local.steady is None:
+        return Descent(later, best.x, J=local.J).run(RESTART_STEPS).x
+    x = best.x
+    for _ in range(CORRECTED_REFITS):
+        near = local.steady.corrected_to(later, x)
+        x = Descent(near, x, J=local.J).run(RESTART_STEPS, COARSE_COST_TOLERANCE).x
+    return x
 
 
 def settle_relative_error(problem: Problem) -> float:
