@@ -17,6 +17,7 @@ from support.commands import SHORT, microvib
 from support.terminal import in_terminal
 
 import microvib as mv
+from microvib.errors import OptionError
 from microvib.io.data_sheet import read_entry
 from microvib.io.gears import catalog_gears
 from microvib.io.named import catalog_text
@@ -208,6 +209,74 @@ def test_a_data_sheet_of_a_drive_without_a_loop_has_no_gains():
     assert scenario.driver.time_constant(scenario.motor) == pytest.approx(9e-3 / 5.0)
 
 
+PULSED = {
+    "drive": "pulse", "holding_torque": "0.3 N*m", "phases_on": "1", "current": "0.25 A", "ratio": "200",
+    "resistance": "280 ohm", "supply_voltage": "71 V", "on_time": "45 ms", "diode_voltage": "9 V",
+    "clamp": "bidirectional",
+}  # fmt: skip
+
+
+def test_a_data_sheet_of_a_pulse_drive_becomes_one(tmp_path):
+    options = [word for k, text in PULSED.items() for word in (f"--{k.replace('_', '-')}", text)]
+    done = microvib("new", "my.yaml", "--from-datasheet", *options, cwd=tmp_path)
+    assert done.exit_code == 0, done.output
+    scenario = mv.load_scenario(tmp_path / "my.yaml")
+    driver = scenario.driver
+    assert (driver.drive, driver.microsteps, driver.beats) == ("pulse", 1, 4)
+    assert (driver.supply_voltage, driver.on_time, driver.diode_voltage) == (71.0, 0.045, 9.0)
+    assert (driver.proportional_gain, driver.integral_gain) == (0.0, 0.0)
+    assert driver.clamp == "bidirectional"
+    for key in ("supply_voltage", "on_time", "diode_voltage"):
+        assert scenario.source_of(f"driver.{key}").startswith("data sheet: ")
+        assert f"driver.{key}" not in done.stdout
+    assert "tracking.rate" in done.stdout  # an example
+    assert mv.simulate(scenario.with_si({"record.duration": 20.0}), channels="T_d").steps.judged > 9
+
+
+def test_what_a_sheet_of_a_pulse_drive_does_not_say_is_assumed_with_its_range():
+    few = {key: PULSED[key] for key in ("drive", "resistance", "current")}
+    scenario = mv.new_scenario(**few)
+    assert scenario.driver.supply_voltage == pytest.approx(280.0 * 0.25)
+    for key in ("supply_voltage", "on_time", "diode_voltage"):
+        assert re.search(r"^assumed: .*; range .+ to ", scenario.source_of(f"driver.{key}"))
+
+
+@pytest.mark.parametrize(("ratio", "on_time"), [("1", "60 ms"), ("1000", "60 ms"), ("100", "3 s")])
+def test_the_example_of_a_command_leaves_time_between_pulses(ratio, on_time):
+    gear = {"gear": "none"} if ratio == "1" else {"ratio": ratio}
+    scenario = mv.new_scenario(drive="pulse", on_time=on_time, **gear)
+    step = scenario.driver.full_step(scenario.motor) / scenario.reducer.ratio / scenario.rate
+    assert step >= 3.9 * scenario.driver.on_time
+    assert scenario.record.duration > 49.0 * step
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"drive": "current"}, "on_time: belongs to drive pulse, but current is stated; state pulse"),
+        ({"phases": "3"}, "phases: 3 is not allowed with drive pulse; 2 are expected, or none"),
+        ({"clamp": "8 V"}, "clamp: '8 V' is not allowed; write 'unidirectional' or 'bidirectional'"),
+        ({"microsteps": "16"}, "microsteps: 16 is not allowed with drive pulse"),
+        ({"on_time": "60"}, "on_time: '60' needs a unit, such as"),
+        ({"diode_voltage": "0 V"}, "diode_voltage: '0 V' is not allowed; it must be greater than 0"),
+        ({"supply_voltage": "-70 V"}, "supply_voltage: '-70 V' is not allowed"),
+    ],
+)  # fmt: skip
+def test_an_entry_that_does_not_go_with_pulses_is_told(changes, words):
+    with pytest.raises(OptionError) as caught:
+        mv.new_scenario(**{**PULSED, **changes})
+    assert words in str(caught.value)
+
+
+def test_an_entry_of_pulses_says_that_the_drive_is_pulsed():
+    for key in ("on_time", "diode_voltage", "clamp"):
+        assert mv.new_scenario(**{key: PULSED[key]}).driver.pulsed
+
+
+def test_a_supply_voltage_limits_a_current_loop():
+    assert mv.new_scenario(**SHEET, supply_voltage="28 V").driver.supply_voltage == 28.0
+
+
 def test_a_gear_brings_its_hysteresis_as_a_comment_that_can_be_made_to_act(tmp_path):
     text = new_text("size 17 ratio 100")
     line = next(line for line in text.splitlines() if "hysteresis:" in line and "loss" in line)
@@ -302,6 +371,10 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
         "9 mH",
         "",
         "",
+        "",
+        "",
+        "",
+        "",
         "32",
         "size 17",
         "",
@@ -318,7 +391,7 @@ def test_a_person_at_a_terminal_is_asked_and_asked_again(tmp_path):
 
 def test_answers_that_contradict_each_other_are_asked_for_again(tmp_path):
     """The motor's step in place of the output's is known to be wrong only in the end; the other answers stay."""
-    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 7, "0.018 deg"]
+    answers = ["0.5 N*m", "", "", "", "", "1.8 deg", "1:100", *[""] * 11, "0.018 deg"]
     shown = in_terminal(
         "new", "my.yaml", "--from-datasheet", cwd=tmp_path, columns=300, typed=answers
     )
@@ -376,7 +449,10 @@ def test_nobody_is_asked_through_a_pipe(tmp_path):
             "--phases-on: 3 is not allowed with 2 phases; 1 to that number is expected",
         ),
         (["--phases", "4"], "--phases: 4 is not allowed; write 2, 3 or 5"),
-        (["--drive", "power"], "--drive: 'power' is not allowed; write 'current' or 'voltage'"),
+        (
+            ["--drive", "power"],
+            "--drive: 'power' is not allowed; write 'current', 'voltage' or 'pulse'",
+        ),
         (
             ["--resistance", "-1 ohm"],
             "--resistance: '-1 ohm' is not allowed; it must be greater than 0 ohm",

@@ -228,8 +228,8 @@ def test_what_was_fitted_is_called_calibrated(name):
     """Of one drive the central values were searched; what cannot be compared says why."""
     compared = load_published(name).compare
     fitted = [one.claim for one in compared if one.calibrated]
-    assert len(fitted) == (5 if name == "common-sada" else 0)
-    assert not any("after" in claim or "clamp" in claim for claim in fitted)
+    assert len(fitted) == (6 if name == "common-sada" else 0)
+    assert not any("after" in claim or claim.startswith("a clamp") for claim in fitted)
     assert all(one.published or one.not_comparable for one in compared)
 
 
@@ -254,7 +254,9 @@ def test_steps_are_lost_as_an_independent_integration_says(monkeypatch):
         first, _ = clamp.first_lost(replace(one, voltage=volts), 50)
         ours = figures[f"{volts:g} V", "first lost step"]
         assert (first or math.inf) == ours
+    for volts in (72.0, 74.0, 75.0, 80.0):
         assert clamp.first_lost(replace(one, voltage=volts, both_ways=True), 50)[0] == 0
+        assert figures[f"{volts:g} V with the clamp", "lost steps"] == 0.0
     assert figures["72 V", "lost steps"] == 0.0 < figures["73 V", "lost steps"]
 
 
@@ -406,6 +408,27 @@ def test_a_bad_file_is_one_sentence(tmp_path, old, new, why):
     assert why in done.output
     assert "Traceback" not in done.output
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("none: \"74 V with the clamp\", some: 74 V", "none: 74 V, some: 74 V", "compare.7.onset.some: is '74 V', as none is"),
+        ("{driver.supply_voltage: 72 V, driver.clamp: bidirectional}", "{driver.clamp: both}", "cases.72 V with the clamp.set: driver.clamp: 'both' is not allowed"),
+        (", diode_voltage: 8 V}", ", clamp: bidirectional}", "driver.diode_voltage: missing (voltage of the diodes or clamp"),
+        ("  74 V with the clamp: {set: {driver.supply_voltage: 74 V, driver.clamp: bidirectional}}\n", "", "there is no case '74 V with the clamp'"),
+    ],
+)  # fmt: skip
+def test_a_bad_clamp_of_a_test_is_one_sentence(tmp_path, old, new, why):
+    text = (ROOT / "src/microvib/catalog/tests/common-sada.yaml").read_text("utf-8")
+    assert old in text
+    path = tmp_path / "test.yaml"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        _ = described_drive(load_published(str(path)), str(path)).assumptions
+    assert why in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert not str(caught.value).startswith("assumed")
 
 
 def test_a_file_of_neither_kind_says_what_a_test_has(tmp_path):

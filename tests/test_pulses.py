@@ -21,27 +21,42 @@ from microvib.studies.step_margin import StepMargin, StepRun, step_margin
 SEEDS, STEPS = (3, 8, 11), 6
 """Of the first dozen draws three that make all steps."""
 COLUMNS = ("i_A", "i_B", "theta_m", "omega_m", "theta_l", "omega_l")
-OF_ORACLE = (CURRENTS, CURRENTS + 1, TM, WM, TL, WL)
 FINE = {"solver.accuracy": 1e-6}
+CLAMPS = ("unidirectional", "bidirectional")
 
 
 def rows_of(scenario, times, names=COLUMNS):
     return rows_at(scenario, times)[0][:, [kernel.CHANNELS.index(name) for name in names]]
 
 
+def clamped(drive, clamp):
+    """The drive of the oracle: two windings, or four of which each conducts either way."""
+    both = clamp == "bidirectional"
+    return replace(drive, four_windings=both, both_ways=both)
+
+
 @cache
-def by_oracle(seed):
-    drive = drawn(seed)
+def by_oracle(seed, clamp):
+    drive = clamped(drawn(seed), clamp)
     times = 0.5 * drive.step_time + np.arange(0.0, STEPS * drive.step_time, 1e-3)
     return integrate(drive, STEPS, times=times, first=0.5 * drive.step_time)
 
 
+def columns_of(y):
+    """``COLUMNS`` of the oracle's states; of two windings on a phase the difference of currents."""
+    i = y[:, CURRENTS:]
+    if i.shape[1] == 4:
+        i = i[:, :2] - i[:, 2:]
+    return np.column_stack([i, y[:, [TM, WM, TL, WL]]])
+
+
+@pytest.mark.parametrize("clamp", CLAMPS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed):
-    drive, run = drawn(seed), by_oracle(seed)
+def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed, clamp):
+    drive, run = clamped(drawn(seed), clamp), by_oracle(seed, clamp)
     assert run.lost == run.gained == 0
     found = rows_of(scenario_of(drive, STEPS, **FINE), run.t)
-    expected = run.y[:, OF_ORACLE]
+    expected = columns_of(run.y)
     difference, size = np.abs(found - expected).max(axis=0), np.abs(expected).max(axis=0)
     assert np.all(difference[[0, 1, 3, 5]] < 1e-3 * size[[0, 1, 3, 5]])
     step = drive.full_step
@@ -49,9 +64,10 @@ def test_angles_rates_and_currents_are_those_of_an_independent_integration(seed)
     assert difference[4] < 1e-3 * step / drive.ratio
 
 
+@pytest.mark.parametrize("clamp", CLAMPS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_lines_of_the_torque_are_those_of_an_independent_integration(seed):
-    drive, run = drawn(seed), by_oracle(seed)
+def test_lines_of_the_torque_are_those_of_an_independent_integration(seed, clamp):
+    drive, run = clamped(drawn(seed), clamp), by_oracle(seed, clamp)
     scenario = scenario_of(drive, STEPS, **FINE)
     found = rows_of(scenario, run.t, ("omega_m", "omega_l"))
     inertia = np.array([drive.J_m, drive.J_l])
@@ -64,15 +80,39 @@ def test_lines_of_the_torque_are_those_of_an_independent_integration(seed):
     assert np.all(np.abs(mine - oracle) < 1e-3 * oracle.max())
 
 
+@pytest.mark.parametrize("clamp", CLAMPS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_coarser_run_is_near_and_its_balances_hold(seed):
-    drive, run = drawn(seed), by_oracle(seed)
+def test_a_coarser_run_is_near_and_its_balances_hold(seed, clamp):
+    drive, run = clamped(drawn(seed), clamp), by_oracle(seed, clamp)
     motion = mv.simulate(scenario_of(drive, STEPS))
     assert not motion.invariants.broken
     assert motion.invariants.energy < 1e-4
     assert motion.steps == StepCount(STEPS, 0, 0, 0)
     rest = rows_of(scenario_of(drive, STEPS), run.t)
     assert np.abs(rest[:, 2] - run.y[:, TM]).max() < 0.01 * drive.full_step
+
+
+def test_both_windings_of_a_pair_conduct_alike_and_brake_twice():
+    """After its pulse a rotor that swings past 8 V has equal currents in the windings of a pair that
+    was not driven, one each way; with diodes one of them, and half the torque."""
+    drive = clamped(HELD, "bidirectional")
+    t = 0.5 * drive.step_time + np.arange(1e-3, drive.on_time, 1e-4)
+    rows, packed = rows_at(scenario_of(drive, 1), t)
+    net = rows[:, kernel.CHANNELS.index("i_A")]
+    run = integrate(drive, 1, times=t, first=0.5 * drive.step_time)
+    a, _, c, _ = run.y[:, CURRENTS:].T
+    assert np.abs(net).max() > 1e-3
+    assert a == pytest.approx(-c, abs=1e-9)
+    assert net == pytest.approx(2.0 * a, abs=2e-3 * np.abs(a).max())
+    assert packed.drive.windings == 4
+
+
+def test_a_clamp_that_is_not_reached_does_not_matter():
+    free, same = (
+        scenario_of(clamped(replace(HELD, diode_voltage=400.0), clamp), 2) for clamp in CLAMPS
+    )
+    t = 0.5 * HELD.step_time + np.arange(0.0, 1.0, 1e-2)
+    assert rows_of(same, t) == pytest.approx(rows_of(free, t), rel=1e-6, abs=1e-9)
 
 
 def test_current_rises_freewheels_against_the_diodes_and_stays_exactly_zero():
@@ -130,9 +170,11 @@ def test_all_steps_are_lost_where_the_pulse_does_not_move_the_rotor():
     assert found == StepCount(5, 5, 0, 1)
 
 
-@pytest.mark.parametrize("seed", [2, 15])
-def test_some_steps_are_lost_and_counted_as_by_an_independent_integration(seed):
-    drive = drawn(seed)
+@pytest.mark.parametrize(
+    ("seed", "clamp"), [(2, CLAMPS[0]), (15, CLAMPS[0]), (2, CLAMPS[1]), (15, CLAMPS[1])]
+)
+def test_some_steps_are_lost_and_counted_as_by_an_independent_integration(seed, clamp):
+    drive = clamped(drawn(seed), clamp)
     run = integrate(drive, STEPS, first=0.5 * drive.step_time)
     assert 0 < run.lost < STEPS
     found = mv.simulate(scenario_of(drive, STEPS, **FINE), channels="T_d").steps
@@ -144,11 +186,13 @@ def test_motion_of_another_drive_counts_no_steps():
     assert mv.simulate(scenario, channels="T_d").steps is None
 
 
-def test_backwards_steps_are_made_and_lost_alike():
-    scenario = scenario_of(HELD, 4)
+@pytest.mark.parametrize("clamp", CLAMPS)
+def test_backwards_steps_are_made_and_lost_alike(clamp):
+    held = clamped(HELD, clamp)
+    scenario = scenario_of(held, 4)
     back = scenario.with_si({"tracking.rate": -scenario["tracking.rate"]})
     assert mv.simulate(back, channels="T_d").steps == StepCount(4, 0, 0, 0)
-    weak = replace(HELD, voltage=10.0, rotor=Friction(coulomb=0.05))
+    weak = replace(held, voltage=10.0, rotor=Friction(coulomb=0.05))
     lost = scenario_of(weak, 4, **{"tracking.rate": -scenario["tracking.rate"]})
     assert mv.simulate(lost, channels="T_d").steps == StepCount(4, 4, 0, 1)
 
@@ -170,7 +214,7 @@ PULSE = {
     [
         ({"driver.diode_voltage": None}, "driver.diode_voltage"),
         ({"driver.supply_voltage": None}, "driver.supply_voltage"),
-        ({"driver.on_time": None}, "driver.on_time"),
+        ({"driver.on_time": None}, "driver.on_time: is null, but drive: pulse needs it; give it in ms"),
         ({"driver.on_time": "6 s"}, "driver.on_time: 6000 ms is longer than a step, which takes"),
         ({"driver.drive": "current", "driver.proportional_gain": "500 V/A"}, "only acts with drive: pulse"),
         ({"driver.microsteps": 16}, "microsteps: 16 is not allowed with drive: pulse"),
@@ -180,6 +224,9 @@ PULSE = {
         ({"driver.microstep_shape": [{}, {"fraction": 0.5, "after": "3 ms"}]}, "microstep_shape: shapes currents"),
         ({"driver.compensation": [{"order": 2, "amplitude": "9 arcsec"}]}, "compensation: cannot be combined with"),
         ({"driver.diode_voltage": "0 V"}, "driver.diode_voltage"),
+        ({"driver.clamp": "bidirectional", "driver.diode_voltage": None}, "driver.diode_voltage: is null, but drive: pulse needs it; give it in V"),
+        ({"driver.clamp": "both"}, "driver.clamp: 'both' is not allowed; write 'unidirectional' or 'bidirectional'"),
+        ({"driver.clamp": "8 V"}, "driver.clamp: '8 V' is not allowed; write 'unidirectional' or 'bidirectional'"),
         ({"motor.phases": 3, "driver.beats": 4}, "with 3 phases"),
     ],
 )  # fmt: skip
@@ -198,6 +245,12 @@ def test_a_pulse_as_long_as_a_step_is_a_lasting_voltage():
 def test_a_pulse_drive_has_no_steady_state_and_says_so():
     scenario = scenario_of(HELD, 2).with_si({"record.start": "steady"})
     assert "voltage pulses" in mv.simulate(scenario, channels="T_d").solver["steady"]
+
+
+def test_a_clamp_belongs_to_pulses():
+    scenario = mv.load_scenario("state-1")
+    with pytest.raises(ScenarioError, match="clamp: only acts with drive: pulse"):
+        scenario.with_({"driver.clamp": "bidirectional"})
 
 
 WEAK = replace(HELD, voltage=30.0, step_time=0.5)

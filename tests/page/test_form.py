@@ -169,3 +169,31 @@ def test_everything_that_takes_input_has_a_name(visit: Callable[..., Any]) -> No
         .filter(e => !(e.labels?.length || e.ariaLabel || e.innerText?.trim() || e.textContent.trim())).map(e => e.outerHTML)"""
     )
     assert nameless == []
+
+
+def test_a_pulse_drive_is_made_in_the_form_and_run(visit: Callable[..., Any]) -> None:
+    """What leaves no choice is set by one button; what is missing is told until it is there."""
+    page = visit(QUICK)
+    write(page, "motor.current", "0.6 A")
+    page.locator("details[data-group=driver] summary").first.click()
+    field(page, "driver.drive").select_option("pulse")
+    page.get_by_role("button", name="Set whole steps and all gains to 0").click()
+    api.expect(field(page, "driver.microsteps")).to_have_value("1")
+    api.expect(field(page, "driver.integral_gain")).to_have_value("0 V/(A*s)")
+    api.expect(page.locator("#by-drive button")).to_have_count(0)
+    missing = page.locator("[id='field-driver.on_time-error']")
+    api.expect(missing).to_contain_text("on_time: missing (on-time of a pulse")
+    api.expect(missing).to_contain_text("diode_voltage is missing, too")
+    pulse = {"supply_voltage": "3.6 V", "on_time": "60 ms", "diode_voltage": "0.7 V"}
+    for key, text in pulse.items():
+        write(page, f"driver.{key}", text)
+    api.expect(page.locator("details[data-group=driver] .mark")).to_have_text("7")
+    run(page)
+    field(page, "driver.drive").select_option("voltage")
+    api.expect(page.locator("[id='field-driver.on_time-error']")).to_contain_text(
+        "only acts with drive: pulse"
+    )
+    field(page, "driver.drive").select_option("current")
+    api.expect(page.locator("[id='field-driver.on_time-error']")).to_contain_text(
+        "only acts with drive: pulse"
+    )

@@ -71,6 +71,7 @@ def scenario_of(drive: PulsedDrive, steps: int, **changes: Any) -> mv.Scenario:
         "driver.supply_voltage": drive.voltage,
         "driver.on_time": drive.on_time,
         "driver.diode_voltage": drive.diode_voltage,
+        "driver.clamp": "bidirectional" if drive.both_ways else "unidirectional",
         "reducer.ratio": drive.ratio,
         "reducer.wave_generator_inertia": 0.4 * drive.J_m,
         "reducer.stiffness": drive.K_g,

@@ -41,9 +41,9 @@ SETTLED_EFOLDINGS = 12.0
 
 def steady_start_advice(scenario: Scenario | None) -> str:
     """The advice to start in the steady state, to be added to another; empty where ``record.start``
-    says so already.
+    says so already, or where none is looked for.
     """
-    if scenario is not None and scenario.record.start == "steady":
+    if scenario is not None and (scenario.record.start == "steady" or scenario.driver.pulsed):
         return ""
     return ", or record.start: steady"
 

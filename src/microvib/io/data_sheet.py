@@ -14,7 +14,7 @@ from pydantic import Field
 from microvib.errors import OptionError, ScenarioError, quoted_value
 from microvib.io.gears import NON_CATALOG_GEARS, Entry, Gear, catalog_gears, find_gear
 from microvib.io.questions import QUESTIONS
-from microvib.model.driver import Driver
+from microvib.model.driver import PULSE_KEYS, Driver
 from microvib.model.motor import Motor
 from microvib.model.part import Part
 from microvib.model.reducer import Reducer
@@ -38,9 +38,20 @@ class DataSheet(Part):
         ]
         | None
     ) = None
-    drive: Literal["current", "voltage"] | None = Field(
-        default=None, description="current loop, or voltages without one"
+    drive: Literal["current", "voltage", "pulse"] | None = Field(
+        default=None, description="current loop, voltages without one, or voltage pulses"
     )
+    supply_voltage: (
+        Annotated[float, Quantity("V", "supply voltage: of a pulse drive that of its pulses", gt=0)]
+        | None
+    ) = None
+    on_time: (
+        Annotated[float, Quantity("s", "on-time of the pulse of a step", gt=0, display="ms")] | None
+    ) = None
+    diode_voltage: (
+        Annotated[float, Quantity("V", "voltage of the diodes or clamp of a pulse drive", gt=0)]
+        | None
+    ) = None
     current: (
         Annotated[float, Quantity("A", "current per phase at the holding torque", gt=0)] | None
     ) = None
@@ -79,6 +90,9 @@ class DataSheet(Part):
         ]
         | None
     ) = None
+    clamp: Literal["unidirectional", "bidirectional"] | None = Field(
+        default=None, description="clamp of a pulse drive"
+    )
     microsteps: (
         Annotated[int, Field(ge=1, le=65_536, strict=True, description="microsteps per full step")]
         | None
@@ -118,6 +132,11 @@ CURRENT, TEETH, RATIO, SIZE = 0.6, 50, 100.0, 14  # assumed where the data sheet
 HARMONIC = 20.0  # no harmonic gear has a lower ratio
 MAX_DETENT = 0.5  # of the holding torque
 PHASES_ON = {2: 2, 3: 2, 5: 4}  # assumed of the holding torque
+# of pulse drives
+PULSE_VOLTAGE = TypicalRange(0.8, 1.0, 1.2)  # over resistance times current
+ON_TIME = TypicalRange(0.03, 0.06, 0.1)  # [s]
+DIODE_VOLTAGE = TypicalRange(1.0, 8.0, 30.0)  # a diode, or a clamp [V]
+STEP_TIME, STEPS = 2.0, 50  # of the example of a command [s]
 
 
 def read_entry(key: str, text: str) -> Any:
@@ -184,7 +203,26 @@ def entries_of(sheet: DataSheet, inertia: float) -> dict[str, Entry]:
             f"{sheet.phases_on} is not allowed with {sheet.phases or 2} phases; 1 to that number is"
             " expected",
         )
-    return dict([*_motor(sheet, torque), *_windings(sheet), *_train(sheet, inertia), *_examples()])
+    sheet = _with_drive(sheet)
+    entries = dict([*_motor(sheet, torque), *_driver(sheet), *_train(sheet, inertia), *_examples()])
+    if sheet.drive == "pulse":
+        entries |= _pulsed_example(sheet, entries)
+    return entries
+
+
+def _with_drive(sheet: DataSheet) -> DataSheet:
+    """The sheet with a pulse drive where an entry of pulses says so; OptionError where that is stated
+    otherwise.
+    """
+    of_pulses = [key for key in (*PULSE_KEYS, "clamp") if getattr(sheet, key) is not None]
+    if not of_pulses or sheet.drive == "pulse":
+        return sheet
+    if sheet.drive is None:
+        return sheet.model_copy(update={"drive": "pulse"})
+    raise OptionError(
+        of_pulses[0],
+        f"belongs to drive pulse, but {sheet.drive} is stated; state pulse, or leave this out",
+    )
 
 
 def assumed(entries: dict[str, Entry]) -> dict[str, Entry]:
@@ -288,7 +326,8 @@ def _detent(sheet: DataSheet, torque: TypicalRange) -> tuple[TypicalRange, str]:
     return _exactly(stated), "detent torque, taken for the amplitude"
 
 
-def _windings(sheet: DataSheet) -> Iterator[_Found]:
+def _driver(sheet: DataSheet) -> Iterator[_Found]:
+    """Windings, and what drives them."""
     resistance = _known(sheet, "resistance")
     yield (
         "motor.winding_resistance",
@@ -304,20 +343,18 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
     else:
         said = "a time constant L/R of 2 ms, 1 to 4 ms"
     yield "motor.winding_inductance", _entry(Motor, "winding_inductance", inductance, said)
-    loop = f"2π f_c {{}}, bandwidth f_c of the current loop {BANDWIDTH.value:g} Hz"
-    rate = BANDWIDTH.times(_exactly(2.0 * math.pi))
+    if sheet.drive == "pulse":
+        yield from _pulses(sheet, resistance)
+        return
     if sheet.drive is not None:
         yield "driver.drive", Entry(sheet.drive, "data sheet: drive")
-    gains: tuple[tuple[str, str, TypicalRange], ...] = (
-        ("proportional_gain", "L", inductance),
-        ("integral_gain", "R", resistance),
-    )
     if sheet.drive == "voltage":
-        gains = ()
-        yield "driver.proportional_gain", Entry("0 V/A", "data sheet: no current loop")
-        yield "driver.integral_gain", Entry("0 V/(A*s)", "data sheet: no current loop")
-    for key, name, winding in gains:
-        yield f"driver.{key}", _entry(Driver, key, rate.times(winding), loop.format(name))
+        yield from _no_gains()
+    else:
+        yield from _gains(resistance, inductance)
+    if sheet.supply_voltage is not None:
+        supply = _exactly(sheet.supply_voltage)
+        yield "driver.supply_voltage", _entry(Driver, "supply_voltage", supply, "supply voltage")
     steps = _known(sheet, "microsteps")
     if steps.low < steps.high:
         range_ = f"; range {steps.low:g} to {steps.high:g}"
@@ -330,6 +367,66 @@ def _windings(sheet: DataSheet) -> Iterator[_Found]:
             f"{'assumed' if range_ else 'data sheet'}: microsteps per full step{range_}",
         ),
     )
+
+
+def _no_gains() -> Iterator[_Found]:
+    yield "driver.proportional_gain", Entry("0 V/A", "data sheet: no current loop")
+    yield "driver.integral_gain", Entry("0 V/(A*s)", "data sheet: no current loop")
+
+
+def _gains(resistance: TypicalRange, inductance: TypicalRange) -> Iterator[_Found]:
+    """Gains of the current loop, by its bandwidth."""
+    loop = f"2π f_c {{}}, bandwidth f_c of the current loop {BANDWIDTH.value:g} Hz"
+    rate = BANDWIDTH.times(_exactly(2.0 * math.pi))
+    for key, name, winding in (
+        ("proportional_gain", "L", inductance),
+        ("integral_gain", "R", resistance),
+    ):
+        yield f"driver.{key}", _entry(Driver, key, rate.times(winding), loop.format(name))
+
+
+def _pulses(sheet: DataSheet, resistance: TypicalRange) -> Iterator[_Found]:
+    """A driver of voltage pulses; OptionError where an entry does not go with it."""
+    if sheet.phases not in (None, 2):
+        raise OptionError(
+            "phases", f"{sheet.phases} is not allowed with drive pulse; 2 are expected, or none"
+        )
+    if sheet.microsteps not in (None, 1):
+        raise OptionError(
+            "microsteps",
+            f"{sheet.microsteps} is not allowed with drive pulse, which switches whole steps; 1 is"
+            " expected, or none",
+        )
+    yield "driver.drive", Entry("pulse", "data sheet: pulses")
+    yield from _no_gains()
+    yield "driver.microsteps", Entry("1", "data sheet: pulses switch whole steps")
+    current = sheet.current or CURRENT
+    usual = {
+        "supply_voltage": (
+            resistance.times(_exactly(current)).times(PULSE_VOLTAGE),
+            f"supply voltage, resistance times {current:g} A",
+        ),
+        "on_time": (ON_TIME, "on-time of the pulse of a step"),
+        "diode_voltage": (DIODE_VOLTAGE, "voltage of the diodes or the clamp"),
+    }
+    for key, (lacking, said) in usual.items():
+        stated = getattr(sheet, key)
+        if stated is None:
+            yield f"driver.{key}", _entry(Driver, key, lacking, said)
+        else:
+            yield f"driver.{key}", _entry(Driver, key, _exactly(stated), said.partition(",")[0])
+    if sheet.clamp is not None:
+        yield "driver.clamp", Entry(sheet.clamp, "data sheet: clamp")
+
+
+def _pulsed_example(sheet: DataSheet, entries: dict[str, Entry]) -> Iterator[_Found]:
+    """A command that leaves time between pulses, and a record of many of them."""
+    ratio, teeth = (float(entries[key].text) for key in ("reducer.ratio", "motor.rotor_teeth"))
+    step_time = max(STEP_TIME, 4.0 * (sheet.on_time or ON_TIME.value))
+    rate = 360.0 / (4.0 * teeth * ratio) / step_time
+    told = f"assumed: no range: an example, a step every {step_time:g} s; put yours here"
+    yield "tracking.rate", Entry(f"{rate:.6g} deg/s", told)
+    yield "record.duration", Entry(f"{math.ceil(STEPS * step_time)} s", "")
 
 
 @dataclass(frozen=True)

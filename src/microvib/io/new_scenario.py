@@ -18,6 +18,8 @@ from microvib.model.scenario import Scenario
 from microvib.model.slow_variations import CYCLES_SEEN, slow_variations
 
 _LINE = re.compile(r"(?P<start>  (?P<key>\w+): )(?P<value>[^#]*?)(?P<space> *)(?P<comment>#.*)?")
+_UNUSED = re.compile(r"  # (?P<key>\w+): [^#]*(?P<comment>#.*)")
+"""A key that the file has as a comment, for it acts only with another."""
 _ERROR, _HYSTERESIS = "reducer.transmission_error", "reducer.hysteresis"
 
 
@@ -140,6 +142,9 @@ def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
     hysteresis = entries.get(_HYSTERESIS)
     if hysteresis is not None and line.startswith("  # hysteresis:"):
         return f"  # hysteresis: {hysteresis.text}  # a maker's bound on the loss; without the first # it acts"
+    unused = _UNUSED.fullmatch(line)
+    if unused and f"{group}.{unused['key']}" in entries:
+        line = f"  {unused['key']}: ".ljust(unused.start("comment")) + unused["comment"]
     found = _LINE.fullmatch(line)
     if found:
         entry = entries.get(f"{group}.{found['key']}")

@@ -36,7 +36,17 @@ QUESTIONS = {
     "inductance": Question("INDUCTANCE", "Inductance of one winding", "13 mH"),
     "rotor_inertia": Question("INERTIA", "Moment of inertia of the rotor", "0.2 kg*cm^2"),
     "drive": Question(
-        "current|voltage", "What the driver commands: current, or voltage without a current loop"
+        "current|voltage|pulse",
+        "What the driver commands: current, voltage without a current loop, or voltage pulses",
+    ),
+    "supply_voltage": Question(
+        "VOLTAGE", "Supply voltage; of a pulse drive that of a pulse", "28 V"
+    ),
+    "on_time": Question("TIME", "Of a pulse drive: on-time of the pulse of a step", "60 ms"),
+    "diode_voltage": Question("VOLTAGE", "Of a pulse drive: voltage of its diodes or clamp", "8 V"),
+    "clamp": Question(
+        "unidirectional|bidirectional",
+        "Of a pulse drive: unidirectional as diodes, or either way on each of four windings",
     ),
     "microsteps": Question("NUMBER", "Microsteps per full step", "16"),
     "gear": Question(

@@ -133,9 +133,9 @@ class Driver(Part):
 
     drive: Literal["current", "voltage", "pulse"] = Field(
         default="current",
-        description="current: closed current loop; voltage: phase voltages R times the current, no current loop;"
-        " pulse: the supply voltage on a phase for the on-time of each step, whatever motor.current is,"
-        " then open windings with diodes",
+        description="what drives the phases; current: closed current loop; voltage: phase voltages R"
+        " times the current, no current loop; pulse: the supply voltage on a phase for the on-time of"
+        " each step, whatever motor.current is, then open windings with diodes",
     )
     beats: Annotated[
         int, Field(ge=3, le=64, strict=True, description="full steps per electrical period, b")
@@ -179,7 +179,7 @@ class Driver(Part):
             float,
             Quantity(
                 "s",
-                "time of each step in which a pulse drive puts the supply voltage on the winding",
+                "on-time of a pulse, in which the supply voltage is on a winding, once a step",
                 "t_on",
                 gt=0,
                 display="ms",
@@ -193,7 +193,7 @@ class Driver(Part):
             float,
             Quantity(
                 "V",
-                "voltage of the diodes or clamp against which a winding conducts that no switch drives",
+                "voltage of the diodes or clamp, against which a winding conducts that no switch drives",
                 "U_d",
                 gt=0,
                 usual=(0.2, 400.0),
@@ -201,6 +201,11 @@ class Driver(Part):
         ]
         | None
     ) = None
+    clamp: Literal["unidirectional", "bidirectional"] = Field(
+        default="unidirectional",
+        description="clamp of a pulse drive; unidirectional: as diodes do, of two windings wound"
+        " against each other one conducts; bidirectional: both conduct, either way, and brake twice",
+    )
     microstep_ramp: Annotated[
         float,
         Quantity(
@@ -253,6 +258,8 @@ class Driver(Part):
             for name in PULSE_KEYS:
                 if getattr(self, name) is not None:
                     yield f"{name}: only acts with drive: pulse; set that, or leave {name} out"
+            if self.clamp != "unidirectional":
+                yield "clamp: only acts with drive: pulse; set that, or leave clamp out"
         rows, turn = len(self.table.currents) if self.table else 0, self.beats * self.microsteps
         if rows not in (0, turn):
             yield (
@@ -265,8 +272,8 @@ class Driver(Part):
         for name in ("supply_voltage", *PULSE_KEYS):
             if getattr(self, name) is None:
                 quantity = type(self).quantity_of(name)
-                unit = quantity.unit if quantity else ""
-                yield f"{name}: is null, which drive: pulse cannot do with; give it in {unit}"
+                unit = (quantity.display or quantity.unit) if quantity else ""
+                yield f"{name}: is null, but drive: pulse needs it; give it in {unit}"
         if self.microsteps != 1:
             yield (
                 f"microsteps: {self.microsteps} is not allowed with drive: pulse, which switches whole"
@@ -305,6 +312,15 @@ class Driver(Part):
     def pulsed(self) -> bool:
         """Whether voltages come in pulses, between which windings are open."""
         return self.drive == "pulse"
+
+    @property
+    def switched_windings(self) -> int:
+        """Windings of a pulse drive that conduct on their own: 2, each of them either way, or 4 with
+        those wound against them; 0 of another drive.
+        """
+        if not self.pulsed:
+            return 0
+        return 4 if self.clamp == "bidirectional" else 2
 
     @property
     def voltage_limit(self) -> float:

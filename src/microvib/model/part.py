@@ -98,19 +98,29 @@ class Part(_Base):
                     " out"
                 )
             object.__setattr__(self, name, value)
-        for name in self._required_fields():
-            if name not in self.model_fields_set | set(following):
-                quantity = self.quantity_of(name)
-                if quantity and quantity.unit:
-                    unit = f", in {quantity.display or quantity.unit}"
-                else:
-                    unit = ""
-                raise ValueError(
-                    f"{name}: missing ({quantity.meaning if quantity else name}{unit})"
-                )
+        missing = [
+            name
+            for name in self._required_fields()
+            if name not in self.model_fields_set | set(following)
+        ]
+        if missing:
+            raise ValueError(self._missing_sentence(*missing))
         for sentence in self._consistency_errors():
             raise ValueError(sentence)
         return self
+
+    def _missing_sentence(self, name: str, *others: str) -> str:
+        """Sentence on fields that must be given and are not."""
+        quantity = self.quantity_of(name)
+        if quantity and quantity.unit:
+            unit = f", in {quantity.display or quantity.unit}"
+        else:
+            unit = ""
+        told = f"{name}: missing ({quantity.meaning if quantity else name}{unit})"
+        if not others:
+            return told
+        verb = "is" if len(others) == 1 else "are"
+        return f"{told}; {' and '.join(others)} {verb} missing, too"
 
 
 def _nearly_equal(given: Any, value: float) -> bool:

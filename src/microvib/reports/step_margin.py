@@ -151,7 +151,7 @@ def _edges(margin: StepMargin) -> Iterator[Item]:
             continue
         early = min(run.first for run in runs)
         late = max(run.first for run in runs)
-        when = f"step {early}" if early == late else f"steps {early} to {late}"
+        when = f"step {early}" if early == late else f"one of steps {early} to {late}"
         yield Text(f"Steps are lost {where}; the first not made is {when}.")
     for edge in margin.edges:
         yield Text(_edge_sentence(margin, edge))

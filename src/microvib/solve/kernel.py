@@ -34,7 +34,8 @@ FORCED: dict[str, Any] = COMPILE | {
 # ---- State, channels and parameters ----
 
 # State y: currents, integrals of their errors, rotor (angle, rate), output (angle, rate); then eta
-# and w of each mode. With w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d
+# and w of each mode. Of a pulsed drive with four windings the second two are the currents of those
+# that are wound against A and B. With w = d eta/dt + H omega_l, the mode's absolute momentum, in place of d
 # eta/dt the mass matrix is diagonal. On a craft w = d eta/dt + H omega_l + R omega_m, and what is
 # left is the matrix [[J_m, J_c], [J_c, J_L]] of the two shafts. There damping may couple a mode
 # with the shafts' rates too (``microvib.model.decoupled``).
@@ -112,7 +113,9 @@ class Drive(NamedTuple):
     K_D: float
     K_V: float  # voltage by the references themselves, of a drive without a current loop
     U_max: float
-    windings: int  # 2 of a pulsed drive, whose windings are switched; else 0
+    # 2 of a pulsed drive, whose windings are switched; 4 where those wound against them conduct as
+    # well; else 0
+    windings: int
     diode_voltage: float  # against which they conduct when no switch drives them
     step: float  # full step of the rotor
     J_m: float  # on a craft, what of it is in no mode, as J_L and J_h
@@ -472,6 +475,36 @@ def switched_rates(mode, i, back_emf, driven, rate, p):
 
 
 @code.inner(**INLINE)
+def opposite_voltage(which, reference, stick, p):
+    """Voltage of a winding that is wound against phase A (2) or B (3) and not open; ``reference`` is
+    that of the phase.
+    """
+    mode = winding_mode(which, stick, p)
+    if mode == DRIVEN:
+        return -p.K_V * reference
+    return 0.0 * reference - mode * p.diode_voltage
+
+
+@code.inner(**INLINE)
+def opposite_rate(which, i, reference, back_emf, stick, p):
+    """di/dt of a winding that is wound against phase A (2) or B (3), whose reference and back-EMF
+    are given.
+    """
+    if winding_mode(which, stick, p) == IS_OPEN:
+        return 0.0 * i
+    return (opposite_voltage(which, reference, stick, p) - p.R * i - back_emf) * p.inv_L
+
+
+@code.inner(**INLINE)
+def phase_currents(y, p):
+    """Currents of both phases; of two windings each that of the first less that of the other."""
+    i_A, i_B = y[IA], y[IB]
+    if p.windings > 2:
+        i_A, i_B = i_A - y[XA], i_B - y[XB]
+    return i_A, i_B
+
+
+@code.inner(**INLINE)
 def detent_sine(theta_m, s, c, p):
     """Sine of the detent torque's angle, by sine and cosine of the electrical angle."""
     if p.detent == 4:
@@ -527,7 +560,8 @@ def motor_torque(y, s, c, s_A, c_B, p):
     """Electromagnetic and detent torque (Eq. 4), by sine and cosine of the electrical angle and
     ``flux_shapes``.
     """
-    T_e = p.K_m * (y[IB] * c_B - y[IA] * s_A) - p.K_d * detent_sine(y[TM], s, c, p)
+    i_A, i_B = phase_currents(y, p)
+    T_e = p.K_m * (i_B * c_B - i_A * s_A) - p.K_d * detent_sine(y[TM], s, c, p)
     if p.detent_harmonics.size > 0:
         T_e = T_e - detent_harmonics_torque(y[TM], p)
     return T_e
@@ -594,6 +628,9 @@ def drive_derivative(y, modal, on_rotor, references, stick, p, f, q):
         emf_A, emf_B = p.K_m * omega_m * s_A, -p.K_m * omega_m * c_B
         u_A, f[IA] = switched_rates(winding_mode(0, stick, p), y[IA], emf_A, u_A, f[IA], p)
         u_B, f[IB] = switched_rates(winding_mode(1, stick, p), y[IB], emf_B, u_B, f[IB], p)
+        if p.windings > 2:
+            f[XA] = opposite_rate(2, y[XA], references[0], emf_A, stick, p)
+            f[XB] = opposite_rate(3, y[XB], references[1], emf_B, stick, p)
     T_e = motor_torque(y, s, c, s_A, c_B, p)
     e0, e1, e2, _ = transmission_error(theta_m, p.te)
     G = e1 - p.inv_h  # d theta_l / d theta_m where the gear does not twist
@@ -720,9 +757,10 @@ def channels(y, references, noise, stick, p, f, q, out):
             rotor_rate += p.H_m[k] * f[MODES + 2 * k + 1] + p.V_m[k] * rate
         out[N_CHANNELS + k] = eta
         out[N_CHANNELS + p.H.size + k] = rate
+    i_A, i_B = phase_currents(y, p)
     out[0], out[1], out[2], out[3], out[4], out[5] = (
-        y[IA],
-        y[IB],
+        i_A,
+        i_B,
         u_A,
         u_B,
         references[0],
@@ -744,8 +782,13 @@ def channels(y, references, noise, stick, p, f, q, out):
     out[18] = -T_e + T_fm + T_f - T_g * (1.0 - G)
     out[19], out[20] = sticks(0, stick, p), sticks(1, stick, p)
     squares = y[IA] * y[IA] + y[IB] * y[IB]
+    electrical = u_A * y[IA] + u_B * y[IB]
+    if p.windings > 2:
+        squares = squares + (y[XA] * y[XA] + y[XB] * y[XB])
+        electrical = electrical + opposite_voltage(2, references[0], stick, p) * y[XA]
+        electrical = electrical + opposite_voltage(3, references[1], stick, p) * y[XB]
     out[21], out[22], out[23] = kinetic, 0.5 * p.L * squares, elastic
-    out[24], out[25] = u_A * y[IA] + u_B * y[IB], p.R * squares
+    out[24], out[25] = electrical, p.R * squares
     out[26], out[27] = T_fm * omega_m + (T_f - spring) * omega_l, damping
 
 
@@ -1138,17 +1181,21 @@ def _stick_at_rest(body, x, p):
 #
 # A pulsed drive puts a voltage on a winding for the first part of each step, and then leaves it. A
 # winding is driven, or conducts through its diodes (1 or -1, the sign of its current), or is open.
-# Its margin is what is left of that current, or what the back-EMF lacks of the diodes' voltage.
+# Its margin is what is left of that current, or what the back-EMF lacks of the diodes' voltage. Of
+# four windings 2 and 3 are wound against A (0) and B (1), and each is driven one way.
 
 
 @code.inner(**INLINE)
 def winding_back_emf(which, y, p):
-    """Back-EMF of phase A (0) or B (1), positive where it drives a positive current."""
+    """Back-EMF of a winding, positive where it drives a positive current."""
     s, c = sincos(p.z * y[TM])
     s_A, c_B = flux_shapes(s, c, p)
-    if which == 0:
-        return p.K_m * y[WM] * s_A
-    return -p.K_m * y[WM] * c_B
+    emf = p.K_m * y[WM] * s_A
+    if which % 2 == 1:
+        emf = -p.K_m * y[WM] * c_B
+    if which > 1:
+        emf = -emf
+    return emf
 
 
 @code.inner(**COMPILE)
@@ -1205,6 +1252,16 @@ def _judge_step(x, p):
     clock[BEHIND] = behind
 
 
+@code.inner(**INLINE)
+def pulse_drives(which, row, p):
+    """Whether a pulse is on a winding: of four those of A and B by currents that are positive."""
+    if p.windings == 2:
+        return row[which] != 0.0
+    if which < 2:
+        return row[which] > 0.0
+    return row[which - 2] < 0.0
+
+
 @code.inner(**COMPILE)
 def start_pulse(row, x, p):
     """Take a full step: ``row`` has the currents to which the voltages of the pulse would lead, the
@@ -1217,7 +1274,7 @@ def start_pulse(row, x, p):
     clock[PULSE_END] = clock[NOW] + row[3]
     for which in range(p.windings):
         slot = 2 + 2 * p.elements.shape[0] + which
-        if row[which] != 0.0:
+        if pulse_drives(which, row, p):
             x.stick[slot] = DRIVEN
         elif x.stick[slot] == DRIVEN:
             _switch_off(which, x, p)

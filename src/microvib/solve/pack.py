@@ -323,7 +323,7 @@ def _propagators(scenario: Scenario, drive: Any, state: Any, sizes: np.ndarray) 
         accuracy=accuracy,
         current=current,
         windup=windup,
-        inputs=6 if math.isfinite(drive.U_max) else 4,
+        inputs=6 if math.isfinite(drive.U_max) or drive.windings > 2 else 4,
         levels=levels,
         A=A,
         columns=_columns_of(A),
@@ -428,7 +428,7 @@ def _leave_windings_apart(A: np.ndarray, drive: Any) -> None:
     windings = [kernel.IA, kernel.IB, kernel.XA, kernel.XB]
     A[:, windings, :] = 0.0
     A[:, :, windings] = 0.0
-    for i in (kernel.IA, kernel.IB):
+    for i in windings[: drive.windings]:
         A[:, i, i] = -drive.R / drive.L
 
 
@@ -531,7 +531,7 @@ def _drive(scenario: Scenario) -> Any:
         K_D=driver.derivative_gain,
         K_V=0.0 if driver.drive == "current" else motor.winding_resistance,
         U_max=driver.voltage_limit,
-        windings=2 if driver.pulsed else 0,
+        windings=driver.switched_windings,
         diode_voltage=driver.diode_voltage or 0.0,
         step=driver.full_step(motor),
         J_m=J_m,
@@ -655,6 +655,8 @@ def _state_sizes(scenario: Scenario) -> np.ndarray:
     rate = angle * output_rate
     if driver.integral_gain > 0.0:
         integral = motor.winding_resistance * current / driver.integral_gain
+    elif driver.switched_windings > 2:
+        integral = current  # of the windings that are wound against the others
     else:
         integral = math.inf
     H = np.maximum(

@@ -42,7 +42,7 @@ PATTERNS = 4
 N = MODES  # states of the drive itself
 INPUTS = np.array([IA, IB, WM, WL, XA, XB])
 """States of which the derivative has a deficit; the last two only where the supply limits the
-voltage.
+voltage, or where they are currents of switched windings.
 """
 NODE_ROWS, PIECE_ROWS, SUM_ROWS = (N + 24) * N, 2 * (N + 24), 20
 # rows of the sums over modes, four each: by the output's rate at each node, torque on it and

@@ -139,6 +139,11 @@ class DescribedDrive:
         with error_context(f"cases.{name}.set"):
             return self.base.with_(case.set)
 
+    def check_cases(self) -> None:
+        """Read each case by itself, so that what is wrong with one is told as its own."""
+        for name, case in self.test.cases.items():
+            self._set(name, case)
+
     def central_values(self) -> dict[str, float]:
         """Central value of each assumption."""
         return {one.name: one.central for one in self.assumptions}
@@ -269,6 +274,7 @@ def described_drive(test: CasesTest, name: str) -> DescribedDrive:
         source = str(file) if Path(file).is_file() else test.scenario
         base = load_scenario(source, dict(test.set))
     drive = DescribedDrive(test, base)
+    drive.check_cases()
     for key in test.given:
         with error_context(f"given.{key}"):
             base[key]

@@ -239,6 +239,10 @@ class OnsetComparison(Part):
     none: Name = Field(description="case in which it is 0")
     some: Name = Field(description="case in which it is not")
 
+    def _consistency_errors(self) -> Iterator[str]:
+        if self.none == self.some:
+            yield f"some: is '{self.some}', as none is; another case is expected"
+
 
 class Comparison(Part):
     """One claim of the publication, and what is compared of it."""

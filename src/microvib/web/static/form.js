@@ -27,6 +27,13 @@ const CRAFT =
   " interface: {position: [0.35 m, 0.9 m, -0.2 m], drive_axis: [0, 1, 0], reference: [1, 0, 0]}, attitude_control: {bandwidth: 0.02 Hz, damping: 0.7}," +
   " line_of_sight: {boresight: [0, 0, 1], windows: [1 ms, 10 ms, 100 ms, 1 s], pixel: 0.5 urad}}";
 
+const NO_GAINS = { "driver.proportional_gain": "0 V/A", "driver.integral_gain": "0 V/(A*s)", "driver.derivative_gain": "0 V*s/A" };
+/** What `driver.drive` leaves no choice of. */
+const BY_DRIVE = {
+  voltage: { words: "Set all gains to 0, as voltages need", values: NO_GAINS },
+  pulse: { words: "Set whole steps and all gains to 0, as pulses need", values: { "driver.microsteps": "1", ...NO_GAINS } },
+};
+
 /** Put the scenario on an example craft. */
 export const addCraft = () => scenario.changeAll({ spacecraft: CRAFT });
 
@@ -61,6 +68,7 @@ function show(seen) {
     unusual.textContent = seen.unusual.join(". ");
   }
   showWhole(changes, seen, errors);
+  showByDrive(changes, seen);
   $("#derived")?.replaceChildren(...seen.derived.map((text) => h("li", {}, text)));
   if ($("#only-changed").checked) filter();
 }
@@ -75,6 +83,15 @@ function showWhole(changes, { values }, errors) {
     ...(none ? [button("Add a spacecraft (an example, assumed)…", addCraft)] : []),
     ...(errors.has("array") ? [button("Take the reference array, from finite elements, instead of this one", takeReferenceArray)] : []),
   );
+}
+
+/** What the kind of drive leaves no choice of, where it is set otherwise. */
+function showByDrive(changes, seen) {
+  const text = (key) => changes[key] ?? seen.values[key] ?? "";
+  const { words, values = {} } = BY_DRIVE[text("driver.drive")] ?? {};
+  const other = Object.entries(values).filter(([key, wanted]) => Number.parseFloat(text(key)) !== Number.parseFloat(wanted));
+  const set = () => scenario.changeAll(Object.fromEntries(other));
+  $("#by-drive")?.replaceChildren(...(other.length ? [h("button", { type: "button", onclick: set }, words)] : []));
 }
 
 /** All keys that are set; a list or group that was changed as one stands before its items. */
@@ -151,6 +168,7 @@ function makeGroup(name, title, keys, open) {
     part = inner;
     rows.set(key, makeRow(key));
     element.append(rows.get(key).element);
+    if (key === "driver.drive") element.append(h("div", { id: "by-drive" }));
   }
   for (const list of new Set(keys.flatMap((key) => /^(.*)\.\d+\./.exec(key)?.[1] ?? []))) {
     if (!keys.includes(list)) element.append(wholeButton(list));
