@@ -51,6 +51,7 @@ from microvib.studies.sizing import size_simulator
 from microvib.studies.workers import parallel_calls
 from microvib.units import Band, Si
 from microvib.web.jobs import ProgressCallback, campaigns, results
+from microvib.web.jobs.budgets import budget, budget_file  # noqa: F401 - as those below
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
     RecordedFile,
     analysis,

@@ -13,6 +13,7 @@ from microvib import __version__
 from microvib.errors import MicrovibError
 from microvib.web.jobs.store import Store
 from microvib.web.routes import (
+    budgets,
     campaigns,
     kept,
     new_jobs,
@@ -41,7 +42,7 @@ def create_app(store: Store, access: Access, assets: Assets | None = None) -> Gu
     )  # fmt: skip
     app.state.store = store
     api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
-    for part in (scenarios, new_jobs, recordings, processing, campaigns, results, kept):
+    for part in (scenarios, new_jobs, budgets, recordings, processing, campaigns, results, kept):
         api.include_router(part.routes)
     app.include_router(api)
     _add_page(app, assets or Assets())

@@ -153,8 +153,9 @@ function makeNotice() {
 
 /** The other tabs: their scripts are not needed before a scenario can be run. */
 async function makeOthers() {
-  const [angles, campaign, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
+  const [angles, budget, campaign, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
     import("./angles.js"),
+    import("./budget.js"),
     import("./campaign.js"),
     import("./datasheet.js"),
     import("./library.js"),
@@ -169,6 +170,7 @@ async function makeOthers() {
   rates.makeRates($("#rates"));
   quiet.makeQuiet($("#quiet"));
   angles.makeAngles($("#angles"));
+  budget.makeBudget($("#budget"));
   campaign.makeCampaign($("#campaign"));
   modes.makeModes($("#modes"));
   sas.makeSas($("#sas"));
