@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from support.server import result, spec, wait
 
-import microvib as mv
 from microvib.reports.budget import budget_outcome
 from microvib.reports.outcome import text_files
 from microvib.reports.typography import typeset_text
@@ -70,9 +69,7 @@ def test_the_worst_of_several_angles_is_that_of_the_library(client):
 def test_a_table_of_the_sources_comes_with_the_request(client, tmp_path):
     told = result(
         client,
-        begun(
-            client, requirement=REQUIREMENT, sources=WHEEL, tables={"harmonics.csv": HARMONICS}
-        ),
+        begun(client, requirement=REQUIREMENT, sources=WHEEL, tables={"harmonics.csv": HARMONICS}),
     )
     (tmp_path / "harmonics.csv").write_text(HARMONICS)
     (tmp_path / "wheel.yaml").write_text(WHEEL)
