@@ -20,9 +20,8 @@ from microvib.studies.budget.files import OtherSource, Requirements, Sources, fr
 from microvib.studies.budget.study import pointing_budget
 from microvib.web.jobs import ProgressCallback
 from microvib.web.jobs.study_files import keep_study
+from microvib.web.routes.forms import NOT_SENT
 
-NOT_SENT = "it did not come with the request; choose it as a table of the sources"
-"""What is said of a table that sources name and that was not sent."""
 DRIVE = "drive"
 """Name of the drive among the sources of a budget."""
 

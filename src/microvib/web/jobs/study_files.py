@@ -1,4 +1,4 @@
-"""What a study leaves in the folder of its job: the page's answer and its reports."""
+"""What a study leaves in the folder of its job: the page's answer, its reports, its tables."""
 
 from __future__ import annotations
 
@@ -7,6 +7,16 @@ from pathlib import Path
 from microvib.io.tables import to_json
 from microvib.reports import rendering
 from microvib.reports.outcome import Outcome, page_answer, report, text_files
+
+TABLES = "tables"
+"""Folder of a study's tables in that of its job, as its command writes them into a folder."""
+
+
+def keep_tables(folder: Path, outcome: Outcome) -> None:
+    """Leave the tables of a study for envelopes."""
+    (folder / TABLES).mkdir()
+    for name, text in text_files(outcome).items():
+        (folder / TABLES / name).write_text(text, encoding="utf-8")
 
 
 def keep_study(folder: Path, outcome: Outcome) -> None:

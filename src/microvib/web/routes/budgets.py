@@ -14,7 +14,6 @@ from microvib.io.file_access import FileAccess, sent_files
 from microvib.model.coupling import require_craft
 from microvib.studies.angles import angles_in
 from microvib.studies.budget.files import OtherSource
-from microvib.web.jobs.budgets import NOT_SENT
 from microvib.web.routes.common import (
     RequestRefused,
     StoreDependency,
@@ -23,11 +22,12 @@ from microvib.web.routes.common import (
     requested,
     start,
 )
+from microvib.web.routes.forms import NOT_SENT
 from microvib.web.routes.messages import BudgetOf, Id, Started
 from microvib.web.routes.new_jobs import check_size
 from microvib.web.routes.results import done, there
 
-WITH_REPORTS = ("budget",)
+WITH_REPORTS = ("budget", "envelope")
 """Kinds of computations that leave a report."""
 REPORTS = {"report.html": "text/html", "report.pdf": "application/pdf"}
 

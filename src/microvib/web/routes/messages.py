@@ -202,6 +202,23 @@ class BudgetOf(Body):
     orbit: bool = False
 
 
+class EnvelopeOf(Body):
+    """An envelope over runs, rate maps, campaigns, angles and recordings that the page has."""
+
+    members: list[Id] = Field(min_length=1, max_length=100)
+    channels: list[Short] = Field(default_factory=list, max_length=7)
+    statistics: list[Literal["max", "mean", "p95", "p99"]] = Field(
+        default=["max"], min_length=1, max_length=4
+    )
+    bandwidth: Short = "1/3 octave"
+    resolution: Short = "1 Hz"
+    limit: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
+    scenario: Spec | None = Field(default=None, description="names the lines of recordings")
+
+
 class QuietOf(Body):
     """A search for a quieter drive; no file can be named."""
 
@@ -417,6 +434,7 @@ class JobState(BaseModel):
         "rates",
         "angles",
         "budget",
+        "envelope",
         "quiet",
         "campaign",
         "sweep",

@@ -153,11 +153,12 @@ function makeNotice() {
 
 /** The other tabs: their scripts are not needed before a scenario can be run. */
 async function makeOthers() {
-  const [angles, budget, campaign, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
+  const [angles, budget, campaign, sheet, envelope, library, modes, quiet, rates, recording, sas] = await Promise.all([
     import("./angles.js"),
     import("./budget.js"),
     import("./campaign.js"),
     import("./datasheet.js"),
+    import("./envelope.js"),
     import("./library.js"),
     import("./modes.js"),
     import("./quiet.js"),
@@ -171,6 +172,7 @@ async function makeOthers() {
   quiet.makeQuiet($("#quiet"));
   angles.makeAngles($("#angles"));
   budget.makeBudget($("#budget"));
+  envelope.makeEnvelope($("#envelope"));
   campaign.makeCampaign($("#campaign"));
   modes.makeModes($("#modes"));
   sas.makeSas($("#sas"));

@@ -21,7 +21,7 @@ const requirement = describedField("budget-requirement", "Requirements (YAML)", 
 const sources = describedField("budget-sources", "Other sources (YAML), if there are any", { placeholder: SOURCES, accept: YAML });
 const tables = sentTables("budget.tables", "budget-tables", "Tables that the sources name (CSV)");
 const rule = h("select", { id: "budget-rule", name: "rule" }, RULES.map(([value, words]) => h("option", { value }, words)));
-const angles = h("input", { type: "text", id: "budget-angles", name: "angles", placeholder: "the scenario's own", spellcheck: "false" });
+const angles = h("input", { type: "text", id: "budget-angles", name: "angles", placeholder: "as in the form", spellcheck: "false" });
 const box = (name, title, words) => {
   const input = h("input", { type: "checkbox", id: `budget-${name}`, name });
   return { input, label: h("label", { class: "check", title }, input, words) };

@@ -6,6 +6,7 @@ import { openCampaign } from "./campaign.js";
 import { get, patch, post, remove } from "./api.js";
 import { openRanking } from "./datasheet.js";
 import { announce, h } from "./dom.js";
+import { openEnvelope } from "./envelope.js";
 import { openModes } from "./modes.js";
 import { openQuiet } from "./quiet.js";
 import { openRates } from "./rates.js";
@@ -28,6 +29,7 @@ const KINDS = {
   campaign: ["campaign", "tab-campaign", openCampaign],
   sweep: ["sweep", "tab-run", openSweep],
   angles: ["angles", "tab-angles", openAngles],
+  envelope: ["envelope", "tab-envelope", openEnvelope],
   budget: ["pointing budget", "tab-budget", openBudget],
   quiet: ["quieter drive", "tab-quiet", openQuiet],
   shapes: ["mode shapes", "tab-modes", openModes],

@@ -8,7 +8,7 @@ import { card, partCards, partContent } from "./tables.js";
 export function studyCards(title, { summary, facts, parts, files, reports }, id) {
   const [first, ...others] = parts;
   return [
-    card(title, "", h("p", { class: "verdict" }, summary.replaceAll(/(?<=\s)-(?=\d)/g, "−")), factList(facts), ...partContent(first)),
+    card(title, "", h("p", {}, summary.replaceAll(/(?<=\s)-(?=\d)/g, "−")), factList(facts), ...partContent(first)),
     ...partCards(others),
     card("Download", "", h("div", { class: "bar" }, reports.map((name) => reportButton(id, name)), texts(files))),
   ];
