@@ -1,4 +1,4 @@
-"""What a study leaves in the folder of its job: the page's answer, its reports, its tables."""
+"""Files of a study in the folder of its job: the page's answer, its reports, its tables."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ FILES = FileAccess(None, "the page opens no files")
 need no permission.
 """
 NOT_SENT = "it did not come with the request; choose it as a table of the sources"
-"""What is said of a table that sources of a budget name and that was not sent."""
+"""Reason given of a table that sources of a budget name and that was not sent."""
 
 
 class Spec(BaseModel):
