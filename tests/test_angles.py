@@ -16,6 +16,7 @@ from microvib.analysis.hub_lines import hub_lines
 from microvib.cli.main import main
 from microvib.io.scenario_file import dump_scenario
 from microvib.reports.angles import angles_outcome
+from microvib.reports.outcome import terminal_text
 from microvib.results import Table
 from microvib.signals.pointing import radial_rms
 from microvib.studies.angles import angles_in, sweep_angles
@@ -103,6 +104,34 @@ def test_each_angle_is_a_run_of_its_own(tmp_path: Path) -> None:
     said = json.loads((tmp_path / "o" / "angles.json").read_text())
     assert said["angles_deg"] == pytest.approx([0.0, 75.0])
     assert (tmp_path / "o" / "angles.png").stat().st_size > 10_000
+
+
+def test_each_angle_is_judged_as_its_run_is(tmp_path: Path) -> None:
+    """The verdict is the worst of them; loads differ from angle to angle, the torque hardly."""
+    short = {"record.start": "steady", "record.duration": Si(2.0)}
+    scenario = scenario_of(whole.FullCraft(bandwidth=0.1), **short)
+    loads = {}
+    for angle in (0.0, 75.0):
+        run = mv.run_scenario(scenario.with_si({"spacecraft.array_angle": math.radians(angle)}))
+        assert run.state is not None
+        loads[angle] = max(x.amplitude for x in mv.find_lines(run.state, "Fx") if x.amplitude > 0.0)
+    less, more = sorted(loads, key=lambda angle: loads[angle])
+    curve = tmp_path / "curve.csv"
+    allowed = math.sqrt(loads[less] * loads[more])
+    curve.write_text(f"frequency_hz,fx_n\n0.01,{allowed}\n500,{allowed}\n", encoding="utf-8")
+    limit = mv.read_limit(curve)
+    found = sweep_angles(scenario, angles_in(f"{less},{more}"), limit=limit)
+    for angle, judged in zip((less, more), found.judgements, strict=True):
+        there = scenario.with_si({"spacecraft.array_angle": math.radians(angle)})
+        own = mv.run_scenario(there, limit=limit).judgement
+        assert own is not None
+        assert (judged.verdict, judged.all_gaps) == (own.verdict, own.all_gaps)
+    assert found.judgements[0].verdict != "fail"
+    assert found.judgements[1].verdict == "fail"
+    outcome = angles_outcome(found)
+    assert outcome.verdict == "fail"
+    assert "FAIL at 1 of 2 angles" in terminal_text(outcome)
+    assert f" of Fx at {more:g} deg)" in terminal_text(outcome)
 
 
 def test_firm_ground_has_no_angles() -> None:

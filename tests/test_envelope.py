@@ -547,8 +547,10 @@ def test_all_forms_say_the_same(folders, tmp_path):
 
 def test_the_picture_names_the_line_that_fails():
     found = mv.envelope([recorded((53.0, 0.07), name="loud")], limit=WIDE)
-    texts = [x.get_text() for x in draw_lines(found, found.channels[0]).axes[0].texts]
-    assert any("loud" in x for x in texts)
+    [ax] = draw_lines(found, found.channels[0]).axes
+    [worst] = [x for x in found.channels[0].bands if x.verdict == "fail"]
+    assert worst.line in [x.get_text() for x in ax.texts]
+    assert any(x.startswith(f"{worst.line} of loud") for x in ax.get_legend_handles_labels()[1])
 
 
 @pytest.mark.parametrize(

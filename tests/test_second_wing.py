@@ -20,7 +20,7 @@ from support.two_wings import BothDrives, Wing
 import microvib as mv
 from microvib.analysis.hub_lines import hub_lines
 from microvib.analysis.lines import steady_lines
-from microvib.analysis.run import lines_of_second
+from microvib.analysis.run import RunResult, lines_of_second
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.coupling import blocked_load_method, source_of
 from microvib.model.craft import Craft, OutputMatrix
@@ -491,7 +491,16 @@ def test_files_of_a_run_and_the_way_back(tmp_path: Path) -> None:
         for row in csv.DictReader((out / "lines_wing_2.csv").read_text().splitlines())
     }
     assert float(own["drive_1"]["amplitude_n_m"]) == pytest.approx(found, rel=0.01)
-    again = mv.read_run(out).motion
+    kept = mv.read_run(out)
+    again = kept.motion
+    limit = mv.Limit("60 mN*m", "0.5 Hz", "150 Hz")
+    as_kept = RunResult.of_motion(again, kept.table, kept.second_table).judge(limit)
+    assert as_kept.verdict == result.judge(limit).verdict == "pass"
+    worst, of_run = as_kept.worst, result.judge(limit).worst
+    assert worst
+    assert of_run
+    assert worst.line.name == of_run.line.name
+    assert worst.factor == pytest.approx(of_run.factor, rel=1e-8)
     assert result.motion is not None
     assert again.second_wing is not None
     assert again.second_wing.invariants == result.second.invariants != again.invariants

@@ -201,7 +201,7 @@ def test_roughness_repeats_after_a_turn_whatever_its_cycles_are(state_1):
         rough = {"density": 1e-6, "lowest": lowest, "highest": highest}
         (found,) = slow_variations(state_1.with_({"friction.position.roughness": rough}))
         assert found.cycle == pytest.approx(turn)
-        weak = {**rough, "density": 1e-12}
+        weak = {**rough, "density": 1e-18}
         assert slow_variations(state_1.with_({"friction.position.roughness": weak})) == []
 
 
@@ -211,9 +211,20 @@ def test_what_is_negligible_together_is_left_out(state_1):
         return [x.cycle for x in slow_variations(state_1.with_({"friction.position.harmonics": rows}))]  # fmt: skip
 
     turn = 2.0 * math.pi / state_1.rate
-    assert cycles(0.0004, 0.0004) == []
-    assert cycles(0.0004, 0.0008) == pytest.approx([turn / 2])
-    assert cycles(0.0004, 0.0, 0.1) == pytest.approx([turn / 3])
+    assert cycles(4e-7, 4e-7) == []
+    assert cycles(4e-7, 8e-7) == pytest.approx([turn / 2])
+    assert cycles(4e-7, 0.0, 0.1) == pytest.approx([turn / 3])
+
+
+def test_a_thousandth_of_a_large_friction_is_a_line_beside_that_of_the_full_steps(state_1):
+    """Three cycles a turn from the order of the full steps it adds to their line and takes from it for an hour."""
+    order = round(4.0 * 50.0 * state_1.reducer.ratio) + 3
+    rows = [{"order": order, "amplitude": 5e-4}]
+    large = {"friction.coulomb": "5 N*m", "friction.breakaway": "5 N*m"}
+    rubbing = state_1.with_({**large, "friction.position.harmonics": rows})
+    (found,) = slow_variations(rubbing)
+    assert found.cycle == pytest.approx(2.0 * math.pi / state_1.rate / 3.0)
+    assert record_gap(rubbing, 30.0)
 
 
 def test_unequal_phases_take_an_electrical_turn(state_1):

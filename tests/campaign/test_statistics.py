@@ -20,6 +20,7 @@ from microvib.cli.main import main
 from microvib.reports.campaign.report import (
     _sampling,
     above_limit,
+    allowed_by,
     campaign_outcome,
     summarise,
 )
@@ -169,6 +170,32 @@ def test_lines_of_cases_that_pass_are_below_though_others_hide_them(monkeypatch)
         for row in line_statistics(_Cases(np.full(400, VERDICTS.index("pass"))), 0.0105, EVERYTHING)
     }
     assert (rows["array_mode_1"].unknown, rows["array_mode_1"].above) == (0, 0)
+
+
+def test_one_torque_in_a_band_of_its_own_is_judged_within_it(monkeypatch):
+    """A curve of one torque from 0.5 to 150 Hz is that of the study, and says nothing of other frequencies."""
+    limit = mv.Limit("10.5 mN*m", "0.5 Hz", "150 Hz")
+    assert allowed_by(limit, (1.0, 100.0)) == pytest.approx(0.0105)
+    curve = allowed_by(limit, EVERYTHING)
+    assert isinstance(curve, LimitCurve)
+    assert (curve.low, curve.high) == (0.5, 150.0)
+    monkeypatch.setattr(statistics, "limit_of", lambda study: limit)
+    passed = np.full(400, VERDICTS.index("pass"))
+    rows = {row.line: row for row in line_statistics(_Cases(passed), curve, EVERYTHING)}
+    assert (rows["array_mode_1"].unknown, rows["array_mode_1"].above) == (0, 0)
+
+
+def test_a_wrong_limit_of_a_study_is_named_with_its_file(tmp_path):
+    """The study's file comes first, and no option that was not typed."""
+    (tmp_path / "curve.csv").write_text("frequency_hz,fx_n\n1,2\n10,2\n", encoding="utf-8")
+    (tmp_path / "study.yaml").write_text(
+        "title: a\nscenario: state-1\nvary: {motor.detent_torque: [5 mN*m, 6 mN*m]}\nlimit: curve.csv\n",
+        encoding="utf-8",
+    )
+    given = ["campaign", "create", str(tmp_path / "study.yaml"), str(tmp_path / "out")]
+    answer = CliRunner().invoke(main, given)
+    assert answer.exit_code == 1
+    assert f"Error: {tmp_path / 'study.yaml'}: limit: is of Fx" in answer.output
 
 
 def test_another_limit_judges_no_record_that_does_not_show_tracking(tmp_path):

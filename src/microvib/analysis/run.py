@@ -71,9 +71,14 @@ class RunResult:
     """Its lines against the limit that was given with the run."""
 
     @classmethod
-    def of_motion(cls, motion: Motion, table: LineTable) -> RunResult:
-        """A run of which motion and lines were kept."""
-        return cls(motion.scenario, table, motion.invariants, motion.solver, motion)
+    def of_motion(
+        cls, motion: Motion, table: LineTable, second_table: LineTable | None = None
+    ) -> RunResult:
+        """A run of which motion and lines were kept, and those of a second wing's drive."""
+        beside, second = motion.second_wing, None
+        if beside is not None and second_table is not None:
+            second = cls.of_motion(beside, second_table)
+        return cls(motion.scenario, table, motion.invariants, motion.solver, motion, second=second)
 
     def __repr__(self) -> str:
         return f"Run of {self.scenario.brief}\n{self.table!r}"

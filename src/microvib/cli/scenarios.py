@@ -91,14 +91,12 @@ def run(
     out = out or free_folder(Path(scenario).stem)
     check_folder(out, overwrite)
     if angles is not None or orbit:
-        if without_one_motion or allowed is not None or band_limits:
-            option = "orbit" if orbit else "angles"
-            raise OptionError(
-                option,
-                "cannot be combined with limit, bands, lines_only or seeds; leave them out",
-            )
-        over_angles = _run_orbit if orbit else _run_angles
-        over_angles(loaded, angles, harmonics, Target(out, overwrite, form))
+        _check_over_angles(orbit, allowed, bool(band_limits) or without_one_motion)
+        target = Target(out, overwrite, form)
+        if orbit:
+            _run_orbit(loaded, angles, harmonics, target)
+        else:
+            _run_angles(loaded, angles or "", harmonics, allowed, target)
         return
     with progress_bar(finishing="lines and report (compiles on first use)") as progress:
         _, outcome, files = run_to_folder(
@@ -109,14 +107,31 @@ def run(
     echo(f"Written: {', '.join(str(out / name) for name in files)}")
 
 
-def _run_angles(loaded: Scenario, angles: str | None, harmonics: int, target: Target) -> None:
+def _check_over_angles(orbit: bool, limit: Limit | None, of_one_motion: bool) -> None:
+    """OptionError for what a sweep over angles does not look at."""
+    if of_one_motion:
+        raise OptionError(
+            "orbit" if orbit else "angles",
+            "cannot be combined with bands, lines_only or seeds; leave them out",
+        )
+    if orbit and limit is not None:
+        raise OptionError(
+            "orbit",
+            "is not judged between its runs; give angles with the limit instead",
+            remedy="angles",
+        )
+
+
+def _run_angles(
+    loaded: Scenario, angles: str, harmonics: int, limit: Limit | None, target: Target
+) -> None:
     from microvib.reports.angles import angles_outcome
     from microvib.studies.angles import angles_in, check_sweep, sweep_angles
 
-    asked = angles_in(angles or "")
+    asked = angles_in(angles)
     check_sweep(loaded)
     with progress_bar("solving", "angles") as progress:
-        sweep = sweep_angles(loaded, asked, harmonics=harmonics, progress=progress)
+        sweep = sweep_angles(loaded, asked, harmonics=harmonics, limit=limit, progress=progress)
     target.present(angles_outcome(sweep))
 
 
@@ -221,7 +236,7 @@ def report(
     if run.unchecked:
         click.echo(run.unchecked, err=True)
     allowed = _limit(run.limit, limit, band)
-    result = RunResult.of_motion(run.motion, run.table)
+    result = RunResult.of_motion(run.motion, run.table, run.second_table)
     peaks = judge_bands_of_run(result, run.band_limits, run.roll_off)
     outcome = with_bands(run_outcome(result, allowed, run.versions), peaks)
     document = report_of(outcome).in_form(form)

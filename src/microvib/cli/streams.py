@@ -83,7 +83,7 @@ def _sentence(error: BaseException) -> str:
 def _error_text(error: MicrovibError) -> str:
     """The sentences of an error; options are written as they are typed."""
     text = str(error)
-    if isinstance(error, OptionError):
+    if isinstance(error, OptionError) and text.startswith(error.key):  # else a file comes first
         text = f"--{error.key.replace('_', '-')}{text.removeprefix(error.key)}"
     if error.remedy:
         return f"{text} (--{error.remedy.replace('_', '-')})"

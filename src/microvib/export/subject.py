@@ -64,7 +64,8 @@ def subject_of(source: Any, files: FileAccess = WORKING_FOLDER) -> Subject:
     if isinstance(source, RunResult):
         return Subject(source.scenario, source)
     if isinstance(source, Run):
-        return Subject(source.motion.scenario, RunResult.of_motion(source.motion, source.table))
+        kept = RunResult.of_motion(source.motion, source.table, source.second_table)
+        return Subject(kept.scenario, kept)
     if isinstance(source, Motion):
         from microvib.analysis.lines import find_lines
 

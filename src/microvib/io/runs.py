@@ -34,10 +34,12 @@ from microvib.solve.motion import Invariants, Motion
 
 SECOND_MOTION = "motion_wing_2.nc"
 """Motion of a second wing's drive that is driven."""
+SECOND_LINES = "lines_wing_2.csv"
+"""Lines of that drive's torque."""
 SEED_PEAKS = "seed_peaks.csv"
 """Largest amplitudes beside the clock's lines in each draw of the noise."""
 _NEEDED = ("motion.nc", "lines.csv", "scenario.yaml", "summary.json")
-_READ_BACK = (*_NEEDED, SECOND_MOTION, "seeds.csv", SEED_PEAKS)
+_READ_BACK = (*_NEEDED, SECOND_MOTION, SECOND_LINES, "seeds.csv", SEED_PEAKS)
 """Files from which a run is read."""
 
 
@@ -54,6 +56,8 @@ class Run:
     """Bands in which the time history was judged."""
     roll_off: float | None = None
     """Roll-off of their filters, where one was asked for."""
+    second_table: LineTable | None = None
+    """Lines of a second wing's drive; None where it is not driven, or they were not kept."""
     unchecked: str = ""
     """Sentence on a folder that does not tell whether its files are those of the run; else empty."""
 
@@ -146,40 +150,52 @@ def summary(
     """Contents of ``summary.json``: invariants, settings, versions, timings, frequencies of the
     coupled drive.
     """
-    rest = table.rest  # the highest peaks that no line accounts for
-    left = rest and {
-        "frequency_hz": rest.frequency.tolist(),
-        "amplitude_n_m": rest.amplitude.tolist(),
-        "sum_n_m": rest.in_sum.tolist(),
-        "slow_n_m": rest.slow,
-        "resolution_hz": rest.resolution,
-    }
-    pieces = table.pieces and {
-        "frequency_hz": table.pieces.frequency.tolist(),
-        "amplitude_n_m": table.pieces.amplitude.tolist(),
-    }
     return {
         "title": scenario.title,
         "source": scenario.source,
         "scenario_sha256": scenario_hash(scenario),
-        **numerics(invariants, solver),
-        "clock_ratio_found": table.clock_ratio,
-        "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
+        **account_of_drive(invariants, solver, table),
         "doubts": list(scenario.unusual_values()),
-        "left_by_lines": left,
-        "larger_in_pieces": pieces,
-        "own_error": _known_error(table),
-        "broken_invariants": list(table.broken),
-        "harmonics": table.harmonics,
         "natural_frequencies": [asdict(mode) for mode in coupled_modes(scenario)],
         "versions": package_versions(),
         "timings_s": timings,
     }
 
 
-def numerics(invariants: Invariants, solver: dict[str, Any]) -> dict[str, Any]:
-    """Solver's account of one drive in ``summary.json``; of the second wing's under SECOND_DRIVE."""
-    return {"invariants": asdict(invariants), "solver": solver}
+def account_of_drive(
+    invariants: Invariants, solver: dict[str, Any], table: LineTable
+) -> dict[str, Any]:
+    """Account of one drive in ``summary.json``: its numerics, and what its table of lines knows beside
+    its rows. That of the second wing's drive is under SECOND_DRIVE.
+    """
+    return {
+        "invariants": asdict(invariants),
+        "solver": solver,
+        "clock_ratio_found": table.clock_ratio,
+        "record": {"samples": table.samples, "sample_rate_hz": table.sample_rate},
+        "left_by_lines": table.rest and _residual_peaks(table.rest),
+        "larger_in_pieces": table.pieces and _peaks(table.pieces),
+        "own_error": _known_error(table),
+        "broken_invariants": list(table.broken),
+        "harmonics": table.harmonics,
+    }
+
+
+def _peaks(found: ResidualPeaks) -> dict[str, Any]:
+    """Frequencies and amplitudes of peaks."""
+    return {
+        "frequency_hz": found.frequency.tolist(),
+        "amplitude_n_m": found.amplitude.tolist(),
+    }
+
+
+def _residual_peaks(found: ResidualPeaks) -> dict[str, Any]:
+    """The highest peaks that no line accounts for, with what they may be together."""
+    return _peaks(found) | {
+        "sum_n_m": found.in_sum.tolist(),
+        "slow_n_m": found.slow,
+        "resolution_hz": found.resolution,
+    }
 
 
 Numerics = tuple[Invariants, dict[str, Any]]
@@ -220,7 +236,7 @@ def read_run(folder: Path | str) -> Run:
     with _expected(folder / "summary.json", "a summary of a run of this version") as path:
         said = json.loads(path.read_text(encoding="utf-8"))
         first, second = _numerics(said), _numerics(said.get(SECOND_DRIVE, said))
-        digest, versions, record = (said[key] for key in ("scenario_sha256", "versions", "record"))
+        digest, versions = (said[key] for key in ("scenario_sha256", "versions"))
         limit = None if said.get("limit") is None else Limit.from_dict(said["limit"])
         of_bands = said.get("band_limits") or {"roll_off": None, "bands": ()}
         bands = tuple(BandLimit(**one) for one in of_bands["bands"])
@@ -236,17 +252,34 @@ def read_run(folder: Path | str) -> Run:
     if other is not None:
         motion = replace(motion, second_wing=_motion(folder / SECOND_MOTION, other, second))
     with _expected(folder / "lines.csv", "a table of lines of a run") as path:
-        left, pieces = said.get("left_by_lines"), said.get("larger_in_pieces")
-        table = LineTable(
-            _lines(path), said.get("clock_ratio_found"), 0.0, record["samples"], record["sample_rate_hz"],
-            rest=left and _rest(left), pieces=pieces and _rest(pieces),
-            own_error=_error_of(said.get("own_error")), broken=tuple(said.get("broken_invariants", first[0].broken)),
-            harmonics=said.get("harmonics", 8),
-            seeds=_seeds(folder / "seeds.csv"),
-        )  # fmt: skip
+        table = replace(_table(path, said), seeds=_seeds(folder / "seeds.csv"))
+    second_table = None
+    # A folder of a version that kept no more than the numerics of this drive knows its rows alone.
+    if other is not None and "record" in said.get(SECOND_DRIVE, ()):
+        with _expected(folder / SECOND_LINES, "a table of lines of a run") as path:
+            second_table = _table(path, said[SECOND_DRIVE])
     with _expected(folder / SEED_PEAKS, "a table of peaks over draws") as path:
         table = replace(table, seed_peaks=_seed_peaks(path))
-    return Run(motion, table, versions, limit, bands, of_bands["roll_off"], unchecked)
+    return Run(motion, table, versions, limit, bands, of_bands["roll_off"], second_table, unchecked)
+
+
+def _table(path: Path, account: dict[str, Any]) -> LineTable:
+    """Table of lines of one drive, with what ``account_of_drive`` says of it."""
+    left, pieces, record = (
+        account.get("left_by_lines"), account.get("larger_in_pieces"), account["record"],
+    )  # fmt: skip
+    return LineTable(
+        _lines(path),
+        account.get("clock_ratio_found"),
+        0.0,
+        record["samples"],
+        record["sample_rate_hz"],
+        rest=left and _rest(left),
+        pieces=pieces and _rest(pieces),
+        own_error=_error_of(account.get("own_error")),
+        broken=tuple(account.get("broken_invariants", _numerics(account)[0].broken)),
+        harmonics=account.get("harmonics", 8),
+    )
 
 
 def check_run_folder(folder: Path) -> str:

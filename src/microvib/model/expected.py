@@ -171,59 +171,70 @@ def _orders(
 ) -> tuple[int, dict[Fraction | int, tuple[str, Kind, str]]]:
     """Microsteps per turn of the rotor; and name, kind and origin of the line of each order of such
     a turn, a whole one but of gear trains, that of the first family where several have it."""
-    unequal = any(order % motor.full_steps for order in motor.torque_orders)
-    b, z, steps = driver.beats, motor.rotor_teeth, motor.full_steps
-    turn = b * driver.microsteps * z
+    turn = driver.beats * driver.microsteps * motor.rotor_teeth
+    orders: dict[Fraction | int, tuple[str, Kind, str]] = {}
+    for order, line in (
+        *_family_lines(driver, motor, turn, harmonics),
+        *_error_lines(errors),
+        *_side_lines(motor, turn, harmonics),
+    ):
+        orders.setdefault(order, line)
+    return turn, orders
+
+
+_Family = tuple[str, Kind, int, Sequence[int], str]
+"""Stem of the names, kind, cycles per turn of the first member, members, and what makes them."""
+_OrderLine = tuple[Fraction | int, tuple[str, Kind, str]]
+"""Order per turn of the rotor, with name, kind and origin of its line."""
+
+
+def _families(driver: Driver, motor: Motor, turn: int, harmonics: int) -> list[_Family]:
+    """Families of lines of the steps, of the full steps and of the electrical period."""
+    z, steps, members = motor.rotor_teeth, motor.full_steps, range(1, harmonics + 1)
+    uneven = driver.distorted or any(order % steps for order in motor.torque_orders)
+    electrical = members if uneven else range(1, 4)
+    full_step = "full step" if driver.beats == steps else "detent period"
+    return [
+        (DRIVE, "drive", turn, members, "microstep"),
+        (FULL_STEP, "full step", steps * z, members, full_step),
+        (ELECTRICAL, "electrical", z, electrical, "electrical period"),
+        *_motor_families(motor, harmonics),
+    ]
+
+
+def _family_lines(driver: Driver, motor: Motor, turn: int, harmonics: int) -> Iterator[_OrderLine]:
+    """Lines of all families, each with what is known to make it."""
     makers = {error.order: error.causes for error in angle_errors(driver, motor.phases)}
     for order, causes in _motor_makers(motor).items():
         makers[order] = (*makers.get(order, ()), *causes)
-    families: list[tuple[str, Kind, int, Sequence[int], str]] = [
-        (DRIVE, "drive", turn, range(1, harmonics + 1), "microstep"),
-        (
-            FULL_STEP,
-            "full step",
-            steps * z,
-            range(1, harmonics + 1),
-            "full step" if b == steps else "detent period",
-        ),
-        (
-            ELECTRICAL,
-            "electrical",
-            z,
-            range(1, (harmonics if driver.distorted or unequal else 3) + 1),
-            "electrical period",
-        ),
-    ]
-    families += _motor_families(motor, harmonics)
-    orders: dict[Fraction | int, tuple[str, Kind, str]] = {}
-    for stem, kind, unit, members, origin in families:
+    everywhere = (SPREAD,) if driver.compensates else ()
+    for stem, kind, unit, members, origin in _families(driver, motor, turn, harmonics):
         for k in members:
-            if stem in (FULL_STEP, ELECTRICAL):
-                made = ", ".join(makers.get(k * unit // z, ()))
-            else:
-                made = ""
-            if driver.compensates:
-                made = f"{made}, {SPREAD}" if made else SPREAD
-            orders.setdefault(
-                k * unit,
-                (str(LineName(stem, k)), kind, f"{origin}, order {k}{made and f': {made}'}"),
-            )
-    for e in errors:
-        if e.line.startswith("wave_generator"):
-            of: Kind = "wave generator"
-        else:
-            of = "gear train"
-        orders.setdefault(e.order, (e.line, of, f"{e.cause}, {e.origin}"))
+            own = makers.get(k * unit // motor.rotor_teeth, ()) if stem != DRIVE else ()
+            made = ", ".join((*own, *everywhere))
+            whole = f"{origin}, order {k}: {made}" if made else f"{origin}, order {k}"
+            yield k * unit, (str(LineName(stem, k)), kind, whole)
+
+
+def _error_lines(errors: tuple[KinematicError, ...]) -> Iterator[_OrderLine]:
+    """Lines of the kinematic errors of gear and wave generator."""
+    for error in errors:
+        kind: Kind = "wave generator" if error.line.startswith("wave_generator") else "gear train"
+        yield error.order, (error.line, kind, f"{error.cause}, {error.origin}")
+
+
+def _side_lines(motor: Motor, turn: int, harmonics: int) -> Iterator[_OrderLine]:
+    """Side lines of the driving lines, a full step's frequency apart."""
     side = motor.side_line_order
-    if side is not None and turn > 2 * SIDEBANDS * side * z:
-        for k in range(1, harmonics + 1):
-            for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
-                name = str(LineName(DRIVE, k, sideband=j))
-                orders.setdefault(
-                    k * turn + j * side * z,
-                    (name, "sideband", f"{driving_line(k)} {j:+d} full step"),
-                )
-    return turn, orders
+    if side is None or turn <= 2 * SIDEBANDS * side * motor.rotor_teeth:
+        return
+    for k in range(1, harmonics + 1):
+        for j in (j for m in range(1, SIDEBANDS + 1) for j in (-m, m)):
+            name, origin = (
+                str(LineName(DRIVE, k, sideband=j)),
+                f"{driving_line(k)} {j:+d} full step",
+            )
+            yield k * turn + j * side * motor.rotor_teeth, (name, "sideband", origin)
 
 
 def _motor_makers(motor: Motor) -> dict[int, tuple[str, ...]]:

@@ -28,8 +28,12 @@ HARNESS = "friction.harness"
 _WHOLE_CYCLES = 0.99
 """Part of these cycles that counts as all of them: a record is a whole number of samples."""
 NEGLIGIBLE_SHARE = 1e-3
-"""Part of the rate, or of the friction, below which a change counts for nothing: the least relative
-error of lines.
+"""Part of the rate, or of the motor's torque, below which a change counts for nothing: the least
+relative error of lines.
+"""
+_NEGLIGIBLE_FRICTION = 1e-6
+"""Part of the friction below which a change counts for nothing. It makes a torque by itself, and
+friction may be a thousand times the lines.
 """
 _NEGLIGIBLE_SHIFT = 0.5
 """Bins of a record by which compensation may shift lines of the step clock and count for nothing: a
@@ -75,7 +79,7 @@ def slow_variations(scenario: Scenario, duration: float | None = None) -> list[S
     full_step = electrical / scenario.motor.full_steps
     harmonics = [
         *_significant(_errors_of_gear(scenario)),
-        *_significant(_compensation(scenario), _negligible_compensation(scenario, duration)),
+        *_significant(_compensation(scenario, _negligible_compensation(scenario, duration))),
         *_significant(_friction_over_angle(scenario)),
     ]
     found = [
@@ -105,6 +109,8 @@ class _Harmonic(NamedTuple):
     """Cycles per turn of the rotor."""
     share: float
     """Part of the rate, or of the friction, by which it changes."""
+    negligible: float
+    """Share below which it counts for nothing."""
 
 
 def _negligible_compensation(scenario: Scenario, duration: float | None) -> float:
@@ -117,13 +123,11 @@ def _negligible_compensation(scenario: Scenario, duration: float | None) -> floa
     return min(NEGLIGIBLE_SHARE, _NEGLIGIBLE_SHIFT / bins)
 
 
-def _significant(
-    found: Iterable[_Harmonic], negligible: float = NEGLIGIBLE_SHARE
-) -> list[_Harmonic]:
-    """Harmonics of one kind, but for those of the slowest that together are ``negligible``."""
+def _significant(found: Iterable[_Harmonic]) -> list[_Harmonic]:
+    """Harmonics of one kind, but for those of the slowest that together count for nothing."""
     kept = sorted(found, key=lambda one: one.order)
-    shares = np.cumsum([one.share for one in kept])
-    return kept[int(np.searchsorted(shares, negligible, side="right")) :]
+    shares = np.cumsum([one.share / one.negligible for one in kept])
+    return kept[int(np.searchsorted(shares, 1.0, side="right")) :]
 
 
 def _errors_of_gear(scenario: Scenario) -> Iterator[_Harmonic]:
@@ -133,17 +137,18 @@ def _errors_of_gear(scenario: Scenario) -> Iterator[_Harmonic]:
         key = "reducer.transmission_error"
         if not error.line.startswith("wave_generator"):
             key = "reducer.train"
-        yield _Harmonic(key, f"{key} ({error.origin})", Fraction(error.order), share)
+        what = f"{key} ({error.origin})"
+        yield _Harmonic(key, what, Fraction(error.order), share, NEGLIGIBLE_SHARE)
 
 
-def _compensation(scenario: Scenario) -> Iterator[_Harmonic]:
+def _compensation(scenario: Scenario, negligible: float) -> Iterator[_Harmonic]:
     """Harmonics of the driver's compensation, which change the rate of the rotor and the time from
-    microstep to microstep.
+    microstep to microstep; together they may be ``negligible``.
     """
     for one in scenario.driver.compensation:
         share = one.order * one.amplitude * scenario.reducer.ratio
         what = f"{COMPENSATION} (order {one.order})"
-        yield _Harmonic(COMPENSATION, what, Fraction(one.order), share)
+        yield _Harmonic(COMPENSATION, what, Fraction(one.order), share, negligible)
 
 
 def _friction_over_angle(scenario: Scenario) -> Iterator[_Harmonic]:
@@ -154,7 +159,8 @@ def _friction_over_angle(scenario: Scenario) -> Iterator[_Harmonic]:
     key, ratio = "friction.position", Fraction(scenario.reducer.ratio)
     for harmonic in friction.position.harmonics:
         what = f"{key} (order {harmonic.order})"
-        yield _Harmonic(key, what, harmonic.order / ratio, harmonic.amplitude)
+        order = harmonic.order / ratio
+        yield _Harmonic(key, what, order, harmonic.amplitude, _NEGLIGIBLE_FRICTION)
 
 
 def _variation(scenario: Scenario, one: _Harmonic) -> SlowVariation:
@@ -170,8 +176,7 @@ def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterato
     """
     combs = _combs(scenario)
     for one, other in itertools.combinations(harmonics, 2):
-        share = min(one.share, other.share)
-        if share < NEGLIGIBLE_SHARE:
+        if one.share < one.negligible or other.share < other.negligible:
             continue
         times = range(1, _BEATS + 1)
         beats = [abs(i * one.order - j * other.order) for i in times for j in times]
@@ -181,6 +186,7 @@ def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterato
         slowest = _slowest_order([*own, *(x for x in beats if x > same)], together, combs)
         if slowest < _slowest_order(own, [], combs):
             what = f"{one.what} beside {other.what}"
+            share = min(one.share, other.share)
             yield SlowVariation(one.key, what, _turn_of_rotor(scenario) / slowest, share)
 
 
@@ -191,7 +197,7 @@ def _roughness(scenario: Scenario) -> Iterator[SlowVariation]:
         return
     orders = np.arange(1.0, math.floor(min(position.roughness.band[1], _LARGEST_ORDER)) + 1.0)
     share = _ROUGHNESS_SIGMAS * math.sqrt(float(np.sum(position.roughness.at(orders))))
-    if share >= NEGLIGIBLE_SHARE:
+    if share >= _NEGLIGIBLE_FRICTION:
         key = "friction.position.roughness"
         yield SlowVariation(key, key, _turn_of_output(scenario), share)
 

@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from microvib.analysis.limits import Judgement
+from microvib.analysis.margins import NoVerdict, Verdict, worst_verdict
 from microvib.analysis.pointing import HubLines
 from microvib.model.coupling import driving_line_map, require_craft
 from microvib.reports import sheets
-from microvib.reports.document import Fact, Text
-from microvib.reports.numbers import window_text
-from microvib.reports.outcome import Outcome, Part, Picture
-from microvib.results import ARRAY_ANGLE, FREQUENCY, POINTING_ANGLE, Column, Measure, Table
+from microvib.reports.document import Fact, Status, Text
+from microvib.reports.numbers import count_text, window_text
+from microvib.reports.outcome import Item, Outcome, Part, Picture
+from microvib.reports.run.margins import judgement_data
+from microvib.results import (
+    ARRAY_ANGLE,
+    DECIBEL,
+    FREQUENCY,
+    LINE_FREQUENCY,
+    POINTING_ANGLE,
+    Column,
+    Measure,
+    Table,
+)
 from microvib.signals.pointing import METRICS, Metric
 from microvib.solve.channels import LOAD_COLUMNS, LOS_COLUMNS
 from microvib.studies.angles import AngleSweep
@@ -39,10 +52,10 @@ def angles_outcome(sweep: AngleSweep) -> Outcome:
         "Angles",
         f"Angles of the array: {sweep.scenario.title or 'drive'}",
         f"Lines of the line of sight at {len(sweep.angles)} angles of the array, one run each.",
-        "",
-        tuple(_facts(sweep, los)),
+        worst_verdict(one.verdict for one in sweep.judgements),
+        (*_limit_facts(sweep), *_facts(sweep, los)),
         (
-            Part("", (picture, *map(Text, _fallbacks(sweep)))),
+            Part("", (*_limit_items(sweep), picture, *map(Text, _fallbacks(sweep)))),
             Part("Every angle", (over,)),
         ),
         sweep.scenario,
@@ -55,6 +68,80 @@ _CAPTION = (
     "Left, lines of the line of sight, radial, 0-to-peak; dotted, driving lines of the linearised"
     " drive. Right, rms of all lines."
 )
+
+
+@dataclass(frozen=True)
+class AngleMargin:
+    """The run at one angle against a limit, with the line that is nearest to it or farthest above."""
+
+    angle: Annotated[float, Column("angle_deg", "angle", ARRAY_ANGLE)]
+    verdict: Annotated[Verdict | NoVerdict, Column("verdict", "verdict", role="verdict")]
+    component: Annotated[str, Column("component", "of")]
+    line: Annotated[str, Column("line", "nearest line")]
+    frequency: Annotated[float, Column("frequency_hz", "at", LINE_FREQUENCY)]
+    decibel: Annotated[float, Column("margin_db", "margin", DECIBEL)]
+    not_judged: Annotated[str, Column("not_judged", "not judged")]
+
+
+def angle_margins(sweep: AngleSweep) -> list[AngleMargin]:
+    """Margins of a sweep that was judged, a row for each angle."""
+    return [
+        _angle_margin(float(angle), judged)
+        for angle, judged in zip(sweep.angles, sweep.judgements, strict=False)
+    ]
+
+
+def _angle_margin(angle: float, judged: Judgement) -> AngleMargin:
+    judged_lines = [(one.worst, one.component) for one in judged.each]
+    known = [(margin, of) for margin, of in judged_lines if margin is not None]
+    gap = "; ".join(judged.all_gaps)
+    if not known:
+        return AngleMargin(angle, judged.verdict, "", "", math.nan, math.nan, gap)
+    nearest, component = min(known, key=lambda x: x[0].factor)
+    line = nearest.line
+    return AngleMargin(
+        angle, judged.verdict, component or "T_d", line.name, line.place, nearest.decibel, gap
+    )
+
+
+def _limit_facts(sweep: AngleSweep) -> Iterator[Fact]:
+    """The verdict over all angles."""
+    rows = angle_margins(sweep)
+    verdict = worst_verdict(row.verdict for row in rows)
+    for row in _nearest(rows):
+        at = f"{row.line}{_of(row)} at {ARRAY_ANGLE.figure(row.angle)}"
+        status: Status = "pass" if verdict == "pass" else "fail"
+        yield Fact(DECIBEL.figure(row.decibel), f"{verdict}, smallest margin: {at}", status)
+
+
+def _limit_items(sweep: AngleSweep) -> Iterator[Item]:
+    """Sentence and table on the limit; nothing where there is none."""
+    rows = angle_margins(sweep)
+    if not rows:
+        return
+    verdict = worst_verdict(row.verdict for row in rows)
+    worst = next(one for one in sweep.judgements if one.verdict == verdict)
+    count = sum(row.verdict == verdict for row in rows)
+    at = f"at {count} of {count_text(len(rows), 'angle')}"
+    limit = sweep.judgements[0].limit
+    band = f" {limit.band}" if limit.band else ""
+    allowed = limit.words if limit.is_one_number else "over frequency"
+    said = f"Limit {allowed}{band}: {'FAIL' if verdict == 'fail' else verdict} {at}"
+    for row in _nearest(rows):
+        said += f"; smallest margin {row.decibel:+.1f} dB ({row.line}{_of(row)} at {ARRAY_ANGLE.figure(row.angle)})"
+    reason = f" Reason: {worst.all_gaps[0]}." if verdict == "not judged" else ""
+    yield Text(f"{said}.{reason} Nothing is judged between these angles.")
+    yield Table.of("margins", AngleMargin, rows)
+
+
+def _nearest(rows: list[AngleMargin]) -> list[AngleMargin]:
+    """The row with the smallest margin, where one is known."""
+    known = [row for row in rows if math.isfinite(row.decibel)]
+    return sorted(known, key=lambda row: row.decibel)[:1]
+
+
+def _of(row: AngleMargin) -> str:
+    return "" if row.component == "T_d" else f" of {row.component}"
 
 
 def _fallbacks(sweep: AngleSweep) -> list[str]:
@@ -117,6 +204,7 @@ def _data(sweep: AngleSweep) -> dict[str, Any]:
         "angles_deg": np.degrees(sweep.angles).tolist(),
         "windows": rms,
         "no_steady_state": list(sweep.fallbacks),
+        "judgements": [judgement_data(one) for one in sweep.judgements],
     }
 
 

@@ -44,7 +44,7 @@ _DRAWN = 200
 """Members that are drawn one by one."""
 _NAMED = 4
 """Lines of a picture that are named."""
-_LETTERS = 24
+_LETTERS = 32
 """Letters of a member's name in a picture."""
 _COLOURS = {
     "max": sheets.BLUE, "p95": sheets.ORANGE, "p99": sheets.PURPLE, "mean": sheets.GREEN
@@ -413,6 +413,7 @@ def draw_lines(found: Envelope, one: ChannelEnvelope) -> Figure:
     _finish(ax, one, [1e3 * x.amplitude for x in shown])
     _draw_limit(ax, one)
     _name_deciding(ax, one)
+    _draw_legend(ax, ncols=2)
     return figure
 
 
@@ -474,8 +475,11 @@ def _draw_limit(ax: Axes, one: ChannelEnvelope) -> None:
             label="limit",
             zorder=4.5,
         )
+
+
+def _draw_legend(ax: Axes, ncols: int) -> None:
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(loc="upper left", fontsize=7.5, ncols=4)
+        ax.legend(loc="upper left", fontsize=7.5, ncols=ncols)
 
 
 def _deciding(one: ChannelEnvelope) -> list[LineBand]:
@@ -494,10 +498,17 @@ def _name_deciding(ax: Axes, one: ChannelEnvelope) -> None:
     places = []
     for x in _deciding(one):
         above = one.curve is not None and x.worst_amplitude > x.allowed
-        text = f"{x.line}\n{_short(x.worst, one)}"
-        places.append((x.frequency, 1e3 * x.worst_amplitude, text, True))
-        colour = sheets.RED if above else sheets.BLUE
-        ax.plot(x.frequency, 1e3 * x.worst_amplitude, "s", ms=6, mfc="none", color=colour, zorder=6)
+        places.append((x.frequency, 1e3 * x.worst_amplitude, x.line, True))
+        ax.plot(
+            x.frequency,
+            1e3 * x.worst_amplitude,
+            "s",
+            ms=6,
+            mfc="none",
+            color=sheets.RED if above else sheets.BLUE,
+            zorder=6,
+            label=f"{x.line} of {_short(x.worst, one)}",
+        )
     sheets.name_points(ax, places)
 
 
@@ -514,6 +525,7 @@ def draw_spectrum(found: Envelope, one: ChannelEnvelope) -> Figure:
     _draw_figures(ax, found, one.spectra, one.spectrum, 1e3)
     ax.set_ylabel(f"amplitude, 0-to-peak [m{pretty(one.unit)}]")
     _draw_limit(ax, one)
+    _draw_legend(ax, ncols=4)
     return figure
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from microvib.analysis.hub_lines import hub_lines
+from microvib.analysis.limits import Judgement
 from microvib.analysis.lines import find_lines
 from microvib.analysis.pointing import HubLines
 from microvib.analysis.run import run_scenario
@@ -16,9 +17,11 @@ from microvib.errors import MicrovibError, OptionError
 from microvib.model.coupling import require_craft
 from microvib.model.drive_states import Sticking
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario
+from microvib.signals.limit_curve import Limit
 from microvib.signals.pointing import Metric, radial_rms
 from microvib.solve.integration import Progress
-from microvib.solve.steady.state import find_steady
+from microvib.solve.motion import Motion
+from microvib.solve.steady.state import SteadyState, find_steady
 from microvib.studies.workers import parallel_calls
 from microvib.units import GivenQuantity, Si, quantity
 
@@ -39,6 +42,8 @@ class AngleSweep:
     """Which shafts of the first drive and of a second one stick at each angle; empty where that is
     not known.
     """
+    judgements: tuple[Judgement, ...] = ()
+    """The run at each angle against a limit; empty without one. Nothing is judged between the angles."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,6 +74,7 @@ def sweep_angles(
     angles: Sequence[GivenQuantity],
     *,
     harmonics: int = 8,
+    limit: Limit | None = None,
     progress: Progress | None = None,
 ) -> AngleSweep:
     """Run a scenario at each of several angles of its array.
@@ -84,6 +90,8 @@ def sweep_angles(
         Angles of the array, such as ``"30 deg"``.
     harmonics : int
         Members of each family of lines that are looked for.
+    limit : Limit, optional
+        Limit by which the run at each angle is judged.
     progress : callable, optional
         Called as ``progress(done, total)``, with the number of angles.
 
@@ -103,23 +111,42 @@ def sweep_angles(
     check_sweep(scenario)
     turns = [quantity("angles", angle, "rad", example="deg") for angle in angles]
 
-    def at(angle: Si) -> tuple[HubLines, str, tuple[Sticking, Sticking]]:
-        turned = scenario.at_angle(angle)
-        if turned.record.start == "steady":
-            state, why = find_steady(turned)
-        else:
-            state, why = (None, "")
-        if state is not None:
-            sticking = sticking_of(state), sticking_of(state.second_wing)
-            return hub_lines(state, find_lines(state, harmonics=harmonics)), "", sticking
-        result = run_scenario(turned.with_si({"record.start": "rest"}), harmonics=harmonics)
-        assert result.motion is not None
-        sticking = sticking_of(result.motion), sticking_of(result.motion.second_wing)
-        return hub_lines(result.motion, result.table), why, sticking
-
     with parallel_calls(progress) as calls:
-        found = calls(at, ((angle,) for angle in turns))
-    return AngleSweep(scenario, np.array(turns, dtype=float), *zip(*found, strict=True))
+        found = calls(_at_angle, ((scenario, angle, harmonics, limit) for angle in turns))
+    lines, fallbacks, sticking, judgements = zip(*found, strict=True)
+    return AngleSweep(
+        scenario,
+        np.array(turns, dtype=float),
+        lines,
+        fallbacks,
+        sticking,
+        tuple(x for x in judgements if x is not None),
+    )
+
+
+_AtAngle = tuple[HubLines, str, tuple[Sticking, Sticking], Judgement | None]
+"""Lines, why there is no steady state, which shafts stick, and the verdict."""
+
+
+def _at_angle(scenario: Scenario, angle: Si, harmonics: int, limit: Limit | None) -> _AtAngle:
+    """The drive at one angle: from its steady state alone where that is asked for and nothing is judged."""
+    turned = scenario.at_angle(angle)
+    steady, fallback = turned.record.start == "steady", ""
+    if steady and limit is None:
+        state, fallback = find_steady(turned)
+        if state is not None:
+            found = hub_lines(state, find_lines(state, harmonics=harmonics))
+            return found, "", _sticking(state), None
+        turned = turned.with_si({"record.start": "rest"})
+    result = run_scenario(turned, harmonics=harmonics, limit=limit)
+    assert result.motion is not None
+    assert result.hub is not None
+    why = fallback or result.fallback
+    return result.hub, why, _sticking(result.state or result.motion), result.judgement
+
+
+def _sticking(source: SteadyState | Motion) -> tuple[Sticking, Sticking]:
+    return sticking_of(source), sticking_of(source.second_wing)
 
 
 def check_sweep(scenario: Scenario) -> None:

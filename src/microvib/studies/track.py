@@ -74,9 +74,7 @@ _NOTED = 0.05
 _AT_ENDS = 1.0
 """Knots at the ends of the record whose amplitudes make no maximum."""
 _ONE_REFERENCE = "give one of tacho, speed, profile, scenario, strongest"
-SWEEP_NOTE = (
-    "a resonance that is passed quickly answers less, and later in the sweep, than a dwell on it"
-)
+SWEEP_NOTE = "a resonance that the sweep passes quickly responds less than in a dwell on it, and later in the sweep"
 
 
 @dataclass(frozen=True)
@@ -276,17 +274,17 @@ def track_orders(  # noqa: PLR0913 - keyword options
     tracked_orders = _checked(orders)
     opened = opened_source(source)
     recording, own = _recording(opened, name, channel, progress)
-    offset = 0.0
     if section is not None and not isinstance(opened, Prepared):
         raise OptionError("from", "sections are of recordings; a run has its record's length")
+    offset = 0.0
     if section is not None:
         recording, offset = section.cut(recording)
     require_usable_channel(recording, channel, acceleration=True)
     guide = own if scenario is None else as_scenario(scenario)
-    x, rate = recording[channel] - np.mean(recording[channel]), recording.sample_rate
     given = [one for one in (tacho, speed, profile, scenario, strongest) if one is not None]
     if len(given) > 1:
         raise MicrovibError(f"several references are given; {_ONE_REFERENCE}")
+    x, rate = recording[channel] - np.mean(recording[channel]), recording.sample_rate
     if tacho is not None:
         reference = of_tacho(recording, tacho, pulses_per_rev)
     elif speed is not None:
@@ -298,11 +296,24 @@ def track_orders(  # noqa: PLR0913 - keyword options
         reference = of_strongest(x, rate, strongest, tracked_orders, _seconds(x.size / rate))
     elif guide is not None:
         stated, words = of_scenario(guide, x.size, rate, offset)
-        kind = "stated" if own is not None and scenario is None else clock
+        kind = "stated" if scenario is None else clock
         reference = with_clock(x, rate, stated, words, tracked_orders, kind)
         reference = named(reference, "electrical period")
     else:
         raise MicrovibError(f"no reference is given; {_ONE_REFERENCE}")
+    return _track(
+        _Sweep(name or recording.title, channel, recording, reference),
+        tracked_orders,
+        _fixed_lines(fixed, len(tracked_orders), rate),
+        _stated_bandwidth(bandwidth),
+        guide,
+    )
+
+
+def _fixed_lines(fixed: Sequence[GivenQuantity], orders: int, rate: float) -> list[float]:
+    """Frequencies [Hz] of lines that are tracked beside a number of orders; OptionError where one is too
+    high for the sample rate [Hz], or there are too many.
+    """
     lines = [float(quantity("fixed", one, "Hz", positive=True)) for one in fixed]
     for f in lines:
         if f > HIGHEST * rate:
@@ -311,18 +322,16 @@ def track_orders(  # noqa: PLR0913 - keyword options
                 f"{f:g} Hz is not allowed; at most {HIGHEST * rate:g} Hz are tracked at"
                 f" {rate:g} samples a second",
             )
-    if len(lines) + len(tracked_orders) > MAX_ORDERS:
+    if len(lines) + orders > MAX_ORDERS:
         raise OptionError("orders", f"at most {MAX_ORDERS} orders and fixed lines are tracked")
-    width = (
-        None if bandwidth is None else float(quantity("bandwidth", bandwidth, "Hz", positive=True))
-    )
-    return _track(
-        _Sweep(name or recording.title, channel, recording, reference),
-        tracked_orders,
-        lines,
-        width,
-        guide,
-    )
+    return lines
+
+
+def _stated_bandwidth(given: GivenQuantity | None) -> float | None:
+    """Bandwidth [Hz]; None where none is given."""
+    if given is None:
+        return None
+    return float(quantity("bandwidth", given, "Hz", positive=True))
 
 
 def _checked(orders: Sequence[float]) -> list[float]:

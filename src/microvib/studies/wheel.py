@@ -138,7 +138,22 @@ class MeasuredWheel:
 
 
 def measured_wheel(maps: Mapping[str, PowerMap], name: str = "") -> MeasuredWheel:
-    """The wheel whose waterfalls these are, by load (``radial_force`` and so on)."""
+    """Find the harmonics and structural modes of a reaction wheel in its measured waterfalls.
+
+    Parameters
+    ----------
+    maps : mapping of str to PowerMap
+        Waterfall of each load that was measured: ``radial_force`` and ``axial_force`` [N],
+        ``radial_torque`` and ``axial_torque`` [N m], on one grid of speeds and frequencies.
+    name : str
+        Name of the wheel.
+
+    Returns
+    -------
+    MeasuredWheel
+        Harmonics with their coefficients (load over speed squared) and 95 % intervals, modes, and
+        the peaks that neither explains.
+    """
     search = find_ridges(list(maps.values()))
     orders = [x for x in search.ridges if x.kind == "order"]
     orders = sorted(orders, key=lambda x: x.values[0])

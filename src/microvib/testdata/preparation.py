@@ -96,13 +96,7 @@ class Preparation(Part):
         """The prepared recording, in SI, of one in its file's units; RecordingError where a step
         does not go with it.
         """
-        recording = _in_units(
-            recording, {name: text for name, text in self.units.items() if name != self.time}
-        )
-        recording = _scaled(recording, self.sensitivity)
-        if self.channels:
-            recording = recording.mapped(self.channels)
-        recording = recording.in_si()
+        recording = self._in_si(recording)
         if self.bench is not None:
             recording = replace(recording, table=self.bench.force_table)
         ends = [
@@ -110,12 +104,28 @@ class Preparation(Part):
             for at in (self.start, self.stop)
         ]
         recording = recording.looked_at(slice(*ends))
+        return self._shortened(self._at_interface(self._without_instrument(recording)))
+
+    def _in_si(self, recording: Recording) -> Recording:
+        """The recording in SI, its channels by their right names."""
+        units = {name: text for name, text in self.units.items() if name != self.time}
+        recording = _scaled(_in_units(recording, units), self.sensitivity)
+        if self.channels:
+            recording = recording.mapped(self.channels)
+        return recording.in_si()
+
+    def _without_instrument(self, recording: Recording) -> Recording:
+        """The recording less what the chain, the cross-talk and the table make of it."""
         if self.response:
             recording = without_response(recording, self.response)
         if self.cross_talk is not None:
             recording = recording.without_cross_talk(np.array(self.cross_talk))
         if self.table_frf is not None:
             recording = self._without_table_dynamics(recording, self.table_frf)
+        return recording
+
+    def _at_interface(self, recording: Recording) -> Recording:
+        """The recording about the interface point, along the axes of the drive."""
         if self.offset is not None:
             if self.bench is not None and self.bench.torques_about == "interface":
                 raise RecordingError(
@@ -125,6 +135,10 @@ class Preparation(Part):
             recording = with_moved_torques(recording, self.offset)
         if self.axes is not None:
             recording = _turned(recording, self.axes)
+        return recording
+
+    def _shortened(self, recording: Recording) -> Recording:
+        """The part of the recording that is kept, less its trend, at its lower sample rate."""
         if self.start is not None or self.stop is not None:
             recording = recording.trimmed(
                 self.start or 0.0, recording.duration if self.stop is None else self.stop

@@ -140,7 +140,7 @@ def allowed_by(limit: Limit | None, band: tuple[float, float]) -> float | LimitC
     if limit is None:
         return None
     curve = limit.torque_curve("a campaign")
-    if limit.is_one_number:
+    if limit.is_one_number and curve.low <= band[0] and curve.high >= band[1]:
         return curve.least
     return in_band(curve, band)
 

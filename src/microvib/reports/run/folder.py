@@ -15,10 +15,11 @@ from microvib.analysis.run import RunResult, run_scenario
 from microvib.errors import ScenarioError, expect, expect_path
 from microvib.io.band_limits import BandLimit
 from microvib.io.runs import (
+    SECOND_LINES,
     SECOND_MOTION,
     SEED_PEAKS,
+    account_of_drive,
     lines_csv,
-    numerics,
     seed_peaks_csv,
     seeds_csv,
     summary,
@@ -156,7 +157,7 @@ def run_summary(result: RunResult, **timings: float) -> dict[str, Any]:
     told = summary(result.scenario, result.invariants, result.solver, result.table, **timings)
     if second is None:
         return told
-    return told | {SECOND_DRIVE: numerics(second.invariants, second.solver)}
+    return told | {SECOND_DRIVE: account_of_drive(second.invariants, second.solver, second.table)}
 
 
 def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
@@ -168,7 +169,7 @@ def run_texts(result: RunResult, summed: dict[str, Any]) -> dict[str, str]:
         files[SEED_PEAKS] = seed_peaks_csv(result.table.seed_peaks)
     if of_hub is not None:
         if result.second is not None:
-            files["lines_wing_2.csv"] = lines_csv(result.second.table)
+            files[SECOND_LINES] = lines_csv(result.second.table)
         files["loads.csv"] = rows_csv(*of_hub.loads_table(result.left_out))
         if result.motion is not None:
             files["densities.csv"] = densities_csv(result.motion)

@@ -274,41 +274,71 @@ def contribution_of_run(
     assert found.los is not None
     rows = {line.name: line for line in result.table}
     own = [rows[name] for name in found.names]
-    broken = [name for drive in result.drives.values() for name in drive.table.broken]
-    unknown = failed_invariants_reason(broken, scenario) or unknown_error_reason(
-        result.table, scenario
-    )
+    unknown = _unknown_reason(scenario, result)
     reasons = map(open_gap, filter(None, (unknown, _between_clock_lines(result))))
-    relative_error = _run_uncertainty(scenario, result.table, own) + _resonance_uncertainty(
-        scenario,
-        own,
-        found.frequency,
-        drive_states(scenario, own=False, steps=other_steps, sticking=(MAY_STICK, other_sticking)),
+    states = drive_states(
+        scenario, own=False, steps=other_steps, sticking=(MAY_STICK, other_sticking)
     )
-    if result.state is None and (gap := record_gap(scenario, result.table.duration)):
-        relative_error[0] = np.maximum(relative_error[0], 1.0 - 1.0 / gap.overstated)
+    relative_error = _error_of_run(scenario, result, own, found.frequency, states)
     rings = np.array([name in (*found.rings, *found.driven) for name in found.names], dtype=bool)
-    # Of what dies away the amplitude at the start of the record; where the fit shows no decay, by
-    # the mode's damping.
-    T, decay = result.table.duration, {m.name: m.decay for m in coupled_modes(scenario)}
-    falls = (x if x.status == "decaying" else replace(x, decay=decay.get(x.name, 0.0)) for x in own)
-    start = [x.amplitude_at_start(T) / x.amplitude if x.amplitude > 0.0 else 1.0 for x in falls]
+    at_start = np.where(rings, _start_ratios(scenario, own, result.table.duration), 1.0)
+    own_frequency = [0.0 if x.of_clock else x.frequency_uncertainty for x in own]
     return Contribution(
         name,
         "steady state of the coupled run" if result.state else "coupled run",
         found.names,
         found.frequency,
-        np.nan_to_num(found.los) * np.where(rings, np.nan_to_num(start, nan=1.0), 1.0)[:, None],
+        np.nan_to_num(found.los) * at_start[:, None],
         unlocked=np.array([not x.of_clock for x in own], dtype=bool),
         rings=rings,
         density=line_of_sight_noise_spectrum(scenario),
         gaps=(*reasons, *_gaps(scenario, result.table, found, result.state is not None)),
         relative_error=np.maximum(relative_error, 1.0) if unknown else relative_error,
-        frequency_error=frequency_error_bound(
-            found.frequency, np.array([0.0 if x.of_clock else x.frequency_uncertainty for x in own])
-        ),
+        frequency_error=frequency_error_bound(found.frequency, np.array(own_frequency)),
         scenario=scenario,
-    ), found  # fmt: skip
+    ), found
+
+
+def _unknown_reason(scenario: Scenario, result: RunResult) -> str:
+    """Why it is not known how far the lines of a run are off; empty where it is."""
+    broken = [name for drive in result.drives.values() for name in drive.table.broken]
+    return failed_invariants_reason(broken, scenario) or unknown_error_reason(
+        result.table, scenario
+    )
+
+
+def _error_of_run(
+    scenario: Scenario,
+    result: RunResult,
+    lines: Sequence[Line],
+    frequency: np.ndarray,
+    states: DriveStates | None,
+) -> np.ndarray:
+    """Relative error of lines of a run, (2, k, 2), by all that it leaves open: ``states`` are those
+    in which a second drive may be.
+    """
+    found = _run_uncertainty(scenario, result.table, lines) + _resonance_uncertainty(
+        scenario, lines, frequency, states
+    )
+    gap = None if result.state is not None else record_gap(scenario, result.table.duration)
+    if gap is not None:
+        found[0] = np.maximum(found[0], 1.0 - 1.0 / gap.overstated)
+    return found
+
+
+def _start_ratios(scenario: Scenario, lines: Sequence[Line], duration: float) -> np.ndarray:
+    """Amplitudes at the start of the record over those of the lines, (k,): of what dies away; where
+    the fit shows no decay, by the mode's damping.
+    """
+    decay = {mode.name: mode.decay for mode in coupled_modes(scenario)}
+    found = np.ones(len(lines))
+    for k, line in enumerate(lines):
+        falls = line
+        if line.status != "decaying":
+            falls = replace(line, decay=decay.get(line.name, 0.0))
+        if line.amplitude > 0.0:
+            found[k] = falls.amplitude_at_start(duration) / line.amplitude
+    return np.nan_to_num(found, nan=1.0)
 
 
 def _between_clock_lines(result: RunResult) -> str:

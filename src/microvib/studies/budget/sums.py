@@ -318,17 +318,8 @@ def assess(
     densities = [one.density for one in chosen if one.density is not None]
     tones = with_side_lines(requirement, tones, chosen)
     chosen = _with_gaps(requirement, chosen, contributions)
-    gaps = [gap for one in chosen for gap in one.gaps]
     value = evaluate_lines(requirement, tones, densities)
-    smallest = [one.least_density for one in chosen if one.least_density is not None]
-    largest = None
-    beside = side_densities(chosen)
-    if beside or any(one.density_bounds is not None for one in chosen):
-        largest = [one.most_density for one in chosen if one.most_density is not None] + beside
-    least, most = metric_bounds(
-        requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
-    )
-    figure = _Figure(least, value, most)
+    figure = _Figure(*_bounds_about(requirement, tones, chosen, rule, value))
     cases = _case_figures(requirement, chosen, contributions, rule)
     lacking = _percentile_gaps(requirement, chosen, cases)
     why = [
@@ -358,6 +349,25 @@ def assess(
         spread=_spread(cases),
         errors=evaluate_errors(requirement, tones.errors) if tones.errors else 0.0,
     )
+
+
+def _bounds_about(
+    requirement: Requirement,
+    tones: CombinedLines,
+    chosen: Sequence[Contribution],
+    rule: Rule,
+    value: float,
+) -> tuple[float, float, float]:
+    """The least, the value and the most of a metric over all sources [rad]."""
+    gaps = [gap for one in chosen for gap in one.gaps]
+    smallest = [one.least_density for one in chosen if one.least_density is not None]
+    largest, beside = None, side_densities(chosen)
+    if beside or any(one.density_bounds is not None for one in chosen):
+        largest = [one.most_density for one in chosen if one.most_density is not None] + beside
+    least, most = metric_bounds(
+        requirement, tones, gaps, smallest, _swept_sources(chosen, rule), largest
+    )
+    return least, value, most
 
 
 class _CaseFigures(NamedTuple):

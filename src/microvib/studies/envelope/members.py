@@ -220,7 +220,7 @@ def _of_object(given: Any, number: int, reading: Reading) -> Member:
         source = given
         return Member(name, "recording", "", True, key, lambda: _opened_recording(source, reading))
     if isinstance(given, Run):
-        given = RunResult.of_motion(given.motion, given.table)
+        given = RunResult.of_motion(given.motion, given.table, given.second_table)
     if not isinstance(given, RunResult):
         raise MicrovibError(f"member {number}: is a {type(given).__name__}; {_EXPECTED}")
     result = given
@@ -303,7 +303,7 @@ def _of_run_folder(path: Path, reading: Reading) -> Member:
     def opened() -> Opened:
         if (path / MOTION).is_file() and (path / "summary.json").is_file():
             kept = read_run(path)
-            return _opened_run(RunResult.of_motion(kept.motion, kept.table))
+            return _opened_run(RunResult.of_motion(kept.motion, kept.table, kept.second_table))
         return _opened_source(open_source(str(path)), path, reading)
 
     key = _content_key(*_run_files(path))

@@ -1,4 +1,4 @@
-// A slider on one parameter: lines of the steady state, or of the linearised drive, while it moves, over those of before.
+// A slider on one parameter: lines of the steady state, or of the linearised drive, while it moves, over those of the form's value.
 
 import { post } from "./api.js";
 import { announce, debounce, h, number } from "./dom.js";
@@ -20,7 +20,8 @@ const use = h("button", { type: "button", onclick: () => take() }, "Put into the
 const note = h("p", { class: "soft note", role: "status" });
 const asking = latest();
 let start = null; // {value, unit} at the slider's middle
-let before = null; // lines when the slider was taken
+let atForm = null; // lines at the slider's middle
+let first = null; // when these are there
 let now = null;
 let isMoving = false;
 
@@ -75,18 +76,21 @@ function begin() {
   use.disabled = slider.disabled = !start;
   if (!start || !card.open) return;
   slider.value = 0;
-  before = null;
-  return ask();
+  atForm = null;
+  first = ask();
+  return first;
 }
 
 function move() {
-  if (!isMoving) before = now; // from here on it is the ghost
   isMoving = true;
   said.textContent = text();
   soon();
 }
 
-const soon = debounce(() => ask(), 40);
+const soon = debounce(async () => {
+  await first; // what lies beneath comes before what is laid over it
+  return ask();
+}, 40);
 
 async function ask() {
   said.textContent = text();
@@ -95,6 +99,7 @@ async function ask() {
   try {
     await asking((signal) => post("/api/lines", { scenario: { ...current, changes }, linear: way.value === "linear" }, { signal }), ({ lines, reason }) => {
       now = lines;
+      if (Object.is(changes, current.changes)) atForm = lines;
       note.textContent = reason ? `A run in time, no steady state: ${reason}` : "";
       return show();
     });
@@ -118,10 +123,11 @@ function stems(lines, axis, low, look) {
 
 function show() {
   const axis = amplitudeAxis("N*m");
-  const largest = Math.max(...[...(before ?? []), ...now].map((line) => line.amplitude), 1e-12);
+  const beneath = now === atForm ? null : atForm;
+  const largest = Math.max(...[...(beneath ?? []), ...now].map((line) => line.amplitude), 1e-12);
   const low = axis.y(largest * 1e-4);
   const range = axis.dB ? [low, axis.y(largest) + 10] : [Math.log10(low), Math.log10(axis.y(largest)) + 0.4];
-  const ghost = before ? [stems(before, axis, low, { name: "before", line: { color: ink(), width: 5 }, marker: { color: ink(), size: 8 }, opacity: 0.25 })] : [];
+  const ghost = beneath ? [stems(beneath, axis, low, { name: `form: ${start.value} ${start.unit}`.trim(), line: { color: ink(), width: 5 }, marker: { color: ink(), size: 8 }, opacity: 0.25 })] : [];
   return draw(plot, [...ghost, stems(now, axis, low, { name: text(), line: { color: NOW, width: 1.6 }, marker: { color: NOW, size: 5 } })], {
     xaxis: { title: { text: "frequency [Hz]" }, rangemode: "tozero" },
     yaxis: { title: { text: `amplitude [${axis.printed}], ${axis.words}` }, ...(axis.dB ? {} : { type: "log", dtick: 1 }), range },
