@@ -13,12 +13,17 @@ import pytest
 
 import microvib as mv
 from microvib.errors import MicrovibError
-from microvib.io.file_access import NO_FILES, FileAccess
+from microvib.io.file_access import NO_FILES, FileAccess, sent_files
 from microvib.io.named import catalog_text
 from microvib.io.scenario_file import scenario_of
+from microvib.io.tables import to_json
 from microvib.io.yaml_text import parse_yaml
 from microvib.model.fields import part_type_of
 from microvib.model.scenario import Scenario, set_key
+from microvib.studies.budget.angles import budget_over_angles
+from microvib.studies.budget.files import Requirements, Sources, from_text
+from microvib.studies.budget.other_sources import contribution_of_other
+from microvib.studies.budget.study import pointing_budget
 from microvib.studies.quiet.study import quiet
 from microvib.web.routes import forms
 
@@ -184,6 +189,115 @@ def test_a_search_for_a_quieter_drive_opens_none(secrets: Path, key: str) -> Non
     with pytest.raises(MicrovibError):
         quiet(drive, **asked)
     assert _watched
+
+
+WHEEL = {"speed": "1800 rpm", "axis": [0, 0, 1], "table": "NAME"}
+OF_A_BUDGET = {
+    "requirement": {"requirements": "NAME"},
+    "sources": {"sources": "NAME"},
+    "campaign": {"campaign": "NAME"},
+    "wheel.table": {"sources": [{"name": "a", "wheel": WHEEL, "position": ["0 m"] * 3}]},
+    "lines": {"sources": [{"name": "a", "lines": "NAME"}]},
+    "density": {"sources": [{"name": "a", "density": "NAME"}]},
+}
+
+
+def named(given: Any, name: str) -> Any:
+    """The data with the name of a file in the places for it."""
+    if isinstance(given, dict):
+        return {key: named(value, name) for key, value in given.items()}
+    if isinstance(given, list):
+        return [named(value, name) for value in given]
+    return name if given == "NAME" else given
+
+
+def keys_of_budget(key: str, name: str) -> dict[str, Any]:
+    """Options of a budget that name a file at a key."""
+    given = named(OF_A_BUDGET[key], name)
+    if isinstance(given.get("sources"), list):
+        given["sources"] = from_text(to_json(given), Sources, "sources").sources
+    return given
+
+
+@pytest.mark.parametrize("judge", [pointing_budget, budget_over_angles])
+@pytest.mark.parametrize("key", OF_A_BUDGET)
+def test_a_budget_opens_none(secrets: Path, key: str, judge: Any) -> None:
+    """With the page's permission, or where other files were sent; with that of a command the watch
+    sees the file."""
+    more = {"angles": ["0 deg"]} if judge is budget_over_angles else {}
+    if more and key == "campaign":
+        pytest.skip("a campaign is of one angle")
+    craft = mv.load_scenario(CRAFT)
+    name = str(secrets / "private.csv")
+    Path(name).write_text(f"{SECRET}: 1\n" * 3)
+    _watched.clear()
+    asked = keys_of_budget(key, name)
+    sent = sent_files(secrets, {"other.csv": ""}, "it was not sent")
+    for files, words in ((forms.FILES, "the page opens no files"), (sent, "it was not sent")):
+        with pytest.raises(MicrovibError, match=rf"{key}: .*names a file, and {words}"):
+            judge([craft], files=files, **asked, **more)
+        assert _watched == []
+    with pytest.raises(MicrovibError):
+        judge([craft], **asked, **more)
+    assert _watched
+
+
+def said_of_description(data: Any, kind: Any, craft: mv.Scenario, sent: FileAccess) -> str:
+    """What is answered of requirements or sources: the error, if there is one."""
+    try:
+        made = from_text(to_json(data), kind, "x")
+        for source in getattr(made, "sources", ()):
+            for key, table in source.tables.items():
+                sent.under(key).path(table)
+            if not source.tables:
+                contribution_of_other(source, craft, sent)
+    except MicrovibError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("kind", [Requirements, Sources])
+def test_no_key_of_requirements_or_sources_opens_a_file(secrets: Path, kind: Any) -> None:
+    """Whatever is named at any key at any depth: of a request only what was sent with it is opened."""
+    craft = mv.load_scenario(CRAFT)
+    sent = sent_files(secrets, ["other.csv"], "it was not sent")
+    start = {
+        Requirements: [{"requirements": [{"limit": "1 urad", "curve": []}]}],
+        Sources: [named(given, "other.csv") for given in OF_A_BUDGET.values() if isinstance(given.get("sources"), list)],
+    }[kind]  # fmt: skip
+    tried = 0
+    for data in start:
+        for key, part in places(kind):
+            for value in hostile(secrets, part):
+                changed = attacked(data, key, value)
+                if changed is None:
+                    continue
+                tried += 1
+                assert SECRET not in said_of_description(changed, kind, craft, sent)
+                assert _watched == [], f"{key}: {value}"
+    assert tried > 200
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../a.csv", "a/b.csv", "/a.csv", "..", ".a.csv", "C:a.csv", "a\\b.csv", "a\0.csv", "", " a.csv", "a" * 101],
+)  # fmt: skip
+def test_what_is_sent_is_called_by_a_name_alone(name: str) -> None:
+    with pytest.raises(MicrovibError, match=r"^tables: .* the name of a table such as"):
+        sent_files(Path("a"), ["b.csv", name], "it was not sent")
+
+
+def test_of_a_folder_of_what_was_sent_nothing_else_is_opened() -> None:
+    """Nor a file of the same name elsewhere."""
+    files = sent_files(Path("a"), ["b.csv"], "it was not sent")
+    assert files.under("lines").path("b.csv") == Path("a/b.csv")
+    assert files.in_folder_of("b.csv").path("b.csv") == Path("a/b.csv")
+    assert files.in_working_folder().path("b.csv") == Path("a/b.csv")
+    for name in ("c.csv", "./b.csv", "../a/b.csv", str(Path("a").resolve() / "b.csv"), "B.csv"):
+        with pytest.raises(MicrovibError, match=r"^lines: .* names a file, and it was not sent$"):
+            files.under("lines").path(name)
+        with pytest.raises(MicrovibError, match="names a file"):
+            files.in_folder_of(name)
 
 
 NAMED = {

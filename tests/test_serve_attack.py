@@ -284,6 +284,8 @@ def test_what_is_no_request_is_refused(served: Served, request_: bytes) -> None:
         "/api/jobs/0123456789abcdef%00/result",
         "/api/jobs/٠١٢٣٤٥٦٧٨٩٠١٢٣٤٥/result",
         "/api/runs/0123456789abcdef/series?channels=..%2f..%2fetc%2fpasswd",
+        "/api/studies/0123456789abcdef/files/..%2f..%2fetc%2fpasswd",
+        "/api/studies/%2e%2e/files/report.html",
     ],
 )
 def test_no_path_leads_out(served: Served, path: str) -> None:
@@ -316,6 +318,23 @@ def test_names_of_recordings_are_names_only(served: Served, name: str) -> None:
         served.head(first, "Connection: close", f"Content-Length: {len(body)}") + body
     )
     assert statuses(answer) == [422]
+    assert str(served.store.root).encode() not in answer
+    assert sorted(served.store.root.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "name", ["../../x.csv", "/etc/x.csv", "..\\..\\x.csv", "C:\\x.csv", "\0.csv", "a" * 150, ".csv", ".."]
+)  # fmt: skip
+def test_names_of_tables_are_names_only(served: Served, name: str) -> None:
+    """Of the tables of a budget's sources nothing is written before their names are seen."""
+    before = sorted(served.store.root.iterdir())
+    craft = (Path(__file__).parents[1] / "examples" / "spacecraft.yaml").read_text()
+    body = json.dumps({"scenario": {"text": craft}, "tables": {name: "a,b\n1,2\n"}}).encode()
+    headers = ["Content-Type: application/json", f"Content-Length: {len(body)}"]
+    first = served.head("POST /api/budgets HTTP/1.1", "Connection: close", *headers)
+    answer = served.ask(first + body)
+    assert statuses(answer) == [422]
+    assert b"the name of a table such as" in answer or b"at most" in answer
     assert str(served.store.root).encode() not in answer
     assert sorted(served.store.root.iterdir()) == before
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from itertools import count
+from pathlib import Path
 from unittest import SkipTest
 
 import pytest
@@ -159,3 +160,47 @@ def test_whatever_is_uploaded_gets_a_sentence(app, text):
     answer = TestClient(app, headers=OWNER).post("/api/scenario", json={"text": text})
     assert answer.status_code == 200, answer.text
     assert answer.json()["errors"]
+
+
+CRAFT = (Path(__file__).parents[1] / "examples" / "spacecraft.yaml").read_text()
+NAMES = st.sampled_from(["/etc/passwd", "../a.csv", "a.csv", "harmonics.csv", "~/.ssh/id_rsa"])
+PLACE = "position: [0 m, 0 m, 0 m]"
+DESCRIPTIONS = st.one_of(
+    st.text(max_size=200),
+    NAMES,
+    NAMES.map(lambda name: f"sources: [{{name: a, lines: {name}}}]"),
+    NAMES.map(lambda name: f"sources: [{{name: a, density: {name}}}]"),
+    NAMES.map(
+        lambda name: (
+            f"sources: [{{name: a, {PLACE}, wheel: {{speed: 9 rpm, axis: [0, 0, 1], table: {name}}}}}]"
+        )
+    ),
+    st.sampled_from(["limit", "curve", "metric", "requirements"]).map(
+        lambda key: f"requirements: [{{{key}: [1, {{a: 2}}]}}]"
+    ),
+)
+
+
+@given(
+    requirement=DESCRIPTIONS,
+    sources=DESCRIPTIONS,
+    tables=st.dictionaries(
+        st.one_of(NAMES, st.text(max_size=20)), st.text(max_size=50), max_size=2
+    ),
+)
+@settings(ODD, max_examples=60)
+def test_whatever_is_sent_to_a_budget_is_answered_with_a_sentence(
+    app, store, requirement, sources, tables
+):
+    """Of a craft, so that it is read; what is begun ends, and nothing tells of the server's files."""
+    asked = {"scenario": {"text": CRAFT}, "requirement": requirement, "sources": sources}
+    client = TestClient(app, headers=OWNER)
+    answer = client.post("/api/budgets", json={**asked, "tables": tables})
+    assert answer.status_code in (202, 422, 429), answer.text
+    assert str(store.root) not in answer.text
+    assert "root:" not in answer.text
+    if answer.status_code == 202:
+        client.delete(f"/api/jobs/{answer.json()['id']}")
+    else:
+        assert answer.json()["error"]
+        assert "\n" not in answer.json()["error"]

@@ -31,6 +31,7 @@ from microvib.studies.campaign.results import FAILED
 from microvib.studies.campaign.statistics import LARGEST_LINE, line_statistics
 from microvib.studies.rates import full_case, plan_rates
 from microvib.web.jobs import tasks
+from microvib.web.jobs.kept_runs import keep_run
 
 SHORT = {"record.settle": 16.0, "record.duration": 4.0}
 RECORD = {"record.settle": "2 s", "record.duration": "2 s"}
@@ -105,7 +106,7 @@ def test_a_saved_run_says_the_same(
 
 def test_the_page_says_the_same(off: RunResult, tmp_path: Path) -> None:
     assert off.motion is not None
-    tasks._keep(tmp_path, off, off.motion)
+    keep_run(tmp_path, off, off.motion)
     found = tasks.verdict(str(tmp_path), FAR, lambda *told: None)
     assert found["verdict"] == "not judged"
     assert found["gaps"][0] == WHY

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.days import blocks, prepared
+from support.days import begun, blocks, prepared
 from support.page import PAGE, amplitude, api, drawn, served, until, write
 
 pytestmark = PAGE
@@ -218,8 +219,21 @@ def test_an_evening_from_a_data_sheet_to_two_designs(
     until(page, f"{quieter} === 3")
 
 
-def test_an_evening_on_a_craft(opened: Any) -> None:
-    """Tasks 3 and 10: rates that put a line on a mode, and what contributes most to the line of sight."""
+@pytest.fixture
+def evening(tmp_path: Path) -> Path:
+    """A folder with the files of the systems engineer's evening."""
+    page, folder = "docs/howto/systems-evening.md", tmp_path / "evening"
+    folder.mkdir()
+    begun(page, folder)
+    for kind, name, text in blocks(page):
+        if kind == "file":
+            (folder / name).write_text(text)
+    return folder
+
+
+def test_an_evening_on_a_craft(opened: Any, evening: Path) -> None:
+    """Tasks 3, 4 and 10: rates that put a line on a mode, one envelope over them against a curve, and what
+    contributes most to the line of sight."""
     page = opened
     page.set_input_files("#upload", ROOT / "examples" / "spacecraft.yaml")
     api.expect(page.locator("#title")).to_contain_text("Small craft")
@@ -232,6 +246,14 @@ def test_an_evening_on_a_craft(opened: Any) -> None:
     page.get_by_role("button", name="Map", exact=True).click()
     page.locator("#campbell-plot .main-svg").first.wait_for()
     api.expect(page.locator("#rates")).to_contain_text("array_mode_3")
+    page.click("#tab-envelope")
+    page.locator("#envelope").get_by_label("rates of Small craft").check()
+    page.set_input_files("#envelope-limit-file", evening / "allowed.csv")
+    api.expect(page.locator("#envelope-limit")).to_have_value(re.compile("^frequency_hz,t_mnm"))
+    page.get_by_role("button", name="Find the envelope").click()
+    found = page.locator("#envelope .figures")
+    api.expect(found).to_contain_text("FAIL; smallest margin -8.5 dB")
+    api.expect(found).to_contain_text("full_step_1 at 3.4659 Hz, 21.40 mN m of 8.000 mN m")
     page.click("#tab-run")
     page.check("#steady")
     page.click("#go")
@@ -239,3 +261,81 @@ def test_an_evening_on_a_craft(opened: Any) -> None:
     craft = page.locator(".craft")
     craft.get_by_role("button", name="100 ms").click()
     api.expect(craft.locator(".ranking li").first).to_contain_text("full_step_1")
+
+
+def choose(page: Any, field: str, file: Path) -> None:
+    """Fill a field from a file, as its button does."""
+    page.set_input_files(f"#budget-{field}-file", file)
+    api.expect(page.locator(f"#budget-{field}")).to_have_value(file.read_text())
+
+
+def assess(page: Any, *told: str) -> Any:
+    """Assess the budget, and wait until the page says what is told; its results."""
+    page.get_by_role("button", name="Assess").press("Enter")
+    found = page.locator("#budget .figures")
+    for words in told:
+        api.expect(found).to_contain_text(words)
+    return found
+
+
+def contributors(page: Any, *wanted: str) -> list[str]:
+    """Rows of the largest contributors that have some words."""
+    card = page.locator(
+        "#budget .card", has=page.get_by_role("heading", name="Largest contributors")
+    )
+    rows: list[str] = card.locator("tbody tr").all_inner_texts()
+    return [row for row in rows if all(word in row for word in wanted)]
+
+
+def test_an_evening_with_the_budget_of_a_craft(opened: Any, evening: Path) -> None:
+    """Tasks 6 to 10: a wheel beside the drive, the worst angle, errors by class, a table of harmonics, and
+    all lines at their crests; downloaded it is what the command line writes."""
+    page = opened
+    page.set_input_files("#upload", evening / "spacecraft.yaml")
+    api.expect(page.locator("#title")).to_contain_text("Small craft")
+    page.click("#tab-budget")
+    page.check("#budget-steady")
+    choose(page, "requirement", evening / "requirement.yaml")
+    choose(page, "sources", evening / "sources.yaml")
+    found = assess(page, "Pass: of 5 requirements, 5 pass, at an array angle of 30 deg only.")
+    row = found.locator("tr", has_text="lines, x, amplitude over frequency").first
+    assert re.sub(r"\s+", " ", row.inner_text()).startswith(
+        "P-5 0.1468 0.132 0.134 +0.9 pass lines, x"
+    )
+    with page.expect_download() as coming:
+        found.get_by_role("button", name="report.html").click()
+    assert "Pointing of a small craft" in Path(coming.value.path()).read_text()
+
+    page.fill("#budget-sources", "")
+    page.fill("#budget-angles", "0,45,90")
+    assess(
+        page,
+        "FAIL: of 5 requirements, 3 fail, 2 pass, the worst of 3 array angles from 0 to 90 deg, and at these only.",
+    )
+
+    page.fill("#budget-angles", "")
+    choose(page, "requirement", evening / "absolute.yaml")
+    choose(page, "sources", evening / "errors.yaml")
+    assess(page, "Pass: of 2 requirements, 2 pass, at an array angle of 30 deg only.")
+    assert contributors(page, "P-1", "alignment", "constant error, uniform", "0.2082")
+
+    choose(page, "requirement", evening / "requirement.yaml")
+    choose(page, "sources", evening / "wheel.yaml")
+    page.get_by_role("button", name="Assess").click()
+    said = page.locator("#budget [role=alert]")
+    api.expect(said).to_contain_text(
+        "'harmonics.csv' names a file, and it did not come with the request"
+    )
+    page.set_input_files("#budget-tables", evening / "harmonics.csv")
+    api.expect(page.locator("#budget .sent li")).to_have_count(1)
+    page.select_option("#budget-rule", "bound")
+    assess(page, "add with the worst phases", "wheel 2")
+    assert contributors(page, "P-1", "full_step_1", "3.333")
+    page.reload()
+    api.expect(page.locator("#budget .sent li")).to_have_count(1)
+    api.expect(page.locator("#budget .figures")).to_contain_text("wheel 2")
+    page.click("#tab-library")
+    budgets = page.locator("#library tbody tr", has_text="pointing budget")
+    api.expect(budgets).to_have_count(4)
+    budgets.last.get_by_role("button", name="Open").click()
+    api.expect(page.locator("#budget .figures")).to_contain_text("wheel 1")

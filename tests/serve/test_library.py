@@ -83,6 +83,30 @@ def test_runs_studies_and_recordings_survive_a_restart(serving):
     assert result(client, again.json()["id"])["spectrum"] == answers[1]["spectrum"]
 
 
+@pytest.mark.long
+def test_budgets_and_envelopes_survive_a_restart_with_their_reports(serving):
+    client = serving()
+    run = start(client, SHORT)
+    assert wait(client, run)["state"] == "done"
+    craft = (Path(__file__).parents[2] / "examples" / "spacecraft.yaml").read_text()
+    required = "requirements: [{name: P-1, metric: rpe, window: 10 ms, limit: 0.02 urad}]"
+    asked = {"scenario": {"text": craft}, "requirement": required, "steady": True}
+    made = [
+        client.post("/api/budgets", json=asked).json()["id"],
+        client.post("/api/envelopes", json={"members": [run], "limit": "60 mN*m"}).json()["id"],
+    ]
+    answers = [result(client, id) for id in made]
+    reports = [client.get(f"/api/studies/{id}/files/report.html").text for id in made]
+    assert answers[0]["verdict"] == "pass"
+    assert "members.csv" in answers[1]["files"]
+
+    client = serving()
+    assert [result(client, id) for id in made] == answers
+    assert [client.get(f"/api/studies/{id}/files/report.html").text for id in made] == reports
+    again = client.post("/api/envelopes", json={"members": [run], "limit": "60 mN*m"})
+    assert result(client, again.json()["id"])["files"] == answers[1]["files"]
+
+
 def test_names_and_attributes_can_be_changed_and_stay(serving):
     client = serving()
     id = upload(client)

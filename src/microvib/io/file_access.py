@@ -1,17 +1,19 @@
 """The one door to files that are named in a scenario, a study, or any other file of a user.
 
 Whoever reads such data is given a ``FileAccess`` and gets paths from it alone. A request of the
-page has ``NO_FILES``: whichever key of its data names a file, nothing is opened.
+page has ``NO_FILES``: whichever key of its data names a file, nothing is opened. Where tables come
+with a request, ``sent_files`` are the only ones that it may name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from microvib.errors import ScenarioError, quoted_value
+from microvib.errors import OptionError, ScenarioError, quoted_value
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,8 @@ class FileAccess:
     """Reason given where no file may be opened."""
     key: str = ""
     """Key that names the file, for messages."""
+    only: frozenset[str] | None = None
+    """Names that may be opened, of files in the folder itself; None for all."""
 
     def under(self, key: str) -> FileAccess:
         """Permission for files named at a ``key``."""
@@ -62,6 +66,8 @@ class FileAccess:
             raise ScenarioError(
                 f"{where}{quoted_value(name)} names a file, and {self.refusal}; write its contents into the scenario{choice}"
             )
+        if self.only is not None and name not in self.only:
+            raise ScenarioError(f"{where}{quoted_value(name)} names a file, and {self.refusal}")
         return self.folder / name
 
     def in_folder_of(self, name: Any) -> FileAccess:
@@ -74,11 +80,29 @@ class FileAccess:
         """Permission for names that are typed rather than written in a file, relative to the
         working folder.
         """
-        if self.folder is None:
+        if self.folder is None or self.only is not None:
             return self
         return replace(self, folder=Path())
 
 
+def sent_files(folder: Path, names: Iterable[str], refusal: str) -> FileAccess:
+    """Permission to open the files of a ``folder`` that came with a request, by the ``names`` that
+    their owner gave them; ``refusal`` is said of any other. OptionError about ``tables`` where one is
+    more than a name, and could lead out of the folder.
+    """
+    kept = frozenset(names)
+    for name in kept:
+        if not _PLAIN.fullmatch(name):
+            raise OptionError(
+                "tables",
+                f"{quoted_value(name)} is not allowed; the name of a table such as harmonics.csv is"
+                " expected",
+            )
+    return FileAccess(folder, refusal, only=kept)
+
+
+_PLAIN = re.compile(r"[\w(][\w .()+-]{0,98}")
+"""A name of a file that leads nowhere else: no separator, no drive, no point at its beginning."""
 NO_FILES = FileAccess()
 """Permission to open none: the default of everything that reads data."""
 WORKING_FOLDER = FileAccess(Path())

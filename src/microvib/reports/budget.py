@@ -228,7 +228,10 @@ def _basis(budget: Budget) -> str:
     if budget.angles:
         angles = " ".join([f"Each is {budget.holds_at}.", *budget.notes])
     else:
-        angles = f"This holds {budget.holds_at}; --angles 0:330:30 or --orbit judges the worst."
+        angles = (
+            f"This holds {budget.holds_at}; several angles, such as 0:330:30, or an orbit are judged at"
+            " their worst where they are asked for."
+        )
     said = [f"Lines of one frequency in several sources add {_RULES[budget.rule]}."]
     if budget.requirements and budget.requirements.source:
         said += [f"Required by: {budget.requirements.source}."]

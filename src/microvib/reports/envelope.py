@@ -207,6 +207,13 @@ def _channel_notes(found: Envelope, one: ChannelEnvelope) -> Iterator[str]:
 
 
 def _facts(found: Envelope) -> Iterator[Fact]:
+    if found.verdict:
+        word = (
+            "FAIL" if found.verdict == "fail" else f"{found.verdict[0].upper()}{found.verdict[1:]}"
+        )
+        what = ", ".join(WORDS[x] for x in found.statistics)
+        status = found.verdict if found.verdict in ("pass", "fail") else ""
+        yield Fact(word, f"{what} against the limit", status)
     yield Fact(str(found.members), "members")
     for one in found.channels:
         for of in one.verdicts:

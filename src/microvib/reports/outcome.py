@@ -312,10 +312,12 @@ def _page_table(table: Table) -> dict[str, Any]:
 
 def _page_column(column: Column) -> dict[str, Any]:
     """A column for the page; of verdicts with the marks of their words."""
-    marks = {column.text(word): mark for word, mark in MARKS.items()}
+    marks = {}
+    if column.role == "verdict":
+        marks = {column.text(word): mark for word, mark in MARKS.items()}
     return {
         "key": column.key,
         "title": column.heading,
         "unit": column.measure.unit if column.measure else "",
-        "marks": marks if column.role == "verdict" else {},
+        "marks": marks,
     }

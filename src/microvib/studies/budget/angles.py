@@ -13,11 +13,12 @@ import numpy as np
 
 from microvib.analysis.margins import Verdict
 from microvib.errors import OptionError
+from microvib.io.file_access import WORKING_FOLDER
 from microvib.model.drive_states import Sticking
 from microvib.model.scenario import GivenScenario, Scenario, as_scenario, stands_for_scenario
 from microvib.solve.integration import Progress
 from microvib.studies.budget.angle_search import WorstAngle, worst_angles
-from microvib.studies.budget.files import Requirements, read_file
+from microvib.studies.budget.files import Requirements
 from microvib.studies.budget.other_sources import (
     Excitation,
     contribution_of_other,
@@ -28,7 +29,12 @@ from microvib.studies.budget.sources import (
     contribution_of_recording,
     recording_at_angle,
 )
-from microvib.studies.budget.study import Budget, pointing_budget, read_sources
+from microvib.studies.budget.study import (
+    Budget,
+    pointing_budget,
+    read_requirements,
+    read_sources,
+)
 from microvib.studies.budget.sums import Assessment
 from microvib.studies.orbit import Orbit, analyse_orbit
 from microvib.testdata.recording import Recording
@@ -83,10 +89,7 @@ def budget_over_angles(
             "campaign",
             "is of one angle of the array, and the budget is over several; leave one of them out",
         )
-    if isinstance(requirements, Requirements | None):
-        required = requirements
-    else:
-        required = read_file(Path(requirements), Requirements)
+    required = read_requirements(requirements, keys.get("files", WORKING_FOLDER))
     turned: Orbit | None = None
     worst: list[WorstAngle | None] = []
     if orbit:
@@ -116,7 +119,7 @@ def _over_orbit(
     """An orbit, and the angle between those that it runs that is worst for each requirement, by the
     lines of the drives and of the other sources; ``keys`` as for ``budget_over_angles``.
     """
-    listed_sources, files = read_sources(keys.get("sources"))
+    listed_sources, files = read_sources(keys.get("sources"), keys.get("files", WORKING_FOLDER))
     harmonics = keys.get("harmonics", 8)
     turned = analyse_orbit(first, angles, harmonics=harmonics)
     first_drive, second_drive = zip(*turned.runs.sticking, strict=True)

@@ -635,6 +635,16 @@ class OtherSource(Part):
         """Its error, where it is one of a class without lines."""
         return self.constant or self.random or self.drift
 
+    @property
+    def tables(self) -> dict[str, str]:
+        """Names of the tables that it takes, by the keys that name them."""
+        named = {
+            "wheel.table": None if self.wheel is None else self.wheel.table,
+            "lines": self.lines,
+            "density": self.density,
+        }
+        return {key: name for key, name in named.items() if name is not None}
+
 
 def group_errors(sources: Sequence[OtherSource]) -> Iterator[str]:
     """Sentences on groups whose errors cannot be fully correlated: they differ in class, distribution,
@@ -687,4 +697,9 @@ def read_file(path: Path, kind: type[Kind]) -> Kind:
         what = "requirement"
     else:
         what = "source"
-    return validate_part(kind, parse_yaml(read_text(path, what, ()), str(path)), origin=str(path))
+    return from_text(read_text(path, what, ()), kind, str(path))
+
+
+def from_text(text: str, kind: type[Kind], name: str) -> Kind:
+    """As ``read_file``, of the contents of a file that its owner calls ``name``."""
+    return validate_part(kind, parse_yaml(text, name), origin=name)

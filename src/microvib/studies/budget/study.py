@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -167,6 +168,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
     steady: bool = False,
     harmonics: int = 8,
     names: Sequence[str] = (),
+    files: FileAccess = WORKING_FOLDER,
     progress: Progress | None = None,
 ) -> Budget:
     """Budget the line of sight of one craft: what its drives and other sources add up to, against
@@ -201,6 +203,8 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         Members of each family of lines that are looked for.
     names : sequence of str, optional
         Names of the drives.
+    files : FileAccess
+        Permission to open the files above, and the tables that ``sources`` name.
     progress : callable, optional
         Called as ``progress(done, total)``, with simulated seconds.
 
@@ -221,15 +225,17 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
         raise OptionError("sum", f"is not allowed; write one of {', '.join(RULES)}", str(rule))
     whole, drives = _drives(scenarios, names, steady)
     first, two = drives[0], _has_second_wing(drives)
-    required = _read_requirements(requirements)
+    required = read_requirements(requirements, files)
     # What can be refused is looked at before anything is simulated.
-    _other_contributions(sources, whole, (SLIDES, SLIDES))
+    _other_contributions(sources, whole, (SLIDES, SLIDES), files)
     if two and campaign is not None and recording is not None:
         raise OptionError(
             "campaign",
             "covers both wings together, and a recording one of them; leave one out",
         )
-    ensemble = None if campaign is None else ensemble_of(whole, Path(campaign))
+    ensemble = None
+    if campaign is not None:
+        ensemble = ensemble_of(whole, files.under("campaign").path(os.fspath(campaign)))
     for drive in drives:
         source_of(drive.scenario)
     measured = None
@@ -240,7 +246,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
 
     runs = _runs(drives, harmonics, progress)
     sticking = _sticking(runs, drives, ensemble)
-    beside = _other_contributions(sources, whole, sticking)
+    beside = _other_contributions(sources, whole, sticking, files)
     compared: tuple[Difference, ...] = ()
     if short_way or measured is not None:
         blocked, by_blocked_loads = blocked_load_solution(
@@ -259,7 +265,7 @@ def pointing_budget(  # noqa: PLR0913 - keyword options
             found[:2] = [both_wings(whole, found[0], found[1], runs[0].lines, runs[1].lines)]
         found[0] = with_density_of_cases(with_campaign(found[0], ensemble), ensemble)
         found[1:] = [with_nominal_craft(one, ensemble) for one in found[1:]]
-        beside = with_craft_of_cases(beside, *read_sources(sources), ensemble, sticking)
+        beside = with_craft_of_cases(beside, *read_sources(sources, files), ensemble, sticking)
         if measured is not None:
             found[0] = _with_cases_of_another(found[0])
     found[0] = replace(found[0], gaps=(*found[0].gaps, *_unobserved_axes(first.scenario)))
@@ -291,10 +297,13 @@ def _with_clock(
     return replace(contribution, clock="all drives", los=contribution.los * turned)
 
 
-def _read_requirements(given: Requirements | str | Path | None) -> Requirements | None:
+def read_requirements(
+    given: Requirements | str | Path | None, files: FileAccess
+) -> Requirements | None:
+    """Requirements, or those of the file that is named."""
     if given is None or isinstance(given, Requirements):
         return given
-    return read_file(Path(given), Requirements)
+    return read_file(files.under("requirement").path(os.fspath(given)), Requirements)
 
 
 def _without_steady(runs: Sequence[_Run], drives: Sequence[_Drive]) -> Iterator[str]:
@@ -480,16 +489,16 @@ def _check_craft(name: str, scenario: Scenario, before: Sequence[_Drive]) -> Non
 
 
 def read_sources(
-    sources: str | Path | Sequence[OtherSource] | None,
+    sources: str | Path | Sequence[OtherSource] | None, files: FileAccess = WORKING_FOLDER
 ) -> tuple[list[OtherSource], FileAccess]:
-    """Other sources of a file, whose own files are relative to it, or of a list, and the folder of
-    their tables.
+    """Other sources of a file, whose own files are relative to it, or of a list, and the permission
+    to open their tables.
     """
     if sources is None:
-        return [], WORKING_FOLDER
+        return [], files
     if isinstance(sources, str | Path):
-        path = Path(sources)
-        return list(read_file(path, Sources).sources), WORKING_FOLDER.in_folder_of(str(path))
+        name, named = os.fspath(sources), files.under("sources")
+        return list(read_file(named.path(name), Sources).sources), named.in_folder_of(name)
     expect_list(
         sources,
         "sources",
@@ -503,17 +512,18 @@ def read_sources(
             )
     for why in group_errors(sources):
         raise ObjectError(f"sources: {why}")
-    return list(sources), WORKING_FOLDER
+    return list(sources), files
 
 
 def _other_contributions(
     sources: str | Path | Sequence[OtherSource] | None,
     scenario: Scenario,
     sticking: tuple[Sticking, Sticking],
+    files: FileAccess,
 ) -> list[Contribution]:
     """Contributions of other sources to the line of sight of a ``scenario``."""
-    listed, files = read_sources(sources)
-    return [contribution_of_other(source, scenario, files, sticking) for source in listed]
+    listed, tables = read_sources(sources, files)
+    return [contribution_of_other(source, scenario, tables, sticking) for source in listed]
 
 
 def _sticking(

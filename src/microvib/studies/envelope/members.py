@@ -64,7 +64,20 @@ DRIVE_TORQUE = "T_d"
 """Channel of the disturbance torque about the drive axis, whatever a member calls it."""
 MOTION, LINES = "motion.nc", "lines.csv"
 Kind = Literal["run", "recording", "lines", "rate", "angle", "case"]
-GivenMember = str | os.PathLike[str] | Recording | Prepared | Run | RunResult
+UnnamedMember = str | os.PathLike[str] | Recording | Prepared | Run | RunResult
+
+
+@dataclass(frozen=True)
+class NamedMember:
+    """A file, folder, run or recording under the name that its owner gave it."""
+
+    name: str
+    given: UnnamedMember
+    files: tuple[Path, ...] = ()
+    """Files that tell it from others, where it is one that was read already: a copy counts once."""
+
+
+GivenMember = UnnamedMember | NamedMember
 _EXPECTED = (
     "the folder of a run, of a rate plan, of a campaign or of a sweep over angles, a folder of such"
     " folders, a recording or a table of lines is expected"
@@ -136,7 +149,7 @@ def members_of(given: Sequence[GivenMember], reading: Reading) -> list[Member]:
 
     Parameters
     ----------
-    given : sequence of str, path, Recording, Prepared, Run or RunResult
+    given : sequence of str, path, Recording, Prepared, Run, RunResult or NamedMember
         Files, folders, and what was read of them already.
     reading : Reading
         How they are read.
@@ -153,10 +166,7 @@ def members_of(given: Sequence[GivenMember], reading: Reading) -> list[Member]:
     """
     found: list[Member] = []
     for k, each in enumerate(given, 1):
-        if isinstance(each, (str, os.PathLike)):
-            found += _of_path(Path(os.fspath(each)), reading)
-        else:
-            found.append(_of_object(each, k, reading))
+        found += _of_given(each, k, reading)
     seen: set[tuple[str, str]] = set()
     for member in found:
         if member.key in seen:
@@ -165,6 +175,28 @@ def members_of(given: Sequence[GivenMember], reading: Reading) -> list[Member]:
     if not found:
         raise MicrovibError("no member was given; one or more are expected")
     return _named_once(found)
+
+
+def _of_given(given: Any, number: int, reading: Reading) -> list[Member]:
+    if isinstance(given, NamedMember):
+        return _of_named(given, number, reading)
+    if isinstance(given, (str, os.PathLike)):
+        return _of_path(Path(os.fspath(given)), reading)
+    return [_of_object(given, number, reading)]
+
+
+def _of_named(named: NamedMember, number: int, reading: Reading) -> list[Member]:
+    """Members under the name of their owner, which takes the place of the path."""
+    given = named.given
+    if not isinstance(given, (str, os.PathLike)):
+        found = replace(_of_object(given, number, reading), name=named.name)
+        return [replace(found, key=_content_key(*named.files)) if named.files else found]
+    path = str(Path(given))
+    try:
+        members = _of_path(Path(path), reading)
+    except MicrovibError as error:
+        raise MicrovibError(str(error).replace(path, named.name)) from None
+    return [replace(x, name=f"{named.name}{x.name.removeprefix(path)}") for x in members]
 
 
 def _named_once(members: Sequence[Member]) -> list[Member]:

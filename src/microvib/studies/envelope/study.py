@@ -279,7 +279,7 @@ def envelope(  # noqa: PLR0913 - keyword options
 
     Parameters
     ----------
-    members : sequence of str, path, Recording, Prepared, Run or RunResult
+    members : sequence of str, path, Recording, Prepared, Run, RunResult or NamedMember
         Folders of runs, rate plans, campaigns, sweeps over angles and orbits, folders of such
         folders, recordings and tables of lines.
     channels : sequence of str

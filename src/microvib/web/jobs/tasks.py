@@ -6,19 +6,16 @@ from __future__ import annotations
 
 import math
 import os
-import pickle
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from microvib.analysis.accuracy import with_known_error
 from microvib.analysis.band_levels import band_levels
 from microvib.analysis.lines import steady_lines
-from microvib.analysis.run import RunResult, run_scenario
+from microvib.analysis.run import run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
 from microvib.export.targets import target_of_file
@@ -30,16 +27,16 @@ from microvib.model.linear import linear_lines
 from microvib.model.part import Part
 from microvib.model.scenario import Scenario
 from microvib.reports import rendering
+from microvib.reports.angles import angles_outcome
 from microvib.reports.identification import values_text
 from microvib.reports.outcome import page_answer, page_facts, page_part, report
+from microvib.reports.rates import rates_outcome
 from microvib.reports.run.folder import run_summary, run_texts
 from microvib.reports.run.outcome import judge_run, judged_parts, run_facts, run_outcome
 from microvib.reports.sas import sizing_outcome
 from microvib.reports.sensitivity import ranking_outcome
 from microvib.signals.limit_curve import Limit
 from microvib.signals.line_table import BELOW_FLOOR
-from microvib.solve.channels import CHANNELS, MODAL
-from microvib.solve.motion import Motion
 from microvib.studies.angles import sweep_angles
 from microvib.studies.campaign.design import Design
 from microvib.studies.evidence import evidence_of
@@ -51,6 +48,9 @@ from microvib.studies.sizing import size_simulator
 from microvib.studies.workers import parallel_calls
 from microvib.units import Band, Si
 from microvib.web.jobs import ProgressCallback, campaigns, results
+from microvib.web.jobs.budgets import budget, budget_file  # noqa: F401 - as those below
+from microvib.web.jobs.envelopes import envelope  # noqa: F401 - as those below
+from microvib.web.jobs.kept_runs import keep_run, kept_run
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
     RecordedFile,
     analysis,
@@ -62,6 +62,7 @@ from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called
     samples,
     tracking,
 )
+from microvib.web.jobs.study_files import keep_tables
 from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
 
 
@@ -87,34 +88,10 @@ def run(folder: str, scenario: Scenario, tell: ProgressCallback, seeds: int = 0)
     motion = result.motion
     assert motion is not None
     texts = run_texts(result, run_summary(result))
-    _keep(Path(folder), result, motion)
+    keep_run(Path(folder), result, motion)
     for name, text in texts.items():
         (Path(folder) / name).write_text(text, encoding="utf-8")
     _write(folder, results.run_result(result, motion) | {"files": list(texts)})
-
-
-def _keep(where: Path, result: RunResult, motion: Motion) -> None:
-    for name, x in motion.channels.items():
-        np.save(where / f"{name}.npy", x)
-    loads = motion.interface_loads()
-    if loads is not None:
-        np.save(where / "loads.npy", loads)
-    axis = {"t0": float(motion.time[0]), "sample_rate": motion.sample_rate}
-    (where / "axis.json").write_text(to_json(axis), encoding="utf-8")
-    bare = replace(result, motion=replace(motion, channels={}))
-    (where / "run.pickle").write_bytes(pickle.dumps(bare))
-
-
-def _kept(where: Path) -> RunResult:
-    """A run that ``_keep`` kept; its samples are mapped from their files."""
-    # written by a worker of this very server
-    result: RunResult = pickle.loads((where / "run.pickle").read_bytes())
-    assert result.motion is not None
-    files = {name: where / f"{name}.npy" for name in (*CHANNELS, *MODAL)}
-    channels = {
-        name: np.load(file, mmap_mode="r") for name, file in files.items() if file.is_file()
-    }
-    return replace(result, motion=replace(result.motion, channels=channels))
 
 
 def file(
@@ -124,7 +101,7 @@ def file(
     for, as ``mark`` and its name.
     """
     where = Path(folder)
-    result = _kept(where)
+    result = kept_run(where)
     new = where / f"{os.getpid()}-{mark}{name}"  # two may ask at once
     if name == "motion.nc":
         assert result.motion is not None
@@ -148,13 +125,13 @@ def export(folder: str, name: str, tell: ProgressCallback, options: Part, mark: 
     target, ending = found
     with TemporaryDirectory(dir=where) as made:
         new = Path(made) / f"run{ending}"
-        target.write(subject_of(_kept(where)), new, options)
+        target.write(subject_of(kept_run(where)), new, options)
         new.replace(where / f"export-{mark}{name}")
 
 
 def verdict(folder: str, limit: Limit, tell: ProgressCallback) -> dict[str, Any]:
     """Lines of a run against a limit."""
-    result = _kept(Path(folder))
+    result = kept_run(Path(folder))
     judged = judge_run(result, limit)
     levels = None
     if result.second is None:
@@ -235,6 +212,7 @@ def rates(  # noqa: PLR0913 - what a process is sent
         scenario, rates, microsteps, limit=limit, band=band, linear=linear,
         progress=lambda done, total: tell(done, total, "cases", "solving"),
     )  # fmt: skip
+    keep_tables(Path(folder), rates_outcome(plan))
     _write(folder, results.rates_result(plan))
 
 
@@ -243,6 +221,7 @@ def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: Progress
     found = sweep_angles(
         scenario, angles, progress=lambda done, total: tell(done, total, "angles", "simulating"),
     )  # fmt: skip
+    keep_tables(Path(folder), angles_outcome(found))
     _write(folder, results.angles_result(found))
 
 

@@ -48,6 +48,8 @@ FILES = FileAccess(None, "the page opens no files")
 """Permission to open files that a request has: none, whichever key names them; names of the catalog
 need no permission.
 """
+NOT_SENT = "it did not come with the request; choose it as a table of the sources"
+"""Reason given of a table that sources of a budget name and that was not sent."""
 
 
 class Spec(BaseModel):

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from microvib.signals.spectrum import Average, Window
+from microvib.studies.budget.sums import Rule
 from microvib.studies.campaign.study_file import Method
 from microvib.web.routes.forms import Spec
 
@@ -173,6 +174,49 @@ class AnglesOf(Body):
     scenario: Spec
     angles: Short = Field(description="FIRST:LAST:STEP in degrees, or a list")
     steady: bool = False
+
+
+Described = Annotated[str, Field(max_length=200_000)]
+"""Text of a requirement file or of a file of sources (YAML)."""
+Sent = Annotated[str, Field(max_length=1_000_000)]
+"""Text of a table that came with a request."""
+
+
+class BudgetOf(Body):
+    """A pointing budget; the tables that its sources name come with it, and no other file is opened."""
+
+    scenario: Spec
+    requirement: Described = Field(default="", description="requirements, as YAML text")
+    sources: Described = Field(
+        default="", description="other sources that move the line of sight, as YAML text"
+    )
+    tables: dict[Short, Sent] = Field(
+        default_factory=dict, max_length=20, description="tables that sources name: name and text"
+    )
+    rule: Rule = Field(default="rss", description="how lines of one frequency add")
+    one_clock: bool = False
+    steady: bool = False
+    angles: Short | None = Field(
+        default=None, description="FIRST:LAST:STEP in degrees, or a list; else the scenario's own"
+    )
+    orbit: bool = False
+
+
+class EnvelopeOf(Body):
+    """An envelope over runs, rate maps, campaigns, angles and recordings that the page has."""
+
+    members: list[Id] = Field(min_length=1, max_length=100)
+    channels: list[Short] = Field(default_factory=list, max_length=7)
+    statistics: list[Literal["max", "mean", "p95", "p99"]] = Field(
+        default=["max"], min_length=1, max_length=4
+    )
+    bandwidth: Short = "1/3 octave"
+    resolution: Short = "1 Hz"
+    limit: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
+    scenario: Spec | None = Field(default=None, description="names the lines of recordings")
 
 
 class QuietOf(Body):
@@ -389,6 +433,8 @@ class JobState(BaseModel):
         "identification",
         "rates",
         "angles",
+        "budget",
+        "envelope",
         "quiet",
         "campaign",
         "sweep",

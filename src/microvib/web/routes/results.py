@@ -107,7 +107,7 @@ def finished_run(store: Store, id: str) -> Job:
     return done(store, id)
 
 
-def _whole_run(store: Store, id: str) -> Job:
+def whole_run(store: Store, id: str) -> Job:
     """A run that is done and can be read again as a whole; Refused where another version kept it."""
     job = finished_run(store, id)
     if not store.trusts(job):
@@ -273,7 +273,7 @@ def _channel(folder: Path, name: str) -> np.ndarray:
     return x
 
 
-def _limit(limit: str | None, band: str | None) -> Limit | None:
+def limit_of(limit: str | None, band: str | None) -> Limit | None:
     """The limit of a request: a torque, or the text of a table; no file is opened for it."""
     if limit and "\n" in limit:
         return limit_from_text(limit).within(band or None)
@@ -285,8 +285,8 @@ def verdict_of(id: Id, store: StoreDependency, limit: Allowed, band: Shown = Non
     """Lines of a run against a limit such as ``30 mN*m``, over a band such as ``0.5:5 Hz``; a text of
     several lines is a table of a limit over frequency.
     """
-    folder = store.folder(_whole_run(store, id))
-    wanted = _limit(limit, band)
+    folder = store.folder(whole_run(store, id))
+    wanted = limit_of(limit, band)
     if wanted is None:
         raise OptionError("limit", "missing; a torque is needed, such as 30 mN*m")
     return Verdict.model_validate(ask(store, "verdict", folder=str(folder), limit=wanted))
@@ -306,7 +306,7 @@ def file_of(
     if name not in FILES:
         raise RequestRefused(404, f"there is no such file; there are {', '.join(FILES)}")
     if name.startswith("report."):
-        wanted = _limit(limit, band)
+        wanted = limit_of(limit, band)
     else:
         wanted = None
     if wanted is None:
@@ -314,7 +314,7 @@ def file_of(
     else:
         mark = sha256(to_json(wanted.as_dict()).encode()).hexdigest()[:16] + "-"
     if name in GENERATED_FILES and not (folder / (mark + name)).is_file():
-        _whole_run(store, id)
+        whole_run(store, id)
         ask(store, "file", folder=str(folder), name=name, mark=mark, limit=wanted)
     return FileResponse(there(folder / (mark + name)), media_type=FILES[name], filename=name)
 
@@ -341,6 +341,6 @@ def export_of(id: Id, name: str, store: StoreDependency, option: Options = ()) -
         mark = sha256(options.model_dump_json().encode()).hexdigest()[:16] + "-"
     kept = folder / f"export-{mark}{name}"
     if not kept.is_file():
-        _whole_run(store, id)
+        whole_run(store, id)
         ask(store, "export", folder=str(folder), name=name, options=options, mark=mark)
     return FileResponse(there(kept), media_type=EXPORTED, filename=name)

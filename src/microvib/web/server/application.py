@@ -13,7 +13,9 @@ from microvib import __version__
 from microvib.errors import MicrovibError
 from microvib.web.jobs.store import Store
 from microvib.web.routes import (
+    budgets,
     campaigns,
+    envelopes,
     kept,
     new_jobs,
     processing,
@@ -41,7 +43,17 @@ def create_app(store: Store, access: Access, assets: Assets | None = None) -> Gu
     )  # fmt: skip
     app.state.store = store
     api = APIRouter(prefix="/api", responses=refusals(400, 401, 403, 408, 411, 413, 422))
-    for part in (scenarios, new_jobs, recordings, processing, campaigns, results, kept):
+    for part in (
+        scenarios,
+        new_jobs,
+        budgets,
+        envelopes,
+        recordings,
+        processing,
+        campaigns,
+        results,
+        kept,
+    ):
         api.include_router(part.routes)
     app.include_router(api)
     _add_page(app, assets or Assets())

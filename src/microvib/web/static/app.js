@@ -153,10 +153,12 @@ function makeNotice() {
 
 /** The other tabs: their scripts are not needed before a scenario can be run. */
 async function makeOthers() {
-  const [angles, campaign, sheet, library, modes, quiet, rates, recording, sas] = await Promise.all([
+  const [angles, budget, campaign, sheet, envelope, library, modes, quiet, rates, recording, sas] = await Promise.all([
     import("./angles.js"),
+    import("./budget.js"),
     import("./campaign.js"),
     import("./datasheet.js"),
+    import("./envelope.js"),
     import("./library.js"),
     import("./modes.js"),
     import("./quiet.js"),
@@ -169,6 +171,8 @@ async function makeOthers() {
   rates.makeRates($("#rates"));
   quiet.makeQuiet($("#quiet"));
   angles.makeAngles($("#angles"));
+  budget.makeBudget($("#budget"));
+  envelope.makeEnvelope($("#envelope"));
   campaign.makeCampaign($("#campaign"));
   modes.makeModes($("#modes"));
   sas.makeSas($("#sas"));

@@ -1,10 +1,12 @@
 // The Library tab: runs, studies and recordings that the server keeps, with names and attributes; opened, renamed, deleted, brought back.
 
 import { openAngles } from "./angles.js";
+import { openBudget } from "./budget.js";
 import { openCampaign } from "./campaign.js";
 import { get, patch, post, remove } from "./api.js";
 import { openRanking } from "./datasheet.js";
 import { announce, h } from "./dom.js";
+import { openEnvelope } from "./envelope.js";
 import { openModes } from "./modes.js";
 import { openQuiet } from "./quiet.js";
 import { openRates } from "./rates.js";
@@ -27,6 +29,8 @@ const KINDS = {
   campaign: ["campaign", "tab-campaign", openCampaign],
   sweep: ["sweep", "tab-run", openSweep],
   angles: ["angles", "tab-angles", openAngles],
+  envelope: ["envelope", "tab-envelope", openEnvelope],
+  budget: ["pointing budget", "tab-budget", openBudget],
   quiet: ["quieter drive", "tab-quiet", openQuiet],
   shapes: ["mode shapes", "tab-modes", openModes],
   sensitivity: ["ranking", "tab-sheet", openRanking],

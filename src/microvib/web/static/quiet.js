@@ -7,6 +7,7 @@ import { latest } from "./latest.js";
 import { makeTask } from "./progress.js";
 import * as runs from "./runs.js";
 import * as scenario from "./scenario.js";
+import { factList } from "./study.js";
 import { card, partCards, partContent } from "./tables.js";
 
 const LEVERS = "quiet.levers";
@@ -170,14 +171,11 @@ function show({ summary, facts, parts, files, scenario_changes: changes }, { sce
   const names = [...FIRST_FILES.filter((file) => file in files), ...Object.keys(files).filter((file) => !FIRST_FILES.includes(file))];
   const links = names.map((file) => h("button", { type: "button", onclick: () => save(files[file], file) }, file));
   result.replaceChildren(
-    card("What to change", summary, h("div", { class: "facts" }, facts.map(fact)), ...partContent(first), h("div", { class: "bar" }, use, both)),
+    card("What to change", summary, factList(facts), ...partContent(first), h("div", { class: "bar" }, use, both)),
     ...partCards(others),
     card("Download", "", h("div", { class: "bar" }, links)),
   );
 }
-
-const fact = ({ value, label, status }) =>
-  h("div", { class: status, title: label }, h("b", {}, value.replaceAll("-", "−")), h("span", {}, label));
 
 /** The scenario that was searched with the levers set: as changes of it, or as a text where they are too long. */
 function quieter(before, changes, files) {
