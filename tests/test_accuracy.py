@@ -188,6 +188,14 @@ def test_a_drive_whose_motion_has_several_forms_is_sensitive():
     assert judge(with_integration_error(table, estimate), limit).of(line).verdict == "not judged"
 
 
+def test_a_steady_state_without_a_line_in_the_passband_has_an_account(state_1):
+    """Its slowest line is at 3.3 Hz, above the passband of 8 samples a second."""
+    slow = state_1.with_({"record.sample_rate": "8 Hz", "reducer.backlash": "100 arcsec"})
+    result = mv.run_scenario(slow, start="steady", lines_only=True)
+    assert result.state is not None
+    assert not [line for line in result.table if line.amplitude > 0.0]
+
+
 def test_a_limit_is_judged_with_what_the_integration_may_be_off(off):
     motion, whole, estimate = off
     table = replace(

@@ -172,6 +172,8 @@ def _change_from_rest(state: SteadyState) -> tuple[float, float]:
     if other is None:
         return 1.0, state.driving_frequency
     own, theirs = _amplitudes_by_order(state), _amplitudes_by_order(other)
+    if not own:  # the slowest line is above the passband, and no other is listed
+        return 0.0, state.driving_frequency
     least = MIN_ERROR_REFERENCE_RATIO * max(own.values())
     changes = {
         order: abs(own.get(order, 0.0) - theirs.get(order, 0.0)) / max(own.get(order, 0.0), least)
