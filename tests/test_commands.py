@@ -120,7 +120,7 @@ LONG = {
         "--effort",
         "4",
         "--set",
-        "record.settle=0.5 s",
+        "record.settle=1.5 s",
         "--set",
         "record.duration=2.5 s",
     ],

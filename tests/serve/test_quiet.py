@@ -21,7 +21,8 @@ PULSE = {
     "driver.proportional_gain": "0 V/A",
     "driver.integral_gain": "0 V/(A*s)",
 }
-SMALL = {"scenario": DRIVE, "levers": ["ramp"], "cases": 8, "effort": 4}
+WOUND_UP = {"base": "state-1", "changes": {**SHORT, "record.settle": "6 s"}}
+SMALL = {"scenario": WOUND_UP, "levers": ["ramp"], "cases": 8, "effort": 4}
 
 
 def choices(client, scenario: dict) -> dict:
@@ -88,7 +89,7 @@ def test_a_quieter_drive_is_that_of_the_library(client):
     )
     assert answer.status_code == 202, answer.text
     told = result(client, answer.json()["id"])
-    drive = mv.load_scenario("state-1", SHORT)
+    drive = mv.load_scenario("state-1", WOUND_UP["changes"])
     expected = quiet(drive, "rms", ["ramp", "table"], cases=8, effort=4)
     [designs] = items(told["parts"][0], "table")
     row = next(row for row in designs["rows"] if row["design"] == "quieter")
@@ -97,7 +98,7 @@ def test_a_quieter_drive_is_that_of_the_library(client):
     [picture] = items(told["parts"][0], "picture")
     assert picture["source"].startswith("data:image/svg+xml;base64,")
     assert {"scenario.yaml", "table.csv", "lines.csv"} <= set(told["files"])
-    changed = {**SHORT, **told["scenario_changes"]}
+    changed = {**WOUND_UP["changes"], **told["scenario_changes"]}
     assert set(told["scenario_changes"]) == {"driver.microstep_ramp", "driver.table"}
     view = client.post("/api/scenario", json={"base": "state-1", "changes": changed}).json()
     assert view["errors"] == []

@@ -406,7 +406,10 @@ class _Task:
         search.run(self.effort, (best.setting, *search.as_it_is()))
         found = self._chosen(search, best.setting)
         if not math.isfinite(found.worst):
-            why = found.why_not or "no setting brings all cases to their rate"
+            why = found.why_not or (
+                "no setting brings all cases to their rate before the record begins; increase"
+                " record.settle"
+            )
             raise OptionError(
                 "lever", f"no setting is allowed: {why}", ", ".join(x.name for x in self.levers)
             )
