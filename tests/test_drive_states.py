@@ -228,6 +228,30 @@ def test_a_density_is_as_large_as_in_the_worst_state(
     assert max(rms) > 1.3 * rms[0]
 
 
+def source_at(f: float, moment: float, what: str, folder: Path) -> OtherSource:
+    """A source of a moment about y [N m] at a frequency [Hz]: a line, a narrow density, a wheel at a speed, or
+    one in a narrow range of speeds."""
+    given: dict[str, object] = {}
+    if what == "line":
+        (folder / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},{moment}\n")
+        given["lines"] = str(folder / "lines.csv")
+    elif what == "density":
+        band = 1e-4
+        density = moment**2 / 4 / band
+        (folder / "density.csv").write_text(
+            f"frequency_hz,my_n2_m2_hz\n{f - band},{density}\n{f + band},{density}\n"
+        )
+        given["density"] = str(folder / "density.csv")
+    else:
+        axial = moment / (2.0 * np.pi * f) ** 2
+        harmonics = [{"order": 1, "axial_torque": f"{axial!r} N*m*s^2/rad^2"}]
+        wheel = {"speed": f"{60 * f!r} rpm", "axis": [0, 1, 0], "harmonics": harmonics}
+        if what == "range":
+            wheel |= {"speed": f"{60 * 1.138!r} rpm", "speed_to": f"{60 * 1.144!r} rpm"}
+        given["wheel"] = wheel
+    return OtherSource.model_validate({"name": "s", "position": ["0 m"] * 3, **given})
+
+
 STUCK = {**DRY, "breakaway": "1.2 N*m"}
 
 
@@ -259,18 +283,7 @@ def test_a_drive_that_sticks_holds_its_array_as_a_rigid_joint_does(
     )
     assert sticks > 2.2 * slides
     size = 1e-3  # too small to turn the sliding shaft back
-    (tmp_path / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},{size}\n")
-    band = 1e-4
-    (tmp_path / "density.csv").write_text(
-        f"frequency_hz,my_n2_m2_hz\n{f - band},{size**2 / 4 / band}\n{f + band},{size**2 / 4 / band}\n"
-    )
-    axial = size / (2.0 * np.pi * f) ** 2
-    harmonics = [{"order": 1, "axial_torque": f"{axial!r} N*m*s^2/rad^2"}]
-    wheel = {"speed": f"{60 * f!r} rpm", "axis": [0, 1, 0], "harmonics": harmonics}
-    if what == "range":
-        wheel |= {"speed": f"{60 * 1.138!r} rpm", "speed_to": f"{60 * 1.144!r} rpm"}
-    given = {"line": {"lines": str(tmp_path / "lines.csv")}, "density": {"density": str(tmp_path / "density.csv")}}.get(what, {"wheel": wheel})  # fmt: skip
-    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], **given)
+    source = source_at(f, size, what, tmp_path)
     limit = float(size * 1.5 * slides / np.sqrt(2.0))
     asked = {"metric": "ape", "axis": "y", "limit": f"{limit!r} rad", "lowest": f"{f - 0.01!r} Hz", "highest": f"{f + 0.01!r} Hz"}  # fmt: skip
     (one,) = mv.pointing_budget(
@@ -406,18 +419,7 @@ def test_a_strong_load_is_not_taken_for_a_small_one(
     f = 1.14096
     free = {"friction.coulomb": "0 N*m", "friction.breakaway": "0 N*m", "friction.slip_ring": None}
     scenario = one_wing.with_({**({"friction": friction} if friction else free), **changes})
-    (tmp_path / "lines.csv").write_text(f"frequency_hz,my_n_m\n{f},{moment}\n")
-    density = moment**2 / 4 / 1e-4
-    (tmp_path / "density.csv").write_text(
-        f"frequency_hz,my_n2_m2_hz\n{f - 1e-4},{density}\n{f + 1e-4},{density}\n"
-    )
-    axial = moment / (2.0 * np.pi * f) ** 2
-    harmonics = [{"order": 1, "axial_torque": f"{axial!r} N*m*s^2/rad^2"}]
-    wheel = {"speed": f"{60 * f!r} rpm", "axis": [0, 1, 0], "harmonics": harmonics}
-    if what == "range":
-        wheel |= {"speed": f"{60 * 1.138!r} rpm", "speed_to": f"{60 * 1.144!r} rpm"}
-    given = {"line": {"lines": str(tmp_path / "lines.csv")}, "density": {"density": str(tmp_path / "density.csv")}}.get(what, {"wheel": wheel})  # fmt: skip
-    source = OtherSource(name="s", position=["0 m", "0 m", "0 m"], **given)
+    source = source_at(f, moment, what, tmp_path)
     r = Requirement(metric="ape", axis="y", limit="1 rad", statistic="rms")
     sticking = (Sticking(False, False), MAY_STICK)
     one = contribution_of_other(source, scenario, FileAccess(folder=tmp_path), sticking)

@@ -195,8 +195,8 @@ def _beats_of_two(scenario: Scenario, harmonics: Sequence[_Harmonic]) -> Iterato
 def _beats_of_lines(
     scenario: Scenario, harmonics: Sequence[_Harmonic], duration: float
 ) -> Iterator[SlowVariation]:
-    """Lines that harmonics make by themselves, as they beat with those of the steps and of each other;
-    what has no cycle in a record of a ``duration`` [s] is no line of it.
+    """Beats of the lines that harmonics make by themselves, with lines of the steps and with each other.
+    A harmonic that takes longer than ``duration`` [s] for one cycle is left out.
     """
     turn, combs = _turn_of_rotor(scenario), _combs(scenario)
     lines = [

@@ -15,12 +15,7 @@ from microvib.model.drive_states import MAY_STICK, DriveStates, Sticking, craft_
 from microvib.model.friction import Friction
 from microvib.model.linear import coupled_modes
 from microvib.model.scenario import Scenario
-from microvib.model.side_lines import (
-    SideResponse,
-    VaryingDrive,
-    unknown_drives,
-    varying_drives,
-)
+from microvib.model.side_lines import SideResponse, VaryingDrive, unknown_drives, varying_drives
 from microvib.signals.pointing import Metric, mean_square_of_lines, windowed_amplitudes
 from microvib.studies.budget.files import Requirement
 from microvib.units import within_band
@@ -180,7 +175,9 @@ class Shaft:
         return self.craft.extremes(frequency, forces, rows=self.on[None, :])[1][:, 0]
 
     def reason(self, motion: float, speed: float) -> str:
-        """Why the response to loads that move it so far [rad] and fast [rad/s] is not linear."""
+        """Reason why the response to loads that move it so far [rad] and fast [rad/s] is not linear; empty
+        where it is.
+        """
         if self.teeth * motion > _LARGEST_SWING:
             return (
                 f"its loads may swing {self.name} by {self.teeth * motion:.2g} rad of the electrical"
