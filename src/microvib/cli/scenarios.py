@@ -117,7 +117,7 @@ def _check_over_angles(orbit: bool, limit: Limit | None, of_one_motion: bool) ->
     if orbit and limit is not None:
         raise OptionError(
             "orbit",
-            "is not judged between its runs; give angles with the limit instead",
+            "takes no limit, since nothing is judged between its runs; give angles with the limit instead",
             remedy="angles",
         )
 
