@@ -329,7 +329,7 @@ def _in_pieces(
         start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
         band = k + _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
         yield band, Excess(
-            *bands.edges[band : band + 2].tolist(),
+            float(bands.edges[band]), float(bands.edges[band + 1]),
             math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
             _height(more, i),
         )  # fmt: skip
