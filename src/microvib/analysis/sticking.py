@@ -28,6 +28,8 @@ def sticking_of(motion: Shafts | None) -> Sticking:
     return Sticking(
         _sticks(motion["stuck_rotor"], motion["omega_m"]),
         _sticks(motion["stuck_output"], motion["omega_l"]),
+        float(np.min(np.abs(motion["omega_m"]))),
+        float(np.min(np.abs(motion["omega_l"]))),
     )
 
 

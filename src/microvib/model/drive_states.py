@@ -57,6 +57,12 @@ class UncertainSpring:
     """Infinite where it may be rigid."""
     damping: float = 0.0
     """[N m s/rad], which comes and goes with it."""
+    switches: bool = False
+    """Whether friction that sticks and slides while its drive runs makes it come and go."""
+    largest: float = math.inf
+    """Torque that such friction reaches at most [N m]."""
+    monotone: bool = True
+    """Whether this torque never falls as its rate, or its elongation, grows."""
 
 
 class Sticking(NamedTuple):
@@ -64,10 +70,18 @@ class Sticking(NamedTuple):
 
     rotor: bool
     output: bool
+    slowest_rotor: float = math.inf
+    slowest_output: float = math.inf
+    """Rates [rad/s] above which shafts that never stick stay; infinite where nobody looked."""
 
     def or_as(self, other: Sticking) -> Sticking:
         """Shafts that may stick in either of two motions."""
-        return Sticking(self.rotor or other.rotor, self.output or other.output)
+        return Sticking(
+            self.rotor or other.rotor,
+            self.output or other.output,
+            min(self.slowest_rotor, other.slowest_rotor),
+            min(self.slowest_output, other.slowest_output),
+        )
 
 
 MAY_STICK, SLIDES = Sticking(True, True), Sticking(False, False)
@@ -84,12 +98,18 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
         *_of_friction(motor.friction, rotor, sticking.rotor),
     ]
     if friction.harness is not None and friction.harness.memory:
-        found.append(UncertainSpring(output, _stuck_stiffness(friction.harness.memory), 0.0, 1.0))
+        stuck = _stuck_stiffness(friction.harness.memory)
+        found.append(
+            UncertainSpring(
+                output, stuck, 0.0, 1.0, switches=sticking.output, largest=friction.harness.friction
+            )
+        )
     if not reducer.rigid:
         twist = -rotor / reducer.h - output
         stiffness = float(reducer.stiffness)
         if reducer.hysteresis is not None:
-            found.append(UncertainSpring(twist, reducer.hysteresis.stiffness, 0.0, 1.0))
+            stuck, largest = reducer.hysteresis.stiffness, reducer.hysteresis_torque
+            found.append(UncertainSpring(twist, stuck, 0.0, 1.0, switches=True, largest=largest))
         if reducer.backlash:
             found.append(UncertainSpring(twist, stiffness, -1.0, 0.0, reducer.damping))
     return found
@@ -116,10 +136,19 @@ def springs_of_motor(scenario: Scenario, *, stands: bool) -> list[UncertainSprin
 
 def _of_friction(friction: Friction, on: np.ndarray, sticks: bool) -> Iterator[UncertainSpring]:
     """Spring of a shaft's friction that sticks."""
+    of_friction = UncertainSpring(
+        on,
+        1.0,
+        0.0,
+        math.inf,
+        switches=sticks,
+        largest=friction.largest_torque,
+        monotone=friction.stribeck_torque == 0.0 and friction.position is None,
+    )
     if friction.memory:
-        yield UncertainSpring(on, _stuck_stiffness(friction.memory), 0.0, 1.0)
+        yield replace(of_friction, stiffness=_stuck_stiffness(friction.memory), high=1.0)
     elif sticks and friction.largest_torque > 0.0:
-        yield UncertainSpring(on, 1.0, 0.0, math.inf)
+        yield of_friction
 
 
 def _stuck_stiffness(memory: Sequence[tuple[float, float]]) -> float:
@@ -325,6 +354,8 @@ def drive_states(
         wing = require_craft(scenario).spacecraft.second_wing
         held = not steps and wing is not None and wing.drive == "held"
         beside = springs_of_drive(other, MAY_STICK if held else sticking[1])
+        if held:
+            beside = [replace(one, switches=False) for one in beside]
         steps = steps or (not turning and not held and bool(other.rate))
         beside += springs_of_motor(other, stands=True) if not steps else []
         beside += springs_of_motor(other, stands=False) if steps and turning else []
@@ -352,7 +383,8 @@ def craft_of_drives(
 def _springs_of_own(scenario: Scenario, sticking: Sticking, turning: bool) -> list[UncertainSpring]:
     """Springs of the first drive; one that is parked holds its array as a second wing's does."""
     if scenario.rate == 0.0:
-        return [*springs_of_drive(scenario, MAY_STICK), *springs_of_motor(scenario, stands=True)]
+        parked = [replace(one, switches=False) for one in springs_of_drive(scenario, MAY_STICK)]
+        return [*parked, *springs_of_motor(scenario, stands=True)]
     found = springs_of_drive(scenario, sticking)
     return [*found, *springs_of_motor(scenario, stands=False)] if turning else found
 

@@ -349,7 +349,10 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         wings = drives[0].scenario, drives[1].scenario
         for k, other in ((0, 1), (1, 0)):
             run = runs[k]
-            mixed = with_side_lines_of_other(run.contribution, run.lines, wings[k], wings[other])
+            both = sticking[k], sticking[other]
+            mixed = with_side_lines_of_other(
+                run.contribution, run.lines, wings[k], wings[other], both
+            )
             runs[k] = run._replace(contribution=mixed)
     return runs
 
