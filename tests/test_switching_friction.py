@@ -159,14 +159,21 @@ def test_a_curve_limits_what_friction_makes(example, tmp_path):
     assert verdicts == ["not judged", "pass"]
 
 
-def test_friction_is_bounded_by_energy_only_where_its_torque_never_falls(example):
-    craft = TurningDrives(with_friction(example, 8, 0.1, 0.1), STICKS).craft
-    falling = TurningDrives(with_friction(example, 8, 0.1, 0.12), STICKS).craft
-    assert SwitchingFriction(craft).monotone
-    assert not SwitchingFriction(falling).monotone
-    by_limits = SwitchingFriction(falling).los(1e-6)
-    assert np.array_equal(by_limits, SwitchingFriction(falling).los(1e-3))
-    assert np.all(SwitchingFriction(craft).los(1e-6) <= by_limits)
+def test_friction_that_falls_is_bounded_by_its_limits_or_in_a_steady_motion(example):
+    """By energy where its torque never falls as its rate grows; else by its limits, which do not depend
+    on the load, or, where the motion is a steady one, by four times the energy."""
+    falls, steady = with_friction(example, 8, 0.1, 0.12), STICKS[0]._replace(repeats=True)
+    by_energy, by_limits, of_steady = (
+        SwitchingFriction(TurningDrives(one, (sticking, SLIDES)).craft)
+        for one, sticking in (
+            (with_friction(example, 8, 0.12, 0.12), STICKS[0]),
+            (falls, STICKS[0]),
+            (falls, steady),
+        )
+    )
+    assert np.array_equal(by_limits.los(1e-6), by_limits.los(1e-3))
+    assert np.all(by_energy.los(1e-6) <= by_limits.los(1e-6))
+    np.testing.assert_allclose(of_steady.los(1e-9), 4.0 * by_energy.los(1e-9), rtol=1e-9)
 
 
 def test_a_held_drive_switches_nothing(example):

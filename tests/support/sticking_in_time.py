@@ -78,7 +78,7 @@ def integrated(
 
 
 @njit(cache=False, fastmath=True)
-def _run(  # noqa: PLR0913
+def _run(
     step, start, rotor, output, rate, rotor_rate, microstep, z, Km, friction, w, count, skip, los
 ):  # fmt: skip
     m = start.shape[1]
@@ -103,16 +103,16 @@ def _run(  # noqa: PLR0913
                 s = step[j, m] * motor + step[j, m + 1] * torque
                 if i == 1:
                     s += step[j, m + 2] * np.cos(w * t) - step[j, m + 3] * w * np.sin(w * t)
-                for l in range(m):
-                    s += step[j, l] * x[i, l]
+                for b in range(m):
+                    s += step[j, b] * x[i, b]
                 new[j] = s
             x[i] = new
         done = k + 1 - skip
         if done > 0 and done % KEPT == 0:
             for axis in range(2):
                 s = 0.0
-                for l in range(n):
-                    s += los[axis, l] * (x[1, l] - x[0, l])
+                for b in range(n):
+                    s += los[axis, b] * (x[1, b] - x[0, b])
                 kept[done // KEPT - 1, axis] = s
     return kept, stuck / (count - skip)
 

@@ -40,6 +40,10 @@ _RIGID = 1e3
 """Times the largest stiffness of the system, for the modes of a shaft that is locked."""
 _LEAST_STIFFNESS = 1e-3
 """Part of the electromagnetic stiffness that detent torque leaves at the least."""
+_FALLING = 4.0
+"""By how much more friction whose torque falls as its rate grows (Stribeck) may make of loads than what
+its energy bounds otherwise, in a steady motion; assumed: in drives that were integrated in time it made
+less than a tenth of that bound."""
 _ALIKE = 1e-9
 """Part of the electromagnetic stiffness by which it may change and be as good as constant."""
 
@@ -61,8 +65,9 @@ class UncertainSpring:
     """Whether friction that sticks and slides while its drive runs makes it come and go."""
     largest: float = math.inf
     """Torque that such friction reaches at most [N m]."""
-    monotone: bool = True
-    """Whether this torque never falls as its rate, or its elongation, grows."""
+    above_energy: float = 1.0
+    """By how much what it makes of loads may be above the bound that holds where its torque never falls
+    as its rate grows (``model.switching_friction``); infinite where that tells nothing."""
 
 
 class Sticking(NamedTuple):
@@ -73,6 +78,8 @@ class Sticking(NamedTuple):
     slowest_rotor: float = math.inf
     slowest_output: float = math.inf
     """Rates [rad/s] above which shafts that never stick stay; infinite where nobody looked."""
+    repeats: bool = False
+    """Whether the motion is a steady one that repeats with the steps, to which deviations return."""
 
     def or_as(self, other: Sticking) -> Sticking:
         """Shafts that may stick in either of two motions."""
@@ -81,6 +88,7 @@ class Sticking(NamedTuple):
             self.output or other.output,
             min(self.slowest_rotor, other.slowest_rotor),
             min(self.slowest_output, other.slowest_output),
+            self.repeats and other.repeats,
         )
 
 
@@ -94,8 +102,8 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
     reducer, motor, friction = scenario.reducer, scenario.motor, scenario.friction
     rotor, output = coordinates(reducer, len(scenario.array.modes))[:2]
     found = [
-        *_of_friction(friction, output, sticking.output),
-        *_of_friction(motor.friction, rotor, sticking.rotor),
+        *_of_friction(friction, output, sticking.output, sticking.repeats),
+        *_of_friction(motor.friction, rotor, sticking.rotor, sticking.repeats),
     ]
     if friction.harness is not None and friction.harness.memory:
         stuck = _stuck_stiffness(friction.harness.memory)
@@ -109,9 +117,15 @@ def springs_of_drive(scenario: Scenario, sticking: Sticking) -> list[UncertainSp
         stiffness = float(reducer.stiffness)
         if reducer.hysteresis is not None:
             stuck, largest = reducer.hysteresis.stiffness, reducer.hysteresis_torque
-            found.append(UncertainSpring(twist, stuck, 0.0, 1.0, switches=True, largest=largest))
+            switches = (sticking.output and friction.largest_torque > 0.0) or (
+                sticking.rotor and motor.friction.largest_torque > 0.0
+            )
+            found.append(
+                UncertainSpring(twist, stuck, 0.0, 1.0, switches=switches, largest=largest)
+            )
         if reducer.backlash:
-            found.append(UncertainSpring(twist, stiffness, -1.0, 0.0, reducer.damping))
+            gap = UncertainSpring(twist, stiffness, -1.0, 0.0, reducer.damping)
+            found.append(replace(gap, above_energy=math.inf))
     return found
 
 
@@ -134,8 +148,15 @@ def springs_of_motor(scenario: Scenario, *, stands: bool) -> list[UncertainSprin
     return [UncertainSpring(rotor, motor.electromagnetic_stiffness, least, high)]
 
 
-def _of_friction(friction: Friction, on: np.ndarray, sticks: bool) -> Iterator[UncertainSpring]:
-    """Spring of a shaft's friction that sticks."""
+def _of_friction(
+    friction: Friction, on: np.ndarray, sticks: bool, repeats: bool
+) -> Iterator[UncertainSpring]:
+    """Spring of a shaft's friction that sticks, in a motion that repeats or not."""
+    above = 1.0
+    if friction.position is not None:
+        above = math.inf
+    elif friction.stribeck_torque > 0.0:
+        above = _FALLING if repeats else math.inf
     of_friction = UncertainSpring(
         on,
         1.0,
@@ -143,7 +164,7 @@ def _of_friction(friction: Friction, on: np.ndarray, sticks: bool) -> Iterator[U
         math.inf,
         switches=sticks,
         largest=friction.largest_torque,
-        monotone=friction.stribeck_torque == 0.0 and friction.position is None,
+        above_energy=above,
     )
     if friction.memory:
         yield replace(of_friction, stiffness=_stuck_stiffness(friction.memory), high=1.0)

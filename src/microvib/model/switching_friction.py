@@ -29,6 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from microvib.model.drive_states import DriveStates
+from microvib.model.driver import spring_factors
 from microvib.model.scenario import Scenario
 from microvib.model.turning import spring_over_turn
 
@@ -64,9 +65,9 @@ class SwitchingFriction:
         return np.array(found).T
 
     @property
-    def monotone(self) -> bool:
-        """Whether the bound by energy holds."""
-        return all(spring.monotone for spring in self.craft.springs)
+    def by_energy(self) -> float:
+        """Factor on the bound by energy; infinite where none holds."""
+        return max(spring.above_energy for spring in self.craft.springs)
 
     def norm_of_forces(self, frequency: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Root of v' R^-1 v [W^1/2] of amplitudes by ``forces`` on the coordinates (n, c), or at each
@@ -119,8 +120,8 @@ class SwitchingFriction:
         if norm == 0.0:
             return np.zeros((self.frequency.size, 2))
         most = self._by_limits
-        if self.monotone:
-            most = np.minimum(most, norm * self._by_energy)
+        if math.isfinite(self.by_energy):
+            most = np.minimum(most, self.by_energy * norm * self._by_energy)
         return _MARGIN * math.sqrt(2.0) * most
 
 
@@ -200,7 +201,9 @@ def _curvatures(drive: Scenario) -> tuple[float, float]:
     rotor lags by its load and by the microsteps.
     """
     motor, driver, rate = drive.motor, drive.driver, abs(float(drive.rate or 0.0))
+    factors = spring_factors(driver, motor)
     full = motor.electromagnetic_stiffness / motor.rotor_teeth
+    full *= max(abs(factors.low), abs(factors.high))
     on_rotor = motor.friction.largest_torque + motor.viscous * rate * drive.reducer.ratio
     on_output = drive.friction.largest_torque + drive.friction.viscous * rate
     spring = spring_over_turn(drive)

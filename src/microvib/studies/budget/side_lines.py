@@ -49,6 +49,8 @@ _LARGEST_RATE = 0.2
 may turn it back within its own steps, and friction makes other lines of them. Assumed."""
 _PEAKS = 4.0
 """Deviations of noise that count as its largest values."""
+_CREST_OF_PEAKS = 1.5
+"""Root of two, and some: crest over root mean square of lines whose amplitudes were added."""
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
@@ -64,6 +66,9 @@ class Anywhere:
     most: np.ndarray
     """Amplitude [rad] that a line there has at most, (m, 2). All lines together have no larger mean
     square than one line has at the frequency where it costs most."""
+    crest: float = 30.0
+    """Times their root mean square that all together crest at most; as a rule some 450 lines of one
+    size, assumed."""
 
     def times(self, factor: float) -> Anywhere:
         """With amplitudes times a factor."""
@@ -377,7 +382,8 @@ class TurningDrives:
             grid = self.friction.frequency
             found.append(Anywhere(_OF_FRICTION, grid, self.friction.los(norm)))
         for one, swing, peak in zip(self.sines, swings, peaks, strict=True):
-            found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak)))
+            crest = _CREST_OF_PEAKS * peak / max(swing, 1e-300)
+            found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak), crest))
         return tuple(found)
 
     def of_lines(self, frequency: np.ndarray, forces: np.ndarray) -> SideLines | None:

@@ -330,7 +330,10 @@ def _runs(drives: Sequence[_Drive], harmonics: int, progress: Progress | None) -
         run_scenario(drive.scenario, harmonics=harmonics, progress=progress) for drive in drives
     ]
     two = _has_second_wing(drives)
-    sticking = [sticking_of(result.motion or result.state) for result in results]
+    sticking = [
+        sticking_of(result.motion or result.state, repeats=result.state is not None)
+        for result in results
+    ]
     runs = []
     for k, (drive, result) in enumerate(zip(drives, results, strict=True)):
         contribution, lines = contribution_of_run(

@@ -501,17 +501,23 @@ def side_line_gaps(r: Requirement, one: Contribution) -> Iterator[Unobserved]:
         yield Unobserved(_SIDE_LINES, 0.0, math.inf, f[counts], most[counts])
 
 
-_CREST = 30.0
-"""Times its root mean square that motion of unknown frequencies crests at most: some 450 lines of one
-size. Assumed."""
+_LEVEL_OVER_PART, _ROUNDED_PART = 3.0, 1e-6
+"""Half of one over the slope of a level's logarithm over that of the part of the time beyond it, about,
+for the part that is given to what is beside; and the least such part."""
 
 
 class _Beyond(NamedTuple):
     """Motion at frequencies that are not known: by how much it may raise a figure, and why."""
 
     most: float
-    """[rad]; of a curve as part of it."""
+    """Root mean square [rad]; of a curve the largest line as part of it."""
+    crest: float
+    """[rad]."""
     why: tuple[str, ...]
+
+    def of(self, statistic: str) -> float:
+        """By how much a figure other than a level is raised at most."""
+        return self.crest if statistic == "bound" else self.most
 
 
 def _anywhere(r: Requirement, chosen: Sequence[Contribution]) -> _Beyond:
@@ -519,13 +525,14 @@ def _anywhere(r: Requirement, chosen: Sequence[Contribution]) -> _Beyond:
     such as add to all the rest.
     """
     each = [
-        (anywhere.largest(r), f"{one.source}: {anywhere.why}")
+        (anywhere.largest(r), anywhere.crest, f"{one.source}: {anywhere.why}")
         for one in chosen
         if one.side is not None
         for anywhere in one.side.anywhere
     ]
-    total = math.fsum(size for size, _ in each)
-    return _Beyond(total, tuple(why for size, why in each if size > 0.1 * total))
+    total = math.fsum(size for size, _, _ in each)
+    crest = math.fsum(size * crest for size, crest, _ in each)
+    return _Beyond(total, crest, tuple(why for size, _, why in each if size > 0.1 * total))
 
 
 def _raised(r: Requirement, most: Callable[[Requirement], float], beyond: _Beyond) -> float:
@@ -537,10 +544,13 @@ def _raised(r: Requirement, most: Callable[[Requirement], float], beyond: _Beyon
     if beyond.most == 0.0:
         return most(r)
     if r.statistic == "level" and r.interpretation != "ensemble":
-        part = 0.5 * (1.0 - r.confidence)
-        stricter = r.model_copy(update={"confidence": 1.0 - part})
-        return most(stricter) + beyond.most / math.sqrt(part)
-    return most(r) + (1.0 if r.statistic == "rms" else _CREST) * beyond.most
+        rest = 1.0 - r.confidence
+        size = beyond.most / (max(most(r), 1e-300) * math.sqrt(rest))
+        part = min(max((_LEVEL_OVER_PART * size) ** (2.0 / 3.0), _ROUNDED_PART), 0.5) * rest
+        stricter = r.model_copy(update={"confidence": r.confidence + part})
+        by_part = most(stricter) + beyond.most / math.sqrt(part)
+        return min(by_part, most(r) + beyond.crest)
+    return most(r) + (beyond.most if r.statistic == "rms" else beyond.crest)
 
 
 def with_side_lines(
@@ -577,15 +587,15 @@ def most_of_sources(r: Requirement, contributions: Sequence[Contribution], rule:
     most = np.concatenate([tones.most, *(gap.most for gap in gaps)])
     known = np.isfinite(most).all(axis=1)
     f, most = f[known], most[known]
-    beyond = _anywhere(r, chosen).most
+    beyond = _anywhere(r, chosen)
     if r.curve is not None:
-        return float(ratio_to_curve(r, f, most).max(initial=0.0)) + beyond
+        return float(ratio_to_curve(r, f, most).max(initial=0.0)) + beyond.most
     plain = r if r.statistic != "level" else r.model_copy(update={"statistic": "rms"})
     densities = [one.most_density for one in chosen if one.most_density is not None]
     moved = Moved(f, most, densities + side_densities(chosen))
     if r.statistic != "level":  # whose rms beside errors would not grow with the lines as it does
         moved = moved._replace(errors=tones.errors)
-    return evaluate(plain, moved) + (_CREST if plain.statistic == "bound" else 1.0) * beyond
+    return evaluate(plain, moved) + beyond.of(plain.statistic)
 
 
 def _metric_of_source(r: Requirement, one: Contribution) -> float:
@@ -1020,7 +1030,7 @@ def _side_lines_in_case(
     most = np.concatenate([np.zeros((0, 2)), *(gap.most for gap in gaps)])
     if not np.all(np.isfinite(most)):
         return math.inf
-    beyond = _anywhere(r, there).most * (_CREST if r.statistic == "bound" else 1.0)
+    beyond = _anywhere(r, there).of(r.statistic)
     return evaluate_metric(r, f, most, side_densities(there)) + beyond
 
 
