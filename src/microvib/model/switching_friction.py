@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from microvib.model.drive_states import DriveStates
-from microvib.model.driver import spring_factors
+from microvib.model.driver import references_over_electrical_period
 from microvib.model.scenario import Scenario
 from microvib.model.turning import spring_over_turn
 
@@ -201,16 +201,16 @@ def _curvatures(drive: Scenario) -> tuple[float, float]:
     rotor lags by its load and by the microsteps.
     """
     motor, driver, rate = drive.motor, drive.driver, abs(float(drive.rate or 0.0))
-    factors = spring_factors(driver, motor)
+    turn = references_over_electrical_period(driver, 1.0, motor.phases)
     full = motor.electromagnetic_stiffness / motor.rotor_teeth
-    full *= max(abs(factors.low), abs(factors.high))
+    full *= float(np.hypot(turn[:, 0], turn[:, 1]).max())
     on_rotor = motor.friction.largest_torque + motor.viscous * rate * drive.reducer.ratio
     on_output = drive.friction.largest_torque + drive.friction.viscous * rate
     spring = spring_over_turn(drive)
-    lag = (on_rotor + on_output / drive.reducer.ratio) / full + math.pi / (
-        driver.beats * driver.microsteps
-    )
-    lag = min(1.0, lag + (1.0 if spring is None else spring.motion))
+    microstep = 2.0 * math.pi / (driver.beats * driver.microsteps)
+    motion = 1.0 if spring is None else max(spring.motion, microstep)
+    by_load = (on_rotor + on_output / drive.reducer.ratio) / full
+    lag = min(1.0, by_load + 0.5 * microstep + motion)
     orders = motor.torque_orders
     second = full * lag + math.fsum(order**2 * size for order, size in orders.items())
     return second, full + math.fsum(order**3 * size for order, size in orders.items())

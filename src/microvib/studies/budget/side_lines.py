@@ -49,8 +49,6 @@ _LARGEST_RATE = 0.2
 may turn it back within its own steps, and friction makes other lines of them. Assumed."""
 _PEAKS = 4.0
 """Deviations of noise that count as its largest values."""
-_CREST_OF_PEAKS = 1.5
-"""Root of two, and some: crest over root mean square of lines whose amplitudes were added."""
 _LEAST_SHARE = 1e-4
 """Part of a linear line below which what comes beside it at its own frequency is left out."""
 
@@ -67,12 +65,16 @@ class Anywhere:
     """Amplitude [rad] that a line there has at most, (m, 2). All lines together have no larger mean
     square than one line has at the frequency where it costs most."""
     crest: float = 30.0
-    """Times their root mean square that all together crest at most; as a rule some 450 lines of one
-    size, assumed."""
+    """Times their root mean square that all together crest at most, but for what a metric makes of
+    crests; as a rule some 450 lines of one size, assumed."""
 
     def times(self, factor: float) -> Anywhere:
         """With amplitudes times a factor."""
         return replace(self, most=factor * self.most)
+
+    def crest_in(self, metric: Metric) -> float:
+        """Crest over root mean square in a metric, at most."""
+        return self.crest * MAX_METRIC_GAIN[metric]
 
     def largest(self, r: Requirement) -> float:
         """The most that it makes of a requirement's metric, as root mean square [rad]; of a curve
@@ -382,7 +384,7 @@ class TurningDrives:
             grid = self.friction.frequency
             found.append(Anywhere(_OF_FRICTION, grid, self.friction.los(norm)))
         for one, swing, peak in zip(self.sines, swings, peaks, strict=True):
-            crest = _CREST_OF_PEAKS * peak / max(swing, 1e-300)
+            crest = peak / max(swing, 1e-300)
             found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak), crest))
         return tuple(found)
 

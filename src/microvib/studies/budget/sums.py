@@ -525,7 +525,7 @@ def _anywhere(r: Requirement, chosen: Sequence[Contribution]) -> _Beyond:
     such as add to all the rest.
     """
     each = [
-        (anywhere.largest(r), anywhere.crest, f"{one.source}: {anywhere.why}")
+        (anywhere.largest(r), anywhere.crest_in(r.metric), f"{one.source}: {anywhere.why}")
         for one in chosen
         if one.side is not None
         for anywhere in one.side.anywhere
