@@ -309,13 +309,19 @@ def _peaks_of(f: np.ndarray, densities: Sequence[np.ndarray]) -> list[float]:
 
 
 _OF_FRICTION = (
-    "friction that sticks for a part of each step makes lines of these loads, at frequencies that"
-    " are not known (finer microsteps, microstep_ramp or a faster rate, with which shafts slide at"
-    " all times; statistic: rms; a band without slow motion)"
+    "friction that sticks for a part of each step makes lines of these loads at frequencies that are"
+    " not known (finer microsteps, microstep_ramp or a faster rate, with which shafts slide at all"
+    " times; a higher lowest)"
+)
+_OF_FALLING_FRICTION = (
+    "friction that sticks for a part of each step makes lines of these loads at frequencies that are"
+    " not known, and as it falls with the rate, only a start in the steady state bounds them closely"
+    " (record.start: steady; finer microsteps, microstep_ramp or a faster rate, with which shafts slide"
+    " at all times)"
 )
 _OF_MOTOR = (
-    "the motor's torque is a sine of its angle, and makes lines of these loads, at frequencies that"
-    " are not known (statistic: rms)"
+    "the motor's torque is a sine of its angle and makes lines of these loads at frequencies that are"
+    " not known"
 )
 
 
@@ -382,7 +388,10 @@ class TurningDrives:
         found = []
         if norm > 0.0:
             grid = self.friction.frequency
-            found.append(Anywhere(_OF_FRICTION, grid, self.friction.los(norm)))
+            why = _OF_FRICTION
+            if math.isinf(self.friction.by_energy):
+                why = _OF_FALLING_FRICTION
+            found.append(Anywhere(why, grid, self.friction.los(norm)))
         for one, swing, peak in zip(self.sines, swings, peaks, strict=True):
             crest = peak / max(swing, 1e-300)
             found.append(Anywhere(_OF_MOTOR, one.frequency, one.los(swing, peak), crest))
