@@ -43,7 +43,7 @@ _LEAST_STIFFNESS = 1e-3
 _FALLING = 4.0
 """By how much more friction whose torque falls as its rate grows (Stribeck) may make of loads than what
 its energy bounds otherwise, in a steady motion; assumed: in drives that were integrated in time it made
-less than a tenth of that bound."""
+no more than 14 % of that bound (``benchmarks/switching_friction.py``)."""
 _ALIKE = 1e-9
 """Part of the electromagnetic stiffness by which it may change and be as good as constant."""
 
