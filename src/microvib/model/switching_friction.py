@@ -1,4 +1,4 @@
-"""What friction that sticks at times makes of loads on a craft, at any frequency.
+"""Bounds on what friction that sticks at times makes of loads on a craft, at any frequency.
 
 While a shaft sticks, its friction takes up part of a load, and while it slides, none: a load then has
 lines at its frequency plus and minus multiples of whatever makes the shaft stick, and multiples of its
@@ -79,7 +79,7 @@ class SwitchingFriction:
         return self.norm_of_motion(frequency, moved)
 
     def norm_of_motion(self, frequency: np.ndarray, elongation: np.ndarray) -> np.ndarray:
-        """The same by elongations (m, e, c) [rad] that loads make without friction, (m, c)."""
+        """Norm of elongations (m, e, c) [rad] that loads make without friction, (m, c)."""
         omega = 2.0 * np.pi * frequency[:, None, None]
         own = 1j * omega * self.craft.response(frequency, self.on, self.on.T)
         parts = _whitened(own, 1j * omega * elongation)

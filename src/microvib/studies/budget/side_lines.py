@@ -382,7 +382,7 @@ class TurningDrives:
     def anywhere(
         self, norm: float, swings: Sequence[float], peaks: Sequence[float]
     ) -> tuple[Anywhere, ...]:
-        """What friction that sticks makes of loads of a ``norm``, and the sine of each motor of loads that
+        """Motion that friction which sticks makes of loads of a ``norm``, and the sine of each motor of loads that
         swing its rotor by root mean squares ``swings`` and ``peaks`` [rad] at most.
         """
         found = []
@@ -408,7 +408,7 @@ class TurningDrives:
         return _with_anywhere(found, self._of_all_lines(frequency, forces))
 
     def _of_all_lines(self, frequency: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
-        """What friction and motors make of lines at frequencies that are not known."""
+        """Motion that friction and motors make of lines at frequencies that are not known."""
         at = self._spread(frequency)
         each = np.repeat(forces, at.shape[1], axis=0)
         norms = self.norm(at.ravel(), each).reshape(at.shape).max(axis=1, initial=0.0)
@@ -528,7 +528,7 @@ class TurningDrives:
         return _with_anywhere(found, anywhere)
 
     def _of_noise(self, f: np.ndarray, S: np.ndarray, forces: np.ndarray) -> tuple[Anywhere, ...]:
-        """What friction and motors make of densities (m, c) at frequencies (m,) [Hz] of ``forces`` (n, c),
+        """Motion that friction and motors make of densities (m, c) at frequencies (m,) [Hz] of ``forces`` (n, c),
         at frequencies that are not known.
         """
         size = np.sqrt(S)

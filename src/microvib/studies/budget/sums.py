@@ -521,7 +521,7 @@ class _Beyond(NamedTuple):
 
 
 def _anywhere(r: Requirement, chosen: Sequence[Contribution]) -> _Beyond:
-    """What sources make at frequencies that are not known, as a root mean square; whatever its phases,
+    """Motion that sources make at frequencies that are not known, as a root mean square; whatever its phases,
     such as add to all the rest.
     """
     each = [

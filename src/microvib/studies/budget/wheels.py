@@ -141,7 +141,7 @@ class WheelOnCraft:
         return self.turning.of_sweep(self.grid, self._rotor_motions, shafts, self._anywhere())
 
     def _anywhere(self) -> tuple[Anywhere, ...]:
-        """What friction that sticks and motors make of the orders at frequencies that are not known."""
+        """Motion that friction and motors make of the orders at frequencies that are not known."""
         friction, norm = self.turning.friction, 0.0
         if friction.switches:
             norm = float(self._over_grid(friction.norm_of_forces).max(axis=1).sum())
