@@ -60,7 +60,7 @@ class Compared:
     bounds: tuple[float, float] = (-math.inf, math.inf)
     """Where its value has to lie."""
     quantity: str = ""
-    """What the value is, in words."""
+    """Quantity of the value: a metric, or a ratio."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Bar:
     words: str = ""
     """The bar in words."""
     quantity: str = "ratio"
-    """What the value is: a metric of a case, or a ratio of some."""
+    """Quantity of the value: a metric of a case, or a ratio of some."""
 
     def holds(self, value: float) -> bool | None:
         """Whether a value holds; None where there is none."""
