@@ -182,6 +182,75 @@ def test_a_day_with_several_tests(opened: Any, recordings: Path) -> None:
     api.expect(several).to_contain_text("b1.uff (recording) against a1.uff (recording)")
 
 
+def test_a_day_on_the_force_table(opened: Any, recordings: Path) -> None:
+    """Tasks 8, 9 and 12: a hammer test, recordings without the table's dynamics and about another point, the
+    acceptance report."""
+    page = opened
+    the_drive(page, recordings)
+    send(page, recordings, "hits.uff", "off.uff", "b1.uff", "a1.uff")
+    assert float(amplitude(page, "drive_1", "#recording")) == pytest.approx(55.87, rel=1e-3)
+    blows = page.locator("#hammer")
+    blows.get_by_label("hits.uff", exact=True).check()
+    blows.get_by_label("Lever arm of hits.uff").fill("0.2 m")
+    page.fill("#hammer-mounted_mass", "12 kg")
+    blows.get_by_role("button", name="Find the response").click()
+    page.get_by_role("button", name="Correct recordings by it").click()
+    found = page.locator("#recording")
+    api.expect(found).to_contain_text("9 of 10 blows count")
+    api.expect(found).to_contain_text("double hit: 28 % again after 30 ms")
+    process(page)
+    corrected = "corrected from 1.113 to 154.7 Hz for the table's dynamics, by at most 24.9 %"
+    api.expect(found).to_contain_text(corrected)
+    assert float(amplitude(page, "drive_1", "#recording")) == pytest.approx(54.27, rel=1e-3)
+    assert float(amplitude(page, "drive_2", "#recording")) == pytest.approx(9.543, rel=1e-3)
+
+    several = page.locator("#several")
+    for name, unit in (("a1.uff", "A"), ("b1.uff", "B")):
+        several.get_by_label(name, exact=True).check()
+        several.get_by_label(f"Unit of {name}").fill(unit)
+    for field, name in (("template", "report.md"), ("data", "unit.yaml")):
+        page.set_input_files(f"#acceptance-{field}-file", recordings / name)
+        api.expect(page.locator(f"#acceptance-{field}")).to_have_value(
+            (recordings / name).read_text()
+        )
+    page.fill("#acceptance-limit", "60 mN*m")
+    page.fill("#acceptance-band", "1.5:120 Hz")
+    page.select_option("#acceptance-reference", "scenario")
+    page.check("#acceptance-hammer")
+    page.get_by_role("button", name="Make the report").click()
+    api.expect(found).to_contain_text("Limit of 60 mN m from 1.5 to 120 Hz: 2 runs, 2 pass.")
+    report = page.locator(
+        ".figures", has=page.get_by_role("heading", name="Acceptance", exact=True)
+    )
+    with page.expect_download() as coming:
+        report.get_by_role("button", name="report.html").click()
+    text = Path(coming.value.path()).read_text()
+    for words in ("Acceptance test of SADA of the example", "XY-SPEC-12", "Against the prediction"):
+        assert words in text, words
+
+    page.set_input_files("#recording-prepare-file", recordings / "moved.yaml")
+    process(page)
+    api.expect(found).to_contain_text("torques about [0.1, 0.05, 0.12] m")
+    page.fill("#recording-prepare", (recordings / "how.yaml").read_text())
+    process(page)
+    refused = "table_frf.file: 'table/frf.csv' names a file, and it did not come with the request"
+    api.expect(page.locator("#recording [role=alert]").first).to_contain_text(refused)
+    page.reload()
+    api.expect(found).to_contain_text("9 of 10 blows count")
+    api.expect(page.locator("#recording-prepare")).to_have_value(
+        (recordings / "how.yaml").read_text()
+    )
+    page.click("#tab-library")
+    kept = page.locator("#library tbody tr")
+    for kind in ("hammer test", "acceptance report"):
+        api.expect(kept.filter(has_text=kind)).to_have_count(1)
+    kept.filter(has_text="hammer test").get_by_role("button", name="Open").click()
+    page.get_by_role("button", name="Correct recordings by it").click()
+    api.expect(page.locator("#recording-prepare")).to_have_value(
+        re.compile("file: frf.csv\n  mounted_mass: 12 kg")
+    )
+
+
 SHEET = {
     "holding_torque": "0.5 N*m",
     "phases_on": "2",

@@ -51,8 +51,8 @@ from microvib.web.jobs import ProgressCallback, campaigns, results
 from microvib.web.jobs.budgets import budget, budget_file  # noqa: F401 - as those below
 from microvib.web.jobs.envelopes import envelope  # noqa: F401 - as those below
 from microvib.web.jobs.kept_runs import keep_run, kept_run
+from microvib.web.jobs.processing import RecordedFile
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
-    RecordedFile,
     analysis,
     batch,
     comparison,
@@ -63,6 +63,7 @@ from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called
     tracking,
 )
 from microvib.web.jobs.study_files import keep_tables
+from microvib.web.jobs.table_tests import acceptance, hammer  # noqa: F401 - as those above
 from microvib.web.routes.forms import FILES, Spec, array_structure, view_of
 
 
@@ -204,7 +205,7 @@ def identification(  # noqa: PLR0913 - what a process is sent
 
 
 def rates(  # noqa: PLR0913 - what a process is sent
-    folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Si | None, band: Band,
+    folder: str, scenario: Scenario, rates: Sequence[Si], microsteps: list[int], limit: Limit | None, band: Band,
     linear: bool, tell: ProgressCallback,
 ) -> None:  # fmt: skip
     """A rate plan."""
