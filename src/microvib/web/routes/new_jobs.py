@@ -51,6 +51,7 @@ from microvib.web.routes.messages import (
     Started,
 )
 from microvib.web.routes.recordings import upload_of
+from microvib.web.routes.results import limit_of
 
 _RAW = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 
@@ -157,10 +158,9 @@ def start_rates(want: RatesOf, store: StoreDependency) -> Started:
             "count", f"rates times microstep counts are at most {store.limits.cases} here"
         )
     rates = rate_grid(want.low, want.high, want.count)
-    if want.limit is None:
-        limit = None
-    else:
-        limit = quantity("limit", want.limit, "N*m", positive=True)
+    limit = limit_of(want.limit, None)
+    if limit is not None:
+        limit.torque_curve("a plan of rates")
     if want.band is None:
         within = (Si(0.0), Si("inf"))
     else:
