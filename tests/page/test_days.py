@@ -310,17 +310,23 @@ def test_an_evening_on_a_craft(opened: Any, evening: Path) -> None:
     for key, text in (("from", "0.06 deg/s"), ("to", "0.064 deg/s"), ("count", "3")):
         page.fill(f"#rates-{key}", text)
     page.fill("#rates-microsteps", "16")
-    page.fill("#rates-limit", "20 mN*m")
-    page.fill("#rates-band", "1:10 Hz")
+    page.set_input_files("#rates-limit-file", evening / "allowed.csv")
+    api.expect(page.locator("#rates-limit")).to_have_value(re.compile("^frequency_hz,t_mnm"))
     page.get_by_role("button", name="Map", exact=True).click()
     page.locator("#campbell-plot .main-svg").first.wait_for()
     api.expect(page.locator("#rates")).to_contain_text("array_mode_3")
+    api.expect(page.locator("#rates")).to_contain_text("for a limit of 8 to 80 mN m")
+    limits = (
+        "document.querySelector('#largest-plot').data.filter((c) => c.name.startsWith('limit'))"
+    )
+    assert max(page.evaluate(f"{limits}[0].y")) == pytest.approx(80e-3)
     page.click("#tab-envelope")
     page.locator("#envelope").get_by_label("rates of Small craft").check()
     page.set_input_files("#envelope-limit-file", evening / "allowed.csv")
     api.expect(page.locator("#envelope-limit")).to_have_value(re.compile("^frequency_hz,t_mnm"))
     page.get_by_role("button", name="Find the envelope").click()
     found = page.locator("#envelope .figures")
+    api.expect(found).to_contain_text("Maximum of 7 members")
     api.expect(found).to_contain_text("FAIL; smallest margin -8.5 dB")
     api.expect(found).to_contain_text("full_step_1 at 3.4659 Hz, 21.40 mN m of 8.000 mN m")
     page.click("#tab-run")
@@ -408,3 +414,21 @@ def test_an_evening_with_the_budget_of_a_craft(opened: Any, evening: Path) -> No
     api.expect(budgets).to_have_count(4)
     budgets.last.get_by_role("button", name="Open").click()
     api.expect(page.locator("#budget .figures")).to_contain_text("wheel 1")
+
+
+def test_an_evening_with_two_designs_of_a_craft(opened: Any, evening: Path) -> None:
+    """Task 11 on the line of sight: the form is kept as one design and changed into the other."""
+    page = opened
+    page.set_input_files("#upload", evening / "spacecraft.yaml")
+    api.expect(page.locator("#title")).to_contain_text("Small craft")
+    page.click("#tab-budget")
+    page.check("#budget-steady")
+    choose(page, "requirement", evening / "requirement.yaml")
+    page.locator("#budget summary", has_text="Two designs").click()
+    page.get_by_role("button", name="Keep the scenario on the left as design B").click()
+    api.expect(page.locator("#budget-other")).to_have_value(re.compile("^title: Small craft"))
+    write(page, "driver.microsteps", "64")
+    found = assess(page, "Both designs pass all of 5 requirements.", "the second scenario")
+    row = re.sub(r"\s+", " ", found.locator("tr", has_text="P-1").first.inner_text())
+    assert row.startswith("P-1 0.02 0.005983 0.006014 +10.5 pass 0.006556 0.006638 +9.7 pass"), row
+    api.expect(found.get_by_role("button", name="designs.csv")).to_have_count(1)

@@ -14,7 +14,7 @@ export function makePreparation() {
   const tables = sentTables("recording.tables", "recording-tables", "Tables that it names (CSV)");
   const details = h(
     "details",
-    { class: "bands-asked" },
+    { class: "more" },
     h("summary", {}, "Preparation: force table, axes, offset, units"),
     h("p", { class: "soft note" }, "Taken for all that is made of recordings here. No file is opened that is not chosen here."),
     h("div", { class: "descriptions" }, text.element, tables.element),
@@ -29,7 +29,7 @@ export function makePreparation() {
   }
 
   return {
-    element: h("div", { class: "processing" }, details),
+    element: details,
     /** What a request says. */
     asked: () => (text.input.value.trim() ? { prepare: text.input.value, tables: tables.texts() } : {}),
     /** Put into the fields what a request of before said. */
