@@ -266,6 +266,27 @@ def test_a_preparation_opens_nothing_that_was_not_sent(client, store, files, tex
     assert list(store.folder(store.job(id)).iterdir()) == []  # nothing is left of what was sent
 
 
+def test_no_door_opens_a_file_of_a_preparation(client, files):
+    """Whatever is made of a recording: nothing is computed of one whose preparation names a file."""
+    one, other = (files.ids[name] for name in ("a1.uff", "a2.uff"))
+    sneaky = {"scenario": spec(), "prepare": "bench: /etc/passwd"}
+    doors: dict[str, dict[str, Any]] = {
+        "analyses": {"recording": one},
+        "batches": {"recordings": [one, other]},
+        "trackings": {"recording": one, "orders": "1,4"},
+        "comparisons": {"recording": one, "other": other},
+        "repeated": {"tests": [{"recording": one}, {"recording": other}]},
+        "identifications": {"recordings": [one], "fit": ["motor.detent_torque=1 mN*m:20 mN*m"]},
+        "acceptances": {"tests": [{"recording": one}], "template": TEMPLATE},
+    }
+    for path, asked in doors.items():
+        answer = client.post(f"/api/{path}", json=asked | sneaky)
+        assert answer.status_code == 202, (path, answer.text)
+        job = wait(client, answer.json()["id"])
+        assert job["state"] == "failed", path
+        assert "names a file, and it did not come with the request" in job["error"], path
+
+
 @pytest.mark.parametrize(
     ("template", "words"),
     [

@@ -48,7 +48,7 @@ MIN_MEAN_COSINE, MIN_COSINE_GAIN = 0.7, 0.5
 than the angles as they are.
 """
 MIN_MEAN_COSINE_BELOW = 0.9
-"""That of the lines below a resonance alone, of which there are few."""
+"""Mean cosine of the lines below a resonance alone, of which there are few."""
 MAX_LOG_FOLLOWED = math.log(2.0)
 """Logarithm by which a line's ratio may be off a scale that it follows: below a resonance that amplifies by
 less, phases are as they were.
@@ -117,7 +117,7 @@ class Consensus:
     """A scale that several lines have in common."""
 
     logarithm: float
-    """Of the scale: the median of those of its lines."""
+    """Logarithm of the scale: the median of those of its lines."""
     spread: float
     """How far the logarithm of a line that follows it is from it at most."""
     lines: int
@@ -135,7 +135,7 @@ class Consensus:
 
 def consensus(ratios: Ratios) -> Consensus | None:
     """The scale that lines at more places of the frequency axis follow than any other one; None where
-    no scale stands out.
+    no scale is clearly ahead.
 
     A table's resonance takes lines about it and above it from the scale, each by another factor, and
     may take the most of them: the median is then no line's scale, and the densest place of the
@@ -152,7 +152,7 @@ def consensus(ratios: Ratios) -> Consensus | None:
 
 
 def _densest(ratios: Ratios) -> Consensus | None:
-    """The scale that lines at most places follow, whether it stands out or not; None without lines."""
+    """The scale that lines at most places follow, whether it is clearly ahead or not; None without lines."""
     if not ratios:
         return None
     frequencies, logs = np.array(sorted(ratios, key=lambda x: x[1])).T

@@ -69,7 +69,7 @@ def budget(  # noqa: PLR0913 - what a process is sent
 
 
 def _names_of(designs: Sequence[Design]) -> tuple[str, str]:
-    """What two designs are called: their titles, where these tell them apart."""
+    """Names of two designs: their titles, where these tell them apart."""
     first, second = (one.scenario.title or DRIVE for one in designs)
     if first == second:
         return "the scenario in the form", "the second scenario"

@@ -22,7 +22,7 @@ from microvib.web.jobs.recording_tasks import preparation, prepared, recorded
 from microvib.web.jobs.study_files import keep_study
 
 TEMPLATE = "template"
-"""What a template is called in messages."""
+"""Name of a template in messages."""
 
 
 def hammer(folder: str, blows: Blows, tell: ProgressCallback) -> None:

@@ -19,7 +19,6 @@ from microvib.analysis.run import run_scenario
 from microvib.errors import MicrovibError
 from microvib.export.subject import subject_of
 from microvib.export.targets import target_of_file
-from microvib.io.recordings import Prepared
 from microvib.io.runs import write_motion
 from microvib.io.tables import to_json
 from microvib.model.line_names import driving_line
@@ -51,12 +50,13 @@ from microvib.web.jobs import ProgressCallback, campaigns, results
 from microvib.web.jobs.budgets import budget, budget_file  # noqa: F401 - as those below
 from microvib.web.jobs.envelopes import envelope  # noqa: F401 - as those below
 from microvib.web.jobs.kept_runs import keep_run, kept_run
-from microvib.web.jobs.processing import RecordedFile
+from microvib.web.jobs.processing import Preparing, RecordedFile
 from microvib.web.jobs.recording_tasks import (  # noqa: F401 - tasks are called by their names here
     analysis,
     batch,
     comparison,
-    recorded,
+    preparation,
+    prepared,
     recording,
     repeated,
     samples,
@@ -190,6 +190,7 @@ def identification(  # noqa: PLR0913 - what a process is sent
     fit: list[str],
     starts: int,
     tell: ProgressCallback,
+    preparing: Preparing | None = None,
 ) -> None:
     """Parameters from recordings."""
 
@@ -197,8 +198,9 @@ def identification(  # noqa: PLR0913 - what a process is sent
         tell(simulations, None, "simulations", f"{stage} search, best so far: {values_text(best)}")
 
     keys = [parse_key(scenario, text) for text in fit]
+    how = preparation(folder, preparing)
     tests: list[tuple[Any, dict[str, object]]] = [
-        (evidence_of(Prepared(recorded(one)), scenario, channel), {}) for one in recordings
+        (evidence_of(prepared(one, how), scenario, channel), {}) for one in recordings
     ]
     found = identify(scenario, tests, keys, starts=starts, progress=progress)
     _write(folder, results.identification_result(found, scenario))

@@ -195,7 +195,7 @@ class AcceptanceOf(PreparingOf):
     hammer: HammerOf | None = None
 
 
-class IdentificationOf(Body):
+class IdentificationOf(PreparingOf):
     """Parameters from recordings."""
 
     recordings: list[Id] = Field(min_length=1, max_length=10)

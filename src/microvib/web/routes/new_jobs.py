@@ -50,6 +50,7 @@ from microvib.web.routes.messages import (
     ShapesOf,
     Started,
 )
+from microvib.web.routes.processing import preparing_of
 from microvib.web.routes.recordings import upload_of
 from microvib.web.routes.results import limit_of
 
@@ -145,6 +146,7 @@ def start_identification(want: IdentificationOf, store: StoreDependency) -> Star
     return start(
         store, "identification", ", ".join(u.name for u in uploads), want, recordings=[u.file for u in uploads],
         scenario=requested(store, want.scenario), channel=want.channel, fit=want.fit, starts=want.starts,
+        preparing=preparing_of(store, want),
     )  # fmt: skip
 
 

@@ -76,7 +76,7 @@ def start_acceptance(want: AcceptanceOf, store: StoreDependency) -> Started:
 def _reference(
     store: Store, want: AcceptanceOf, scenario: Scenario
 ) -> Scenario | RecordedFile | None:
-    """What the first recording is compared with; None where nothing is asked for."""
+    """Source that the first recording is compared with; None where none is asked for."""
     if want.reference == "scenario":
         return scenario
     return upload_of(store, want.reference).file if want.reference else None

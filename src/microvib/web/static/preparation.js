@@ -16,7 +16,7 @@ export function makePreparation() {
     "details",
     { class: "more" },
     h("summary", {}, "Preparation: force table, axes, offset, units"),
-    h("p", { class: "soft note" }, "Taken for all that is made of recordings here. No file is opened that is not chosen here."),
+    h("p", { class: "soft note" }, "Taken for all that is made of recordings on this tab; the time history shows them as they are. No file is opened that is not chosen here."),
     h("div", { class: "descriptions" }, text.element, tables.element),
   );
   keepFields("recording.preparation", { prepare: text.input });

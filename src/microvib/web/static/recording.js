@@ -73,7 +73,7 @@ export function makeRecording(place) {
     takeAll(chosen);
   });
   onDrop(zone, takeAll);
-  fit = makeFit(() => ({ recordings: [recording.id], channel: channel.value }));
+  fit = makeFit(() => ({ ...preparation.asked(), recordings: [recording.id], channel: channel.value }));
   const beside = "The run's scenario is simulated at the clock that the recording shows, then both are read the same way.";
   outcome.append(
     recorded.spectrum.card,
@@ -214,10 +214,8 @@ export async function openRecording({ kind, id, title, asked }) {
   const of = { recording: id, identification: asked.recordings?.[0] }[kind] ?? asked.recording;
   const answer = await get(`/api/recordings/${of}`);
   if (kind === "recording") return begin(answer);
-  if (["analysis", "tracking"].includes(kind)) {
-    processing.take(asked);
-    preparation.take(asked);
-  }
+  if (["analysis", "tracking"].includes(kind)) processing.take(asked);
+  if (kind !== "recording") preparation.take(asked);
   if (recording?.id !== answer.id) show(answer, asked.channel);
   return { analysis: analysing.open, comparison: comparisons.open, identification: fit.open, tracking: tracking.open }[kind](job);
 }
