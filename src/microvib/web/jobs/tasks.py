@@ -219,10 +219,16 @@ def rates(  # noqa: PLR0913 - what a process is sent
     _write(folder, results.rates_result(plan))
 
 
-def angles(folder: str, scenario: Scenario, angles: Sequence[Si], tell: ProgressCallback) -> None:
-    """A sweep over angles of the array."""
+def angles(
+    folder: str,
+    scenario: Scenario,
+    angles: Sequence[Si],
+    limit: Limit | None,
+    tell: ProgressCallback,
+) -> None:
+    """A sweep over angles of the array, judged at each of them where there is a limit."""
     found = sweep_angles(
-        scenario, angles, progress=lambda done, total: tell(done, total, "angles", "simulating"),
+        scenario, angles, limit=limit, progress=lambda done, total: tell(done, total, "angles", "simulating"),
     )  # fmt: skip
     keep_tables(Path(folder), angles_outcome(found))
     _write(folder, results.angles_result(found))

@@ -230,6 +230,10 @@ class AnglesOf(Body):
     scenario: Spec
     angles: Short = Field(description="FIRST:LAST:STEP in degrees, or a list")
     steady: bool = False
+    limit: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="a torque, or a table of a limit over frequency as CSV text"
+    )
+    band: Short | None = None
 
 
 class BudgetOf(Body):

@@ -182,8 +182,9 @@ def start_angles(want: AnglesOf, store: StoreDependency) -> Started:
     check_sweep(scenario)
     check_size(scenario, store.limits.record // (os.cpu_count() or 1))
     return start(
-        store, "angles", f"angles of {scenario.title}", want, scenario=scenario, angles=angles
-    )
+        store, "angles", f"angles of {scenario.title}", want, scenario=scenario, angles=angles,
+        limit=limit_of(want.limit, want.band),
+    )  # fmt: skip
 
 
 @routes.post("/quiet", status_code=202)
