@@ -203,12 +203,12 @@ def test_coarse_derivatives_are_good_to_a_hundredth(state: SteadyState) -> None:
     assert (np.abs(coarse - fine) / largest).max() < 0.01
 
 
-def test_few_intervals_with_more_terms_give_the_same_coefficients(
+def test_many_intervals_with_fewer_terms_give_the_same_coefficients(
     state: SteadyState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     orders = list(range(1, 301))
-    many, few = (
-        (monkeypatch.setattr(recorded, "LONG", most), state.derivatives([], orders).amplitudes)[1]
-        for most in (1 << 20, 1)
-    )
+    few = state.derivatives([], orders).amplitudes
+    monkeypatch.setattr(recorded, "INTERVALS", 8)
+    monkeypatch.setattr(recorded, "TERMS", 10)
+    many = state.derivatives([], orders).amplitudes
     assert np.abs(many - few).max() < 1e-9 * np.abs(many).max()
