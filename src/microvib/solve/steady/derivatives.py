@@ -60,7 +60,7 @@ class Effort:
 
 COARSE = Effort(1, 1, 5e-6, 2e-6, both_ways=False)
 QUICK = Effort(2, 3, 2e-6, 2e-6, both_ways=False)
-THOROUGH = Effort(3, 4, 2e-5, 2e-5, both_ways=True)
+THOROUGH = Effort(3, 4, 1e-5, 5e-6, both_ways=True)
 NOTABLE, GOOD, MOST_OF_THEM = 1e-2, 2.5e-4, 0.9
 """Lines from NOTABLE of the largest must all be given, and MOST_OF_THEM disagree by no more than GOOD;
 else more effort is made."""
@@ -143,22 +143,22 @@ def line_derivatives(
     if scenario.has_memory:
         raise NotDifferentiable("friction with memory has no derivatives here")
     if coarse:
-        return _with_effort(COARSE, scenario, state, microsteps, orders, parameters)
+        return with_effort(COARSE, scenario, state, microsteps, orders, parameters)
     given = scenario, state, microsteps, orders, parameters
     quick = None
     with suppress(NotDifferentiable):
-        quick = _with_effort(QUICK, *given)
+        quick = with_effort(QUICK, *given)
     if quick is not None and quick.is_good:
         return quick
     try:
-        return _with_effort(THOROUGH, *given)
+        return with_effort(THOROUGH, *given)
     except NotDifferentiable:
         if quick is None:
             raise
         return quick
 
 
-def _with_effort(
+def with_effort(
     effort: Effort,
     scenario: Scenario,
     state: np.ndarray,
@@ -172,7 +172,7 @@ def _with_effort(
     if effort.checked_finer != effort.finer:
         other = RecordedPeriod.with_finer_steps(scenario, microsteps, orders, effort.checked_finer)
         same_steps, tolerance = SAME_STEPS, TOLERANCE
-    return _checked(_about_closed(period, state, effort, same_steps), other, parameters, tolerance)
+    return _checked(about_closed(period, state, effort, same_steps), other, parameters, tolerance)
 
 
 def _checked(
@@ -398,7 +398,7 @@ class _Differences:
         return result
 
 
-def _about_closed(
+def about_closed(
     period: RecordedPeriod, state: np.ndarray, effort: Effort, same_steps: float
 ) -> _Differences:
     """Differences about the state from which a period ends where it starts, near a ``state`` as
