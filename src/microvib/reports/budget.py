@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from microvib.analysis.margins import Verdict
-from microvib.analysis.pointing import LEFT_OUT
+from microvib.analysis.pointing import LEFT_OUT, TORQUE_SPREAD
 from microvib.reports import sheets
 from microvib.reports.document import Fact, Status, Text
 from microvib.reports.numbers import brief_number, count_text
@@ -293,7 +293,7 @@ _CONTRIBUTORS = (
     Column("frequency_hz", "frequency", FREQUENCY),
     Column("rms_rad", "rms", POINTING_ANGLE),
     Column("share", "share", SHARE),
-    Column("torque_spread", "T_d ± (ranges)", SHARE),
+    Column(TORQUE_SPREAD, "T_d ± (ranges)", SHARE),
     Column("without_rad", "value without it", POINTING_ANGLE),
 )
 
@@ -331,7 +331,7 @@ def _worst_sources(budget: Budget) -> Table:
     a terminal has their lines.
     """
     columns = tuple(
-        x for x in _CONTRIBUTORS if x.key not in ("line", "frequency_hz", "torque_spread")
+        x for x in _CONTRIBUTORS if x.key not in ("line", "frequency_hz", TORQUE_SPREAD)
     )
 
     def row(one: Assessment, x: Share) -> tuple[Any, ...]:
@@ -422,7 +422,7 @@ def _lines(budget: Budget) -> Table:
     keys = (
         "source", "line", "frequency_hz", "los_x_rad", "los_y_rad", "los_x_phase_rad",
         "los_y_phase_rad", "settled", "los_x_least_rad", "los_y_least_rad", "los_x_most_rad",
-        "los_y_most_rad", "torque_spread", LEFT_OUT,
+        "los_y_most_rad", TORQUE_SPREAD, LEFT_OUT,
     )  # fmt: skip
     left_out = left_out_of_lines(budget.contributions, len(budget.angles))
     rows = tuple(
