@@ -24,6 +24,7 @@ from microvib.analysis.margins import (
     Margin,
     Verdict,
     amplitude_bound,
+    background_bound,
     frequency_error_bound,
     line_range,
     margin,
@@ -383,10 +384,11 @@ def _judge_table(
         *(m.why for m in margins if m.verdict == "not judged"),
         *_hidden_line_gaps(unknown, curve, table, scenario),
         *_record_gaps(table, curve, scenario),
-        *_above_passband(table, curve, scenario if of_torque else None),
     ]
-    if not of_torque and noise_of_record(scenario, table) is not None:
-        gaps.append("what noise of the friction makes of it in other draws")
+    if of_torque:
+        gaps += _above_passband(table, curve, scenario)
+    else:
+        gaps += _other_channel_gaps(table, curve, scenario)
     why = failed_invariants_reason(table.broken, scenario) or unknown_error_reason(table, scenario)
     if why:
         gaps = [why, *gaps]
@@ -395,6 +397,15 @@ def _judge_table(
     if record is not None:
         margins = [_unless_overstated(m, record) for m in margins]
     return Judgement(limit, tuple(margins), unknown, tuple(gaps))
+
+
+def _other_channel_gaps(
+    table: LineTable, curve: LimitCurve, scenario: Scenario | None
+) -> Iterator[str]:
+    """Gaps of a channel that is not the torque about the drive axis."""
+    yield from _above_passband(table, curve, None)
+    if noise_of_record(scenario, table) is not None:
+        yield "what noise of the friction makes of it in other draws"
 
 
 def _line_margins(
@@ -453,12 +464,8 @@ def _margin_to(
 
 
 def _margin_in_background(line: Line, allowed: float) -> Margin:
-    """The margin of what the drive may have in a line of the background: the recorded amplitude and the
-    background's, which may cancel in part, with three standard uncertainties of the first. It never
-    fails.
-    """
-    variance = line.amplitude_uncertainty**2 - 0.5 * line.background**2  # as with_background adds
-    most = line.amplitude + line.background + 3.0 * math.sqrt(max(variance, 0.0))
+    """The margin of what the drive may have in a line of the background. It never fails."""
+    most = background_bound(line)
     found = Margin(line, most, allowed / most, "pass", "", allowed)
     if most <= allowed:
         return found

@@ -24,7 +24,15 @@ from microvib.model.turning import decay_in_motion
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve
 from microvib.signals.line_fit import CANCELLED, SEPARATION
-from microvib.signals.line_table import BELOW_FLOOR, NOISE_DRIVEN, Line, LineTable, SeedLine
+from microvib.signals.line_table import (
+    BELOW_FLOOR,
+    DISTORTED,
+    IN_BACKGROUND,
+    NOISE_DRIVEN,
+    Line,
+    LineTable,
+    SeedLine,
+)
 from microvib.units import pretty
 
 Verdict = Literal["pass", "fail", "not judged"]
@@ -491,11 +499,25 @@ def _judge_by_tolerance_bound(line: Line, seeds: SeedLine, most: float) -> tuple
 
 
 def amplitude_bound(line: Line) -> float:
-    """Upper bound [N m] of a line without an estimated amplitude: what its floor hides, or
-    BEYOND times the bin that it shares with others, for there they may cancel in part."""
+    """Upper bound [N m] of a line without an estimated amplitude of its own: what its floor hides, or
+    ABOVE_PASSBAND_FACTOR times the bin that it shares with others, for there they may cancel in
+    part; infinite where the force table distorts it.
+    """
+    if line.status == IN_BACKGROUND:
+        return background_bound(line)
+    if line.status in DISTORTED:
+        return math.inf
     if line.hidden > 0.0:
         return line.hidden
     return ABOVE_PASSBAND_FACTOR * line.bin_amplitude
+
+
+def background_bound(line: Line) -> float:
+    """Upper bound [N m] of what the drive has in a line of the background: the recorded amplitude and
+    the background's, which may cancel in part, with three standard uncertainties of the first.
+    """
+    variance = line.amplitude_uncertainty**2 - 0.5 * line.background**2  # as with_background adds
+    return line.amplitude + line.background + 3.0 * math.sqrt(max(variance, 0.0))
 
 
 def may_ring(line: Line, table: LineTable, scenario: Scenario | None) -> bool:

@@ -25,6 +25,8 @@ _BESIDE = 1.12
 """Ratio of frequencies within which an unlisted line beside a larger one may be what a change of
 rate or load makes of that.
 """
+_BESIDE_BINS = 4.0
+"""Bins of the record within which it is so, too: what lasts for half of the record or more."""
 BLURRED = 0.3
 """Part of a line's amplitude from which what its band holds beyond the lines leaves open how large
 it is.
@@ -118,6 +120,12 @@ def _counts(line: Line, seen: Sequence[Line], table: LineTable) -> bool:
     if line.origin and line.origin != NO_ORDER:
         return True
     return not any(
-        x.amplitude > line.amplitude and 1.0 / _BESIDE < x.frequency / line.frequency < _BESIDE
-        for x in seen
+        x.amplitude > line.amplitude and _is_beside(line, x, table.duration) for x in seen
     )
+
+
+def _is_beside(line: Line, larger: Line, duration: float) -> bool:
+    """Whether a line may be what a change in the record makes of a ``larger`` one."""
+    if abs(larger.frequency - line.frequency) * duration < _BESIDE_BINS:
+        return True
+    return 1.0 / _BESIDE < larger.frequency / line.frequency < _BESIDE

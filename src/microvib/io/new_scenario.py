@@ -131,6 +131,27 @@ def filled(entries: Mapping[str, Entry], source: str = "") -> str:
 
 def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
     """A line of the file with its own value; the comment of a value stays in its column."""
+    of_list = _with_listed_value(line, entries)
+    if of_list is not None:
+        return of_list
+    unused = _UNUSED.fullmatch(line)
+    if unused and f"{group}.{unused['key']}" in entries:
+        line = f"  {unused['key']}: ".ljust(unused.start("comment")) + unused["comment"]
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return line
+    entry = entries.get(f"{group}.{found['key']}")
+    if entry is None or not entry.text:
+        return line
+    start, comment = found["start"], found["comment"]
+    if not comment:
+        return start + entry.text
+    width = found.start("comment") - len(start)
+    return start + f"{entry.text} ".ljust(width) + comment
+
+
+def _with_listed_value(line: str, entries: Mapping[str, Entry]) -> str | None:
+    """A commented line of a list or of a bound with its value; None for any other line."""
     amplitude = entries.get(f"{_ERROR}.0.amplitude")
     if amplitude is not None and "transmission_error:" in line:
         return line.replace("# transmission_error:", "transmission_error:  ")
@@ -142,22 +163,7 @@ def _with_value(line: str, group: str, entries: Mapping[str, Entry]) -> str:
     hysteresis = entries.get(_HYSTERESIS)
     if hysteresis is not None and line.startswith("  # hysteresis:"):
         return f"  # hysteresis: {hysteresis.text}  # a maker's bound on the loss; without the first # it acts"
-    unused = _UNUSED.fullmatch(line)
-    if unused and f"{group}.{unused['key']}" in entries:
-        line = f"  {unused['key']}: ".ljust(unused.start("comment")) + unused["comment"]
-    found = _LINE.fullmatch(line)
-    if found:
-        entry = entries.get(f"{group}.{found['key']}")
-    else:
-        entry = None
-    if found is None or entry is None or not entry.text:
-        return line
-    start, comment = found["start"], found["comment"] or ""
-    if comment:
-        wide = found.start("comment") - len(start)
-    else:
-        wide = 0
-    return f"{start}{f'{entry.text} '.ljust(wide) if comment else entry.text}{comment}"
+    return None
 
 
 def _quoted(text: str) -> str:

@@ -108,45 +108,66 @@ class Scenario(Part):
     def _drive_errors(self) -> Iterator[str]:
         if not self.reducer.rigid and self.output_inertia < 1e-6 * self.array.inertia:
             yield self._has_negligible_inertia(self.output_inertia)
+        yield from self._noise_errors()
+        yield from self._rotor_offset_errors()
+        if self.driver.pulsed:
+            yield from self._pulse_errors()
+        if self.driver.drive == "current":
+            yield from self._current_loop_errors()
+        yield from self._phase_errors()
+        yield from self._second_plane_errors()
+        yield from self._instant_errors()
+        yield from self._supply_errors()
+
+    def _noise_errors(self) -> Iterator[str]:
         noise, rate = self.friction.torque_noise, self.record.sample_rate
-        if noise:
-            low, high = noise.band(rate)
-        else:
-            low, high = (0.0, rate)
+        if not noise:
+            return
+        low, high = noise.band(rate)
         if low >= high:
             yield (
                 f"friction.torque_noise.lowest: {low:g} Hz is not below half the sample rate,"
                 f" {0.5 * rate:g} Hz, where noise"
                 " without a highest frequency ends; lower it, or give friction.torque_noise.highest"
             )
-        driver, motor = self.driver, self.motor
-        if not abs(self.record.rotor_offset) < 0.5 * driver.beats:
+
+    def _rotor_offset_errors(self) -> Iterator[str]:
+        half_turn = 0.5 * self.driver.beats  # [full steps]
+        if not abs(self.record.rotor_offset) < half_turn:
             yield (
                 f"record.rotor_offset: {self.record.rotor_offset:g} full steps are half an"
                 " electrical turn or more, from where the"
-                f" rotor aligns with another tooth; it must be between -{0.5 * driver.beats:g} and"
-                f" {0.5 * driver.beats:g}"
+                f" rotor aligns with another tooth; it must be between -{half_turn:g} and"
+                f" {half_turn:g}"
             )
-        voltage = driver.drive != "current"
-        if driver.pulsed:
-            yield from self._pulse_errors()
-        if driver.proportional_gain == 0.0 and driver.integral_gain == 0.0 and not voltage:
+
+    def _current_loop_errors(self) -> Iterator[str]:
+        driver = self.driver
+        if driver.proportional_gain != 0.0:
+            return
+        if driver.integral_gain == 0.0:
             yield "driver: proportional_gain and integral_gain are both 0; one of them must be greater, or no current flows"
-        if driver.supply_voltage is not None and motor.phases != 2 and not driver.pulsed:
+        if driver.supply_voltage is not None:
+            yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
+
+    def _phase_errors(self) -> Iterator[str]:
+        driver, motor = self.driver, self.motor
+        if motor.phases == 2:
+            return
+        if driver.supply_voltage is not None and not driver.pulsed:
             yield (
                 f"driver: supply_voltage {driver.supply_voltage:g} V limits each of the"
                 f" {motor.phases} phases, which the two-axis equations cannot represent; leave it out"
             )
-        if driver.proportional_gain == 0.0 and driver.supply_voltage is not None and not voltage:
-            yield "driver: proportional_gain is 0 with a supply_voltage; it must be greater, since its anti-windup needs it"
-        if driver.beats % motor.phases and motor.phases != 2:
+        if driver.beats % motor.phases:
             yield (
                 f"driver: beats {driver.beats} is not allowed with {motor.phases} phases; a"
                 " multiple of their number is expected,"
                 f" such as {motor.full_steps} for full steps"
             )
-        yield from self._second_plane_errors()
-        yield from self._instant_errors()
+
+    def _supply_errors(self) -> Iterator[str]:
+        driver, motor = self.driver, self.motor
         largest = driver.largest_reference(motor)
         needed = motor.winding_resistance * largest
         if driver.voltage_limit < needed:

@@ -33,6 +33,8 @@ long ones what is weak.
 """
 _BINS = 4
 """Bins of a piece that a band must have, so that a Hann window keeps it apart from its neighbours."""
+_LOBE = 1
+"""Bins on either side over which a Hann window spreads nearly all of a tone at the end of a band."""
 _FIRST = 3
 """First bin of a piece that its mean does not reach."""
 _BY_CHANCE = 1e-6
@@ -51,6 +53,14 @@ of a median of squares.
 """
 
 
+_HEIGHT = math.sqrt(48.0 / 35.0)
+"""Height of a tone that swells and fades within a piece as its Hann window does, over what its RMS
+there says: the root of mean sin^4 over mean sin^8, 3/8 over 35/128.
+"""
+_STARTS = 4
+"""Pieces that begin within the length of one."""
+_LASTS = 0.9
+"""Part of the loudest piece's excess above which what is half a piece away is taken for as loud."""
 _TOLD = 24
 """Bins of the whole record that a band must have to tell noise from a tone that sweeps through it. In
 the bands below these, wherever the tone is, it may be in all bins of all pieces."""
@@ -82,11 +92,13 @@ class Excess:
     """Their RMS there over that in the rest of the record; 1 where the record is equally loud all
     along.
     """
+    height: float = 1.0
+    """Height of the excess over what its RMS says, where it does not last longer than its piece."""
 
     @property
     def amplitude(self) -> float:
-        """Amplitude of a tone with this RMS."""
-        return math.sqrt(2.0) * self.rms
+        """Amplitude of a tone with this RMS, at its height where it swells and fades."""
+        return self.height * math.sqrt(2.0) * self.rms
 
     def sentence(self, channel: str = "") -> str:
         """A sentence without a stop: what is wrong, and what to do."""
@@ -294,29 +306,63 @@ def _in_pieces(
     if length < 4 * _BINS:
         return
     duration = length / sample_rate
-    starts = np.arange(0, x.size - length + 1, length // 4)
+    starts = np.arange(0, x.size - length + 1, length // _STARTS)
     if starts[-1] != x.size - length:
         starts = np.append(starts, x.size - length)
     window = np.lib.stride_tricks.sliding_window_view
     samples, lines = (_power(window(y, length)[starts], sample_rate) for y in (x, model))
-    for k, (low, high) in enumerate(pairwise(bands.edges.tolist())):
-        if low * duration < _FIRST or (high - low) * duration < _BINS:
-            continue
-        bins = slice(math.ceil(low * duration), math.ceil(high * duration))
+    for k, after in _wide_enough(bands.edges, duration):
+        low, high = float(bands.edges[k]), float(bands.edges[after])
+        bins = slice(math.ceil(low * duration) - _LOBE, math.ceil(high * duration) + _LOBE)
         all_of, of_lines = samples[:, bins].sum(axis=1), lines[:, bins].sum(axis=1)
-        noise, at_most = bands.floor[:, k] * (high - low)
+        density = bands.floor[:, k:after]
+        noise, at_most = density @ np.diff(bands.edges[k : after + 1])
+        noise, at_most = np.array([noise, at_most]) + density.max(axis=1) * 2.0 * _LOBE / duration
         free = max((high - low) * duration / _WIDE, 1.0)  # pairs of degrees of freedom
         by_chance = at_most * float(gammainccinv(free, _BY_CHANCE)) / free
-        under = _SIGMAS * np.sqrt(2.0 * of_lines * bands.floor[1, k] * _WIDE / duration)
+        under = _SIGMAS * np.sqrt(2.0 * of_lines * density[1].max() * _WIDE / duration)
         known = (1.0 + bands.line_error) ** 2 * of_lines
         if not np.any(all_of > known + under + by_chance):
             continue
         more = np.where(all_of > known + under + by_chance, all_of - known - noise, 0.0)
         i = int(np.argmax(more))
         start, stop, times = _loud(all_of, i, starts / sample_rate, duration)
-        yield k, Excess(
-            low, high, math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times
+        band = k + _loudest_part(samples[i], lines[i], bands.edges[k : after + 1] * duration)
+        yield band, Excess(
+            float(bands.edges[band]), float(bands.edges[band + 1]),
+            math.sqrt(more[i]), math.sqrt(all_of[i]), math.sqrt(of_lines[i]), start, stop, times,
+            _height(more, i),
         )  # fmt: skip
+
+
+def _loudest_part(power: np.ndarray, of_lines: np.ndarray, edges: np.ndarray) -> int:
+    """Number of the band between ``edges`` [bins] in which a piece holds most beyond its lines."""
+    ends = [(math.ceil(a), max(math.ceil(b), math.ceil(a) + 1)) for a, b in pairwise(edges)]
+    return int(np.argmax([np.sum(power[a:b] - of_lines[a:b]) for a, b in ends]))
+
+
+def _height(excess: np.ndarray, i: int) -> float:
+    """Height of the excess of piece ``i`` over what its RMS says: 1 where it is as large half a piece
+    before or after.
+    """
+    half = _STARTS // 2
+    beside = [excess[k] for k in (i - half, i + half) if 0 <= k < excess.size]
+    if max(beside, default=0.0) >= _LASTS**2 * excess[i]:
+        return 1.0
+    return _HEIGHT
+
+
+def _wide_enough(edges: np.ndarray, duration: float) -> Iterator[tuple[int, int]]:
+    """Bands of a piece of a ``duration`` [s], as numbers of their edges: those that it resolves, and
+    several together where it does not resolve one, so that what is short and slow is seen, too.
+    """
+    for k, low in enumerate(edges[:-1].tolist()):
+        if low * duration < _FIRST:
+            continue
+        after = int(np.searchsorted(edges, low + _BINS / duration * (1.0 - 1e-9)))
+        after = max(after, k + 1)
+        if after < edges.size:
+            yield k, after
 
 
 def _loud(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
@@ -166,12 +167,7 @@ class PublishedTest(Part):
     ) = None
 
     def _consistency_errors(self) -> Iterator[str]:
-        named = [n for claim in self.ranges for n in claim.states]
-        named += [n for one in self.spectra for n in one.states]
-        named += [n for claim in self.growths for pair in claim.pairs for n in pair]
-        named += [claim.state for claim in self.peaks]
-        named += [claim.state for claim in self.larger]
-        for n in named:
+        for n in self._named_states():
             if not 1 <= n <= len(self.states):
                 yield f"states: there is no state {n}; states are numbered from 1 to {len(self.states)}"
         if self.assumed is None:
@@ -180,6 +176,17 @@ class PublishedTest(Part):
             yield "assumed: needs the keys simulator and noise_density, too"
         if any(state.mode_frequency is None or state.inertia is None for state in self.states):
             yield "assumed: needs mode_frequency and inertia of every state"
+
+    def _named_states(self) -> Iterator[int]:
+        """Numbers of the states that spectra and claims are about."""
+        for one in self.ranges:
+            yield from one.states
+        for spectrum in self.spectra:
+            yield from spectrum.states
+        for growth in self.growths:
+            yield from itertools.chain.from_iterable(growth.pairs)
+        yield from (claim.state for claim in self.peaks)
+        yield from (claim.state for claim in self.larger)
 
 
 def load_test(name: str) -> PublishedTest:

@@ -331,10 +331,7 @@ def _within(line: str, squeezed: str, name: str, tables: _Tables) -> str:
         return "ansys-inertia"
     row = _row(line)
     if row is None:
-        page = (
-            line.startswith(("1", "0", " \n", "-")) or not squeezed or set(squeezed) <= set("*-|")
-        )
-        if page or squeezed.startswith(_WITHIN) or name == "summary" or "PAGE" in squeezed:
+        if name == "summary" or _interrupts_no_table(line, squeezed):
             return name
         return ""
     if len(row) in _WIDTHS.get(name, (8,)):
@@ -342,6 +339,16 @@ def _within(line: str, squeezed: str, name: str, tables: _Tables) -> str:
             tables.start(name)
         tables.add(name, row)
     return name
+
+
+def _interrupts_no_table(line: str, squeezed: str) -> bool:
+    """Whether a line without a row is the head of a page, a frame or a caption, after which the
+    table may go on.
+    """
+    if not squeezed or set(squeezed) <= set("*-|"):
+        return True
+    at_page_head = line.startswith(("1", "0", " \n", "-")) or "PAGE" in squeezed
+    return at_page_head or squeezed.startswith(_WITHIN)
 
 
 def _refer(squeezed: str, name: str, tables: _Tables) -> None:

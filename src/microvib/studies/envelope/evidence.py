@@ -28,7 +28,7 @@ from microvib.model.record import PASSBAND
 from microvib.model.scenario import Scenario
 from microvib.signals.fourier_lines import TRANSIENT
 from microvib.signals.limit_curve import LimitCurve
-from microvib.signals.line_table import DISTORTED, IN_BACKGROUND, Line, LineTable, part_ends
+from microvib.signals.line_table import Line, LineTable, part_ends
 
 NO_SEARCH = "a table of lines does not tell what else its record holds"
 
@@ -183,9 +183,7 @@ def _hidden(line: Line) -> float:
     """The most that the drive may have in a line that was not found, or is not known to be its own;
     infinite where that is not known.
     """
-    if line.status == IN_BACKGROUND:
-        return line.amplitude + line.background + 3.0 * line.amplitude_uncertainty
-    most = math.inf if line.status in DISTORTED else amplitude_bound(line)
+    most = amplitude_bound(line)
     return most if math.isfinite(most) else math.inf
 
 
