@@ -98,8 +98,8 @@ def _momentum_at(u, poly):
 
 @code.inner(**INLINE)
 def _moment_at(j, u, lasts, now, poly, span, n):
-    """Of a node of a step: the interval of the period that it is in, the phase from the middle of
-    that, and the momentum times the node's part of the time.
+    """Interval of the period that a node of a step is in, the phase from the middle of that, and the
+    momentum times the node's part of the time.
     """
     turns = (now - span[START] + GAUSS_NODES[j] * lasts) * span[FREQUENCY] * n
     interval = min(max(int(turns), 0), n - 1)
@@ -153,7 +153,7 @@ def _take_up(row, off, w):
 
 @code.inner(**INLINE)
 def _off_at_end(row, w):
-    """What the deficits are off the recorded ones at the end of a step from which motion goes on
+    """Differences of the deficits from the recorded ones at the end of a step from which motion goes on
     smoothly; else nothing.
     """
     if row[STEP_EVENT] >= 0.0 or row[STEP_REACHES] != 0.0:

@@ -49,7 +49,7 @@ class Effort:
     finer: int
     """Times by which steps are finer than those of the solution."""
     checked_finer: int
-    """The same for the check."""
+    """Times by which steps of the check are finer."""
     state_step: float
     """Step of a state, over what a microstep moves."""
     parameter_step: float
@@ -60,7 +60,7 @@ class Effort:
 
 COARSE = Effort(1, 1, 5e-6, 2e-6, both_ways=False)
 QUICK = Effort(2, 3, 2e-6, 2e-6, both_ways=False)
-THOROUGH = Effort(3, 4, 1e-5, 5e-6, both_ways=True)
+THOROUGH = Effort(4, 5, 1e-5, 5e-6, both_ways=True)
 NOTABLE, GOOD, MOST_OF_THEM = 1e-2, 2.5e-4, 0.9
 """Lines from NOTABLE of the largest must all be given, and MOST_OF_THEM disagree by no more than GOOD;
 else more effort is made."""
@@ -234,7 +234,7 @@ class _Differences:
     def _slopes_of_harmonics(
         self, here: PeriodEnd, up: list[PeriodEnd], down: list[PeriodEnd]
     ) -> np.ndarray:
-        """The same change of the harmonics, (k, ends)."""
+        """Change of the harmonics by the same steps, (k, ends)."""
         each = self.period.harmonics([here, *up, *down])
         above, below = each[:, 1 : len(up) + 1], each[:, len(up) + 1 :]
         result: np.ndarray = 0.5 * (above - below) if down else above - each[:, :1]
